@@ -1,0 +1,131 @@
+# psafit. `make` lists what can be made; options stand behind the target: make fit GROUP=1 OUT=fits/mine
+#
+# Every target sets up what it needs in .venv, from the lock files, and only when those changed.
+
+PYTHON   ?=
+EXP      ?= experiments/psa
+GROUP    ?= 1
+OUT      ?=
+TERMS    ?=
+SEED     ?=
+RUN      ?= fits/psa-group1
+JOBS     ?= 2
+ARGS     ?=
+UV       ?= uv
+UPGRADE  ?=
+
+SHELL       := /bin/bash
+MAKEFLAGS   += --no-print-directory
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+VENV   := .venv
+BIN    := $(VENV)/bin
+PIP    := $(BIN)/python -m pip --disable-pip-version-check -qq --no-input
+STAMP  := $(VENV)/.installed
+# pip compiles on one core and every package's tests too, which is half of its time: we compile the rest on all cores.
+INSTALL = $(PIP) install --no-compile --require-hashes -r
+COMPILE = $(BIN)/python -m compileall -qq -j 0 -x /tests/ $(VENV)/lib || :
+PSAFIT := $(BIN)/psafit
+# A value as one shell word, whatever it holds: quoted, spaced, or empty.
+quoted  = '$(subst ','\'',$(1))'
+option  = $(if $(strip $(2)),$(1) $(call quoted,$(2)))
+
+.PHONY: help setup fit validate reproduce test lint types bench docs-figures lock clean
+
+help: ## List the targets
+	@echo 'make TARGET [NAME=value ...]'
+	@awk -F ' *## *' '/^[a-z-]+:.* ## / { sub(/:.*/, "", $$1); printf "  %-13s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@echo 'PYTHON=/path/to/python3 chooses the interpreter of a new .venv (3.11, 3.12 or 3.13).'
+
+setup: $(STAMP)-run ## Make the environment .venv alone
+	@echo 'ready: $(PSAFIT) --help'
+
+fit: $(STAMP)-run ## Fit, sample, validate, report: GROUP=1 or 1,2 [OUT=dir] [EXP=folder] [TERMS=a,b] [SEED=n]
+	@$(PSAFIT) fit $(call quoted,$(EXP)) --group $(call quoted,$(GROUP)) \
+	    $(call option,--terms,$(TERMS)) $(call option,--out,$(OUT)) $(call option,--seed,$(SEED))
+
+validate: $(STAMP)-run ## Score a fit on the groups it never saw: [RUN=fits/psa-group1]
+	@$(PSAFIT) validate $(call quoted,$(RUN))
+
+reproduce: $(STAMP)-run ## Repeat the study's own tables and say where they come out otherwise
+	@$(PSAFIT) reproduce
+
+test: $(STAMP)-dev ## Run all tests, the slow ones too: [JOBS=2] [ARGS='-k name'] (plain pytest: the fast ones)
+	@$(BIN)/python -m pytest -m '' -n $(JOBS) $(ARGS)
+
+lint: $(STAMP)-dev ## Check style and formatting
+	@$(BIN)/python -m ruff check .
+	@$(BIN)/python -m ruff format --check .
+
+types: $(STAMP)-dev ## Check the types
+	@$(BIN)/python -m mypy psafit
+
+bench: $(STAMP)-bench ## Measure speed and accuracy; writes benchmarks/latest.json
+	@$(BIN)/python benchmarks/run.py
+
+docs-figures: $(STAMP)-run ## Draw the figures of the docs anew
+	@for script in docs/make_*.py; do \
+	    [ -e "$$script" ] || { echo 'no figure scripts: docs/make_*.py'; break; }; \
+	    echo "$$script"; $(BIN)/python "$$script" || exit; done
+
+lock: ## Resolve the lock files anew with uv: [UPGRADE=1] takes newer releases
+	@command -v $(call quoted,$(UV)) >/dev/null || { echo 'make lock needs uv: pip install uv, or UV=/path/to/uv' >&2; exit 2; }
+	$(call resolve,requirements.lock)
+	$(call resolve,requirements-dev.lock,--extra dev -c requirements.lock)
+	$(call resolve,requirements-bench.lock,--extra bench -c requirements.lock)
+
+clean: ## Remove .venv and the caches (never fits)
+	@rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	@find psafit tests docs benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# $(call resolve,lock,options): one lock for every platform and Python; no address and no path of this machine in it.
+define resolve
+@echo $(1)
+@$(call quoted,$(UV)) pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+    --no-header --no-emit-index-url --no-emit-find-links $(if $(UPGRADE),--upgrade) $(2) pyproject.toml -o $(1)
+@sed -i '1i # Made by `make lock` from pyproject.toml; not edited by hand.' $(1)
+endef
+
+# --- the environment -------------------------------------------------------------------------------------------------
+# A stamp is written last, so an interrupted set-up leaves none; it holds the folder's path, so a moved or copied
+# folder (whose scripts and links still point to the old place) is set up again.
+ifneq ($(shell cat $(STAMP)-run 2>/dev/null),$(CURDIR))
+.PHONY: $(STAMP)-run
+endif
+
+$(STAMP)-run: requirements.lock pyproject.toml
+	@rm -f $(STAMP)-*
+	@$(make_venv)
+	@echo 'Installing what psafit runs on into $(VENV): about a minute, once; 650 MB of disk'
+	@$(INSTALL) requirements.lock
+	@$(COMPILE)
+	@$(PIP) install --no-deps -e .
+	@printf '%s' "$$PWD" > $@
+
+$(STAMP)-dev: requirements-dev.lock $(STAMP)-run
+	@echo 'Installing what the tests need into $(VENV): about half a minute, once; 250 MB of disk'
+	@$(INSTALL) requirements-dev.lock
+	@$(COMPILE)
+	@touch $@
+
+$(STAMP)-bench: requirements-bench.lock $(STAMP)-run
+	@echo 'Installing what the benchmarks compare with (jax, diffrax) into $(VENV): about half a minute, once'
+	@$(INSTALL) requirements-bench.lock
+	@$(COMPILE)
+	@touch $@
+
+# A pyenv shim may be there and yet not run, and Debian's python3 may lack venv: a candidate has to prove itself.
+suits := import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+define make_venv
+$(BIN)/python -c '$(suits)' 2>/dev/null && $(PIP) --version >/dev/null 2>&1 && exit; \
+chosen=; \
+for python in $(if $(PYTHON),$(call quoted,$(PYTHON)),python3.13 python3.12 python3.11 python3 python); do \
+    if "$$python" -c '$(suits)' 2>/dev/null; then chosen=$$python; break; fi; \
+done; \
+if [ -z "$$chosen" ]; then \
+    echo 'psafit needs a working Python 3.11, 3.12 or 3.13 with venv; $(if $(PYTHON),PYTHON is not one,none found). Install one or name it: make setup PYTHON=/path/to/python3' >&2; \
+    exit 2; \
+fi; \
+rm -rf $(VENV) && "$$chosen" -m venv $(VENV)
+endef

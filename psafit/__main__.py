@@ -1,0 +1,5 @@
+"""`python -m psafit`."""
+
+from psafit.cli import main
+
+main()

@@ -1,0 +1,54 @@
+"""Exceptions that carry the numbers needed to act on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class PsafitError(Exception):
+    """Base of every error psafit raises on purpose; the command line turns it into one line."""
+
+
+class InputError(PsafitError):
+    """Something the user gave cannot be used.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong, with the offending value.
+    remedy : str
+        What to do about it.
+    file : path-like, optional
+        The file at fault.
+    line : int, optional
+        Line in that file, counted from 1.
+    """
+
+    def __init__(
+        self, what: str, remedy: str, *, file: str | Path | None = None, line: int | None = None
+    ) -> None:
+        self.what = what
+        self.remedy = remedy
+        self.file = None if file is None else Path(file)
+        self.line = line
+        place = "" if file is None else f"{file}: " if line is None else f"{file}:{line}: "
+        # A hostile file name or cell must not break the promise of one line.
+        text = f"{place}{what}; {remedy}"
+        super().__init__("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text))
+
+
+class ConvergenceError(PsafitError):
+    """An iteration ended before it met its criterion.
+
+    Parameters
+    ----------
+    what : str
+        The iteration.
+    reached, required : float
+        Where it stands and where it should be.
+    """
+
+    def __init__(self, what: str, *, reached: float, required: float) -> None:
+        self.reached = reached
+        self.required = required
+        super().__init__(f"{what}: reached {reached:.4g}, required {required:.4g}")

@@ -1,0 +1,93 @@
+"""Read and check measurements.
+
+The reader trusts nothing: whatever bytes an experiment folder holds, the outcome is a checked
+`Experiment` or one `InputError` that names file, line and remedy. Values that are possible but look
+like a wrong unit are kept, and named in `Experiment.warnings`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from psafit.errors import InputError
+from psafit.experiment.definition import Definition
+from psafit.experiment.plausible import suspicious_constants, suspicious_readings
+from psafit.experiment.records import (
+    DEFINITION,
+    Constants,
+    Experiment,
+    Group,
+    GroupId,
+    Waveform,
+    describe,
+    fingerprint,
+)
+from psafit.experiment.table import read_csv
+from psafit.experiment.writer import write_experiment
+
+__all__ = [
+    "DEFINITION",
+    "Constants",
+    "Experiment",
+    "Group",
+    "GroupId",
+    "Waveform",
+    "describe",
+    "fingerprint",
+    "read_experiment",
+    "write_experiment",
+]
+
+def read_experiment(folder: str | Path) -> Experiment:
+    """Read an experiment folder and check every value in it.
+
+    Parameters
+    ----------
+    folder : path-like
+        Folder that holds `experiment.toml` and the CSV files it names.
+
+    Returns
+    -------
+    Experiment
+        Frozen; its arrays are read-only, its rows in the order of the files.
+
+    Raises
+    ------
+    InputError
+        On anything unusable: one line with file, line where there is one, and remedy.
+    """
+    folder = Path(folder)
+    try:
+        is_folder = folder.is_dir()
+        is_definition = folder.name == DEFINITION and folder.is_file()
+    except (OSError, ValueError):  # a name too long, or with a NUL
+        is_folder = is_definition = False
+    if is_definition:
+        raise InputError("this is a file", "give the folder that holds it", file=folder)
+    if not is_folder:
+        raise InputError(
+            "no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder
+        )
+    definition = Definition(folder)
+    definition.known_keys(definition.data, ("title", "source", "constants", "group"))
+    title = definition.text("title", folder.name)
+    source = definition.text("source", "")
+    constants = definition.constants()
+    groups = tuple(
+        Group(declared.id, declared.waveform, declared.file, **read_csv(declared.path))
+        for declared in definition.groups()
+    )
+    warnings = () if source else (f"{DEFINITION}: no source; say where the measurements come from",)
+    return Experiment(
+        title=title,
+        source=source,
+        constants=constants,
+        groups=groups,
+        folder=folder,
+        fingerprint=fingerprint(constants, groups),
+        warnings=(
+            *warnings,
+            *suspicious_constants(constants),
+            *(line for group in groups for line in suspicious_readings(group, constants)),
+        ),
+    )

@@ -1,0 +1,260 @@
+"""Read `experiment.toml`."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from dataclasses import dataclass, fields
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+from psafit.errors import InputError
+from psafit.experiment.records import DEFINITION, Constants, GroupId, Waveform
+from psafit.experiment.text import listed, one_line, read_text, shown
+
+MAX_TOML_BYTES = 1024 * 1024
+MAX_ID = 999_999_999
+
+
+_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]#]+?)\s*\]")
+_KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*[\w-]+)*)\s*=""")
+_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}")
+
+
+def _key_lines(text: str) -> dict[tuple[str | int, ...], int]:
+    """Line of each table and key, by a light scan: tomllib keeps none.
+
+    It knows tables, arrays of tables and `key =` lines, which is how the format is written; a key
+    inside an inline table is reported at the line of the table.
+    """
+    lines: dict[tuple[str | int, ...], int] = {}
+    counts: dict[str, int] = {}
+    table: tuple[str | int, ...] = ()
+    closing = ""  # the quotes that end the multi-line string we are in
+    for number, line in enumerate(text.split("\n"), 1):
+        if closing:
+            if closing in line:
+                closing = ""
+            continue
+        if header := _HEADER.match(line):
+            name = header[2].strip("\"'")
+            table = (name,)
+            lines.setdefault(table, number)
+            if header[1] == "[[":
+                counts[name] = counts.get(name, -1) + 1
+                table = (name, counts[name])
+            lines.setdefault(table, number)
+        elif key := _KEY.match(line):
+            parts = [part.strip(" \t\"'") for part in key[1].split(".")]
+            lines.setdefault((*table, *parts), number)
+        for quotes in ('"""', "'''"):
+            if line.count(quotes) % 2:
+                closing = quotes
+    return lines
+
+
+@dataclass(frozen=True)
+class _DeclaredGroup:
+    id: GroupId
+    waveform: Waveform
+    file: str
+    path: Path
+
+
+class Definition:
+    """`experiment.toml`, parsed, with the line of each key."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.file = folder / DEFINITION
+        try:
+            exists = self.file.is_file()
+        except OSError:  # a folder that may not be searched
+            exists = False
+        if not exists:
+            raise InputError(
+                "no such file",
+                "write one (experiments/psa/experiment.toml is an example)",
+                file=self.file,
+            )
+        text = read_text(self.file, MAX_TOML_BYTES)
+        try:
+            self.data = tomllib.loads(text)
+        except RecursionError as error:
+            raise InputError(
+                "nested too deeply", "use [constants] and [[group]] tables alone", file=self.file
+            ) from error
+        except ValueError as error:  # syntax, or a number of thousands of digits
+            place = re.search(r" \((?:at line (\d+), column \d+|at end of document)\)$", str(error))
+            message = str(error)[: place.start()] if place else str(error)
+            line = text.count("\n") + 1 if place else None
+            raise InputError(
+                f"not valid TOML: {message}",
+                "correct the syntax (text in quotes, one key = value a line)",
+                file=self.file,
+                line=int(place[1]) if place and place[1] else line,
+            ) from error
+        self.lines = _key_lines(text)
+
+    def error(self, what: str, remedy: str, *path: str | int) -> InputError:
+        """Error at the line of `path`, or of the nearest table around it."""
+        place = path
+        while place and place not in self.lines:
+            place = place[:-1]
+        return InputError(what, remedy, file=self.file, line=self.lines.get(place))
+
+    def known_keys(self, table: dict[str, Any], known: tuple[str, ...], *path: str | int) -> None:
+        """Refuse keys that mean nothing: a typo must not pass silently."""
+        for key in table:
+            if key not in known:
+                near = difflib.get_close_matches(key[:40], known, n=1)
+                remedy = f"did you mean {near[0]}?" if near else f"known keys: {listed(known)}"
+                raise self.error(f"unknown key {shown(key)}", remedy, *path, key)
+
+    def text(self, key: str, default: str) -> str:
+        value = self.data.get(key, default)
+        if not isinstance(value, str):
+            raise self.error(f"{key} is not text", f'write {key} = "..."', key)
+        return one_line(value) or default
+
+    def constants(self) -> Constants:
+        names = tuple(f.name for f in fields(Constants))
+        remedy = f"give {listed(names)} in SI units under [constants]"
+        table = self.data.get("constants")
+        if not isinstance(table, dict):
+            raise self.error("no [constants] table", remedy, "constants")
+        self.known_keys(table, names, "constants")
+        values: dict[str, float] = {}
+        for name in names:
+            if name not in table:
+                raise self.error(f"constant {name} is missing", remedy, "constants")
+            value = table[name]
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise self.error(
+                    f"constant {name} is not a number",
+                    f"write {name} = a number, without quotes or unit",
+                    "constants",
+                    name,
+                )
+            try:
+                values[name] = float(value)
+            except OverflowError:  # TOML integers have no size limit here
+                values[name] = math.inf
+            if not (math.isfinite(values[name]) and values[name] > 0):
+                raise self.error(
+                    f"constant {name} = {values[name]:g} is not positive and finite",
+                    "give its value in SI units",
+                    "constants",
+                    name,
+                )
+        return Constants(**values)
+
+    def groups(self) -> list[_DeclaredGroup]:
+        tables = self.data.get("group", [])
+        if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+            raise self.error(
+                "group is not an array of tables",
+                "head each group with [[group]], in double brackets",
+                "group",
+            )
+        if not tables:
+            raise self.error(
+                "no groups", "add a [[group]] with id, waveform and file for each sweep", "group"
+            )
+        declared = [self._group(i, table) for i, table in enumerate(tables)]
+        names: set[str] = set()
+        files: dict[Path, GroupId] = {}
+        for i, group in enumerate(declared):
+            if str(group.id) in names:
+                raise self.error(
+                    f"group id {group.id} is used twice",
+                    "give each group its own id",
+                    "group",
+                    i,
+                    "id",
+                )
+            names.add(str(group.id))
+            real = group.path.resolve()
+            if real in files:
+                raise self.error(
+                    f"groups {files[real]} and {group.id} read the same file {shown(group.file)}",
+                    "give each group its own file, or its readings count twice",
+                    "group",
+                    i,
+                    "file",
+                )
+            files[real] = group.id
+        return declared
+
+    def _group(self, i: int, table: dict[str, Any]) -> _DeclaredGroup:
+        keys = ("id", "waveform", "file")
+        self.known_keys(table, keys, "group", i)
+        for key in keys:
+            if key not in table:
+                raise self.error(
+                    f"group number {i + 1} has no {key}", f"give {listed(keys)}", "group", i
+                )
+        group_id, waveform, file = (table[key] for key in keys)
+        valid_int = type(group_id) is int and 0 <= group_id <= MAX_ID
+        if not valid_int and not (isinstance(group_id, str) and _ID.fullmatch(group_id)):
+            raise self.error(
+                f"group id {shown(_value_text(group_id))} cannot be used",
+                f"use an integer from 0 to {MAX_ID}, or up to 32 letters, digits, _ or - "
+                "that do not begin with -",
+                "group",
+                i,
+                "id",
+            )
+        if waveform not in ("sine", "square"):
+            raise self.error(
+                f"group {group_id}: unknown waveform {shown(_value_text(waveform))}",
+                'write "sine" or "square"',
+                "group",
+                i,
+                "waveform",
+            )
+        if not isinstance(file, str) or not file.strip():
+            raise self.error(
+                f"group {group_id}: file is not a file name",
+                'write file = "name.csv"',
+                "group",
+                i,
+                "file",
+            )
+        return _DeclaredGroup(group_id, waveform, file, self._path(i, group_id, file))
+
+    def _path(self, i: int, group_id: GroupId, file: str) -> Path:
+        def error(what: str, remedy: str) -> InputError:
+            return self.error(
+                f"group {group_id}: {shown(file)} {what}", remedy, "group", i, "file"
+            )
+
+        absolute = PurePosixPath(file).is_absolute() or PureWindowsPath(file).anchor != ""
+        path = self.folder / file
+        try:
+            if absolute or not path.resolve().is_relative_to(self.folder.resolve()):
+                raise error(
+                    "lies outside the experiment folder",
+                    "copy it into the folder and name it relative to the folder",
+                )
+            exists, is_directory, is_file = path.exists(), path.is_dir(), path.is_file()
+        except (OSError, ValueError, RuntimeError) as problem:  # too long, NUL, loop of links
+            raise error("cannot be a file name", "give the CSV file a plain name") from problem
+        if not exists:
+            raise error("does not exist", "correct the name, or add the file to the folder")
+        if is_directory:
+            raise error("is a directory", "name the CSV file itself")
+        if not is_file:
+            raise error("is not a regular file", "name a CSV file")
+        return path
+
+
+def _value_text(value: object) -> str:
+    """Text of a TOML value of any type, for a message."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int):  # str() of thousands of digits raises
+        return str(value) if abs(value) <= 10 * MAX_ID else "an integer out of range"
+    return str(value) if isinstance(value, str | float) else type(value).__name__

@@ -1,0 +1,63 @@
+"""Values that are possible but look like a wrong unit."""
+
+from __future__ import annotations
+
+from psafit.experiment.records import DEFINITION, Constants, Group
+from psafit.experiment.text import one_line
+
+# Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit.
+_PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
+    "M": (1e-6, 10.0, "kg", "grams"),
+    "m": (1e-6, 10.0, "kg", "grams"),
+    "q": (1e-11, 1e-5, "m/V", "um/V or nm/V"),
+    "l": (1e-3, 10.0, "m", "mm"),
+    "k_s": (1e4, 1e12, "N/m", "N/um"),
+    "g": (9.7, 9.9, "m/s^2", "another unit"),
+}
+
+
+def suspicious_constants(constants: Constants) -> list[str]:
+    found = []
+    for name, (low, high, unit, other) in _PLAUSIBLE.items():
+        value = getattr(constants, name)
+        if not low <= value <= high:
+            found.append(
+                f"{DEFINITION}: constant {name} = {value:g} {unit} is outside {low:g} to {high:g}; "
+                f"is it given in {other}?"
+            )
+    return found
+
+
+def suspicious_readings(group: Group, constants: Constants) -> list[str]:
+    """Name columns whose scale points to another unit than the column's."""
+    found = []
+    f_max = float(group.frequency_hz.max())
+    if f_max <= 50:  # below this a stack hardly moves the ball, and kHz values end here
+        found.append(f"every frequency is at or below 50 Hz (greatest {f_max:g}); given in kHz?")
+    if f_max > 1e6:
+        found.append(f"frequencies reach {f_max:g} Hz, above 1 MHz; given in mHz?")
+    v_max = float(group.amplitude_v.max())
+    if v_max == 0:
+        found.append("every amplitude is zero: nothing drives the ball")
+    elif v_max < 0.1:
+        found.append(f"every amplitude is below 0.1 V (greatest {v_max:g}); given in kV?")
+    if v_max > 1000:
+        found.append(f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?")
+    r_max = float(group.launch_range_um.max())
+    string_um = constants.l * 1e6
+    if r_max == 0:
+        found.append("every launch range is zero: there is nothing to fit")
+    elif r_max < 0.1:
+        found.append(f"every launch range is below 0.1 um (greatest {r_max:g}); given in mm or m?")
+    if r_max > string_um:
+        found.append(
+            f"launch ranges reach {r_max:g} um, beyond the string of {string_um:g} um; given in nm?"
+        )
+    elif r_max > 1e5:
+        found.append(f"launch ranges reach {r_max:g} um, above 10 cm; given in nm?")
+    if group.sigma_um is not None and r_max > 0 and float(group.sigma_um.min()) > r_max:
+        found.append(
+            f"every sigma_um exceeds every launch range (least {group.sigma_um.min():g} um); "
+            "given in another unit?"
+        )
+    return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]

@@ -1,0 +1,220 @@
+"""What an experiment is, once read: frozen records with checked, read-only arrays."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.errors import InputError
+from psafit.experiment.text import listed, shown
+
+Waveform = Literal["sine", "square"]
+GroupId = int | str
+FloatArray = NDArray[np.float64]
+
+DEFINITION = "experiment.toml"
+REQUIRED_COLUMNS = ("frequency_hz", "amplitude_v", "launch_range_um")
+OPTIONAL_COLUMNS = ("sigma_um",)
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Known constants of the rig, SI units (Table 3 of the study).
+
+    M ball mass kg; m stack mass kg; q free stroke per volt m/V; l string length m;
+    k_s stack stiffness N/m; g gravity m/s^2.
+    """
+
+    M: float
+    m: float
+    q: float
+    l: float
+    k_s: float
+    g: float
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"constant {f.name} must be positive and finite, got {value}")
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value; compare fingerprints
+class Group:
+    """One measured sweep; arrays have shape (n_points,) and are read-only.
+
+    Parameters
+    ----------
+    id : int or str
+        Name of the group; 1 and "1" are the same group.
+    waveform : {"sine", "square"}
+        Drive voltage.
+    file : str
+        CSV file, relative to the experiment folder.
+    frequency_hz, amplitude_v, launch_range_um : (n_points,) array, Hz, V, um
+        Drive frequency (> 0) and amplitude (>= 0), measured launch range (>= 0).
+    sigma_um : (n_points,) array, um, optional
+        Known standard uncertainty of each reading (> 0).
+
+    Raises
+    ------
+    ValueError
+        If the arrays differ in length, are empty, or hold an impossible value.
+    """
+
+    id: GroupId
+    waveform: Waveform
+    file: str
+    frequency_hz: FloatArray
+    amplitude_v: FloatArray
+    launch_range_um: FloatArray
+    sigma_um: FloatArray | None = None  # known standard uncertainty of each reading, where given
+
+    def __post_init__(self) -> None:
+        for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
+            given = getattr(self, name)
+            if given is None and name in OPTIONAL_COLUMNS:
+                continue
+            array = np.array(given, dtype=np.float64)
+            if array.ndim != 1 or array.size == 0 or array.shape != np.shape(self.frequency_hz):
+                raise ValueError(f"group {self.id}: {name} has shape {array.shape}")
+            positive = name in ("frequency_hz", "sigma_um")
+            if not np.all(np.isfinite(array) & ((array > 0) if positive else (array >= 0))):
+                sign = "positive" if positive else "non-negative"
+                raise ValueError(f"group {self.id}: {name} must be finite and {sign}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def n_points(self) -> int:
+        """Number of readings."""
+        return int(self.frequency_hz.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A rig and its measured groups, as read from an experiment folder."""
+
+    title: str
+    source: str
+    constants: Constants
+    groups: tuple[Group, ...]
+    folder: Path
+    fingerprint: str  # SHA-256 of the numbers, so that a run knows the data it saw
+    warnings: tuple[str, ...] = ()  # what `check` says of suspicious but usable values
+
+    @property
+    def ids(self) -> tuple[GroupId, ...]:
+        """Ids of the groups, in the order of the definition."""
+        return tuple(group.id for group in self.groups)
+
+    def group(self, group_id: GroupId) -> Group:
+        """Return one group.
+
+        Parameters
+        ----------
+        group_id : int or str
+            Its id; 1 and "1" name the same group, since a command line knows text only.
+
+        Raises
+        ------
+        InputError
+            If there is no such group; the message names the ids there are.
+        """
+        for group in self.groups:
+            if str(group.id) == str(group_id):
+                return group
+        raise InputError(
+            f"there is no group {shown(str(group_id))}",
+            f"choose one of {listed(str(i) for i in self.ids)}",
+            file=self.folder / DEFINITION,
+        )
+
+    def select(self, ids: Iterable[GroupId]) -> tuple[Group, ...]:
+        """Return groups in the order asked for.
+
+        Raises
+        ------
+        InputError
+            If an id is unknown, or named twice: its readings would count twice.
+        """
+        chosen = tuple(self.group(i) for i in ids)
+        if len({id(group) for group in chosen}) < len(chosen):
+            raise InputError(
+                f"a group is named twice in {listed(str(group.id) for group in chosen)}",
+                "name each group once",
+                file=self.folder / DEFINITION,
+            )
+        return chosen
+
+
+def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
+    """SHA-256 of the numbers: equal if and only if a run would see the same data.
+
+    It covers the constants and, for each group in order, id, waveform and columns in row order
+    (results are stored row by row). Titles, paths and the way a number is written do not enter.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    for f in fields(constants):
+        digest.update(f"{f.name}={float(getattr(constants, f.name)).hex()}\n".encode())
+    for group in groups:
+        digest.update(f"group={group.id} {group.waveform} {group.n_points}\n".encode())
+        for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
+            column = getattr(group, name)
+            if column is not None:
+                digest.update(f"{name}\n".encode())
+                digest.update(column.astype("<f8").tobytes())
+    return digest.hexdigest()
+
+
+def describe(experiment: Experiment) -> dict[str, Any]:
+    """Summarise an experiment for `psafit check`, in types that JSON has.
+
+    Returns
+    -------
+    dict
+        `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, and
+        `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
+        `frequency_hz`, `amplitude_v`, `launch_range_um` as [least, greatest], `zeros` (readings
+        of exactly 0 um), `replicates` (readings beyond the first at the same condition) and
+        `has_sigma`.
+    """
+    return {
+        "title": experiment.title,
+        "source": experiment.source,
+        "folder": str(experiment.folder),
+        "fingerprint": experiment.fingerprint,
+        "constants": {f.name: getattr(experiment.constants, f.name) for f in fields(Constants)},
+        "n_points": sum(group.n_points for group in experiment.groups),
+        "warnings": list(experiment.warnings),
+        "groups": [_describe_group(group) for group in experiment.groups],
+    }
+
+
+def _describe_group(group: Group) -> dict[str, Any]:
+    conditions = np.column_stack([group.frequency_hz, group.amplitude_v])
+    return {
+        "id": group.id,
+        "waveform": group.waveform,
+        "file": group.file,
+        "n_points": group.n_points,
+        **{
+            name: [float(getattr(group, name).min()), float(getattr(group, name).max())]
+            for name in REQUIRED_COLUMNS
+        },
+        "zeros": int(np.count_nonzero(group.launch_range_um == 0)),
+        "replicates": group.n_points - len(np.unique(conditions, axis=0)),
+        "has_sigma": group.sigma_um is not None,
+    }

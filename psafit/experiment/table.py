@@ -1,0 +1,125 @@
+"""Read one group's CSV file."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from psafit.errors import InputError
+from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS, FloatArray
+from psafit.experiment.text import read_text, shown
+
+MAX_ROWS = 1_000_000
+MAX_CSV_BYTES = 128 * 1024 * 1024
+
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASCII)
+_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_HEADER_REMEDY = (
+    f"the first line must read {','.join(REQUIRED_COLUMNS)} (and {OPTIONAL_COLUMNS[0]} if known)"
+)
+
+
+def read_csv(file: Path) -> dict[str, FloatArray]:
+    """Read the columns of one CSV file, checked cell by cell."""
+    text = read_text(file, MAX_CSV_BYTES)
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    names: list[str] = []
+    columns: list[list[float]] = []
+    while True:
+        line = reader.line_num + 1  # where the row begins: a quoted cell may span lines
+        try:
+            cells = next(reader)
+        except StopIteration:
+            break
+        except csv.Error as error:
+            raise InputError(
+                f"not valid CSV ({error})",
+                "write plain numbers, without quotes",
+                file=file,
+                line=line,
+            ) from error
+        if not cells:  # blank line, as editors leave at the end
+            continue
+        if not names:
+            names = _header(cells, file, line)
+            columns = [[] for _ in names]
+            continue
+        if len(cells) != len(names):
+            raise InputError(
+                f"{len(cells)} cells in the row, {len(names)} in the header",
+                "give one cell a column: decimal points, no thousands separators, no comments",
+                file=file,
+                line=line,
+            )
+        if len(columns[0]) == MAX_ROWS:
+            raise InputError(
+                f"more than {MAX_ROWS} rows",
+                "split the file into several groups",
+                file=file,
+                line=line,
+            )
+        for name, column, cell in zip(names, columns, cells, strict=True):
+            column.append(_number(cell.strip(), name, file, line))
+    if not names:
+        raise InputError("the file is empty", _HEADER_REMEDY, file=file, line=1)
+    if not columns[0]:
+        raise InputError(
+            "no readings below the header", "add one row a measurement", file=file, line=1
+        )
+    return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
+
+
+def _header(cells: list[str], file: Path, line: int) -> list[str]:
+    names = [cell.strip() for cell in cells]
+    if len(names) == 1:
+        for mark, mark_name in ((";", "semicolons"), ("\t", "tabs")):
+            if mark in names[0]:
+                raise InputError(
+                    f"columns are separated by {mark_name}",
+                    "separate them with commas, and write decimal points",
+                    file=file,
+                    line=line,
+                )
+    known = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
+    for what, wrong in (
+        ("unknown column", [n for n in names if n not in known]),
+        ("missing column", [n for n in REQUIRED_COLUMNS if n not in names]),
+        ("repeated column", [n for n in known if names.count(n) > 1]),
+    ):
+        if wrong:
+            raise InputError(f"{what} {shown(wrong[0])}", _HEADER_REMEDY, file=file, line=line)
+    return names
+
+
+def _number(cell: str, name: str, file: Path, line: int) -> float:
+    def error(what: str, remedy: str) -> InputError:
+        return InputError(f"{name} {what}", remedy, file=file, line=line)
+
+    if _NUMBER.fullmatch(cell):  # float() alone would take "1_000", "nan" and other digits
+        value = float(cell) + 0.0  # no negative zero: it would change the fingerprint
+        if not math.isfinite(value):
+            raise error(f"{shown(cell)} is too large", "correct the reading or delete the row")
+        if name in ("frequency_hz", "sigma_um") and value <= 0:
+            raise error(f"{shown(cell)} is not positive", "correct the value or delete the row")
+        if value < 0:
+            raise error(f"{shown(cell)} is negative", "correct the value or delete the row")
+        return value
+    if not cell:
+        raise error("is empty", "enter the value or delete the row")
+    if _NOT_FINITE.fullmatch(cell):
+        raise error(f"{shown(cell)} is not finite", "enter the value or delete the row")
+    if _THOUSANDS.fullmatch(cell):
+        raise error(
+            f"{shown(cell)} has a thousands separator",
+            "write the digits alone, with a decimal point if one is meant",
+        )
+    if "," in cell:
+        raise error(f"{shown(cell)} has a comma", "write a decimal point")
+    raise error(f"{shown(cell)} is not a number", "write the number alone, without a unit")

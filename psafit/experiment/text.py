@@ -1,0 +1,52 @@
+"""Text of a file somebody else wrote: read within limits, and quoted in messages."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Iterable
+from pathlib import Path
+
+from psafit.errors import InputError
+
+
+def shown(text: str) -> str:
+    """Quote a value from a file, shortened: an error stays one readable line."""
+    return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
+def listed(names: Iterable[str]) -> str:
+    all_names = list(names)
+    return ", ".join(all_names[:20]) + (", ..." if len(all_names) > 20 else "")
+
+
+def one_line(text: str) -> str:
+    """Collapse white space and replace what cannot be printed."""
+    return "".join(
+        c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
+    )
+
+
+def read_text(file: Path, limit: int) -> str:
+    """Read UTF-8 with or without a byte order mark, and no more than `limit` bytes."""
+    try:
+        with file.open("rb") as stream:
+            raw = stream.read(limit + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            f"cannot be read ({reason})", "check its permissions", file=file
+        ) from error
+    if len(raw) > limit:
+        raise InputError(
+            f"larger than {limit // 1024**2} MiB", "split it, or keep measurements only", file=file
+        )
+    raw = raw.removeprefix(codecs.BOM_UTF8)
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            "not UTF-8 text",
+            "save it as UTF-8",
+            file=file,
+            line=raw.count(b"\n", 0, error.start) + 1,
+        ) from error

@@ -1,0 +1,143 @@
+"""A fitting problem: measurements, a model with priors, and the posterior density, for batches of parameter sets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.errors import InputError
+from psafit.experiment import Experiment, GroupId
+from psafit.inference import noise
+from psafit.parameters import Parameter
+from psafit.physics import baseline
+from psafit.simulate import Design, simulate
+
+FloatArray = NDArray[np.float64]
+MICRO = 1e6  # um per m: measurements are in um, physics in m
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The model against some groups of an experiment.
+
+    Parameter sets are rows in the *sampling coordinate* of each parameter (see `psafit.parameters`), the
+    physical parameters first and the scatter's last.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    group_ids : tuple of group ids
+        The groups the likelihood sees.
+    """
+
+    experiment: Experiment
+    group_ids: tuple[GroupId, ...]
+
+    def __post_init__(self) -> None:
+        if not self.group_ids:
+            raise InputError("no group to fit", "give at least one group id")
+        for group_id in self.group_ids:
+            self.experiment.group(group_id)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Physical parameters, then those of the scatter."""
+        return baseline.PARAMETERS + noise.PARAMETERS
+
+    @property
+    def n_physical(self) -> int:
+        """Number of physical parameters."""
+        return len(self.parameters) - len(noise.PARAMETERS)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names, in the order of the columns."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def n_dim(self) -> int:
+        """Number of parameters."""
+        return len(self.parameters)
+
+    @cached_property
+    def design(self) -> Design:
+        """Conditions of the fitted readings."""
+        return self.design_of(self.group_ids)
+
+    def design_of(self, group_ids: Sequence[GroupId]) -> Design:
+        """Conditions of other groups of the same experiment."""
+        return Design.of(self.experiment.constants, [self.experiment.group(g) for g in group_ids])
+
+    @cached_property
+    def observed(self) -> FloatArray:
+        """Readings, um, (n_points,)."""
+        return np.concatenate([self.experiment.group(g).launch_range_um for g in self.group_ids])
+
+    @cached_property
+    def known_sigma(self) -> FloatArray | None:
+        """The readings' own uncertainties, um, (n_points,); zero where a group gives none."""
+        groups = [self.experiment.group(g) for g in self.group_ids]
+        if all(g.sigma_um is None for g in groups):
+            return None
+        return np.concatenate(
+            [np.zeros(g.launch_range_um.size) if g.sigma_um is None else g.sigma_um for g in groups]
+        )
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Bounds in the sampling coordinate, (n_dim, 2)."""
+        return np.array([[p.sampling_bounds.lower, p.sampling_bounds.upper] for p in self.parameters])
+
+    def to_physical(self, u: FloatArray) -> FloatArray:
+        """Parameter values of sampling coordinates; last axis n_dim."""
+        return np.stack([p.to_physical(u[..., i]) for i, p in enumerate(self.parameters)], axis=-1)
+
+    def to_sampling(self, x: FloatArray) -> FloatArray:
+        """Sampling coordinates of parameter values; last axis n_dim."""
+        return np.stack([p.to_sampling(x[..., i]) for i, p in enumerate(self.parameters)], axis=-1)
+
+    def prior_transform(self, p: FloatArray) -> FloatArray:
+        """Sampling coordinates at which each prior holds the fraction `p`; last axis n_dim."""
+        return np.stack([q.prior_quantile(p[..., i]) for i, q in enumerate(self.parameters)], axis=-1)
+
+    def predict(self, u: FloatArray, design: Design | None = None) -> FloatArray:
+        """Launch ranges, um; (n_sets, n_points)."""
+        physical = self.to_physical(u)[:, : self.n_physical]
+        return simulate(self.design if design is None else design, physical).launch_range * MICRO
+
+    def noise_values(self, u: FloatArray) -> FloatArray:
+        """The scatter's parameters, as `noise.scale` takes them; (n_sets, 3)."""
+        return self.to_physical(u)[:, self.n_physical :]
+
+    def log_prior(self, u: FloatArray) -> FloatArray:
+        """Log prior density in the sampling coordinate; (n_sets,)."""
+        return np.sum([p.log_prior(u[:, i]) for i, p in enumerate(self.parameters)], axis=0)
+
+    def pointwise_log_likelihood(self, u: FloatArray) -> FloatArray:
+        """Log density of every reading; (n_sets, n_points)."""
+        return noise.log_density(self.observed, self.predict(u), self.noise_values(u), self.known_sigma)
+
+    def log_likelihood(self, u: FloatArray) -> FloatArray:
+        """Sum of `pointwise_log_likelihood`; (n_sets,)."""
+        return self.pointwise_log_likelihood(u).sum(axis=1)
+
+    def log_posterior(self, u: FloatArray) -> FloatArray:
+        """Unnormalised log posterior in the sampling coordinate; minus infinity outside the bounds.
+
+        Parameters
+        ----------
+        u : (n_sets, n_dim) array
+
+        Returns
+        -------
+        (n_sets,) array
+        """
+        value = self.log_prior(u)
+        inside = np.isfinite(value)
+        if inside.any():
+            value[inside] += self.log_likelihood(u[inside])
+        return value

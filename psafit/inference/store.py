@@ -1,0 +1,124 @@
+"""The posterior as ArviZ keeps it: `posterior.nc`, and its convergence diagnostics.
+
+ArviZ 0.x hands out `InferenceData`, ArviZ 1.x an xarray `DataTree`; the file is the same, and this is the only module
+that knows the difference.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Posterior draws in the parameters' units; `values` is (n_chains, n_draws, n_dim)."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+    log_posterior: FloatArray
+    identity: str
+
+    @property
+    def flat(self) -> FloatArray:
+        """All chains one after the other, (n_chains * n_draws, n_dim)."""
+        return self.values.reshape(-1, self.values.shape[-1])
+
+
+def _is_tree(arviz: Any) -> bool:
+    return int(arviz.__version__.split(".")[0]) >= 1
+
+
+def write(
+    path: Path, draws: Draws, log_likelihood: FloatArray, observed: FloatArray, constant: Mapping[str, Any]
+) -> None:
+    """Write `posterior.nc` in one step.
+
+    Parameters
+    ----------
+    path : Path
+    draws : Draws
+    log_likelihood : (n_chains, n_draws, n_points) array
+        Of every fitted reading.
+    observed : (n_points,) array, um
+    constant : mapping of name to (n_points,) array
+        Conditions of the fitted readings.
+    """
+    import arviz as az
+
+    groups: dict[str, Any] = {
+        "posterior": {n: draws.values[..., i] for i, n in enumerate(draws.names)},
+        "sample_stats": {"lp": draws.log_posterior},
+        "log_likelihood": {"launch_range_um": log_likelihood},
+        "observed_data": {"launch_range_um": observed},
+        "constant_data": dict(constant),
+    }
+    layout: dict[str, Any] = {
+        "coords": {"reading": np.arange(observed.size)},
+        "dims": {name: ["reading"] for name in ("launch_range_um", *constant)},
+    }
+    data = az.from_dict(groups, **layout) if _is_tree(az) else az.from_dict(**groups, **layout)
+    data.attrs["psafit_identity"] = draws.identity
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        data.to_netcdf(str(temporary), engine="h5netcdf")
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(
+            f"cannot be written ({error.strerror or error})", "choose a writable folder with --out", file=path
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read(path: Path, names: tuple[str, ...]) -> Draws:
+    """Read the draws back; `InputError` where the file is missing, damaged or of another model."""
+    import xarray as xr
+
+    if not path.exists():
+        raise InputError("is missing", "give the folder of a finished run of psafit fit", file=path)
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as tree:
+            posterior = tree["posterior"]
+            values = np.stack([np.asarray(posterior[n].values, dtype=float) for n in names], axis=-1)
+            lp = np.asarray(tree["sample_stats"]["lp"].values, dtype=float)
+            identity = str(tree.attrs["psafit_identity"])
+    except Exception as error:  # whatever a foreign or damaged HDF5 file raises on its way through three libraries
+        raise InputError(
+            "is not a posterior written by psafit for this model, or damaged", "run psafit fit again", file=path
+        ) from error
+    if values.ndim != 3 or values.size == 0 or not np.isfinite(values).all():
+        raise InputError("holds no usable draws", "run psafit fit again", file=path)
+    return Draws(names, values, lp, identity)
+
+
+def _each(function: Any, values: FloatArray, **options: Any) -> FloatArray:
+    return np.array([float(function(values[..., i], **options)) for i in range(values.shape[-1])])
+
+
+def r_hat(values: FloatArray) -> FloatArray:
+    """Rank-normalised split R-hat of (n_chains, n_draws, n_dim) draws; (n_dim,)."""
+    import arviz as az
+
+    return _each(az.rhat, values)
+
+
+def diagnostics(values: FloatArray) -> dict[str, FloatArray]:
+    """Convergence of (n_chains, n_draws, n_dim) draws: `r_hat`, `ess_bulk`, `ess_tail`, each (n_dim,)."""
+    import arviz as az
+
+    return {
+        "r_hat": r_hat(values),
+        "ess_bulk": _each(az.ess, values, method="bulk"),
+        "ess_tail": _each(az.ess, values, method="tail", prob=(0.05, 0.95)),
+    }

@@ -1,0 +1,191 @@
+r"""Parameters: what is possible (bounds), what is plausible (prior), and the coordinate they are sampled in.
+
+Every prior is a truncated normal or a uniform density in the *sampling coordinate* :math:`u`, which is
+:math:`\ln x` for scales (stiffness, damping, scatter) and :math:`x` itself otherwise. Densities are
+normalised over the bounds, so that model evidences compare.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import log_ndtr, ndtr, ndtri
+
+Coordinate = Literal["linear", "log"]
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Closed interval of possible values, in the parameter's unit."""
+
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
+            raise ValueError(f"bounds need finite lower < upper, got [{self.lower}, {self.upper}]")
+
+
+class Prior(Protocol):
+    """A density in the sampling coordinate, truncated to an interval."""
+
+    @property
+    def coordinate(self) -> Coordinate: ...
+
+    def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray: ...
+
+    def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray: ...
+
+    def describe(self) -> str: ...
+
+
+def _truncated_normal_log_density(
+    u: FloatArray, mean: float, sd: float, lower: float, upper: float
+) -> FloatArray:
+    a, b = (lower - mean) / sd, (upper - mean) / sd
+    if a > 0:  # difference of the smaller tail keeps its digits
+        a, b = -b, -a
+    log_mass = log_ndtr(b) + math.log1p(-math.exp(log_ndtr(a) - log_ndtr(b)))
+    z = (u - mean) / sd
+    return -0.5 * z * z - 0.5 * math.log(2 * math.pi) - math.log(sd) - log_mass
+
+
+def _truncated_normal_quantile(
+    p: FloatArray, mean: float, sd: float, lower: float, upper: float
+) -> FloatArray:
+    a, b = ndtr((lower - mean) / sd), ndtr((upper - mean) / sd)
+    return np.clip(mean + sd * ndtri(a + p * (b - a)), lower, upper)
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal prior on the value itself (half-normal when a bound sits at the mean)."""
+
+    mean: float
+    sd: float
+    coordinate: Coordinate = field(default="linear", init=False)
+
+    def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
+        return _truncated_normal_log_density(u, self.mean, self.sd, lower, upper)
+
+    def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
+        return _truncated_normal_quantile(p, self.mean, self.sd, lower, upper)
+
+    def describe(self) -> str:
+        return f"normal, mean {self.mean:g}, sd {self.sd:g}"
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """Normal prior on the logarithm: `median`, and the `factor` that one standard deviation means."""
+
+    median: float
+    factor: float
+    coordinate: Coordinate = field(default="log", init=False)
+
+    def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
+        return _truncated_normal_log_density(
+            u, math.log(self.median), math.log(self.factor), lower, upper
+        )
+
+    def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
+        return _truncated_normal_quantile(
+            p, math.log(self.median), math.log(self.factor), lower, upper
+        )
+
+    def describe(self) -> str:
+        return f"log-normal, median {self.median:g}, factor {self.factor:g} for one sd"
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Uniform prior between the bounds, in the value or in its logarithm."""
+
+    coordinate: Coordinate = "linear"
+
+    def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
+        return np.full(np.shape(u), -math.log(upper - lower))
+
+    def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
+        return lower + np.asarray(p) * (upper - lower)
+
+    def describe(self) -> str:
+        return "uniform" if self.coordinate == "linear" else "uniform in the logarithm"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One quantity to identify.
+
+    Parameters
+    ----------
+    name : str
+        Python identifier, unique within a model.
+    symbol : str
+        LaTeX, without dollar signs.
+    unit : str
+        SI unit; "1" for a pure number.
+    bounds : Bounds
+        What is possible.
+    prior : Prior
+        What is plausible.
+    description : str
+        One line for tables.
+    source : str
+        Where the prior comes from.
+    neutral : float, optional
+        Value at which the parameter has no effect; None where there is none.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    bounds: Bounds
+    prior: Prior
+    description: str
+    source: str
+    neutral: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise ValueError(f"parameter name {self.name!r} is not an identifier")
+        if self.prior.coordinate == "log" and self.bounds.lower <= 0:
+            raise ValueError(f"{self.name}: a logarithmic prior needs a positive lower bound")
+
+    @cached_property
+    def sampling_bounds(self) -> Bounds:
+        """Bounds in the sampling coordinate."""
+        return Bounds(
+            float(self.to_sampling(self.bounds.lower)), float(self.to_sampling(self.bounds.upper))
+        )
+
+    def to_sampling(self, x: ArrayLike) -> FloatArray:
+        """Map a value to the sampling coordinate."""
+        x = np.asarray(x, dtype=float)
+        return np.log(x) if self.prior.coordinate == "log" else x
+
+    def to_physical(self, u: ArrayLike) -> FloatArray:
+        """Map a sampling coordinate to the value."""
+        u = np.asarray(u, dtype=float)
+        return np.exp(u) if self.prior.coordinate == "log" else u
+
+    def log_prior(self, u: ArrayLike) -> FloatArray:
+        """Log density in the sampling coordinate; minus infinity outside the bounds."""
+        u = np.asarray(u, dtype=float)
+        low, high = self.sampling_bounds.lower, self.sampling_bounds.upper
+        inside = (u >= low) & (u <= high)  # False for NaN too
+        return np.where(
+            inside, self.prior.log_density(np.where(inside, u, low), low, high), -np.inf
+        )
+
+    def prior_quantile(self, p: ArrayLike) -> FloatArray:
+        """Sampling coordinate below which the prior holds the fraction `p`."""
+        return self.prior.quantile(
+            np.asarray(p, dtype=float), self.sampling_bounds.lower, self.sampling_bounds.upper
+        )

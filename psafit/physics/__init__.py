@@ -1,0 +1,5 @@
+"""The physics: the baseline and, one file each, the candidate causes."""
+
+from psafit.physics import baseline
+
+__all__ = ["baseline"]

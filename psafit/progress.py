@@ -1,0 +1,80 @@
+"""Progress of long work on standard error: bars on a terminal, one line a stage elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from psafit.inference.run import Silent, Watcher
+
+TITLES = {
+    "search": "search for minima (lmfit)",
+    "sample": "sample the posterior (emcee)",
+    "profile": "profile the likelihood",
+    "validate": "validate on all groups",
+    "reproduce": "recompute the study",
+    "report": "write the report",
+}
+
+
+class _Bars:
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+        self._task: TaskID | None = None
+
+    def stage(self, name: str) -> None:
+        self.finish()
+        self._task = self._bars.add_task(TITLES[name], total=None, note="")
+
+    def update(self, done: float, total: float, note: str = "") -> None:
+        if self._task is not None:
+            self._bars.update(self._task, completed=done, total=total, note=note)
+
+    def finish(self) -> None:
+        if self._task is not None:
+            task = self._bars.tasks[self._task]
+            total = task.total or 1.0
+            self._bars.update(self._task, completed=total, total=total)
+
+
+class _Lines:
+    """For logs: a line when a stage begins, and a sign of life every ten seconds."""
+
+    def __init__(self) -> None:
+        self._begun = self._said = time.monotonic()
+
+    def stage(self, name: str) -> None:
+        self._said = time.monotonic()
+        print(f"[{self._said - self._begun:5.1f} s] {TITLES[name]}", file=sys.stderr, flush=True)
+
+    def update(self, done: float, total: float, note: str = "") -> None:
+        now = time.monotonic()
+        if now - self._said > 10:
+            self._said = now
+            print(f"[{now - self._begun:5.1f} s]   {done:.0f} of {total:.0f} {note}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def watcher(quiet: bool) -> Iterator[Watcher]:
+    """Show progress the way standard error allows, or not at all."""
+    if quiet:
+        yield Silent()
+    elif sys.stderr.isatty():
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[note]}", style="dim"),
+        )
+        with Progress(*columns, console=Console(stderr=True)) as bars:
+            show = _Bars(bars)
+            yield show
+            show.finish()
+    else:
+        yield _Lines()

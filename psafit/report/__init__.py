@@ -1,0 +1,1 @@
+"""Figures and pages: results in, one self-contained HTML file out."""

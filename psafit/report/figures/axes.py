@@ -1,0 +1,77 @@
+"""Axes that read well whatever they span: decades, a few per cent, zeros."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# A logarithmic axis with fewer decades has too few powers of ten to be read.
+_FEW_DECADES = 0.8
+
+
+def power_of_ten(exponent: int) -> str:
+    """10 to a power, as text."""
+    return f"10{str(exponent).translate(SUPERSCRIPT)}"
+
+
+def _tick(value: float, _: object = None) -> str:
+    if value == 0 or 1e-3 <= abs(value) < 1e5:
+        return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+    exponent = math.floor(math.log10(abs(value)) + 1e-9)
+    mantissa = value / 10.0**exponent
+    return power_of_ten(exponent) if math.isclose(mantissa, 1.0) else f"{mantissa:g}·{power_of_ten(exponent)}"
+
+
+def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool) -> None:
+    """Scale the x or y axis from `low` to `high` with plain numbers at its ticks.
+
+    Parameters
+    ----------
+    axes : Axes
+    which : {"x", "y"}
+    low, high : float
+        Limits of the view; positive where `log`.
+    log : bool
+    """
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    count = 5 if which == "x" else 4
+    if not low < high:
+        low, high = (low / 1.1, high * 1.1) if log and low > 0 else (low - 0.5, high + 0.5)
+    (axes.set_xscale if which == "x" else axes.set_yscale)("log" if log else "linear")
+    (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
+    decades = math.log10(high / low) if log else 0.0
+    if not log or decades < _FEW_DECADES:
+        ticks = MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+        axis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
+        axis.set_minor_locator(NullLocator())
+    elif decades < 2.2:
+        axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if decades < 1.6 else (1.0, 3.0), numticks=20))
+        axis.set_minor_locator(LogLocator(10, subs=np.arange(2.0, 10.0), numticks=20))
+    else:
+        axis.set_major_locator(LogLocator(10, numticks=count + 3))
+    axis.set_major_formatter(FuncFormatter(_tick))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def reading_range(measured: FloatArray, predicted: FloatArray, upper: FloatArray) -> tuple[float, float, bool]:
+    """View of launch ranges: lower and upper limit, um, and whether the axis is logarithmic.
+
+    It is where positive readings span more than a factor of 20. The view follows the readings: a prediction may
+    leave it at the bottom by more than a decade, or at the top by its tail.
+    """
+    top = max(float(np.max(measured)), float(np.max(predicted)))
+    band = min(float(np.max(upper)), 3.0 * top)
+    positive = measured[measured > 0]
+    if positive.size == 0 or float(positive.max()) < 20.0 * float(positive.min()):
+        return 0.0, 1.06 * max(band, top, 1e-9), False
+    least = float(positive.min())
+    seen = predicted[predicted > 0]
+    low = min(least, max(float(seen.min()), least / 10)) if seen.size else least
+    return 0.55 * low, 1.4 * max(band, top), True

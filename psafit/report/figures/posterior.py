@@ -1,0 +1,233 @@
+"""What the data say of the parameters: corner plot, chains, prior beside posterior, profile likelihood."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullLocator
+from numpy.typing import NDArray
+
+from psafit.records import ParameterEntry, ProfilePoint
+from psafit.report.figures.axes import scale_axis
+from psafit.report.style import PALETTE, WIDTH, figure_style, new_figure
+
+FloatArray = NDArray[np.float64]
+
+# Fewer draws than this make a scatter plot, not contours.
+_ENOUGH_FOR_CONTOURS = 1000
+_SHOWN_WALKERS = 16
+_SHOWN_STEPS = 600
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """One parameter's prior, posterior and profile likelihood, ready to be drawn.
+
+    Parameters
+    ----------
+    entry : ParameterEntry
+    log : bool
+        Whether its coordinate is logarithmic.
+    draws : (n_draws,) array
+        In the parameter's unit.
+    prior_value, prior_density : (n,) arrays
+        The prior's density in the coordinate, over values in the parameter's unit.
+    interval, prior_interval : (float, float)
+        Central 90 %.
+    verdict : str
+    profile : sequence of ProfilePoint
+    level : float
+        Drop of log likelihood at the 90 % limit.
+    """
+
+    entry: ParameterEntry
+    log: bool
+    draws: FloatArray
+    prior_value: FloatArray
+    prior_density: FloatArray
+    interval: tuple[float, float]
+    prior_interval: tuple[float, float]
+    verdict: str
+    profile: Sequence[ProfilePoint]
+    level: float
+
+    @property
+    def symbol(self) -> str:
+        """The symbol for matplotlib's mathtext, words upright."""
+        return "$" + re.sub(r"_\{([A-Za-z]{2,})\}", r"_{\\mathrm{\1}}", self.entry.symbol) + "$"
+
+    @property
+    def label(self) -> str:
+        """Symbol and unit."""
+        unit = {"1": "", "um": " (µm)"}.get(self.entry.unit, f" ({self.entry.unit})")
+        return self.symbol + unit
+
+    def coordinate(self, value: FloatArray) -> FloatArray:
+        """Common logarithm where the coordinate is logarithmic, else the value."""
+        return np.log10(value) if self.log else np.asarray(value, dtype=float)
+
+
+def _span(values: FloatArray) -> tuple[float, float]:
+    low, high = (float(q) for q in np.quantile(values, [0.002, 0.998]))
+    if low == high:
+        low, high = low - 0.5, high + 0.5
+    margin = 0.06 * (high - low)
+    return low - margin, high + margin
+
+
+def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figure:
+    """Posterior of several parameters, singly and in pairs.
+
+    Parameters
+    ----------
+    marginals : sequence of Marginal
+    best : sequence of float
+        The best optimum, in the parameters' units.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # importing corner imports ArviZ, which announces its next version
+        from corner import corner
+
+    n = len(marginals)
+    draws = np.column_stack([m.coordinate(m.draws) for m in marginals])
+    spans = [_span(column) for column in draws.T]
+    labels = [m.label if not m.log else rf"$\log_{{10}}$ {m.label}" for m in marginals]
+    many = len(draws) >= _ENOUGH_FOR_CONTOURS
+    size = max(WIDTH, 1.32 * n + 0.5)
+    with figure_style():
+        figure = Figure(figsize=(size, size), layout="none")
+        corner(
+            draws, bins=28, range=spans, labels=labels, fig=figure, color=PALETTE["blue"], max_n_ticks=3,
+            labelpad=0.12, smooth=0.8 if many else None, plot_contours=many, plot_density=many,
+            fill_contours=many, levels=(0.5, 0.9), plot_datapoints=not many,
+            label_kwargs={"fontsize": 10}, hist_kwargs={"linewidth": 1.4},
+        )  # fmt: skip
+        grid = np.array(figure.axes).reshape(n, n)
+        marks = [float(m.coordinate(np.array(b))) for m, b in zip(marginals, best, strict=True)]
+        for i, m in enumerate(marginals):
+            axes = grid[i, i]
+            axes.axvspan(*m.coordinate(np.array(m.prior_interval)), color=PALETTE["grey"], alpha=0.16, lw=0, zorder=0)
+            axes.axvline(marks[i], color=PALETTE["vermillion"], lw=1.1)
+            axes.set_xlim(*spans[i])
+            for j in range(i):
+                grid[i, j].plot(marks[j], marks[i], "x", color=PALETTE["vermillion"], ms=6, mew=1.6, zorder=5)
+                grid[i, j].set_xlim(*spans[j])
+                grid[i, j].set_ylim(*spans[i])
+        for axes in grid.flat:
+            axes.grid(visible=False)
+            axes.tick_params(labelsize=9)
+        edge = 0.66 / size  # room for tick labels and label, inches
+        figure.subplots_adjust(left=edge + 0.15 / size, bottom=edge + 0.2 / size, right=1 - 0.12 / size,
+                               top=1 - 0.08 / size, wspace=0.07, hspace=0.07)  # fmt: skip
+    return figure
+
+
+def trace_figure(m: Marginal, values: FloatArray, thinning: int) -> Figure:
+    """Chains of one parameter.
+
+    Parameters
+    ----------
+    m : Marginal
+    values : (n_walkers, n_draws) array
+        In the parameter's unit.
+    thinning : int
+        Steps between draws.
+    """
+    walkers = values[:: max(1, math.ceil(len(values) / _SHOWN_WALKERS))]
+    stride = max(1, math.ceil(values.shape[1] / _SHOWN_STEPS))
+    step = np.arange(0, values.shape[1], stride) * thinning
+    with figure_style():
+        figure, (axes,) = new_figure(height=2.0)
+        axes.plot(step, walkers[:, ::stride].T, lw=0.5, alpha=0.45, color=PALETTE["blue"], rasterized=True)
+        low, high = float(values.min()), float(values.max())
+        margin = (high / low) ** 0.04 if m.log else 0.04 * (high - low)
+        if m.log:
+            scale_axis(axes, "y", low / margin, high * margin, log=True)
+        else:
+            scale_axis(axes, "y", low - margin, high + margin, log=False)
+        axes.set_xlim(0, max(int(step[-1]), 1))
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        axes.set_xlabel("Step after burn-in")
+        axes.set_ylabel(m.label)
+    return figure
+
+
+def _density_panel(axes: Axes, m: Marginal, low: float, high: float) -> None:
+    """Prior and posterior, each scaled to the same height."""
+    coordinate = m.coordinate(m.draws)
+    counts, edges = np.histogram(coordinate, bins=40)
+    at = 10.0**edges if m.log else edges
+    axes.fill_between(m.prior_value, m.prior_density / m.prior_density.max(), color=PALETTE["grey"], alpha=0.25, lw=0)
+    axes.plot(m.prior_value, m.prior_density / m.prior_density.max(), color=PALETTE["grey"], lw=1.1)
+    axes.stairs(counts / counts.max(), at, color=PALETTE["blue"], lw=1.4, fill=False, zorder=3)
+    axes.stairs(counts / counts.max(), at, color=PALETTE["blue"], alpha=0.25, lw=0, fill=True, zorder=2)
+    scale_axis(axes, "x", low, high, log=m.log)
+    axes.set_ylim(0, 1.35)
+    axes.yaxis.set_major_locator(NullLocator())
+    axes.set_ylabel("Density")
+    axes.set_xlabel(m.label)
+
+
+def marginal_figure(m: Marginal) -> Figure:
+    """Prior beside posterior of one parameter, above its profile likelihood where there is one.
+
+    Parameters
+    ----------
+    m : Marginal
+    """
+    from matplotlib.lines import Line2D
+
+    low = min(float(m.prior_value.min()), float(m.draws.min()))
+    high = max(float(m.prior_value.max()), float(m.draws.max()))
+    low, high = max(low, m.entry.lower), min(high, m.entry.upper)
+    with figure_style():
+        figure = Figure(figsize=(WIDTH, 3.9 if m.profile else 2.3), layout="constrained")
+        panels = figure.subplots(2 if m.profile else 1, 1, squeeze=False)[:, 0]
+        _density_panel(panels[0], m, low, high)
+        panels[0].set_title(f"{m.symbol}: {m.verdict}")
+        panels[0].legend(
+            handles=[
+                Line2D([], [], color=PALETTE["grey"], lw=1.6, label="prior"),
+                Line2D([], [], color=PALETTE["blue"], lw=1.6, label="posterior"),
+            ],
+            loc="upper center", ncols=2, bbox_to_anchor=(0.5, 1.03),
+        )  # fmt: skip
+        if m.profile:
+            _profile_panel(panels[1], m)
+    return figure
+
+
+def _profile_panel(axes: Axes, m: Marginal) -> None:
+    value = np.array([p.value for p in m.profile])
+    drop = np.array([p.drop for p in m.profile])
+    top = max(2.2 * m.level, 1.3 * m.level)
+    axes.axhspan(-m.level, 0.4, color=PALETTE["green"], alpha=0.10, lw=0, zorder=0)
+    axes.axhline(-m.level, color=PALETTE["ink"], lw=1.0, ls="--", zorder=1)
+    axes.plot(value, -drop, color=PALETTE["green"], marker="o", ms=3.8, lw=1.4, zorder=3)
+    axes.annotate(
+        "90 % limit", (1, -m.level), (-4, -3), xycoords=("axes fraction", "data"), textcoords="offset points",
+        ha="right", va="top", fontsize=9,
+    )  # fmt: skip
+    low, high = float(value.min()), float(value.max())
+    margin = (high / low) ** 0.04 if m.log else 0.04 * (high - low)
+    limits = (low / margin, high * margin) if m.log else (low - margin, high + margin)
+    scale_axis(axes, "x", *limits, log=m.log)
+    for bound in (m.entry.lower, m.entry.upper):
+        if limits[0] <= bound <= limits[1]:
+            axes.axvline(bound, color=PALETTE["grey"], lw=2.5, zorder=2)
+            axes.annotate(
+                "bound", (bound, -top), (4 if bound < high else -4, 4), textcoords="offset points", fontsize=9,
+                ha="left" if bound < high else "right", color=PALETTE["grey"],
+            )  # fmt: skip
+    axes.set_ylim(-top, 0.25)
+    axes.set_ylabel("Log likelihood\nbelow its top")
+    axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+    axes.yaxis.set_major_formatter(lambda v, _: f"{v:g}".replace("-", "\N{MINUS SIGN}"))
+    axes.set_xlabel(f"{m.label}, enlarged")

@@ -1,0 +1,81 @@
+"""Which drive variable a group sweeps, and how the group is named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.experiment import Group
+
+FloatArray = NDArray[np.float64]
+Variable = Literal["frequency", "amplitude", "order"]
+
+# A setting that drifts by less than this (relative) was meant to be held.
+_HELD = 0.02
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The abscissa of a group.
+
+    Parameters
+    ----------
+    variable : {"frequency", "amplitude", "order"}
+        What varies; "order" where both or neither do.
+    values : (n_points,) array
+        Hz, V, or the number of the row.
+    label : str
+        Of the axis, with unit.
+    log : bool
+        Whether it spans enough for a logarithmic axis.
+    condition : str
+        What is held, e.g. ``"sine, 1.2 kHz"``; the ranges of both where nothing is.
+    extent : str
+        What varies, from where to where.
+    """
+
+    variable: Variable
+    values: FloatArray
+    label: str
+    log: bool
+    condition: str
+    extent: str
+
+
+def frequency_text(value: float) -> str:
+    """Return a frequency with its unit."""
+    return f"{value / 1e3:.4g} kHz" if value >= 1e3 else f"{value:.4g} Hz"
+
+
+def _volts(value: float) -> str:
+    return f"{value:.4g} V"
+
+
+def _extent(low: str, high: str) -> str:
+    return low if low == high else f"{low} to {high}"
+
+
+def sweep_of(group: Group) -> Sweep:
+    """Decide from the data which variable a group sweeps."""
+    f, v = group.frequency_hz, group.amplitude_v
+    f_text = _extent(frequency_text(float(f.min())), frequency_text(float(f.max())))
+    v_text = _extent(_volts(float(v.min())), _volts(float(v.max())))
+
+    def varies(x: FloatArray) -> bool:
+        return bool(np.ptp(x) > _HELD * np.max(np.abs(x)))
+
+    if varies(f) and not varies(v):
+        log = bool(f.max() >= 3 * f.min())
+        held = _volts(float(np.median(v)))
+        return Sweep("frequency", f, "Drive frequency (Hz)", log, f"{group.waveform}, {held}", f_text)
+    if varies(v) and not varies(f):
+        log = bool(v.min() > 0 and v.max() >= 8 * v.min())
+        held = frequency_text(float(np.median(f)))
+        return Sweep("amplitude", v, "Drive amplitude (V)", log, f"{group.waveform}, {held}", v_text)
+    order = np.arange(1.0, group.n_points + 1)
+    held = f"{group.waveform}, {f_text}, {v_text}"
+    rows = f"{group.n_points} reading{'' if group.n_points == 1 else 's'}"
+    return Sweep("order", order, "Reading, in the file's order", False, held, rows)

@@ -1,0 +1,96 @@
+"""Write self-contained HTML pages: one file, no network, nothing half-written."""
+
+from __future__ import annotations
+
+import base64
+import io
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from psafit.files import write_atomically
+
+SVG_LIMIT = 120_000
+"""Largest SVG, in bytes, that is put into a page; larger ones go in as PNG."""
+
+PNG_DPI = 200
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("psafit.report", "templates"),
+        autoescape=True,  # measured data come with titles and file names that others wrote
+        undefined=jinja2.StrictUndefined,  # a missing result is a bug, not an empty cell
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    css = resources.files("psafit.report").joinpath("templates/style.css").read_text("utf-8")
+    # Our own file: the only text that is not escaped.
+    environment.globals["style_css"] = Markup(css)
+    return environment
+
+
+def render(template: str, out_path: str | Path, **context: Any) -> Path:
+    """Render a template of this package to one HTML file.
+
+    The page is written beside its destination and moved there in one step, so that a reader never
+    sees half a page and a failed report leaves the previous one in place.
+
+    Parameters
+    ----------
+    template : str
+        Name in `psafit/report/templates`, e.g. ``"reproduction.html.j2"``.
+    out_path : path-like
+        The HTML file; its folder is made if needed.
+    **context
+        What the template shows. Every page also takes ``provenance``, a mapping of label to text
+        (version, seed, command, ...) for the footer.
+
+    Returns
+    -------
+    Path
+        Where the page is.
+
+    Raises
+    ------
+    jinja2.UndefinedError
+        If the template asks for something that the context lacks.
+    """
+    out_path = Path(out_path)
+    text = _environment().get_template(template).render({"provenance": {}, **context})
+    write_atomically(out_path, text.encode("utf-8"))
+    return out_path
+
+
+def figure_data_uri(figure: Figure, *, svg_limit: int = SVG_LIMIT) -> str:
+    """Encode a figure for `<img src>`: SVG while it is small, else PNG at 200 dots per inch.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Drawn inside `psafit.report.style.figure_style`.
+    svg_limit : int, bytes
+        Largest SVG to embed.
+
+    Returns
+    -------
+    str
+        ``data:image/...;base64,...``
+    """
+    from psafit.report.style import figure_style
+
+    buffer = io.BytesIO()
+    with figure_style():
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        kind = "svg+xml"
+        if buffer.tell() > svg_limit:
+            buffer = io.BytesIO()
+            figure.savefig(buffer, format="png", dpi=PNG_DPI)
+            kind = "png"
+    return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

@@ -1,0 +1,452 @@
+r"""The baseline in closed form: no time step, hence no step error.
+
+During contact the drive is linear. Eliminating the stack and the ball from Eqs. (2), (8)-(12) of the study
+leaves the indentation :math:`d = x_1 - x_2` as the response to the drive voltage :math:`u`,
+
+.. math::
+    D(s) = \frac{k_s q M s^2}{P(s)} U(s), \qquad
+    P(s) = (m s^2 + c_s s + k_s)(M s^2 + c_c s + k_c) + M s^2 (c_c s + k_c),
+
+so that :math:`d(t) = \operatorname{Re} \sum_k a_k e^{s_k t}` over the four poles of :math:`1/P` and, for a sine,
+the pole :math:`i\omega` of the drive. A square wave restarts the sum at each switch. At the separation
+:math:`d = 0`, so the damper has given back what it took and the ball's speed is that of the spring's impulse,
+:math:`v = (k_c/M) \int_0^{t} d`: positive whenever there is a separation at all.
+
+The separation is the first zero of :math:`d`. Let :math:`B_2` and :math:`B_3` bound :math:`|d''|` and
+:math:`|d'''|` on :math:`[t, \infty)` (sums of moduli that only decay). Then
+
+.. math:: d(t+h) \ge d + d' h - B_2 h^2/2, \qquad d(t+h) \ge d + d' h + d'' h^2/2 - B_3 h^3/6,
+
+and marching by the largest `h` that either bound keeps positive cannot step over a zero. Near a simple
+zero the march turns into Newton's method from the left, with quadratic convergence; past a near touch it
+slips in a geometric sequence of steps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from psafit.experiment import Constants
+from psafit.simulate.design import SQUARE, Design
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# Poles closer than this (relative) lose digits to cancellation, eps/_CLOSE for two of them, when summed one by one.
+_CLOSE = 1e-3
+# They are replaced by this many nodes of the trapezoid rule on a circle around them; the rule's error falls
+# as (r/R)^n, with r the spread of the cluster and R the circle, and again with R and the next pole outside.
+_NODES = 24
+_CLEARANCE = 3.0
+_RADIUS = 0.01
+# An undamped pole met by the drive is moved aside: costs the square of (cycles in contact x this), and eps over it.
+_DETUNE = 1e-7
+_MAX_STEPS = 2_000_000
+# Bounds lose to rounding: below this fraction of the summed amplitudes a positive value means nothing.
+_NOISE = 8 * np.finfo(float).eps
+
+LAUNCHED, AT_REST, NO_SEPARATION = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Poles and weights of the contact phase for a batch of parameter sets.
+
+    Complex pairs are kept once, with the weight doubled; unused slots have weight zero.
+
+    Parameters
+    ----------
+    pole : (n_sets, n_modes) complex array, 1/s
+    weight : (n_sets, n_modes) complex array
+        Residue of ``D(s)/U(s)``, m/(V s).
+    lead : (n_sets,) array
+        ``k_s q / m``: initial acceleration of the tip per volt, m/(s^2 V).
+    roots : (n_sets, 4) complex array, 1/s
+        The roots of ``P``, both members of each pair.
+    """
+
+    pole: ComplexArray
+    weight: ComplexArray
+    lead: FloatArray
+    roots: ComplexArray
+
+
+def contact_polynomial(constants: Constants, theta: FloatArray) -> FloatArray:
+    """Coefficients of the monic ``P(s)``, from ``s^3`` down to ``s^0``; shape (n_sets, 4)."""
+    k_c, c_s, c_c = theta.T
+    m, M, k_s = constants.m, constants.M, constants.k_s
+    return np.stack(
+        [
+            (M * (c_s + c_c) + m * c_c) / (m * M),
+            (M * (k_s + k_c) + m * k_c + c_s * c_c) / (m * M),
+            (c_s * k_c + c_c * k_s) / (m * M),
+            k_s * k_c / (m * M),
+        ],
+        axis=1,
+    )
+
+
+def poles(coefficients: FloatArray) -> ComplexArray:
+    """Roots of monic real quartics, to nearly full relative accuracy each.
+
+    The companion matrix yields starting values. They are grouped into two real quadratic factors, the
+    closest two real roots together, and Newton's method on the factors' coefficients restores
+    the small roots' digits beside large ones; a double root inside a factor does no harm there.
+
+    Parameters
+    ----------
+    coefficients : (n_sets, 4) array
+        From the cubic coefficient down to the constant; positive.
+
+    Returns
+    -------
+    (n_sets, 4) complex array
+        Conjugate pairs stand side by side, positive imaginary part first.
+    """
+    scale = coefficients[:, 3:] ** 0.25  # makes the product of the roots one
+    scaled = coefficients / scale ** np.arange(1, 5)
+    companion = np.zeros((len(scaled), 4, 4))
+    companion[:, 0, :] = -scaled
+    companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
+    start = np.linalg.eigvals(companion).astype(complex)
+    return _polish(scaled, start) * scale
+
+
+@njit(cache=True)
+def _polish(coefficients, start):  # type: ignore[no-untyped-def]
+    roots = np.empty((len(start), 4), np.complex128)
+    jacobian = np.zeros((4, 4))
+    for i in range(len(start)):
+        b = coefficients[i]
+        row = np.where(b > 0.0, b, 1.0)  # undamped: the odd coefficients vanish
+        z = _pair(start[i])
+        p1, q1 = -(z[0] + z[1]).real, (z[0] * z[1]).real
+        p2, q2 = -(z[2] + z[3]).real, (z[2] * z[3]).real
+        for _ in range(4):
+            # Columns and rows scaled to one: the factors may differ by ten orders of magnitude.
+            size = np.array([abs(p1) + math.sqrt(q1), q1, abs(p2) + math.sqrt(q2), q2])
+            rest = np.array(
+                [p1 + p2 - b[0], q1 + q2 + p1 * p2 - b[1], p1 * q2 + p2 * q1 - b[2], q1 * q2 - b[3]]
+            )
+            jacobian[0, 0] = jacobian[0, 2] = jacobian[1, 1] = jacobian[1, 3] = 1.0
+            jacobian[1, 0], jacobian[1, 2] = p2, p1
+            jacobian[2, 0], jacobian[2, 1], jacobian[2, 2], jacobian[2, 3] = q2, p2, q1, p1
+            jacobian[3, 1], jacobian[3, 3] = q2, q1
+            matrix = jacobian * size / row.reshape(4, 1)
+            if abs(np.linalg.det(matrix)) < 1e-14:
+                break  # the factors share a root: the companion values stand as they are
+            step = np.linalg.solve(matrix, rest / row) * size
+            p1, q1, p2, q2 = p1 - step[0], q1 - step[1], p2 - step[2], q2 - step[3]
+        roots[i, 0], roots[i, 1] = _quadratic(p1, q1)
+        roots[i, 2], roots[i, 3] = _quadratic(p2, q2)
+    return roots
+
+
+@njit(cache=True)
+def _pair(z):  # type: ignore[no-untyped-def]
+    """Order four roots so that the first two and the last two belong to real quadratics."""
+    is_real = z.imag == 0.0
+    upper = z[z.imag > 0.0]
+    if len(upper) == 2:
+        return np.array([upper[0], upper[0].conjugate(), upper[1], upper[1].conjugate()])
+    x = np.sort(z[is_real].real)
+    if len(upper) == 1:
+        return np.array([upper[0], upper[0].conjugate(), x[0] + 0j, x[1] + 0j])
+    # All real and negative, ascending: the two middle ones share a factor when they are the closest.
+    if x[1] / x[2] < min(x[0] / x[1], x[2] / x[3]):
+        return np.array([x[1] + 0j, x[2] + 0j, x[0] + 0j, x[3] + 0j])
+    return x + 0j
+
+
+@njit(cache=True)
+def _quadratic(p, q):  # type: ignore[no-untyped-def]
+    """Roots of s^2 + p s + q without cancellation."""
+    discriminant = 0.25 * p * p - q
+    root = math.sqrt(abs(discriminant))
+    if discriminant < 0.0:
+        return complex(-0.5 * p, root), complex(-0.5 * p, -root)
+    big = -(0.5 * p + math.copysign(root, p))
+    return complex(big, 0.0), complex(q / big, 0.0)
+
+
+def _circle_around_clusters(roots: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Poles and weights of ``1/prod(s - roots)`` where some roots nearly coincide.
+
+    The sum of residues of a cluster is a contour integral around it; the trapezoid rule on a circle
+    has the form of a sum over poles, and no cancellation.
+    """
+    free = list(roots[roots.imag >= 0])
+    places: list[complex] = []
+    weights: list[complex] = []
+    while free:
+        members = [free.pop(0)]
+        grown = True
+        while grown:
+            centre = sum(members) / len(members)
+            spread = max(abs(z - centre) for z in members)
+            # Alone: nothing to do unless a neighbour, a conjugate included, is too close.
+            radius = max(_CLEARANCE * spread, _RADIUS * abs(centre))
+            reach = _CLOSE * abs(centre) if len(members) == 1 else _CLEARANCE * radius
+            near = [z for z in free if abs(z - centre) < reach]
+            if any(0 < z.imag < 0.5 * reach for z in members):  # meets its own conjugate: a real centre
+                near += [z.conjugate() for z in members if z.conjugate() not in members and z.imag > 0]
+            grown = bool(near)
+            members += near
+            free = [z for z in free if z not in near]
+        if len(members) == 1:
+            z = members[0]
+            others = np.delete(roots, np.argmin(np.abs(roots - z)))
+            places.append(z)
+            weights.append((2.0 if z.imag > 0 else 1.0) / np.prod(z - others))
+            continue
+        angle = (np.arange(_NODES) + 0.5) * (2 * np.pi / _NODES)
+        offset = radius * np.exp(1j * angle)
+        real = abs(centre.imag) < radius
+        if real:
+            centre, offset = complex(centre.real), offset[: _NODES // 2]
+        for z in centre + offset:
+            places.append(z)
+            weights.append(2.0 * (z - centre) / _NODES / np.prod(z - roots))
+    return np.array(places), np.array(weights)
+
+
+def modes(constants: Constants, theta: FloatArray) -> Modes:
+    """Poles and weights for each parameter set; `theta` is (n_sets, 3): k_c, c_s, c_c."""
+    roots = poles(contact_polynomial(constants, theta))
+    difference = roots[:, :, None] - roots[:, None, :]
+    difference[:, range(4), range(4)] = 1.0
+    lead = np.full(len(roots), constants.k_s * constants.q / constants.m)
+    weight = np.where(roots.imag > 0, 2.0, 1.0) * (roots.imag >= 0)
+    pole = np.where(weight > 0, roots, 0.0)
+    close = np.abs(difference).min(axis=2, where=~np.eye(4, dtype=bool), initial=np.inf)
+    crowded = np.flatnonzero((close < _CLOSE * np.abs(roots)).any(axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = np.where(weight > 0, weight / difference.prod(axis=2), 0.0)
+    if crowded.size:
+        replaced = [_circle_around_clusters(roots[i]) for i in crowded]
+        width = max(4, *(len(place) for place, _ in replaced))
+        pole = np.pad(pole, ((0, 0), (0, width - 4)))
+        weight = np.pad(weight, ((0, 0), (0, width - 4)))
+        for i, (place, value) in zip(crowded, replaced, strict=True):
+            pole[i], weight[i] = 0.0, 0.0
+            pole[i, : len(place)], weight[i, : len(place)] = place, value
+    return Modes(pole, lead[:, None] * pole**2 * weight, lead, roots)
+
+
+@njit(cache=True)
+def _evaluate(pole, amplitude, n, t):  # type: ignore[no-untyped-def]
+    """Value, two derivatives, and the bounds on |d''|, |d'''| from `t` on."""
+    d0 = d1 = d2 = b2 = b3 = noise = 0.0
+    for k in range(n):
+        re, im = pole[k].real, pole[k].imag
+        size = math.exp(re * t)
+        ar, ai = amplitude[k].real * size, amplitude[k].imag * size
+        if im == 0.0:
+            d0 += ar
+            d1 += ar * re
+            d2 += ar * re * re
+            x, y = abs(ar), abs(re)
+        else:
+            c, s = math.cos(im * t), math.sin(im * t)
+            zr, zi = ar * c - ai * s, ar * s + ai * c
+            d0 += zr
+            d1 += zr * re - zi * im
+            d2 += zr * (re * re - im * im) - 2.0 * zi * re * im
+            x, y = math.sqrt(ar * ar + ai * ai), math.sqrt(re * re + im * im)
+        noise += x
+        b2 += x * y * y
+        b3 += x * y * y * y
+    return d0, d1, d2, b2, b3, noise
+
+
+@njit(cache=True)
+def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
+    """Largest step found over which the bounds keep the indentation positive."""
+    safe = (d1 + math.sqrt(d1 * d1 + 2.0 * b2 * d0)) / b2
+    trial = safe
+    for _ in range(60):
+        trial *= 1.6
+        curvature = b3 * trial / 3.0 - d2  # d(t+h) >= d0 + d1 h - curvature h^2/2 for all h <= trial
+        if curvature > 0.0:
+            reach = (d1 + math.sqrt(d1 * d1 + 2.0 * curvature * d0)) / curvature
+        else:
+            under = d1 * d1 + 2.0 * curvature * d0
+            if d1 >= 0.0 or under < 0.0:
+                reach = trial
+            else:
+                reach = 2.0 * d0 / (-d1 + math.sqrt(under))
+        if reach < trial:
+            return max(safe, reach)
+        safe = trial
+    return safe
+
+
+@njit(cache=True)
+def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
+    """Integral of the indentation over [0, t]; expm1 keeps the digits of slow poles."""
+    total = 0.0
+    for k in range(n):
+        x, y = place[k].real * t, place[k].imag * t
+        half = math.sin(0.5 * y)
+        growth = complex(math.expm1(x) * math.cos(y) - 2.0 * half * half, math.exp(x) * math.sin(y))
+        total += (amplitude[k] * growth / place[k]).real
+    return total
+
+
+@njit(cache=True)
+def _march(pole, amplitude, n, t, end, rising):  # type: ignore[no-untyped-def]
+    """First zero of the indentation in (t, end]; a value beyond `end` where there is none."""
+    for _ in range(_MAX_STEPS):
+        d0, d1, d2, b2, b3, noise = _evaluate(pole, amplitude, n, t)
+        floor = _NOISE * noise
+        if d0 <= floor:
+            # Indistinguishable from contact at zero: on the way down it is the separation.
+            if d1 <= 0.0 and not rising:
+                return t
+            d0 = floor
+            d1 = max(d1, 0.0)
+        else:
+            rising = False
+        if b2 == 0.0:
+            return math.inf
+        step = _safe_step(d0, d1, d2, b2, b3)
+        if t + step == t or (d1 < 0.0 and step <= 2e-16 * t):
+            return t
+        t += step
+        if t > end:
+            return math.inf
+    return math.nan
+
+
+@njit(cache=True)
+def _aside(s, drive):  # type: ignore[no-untyped-def]
+    """The pole itself, or one beside the drive's where they coincide."""
+    shift = _DETUNE * abs(drive)
+    return drive - shift if abs(s - drive) < shift else s
+
+
+@njit(cache=True)
+def _sine(pole, weight, lead, roots, f, volt, horizon, amplitude, place):  # type: ignore[no-untyped-def]
+    """Separation under a sine: (time, integral of the indentation until then)."""
+    omega = 2.0 * math.pi * f
+    drive = 1j * omega
+    forced = lead * drive * drive * volt + 0j
+    for k in range(4):
+        forced /= drive - _aside(roots[k], drive)
+    n = 0
+    for k in range(len(pole)):
+        if weight[k] != 0:
+            s = _aside(pole[k], drive)
+            place[n] = s
+            amplitude[n] = volt * omega * weight[k] / (s * s + omega * omega)
+            n += 1
+    # V w/(s^2 + w^2) has the residue V/(2i) at +iw; doubled for its conjugate.
+    place[n] = drive
+    amplitude[n] = forced * (-1j)
+    n += 1
+    bound4 = 0.0
+    for k in range(n):
+        bound4 += abs(amplitude[k]) * abs(place[k]) ** 4
+    # d(0) = d'(0) = d''(0) = 0 and d'''(0) = lead V w > 0: positive as long as |d''''| allows.
+    start = 4.0 * lead * volt * omega / bound4
+    t = _march(place, amplitude, n, start, horizon, True)
+    return t, _impulse(place, amplitude, n, t)
+
+
+@njit(cache=True)
+def _square(pole, weight, lead, f, volt, horizon, amplitude, place):  # type: ignore[no-untyped-def]
+    """Separation under a square wave: (time, integral of the indentation until then)."""
+    half = 0.5 / f
+    n = 0
+    for k in range(len(pole)):
+        if weight[k] != 0:
+            place[n] = pole[k]
+            amplitude[n] = volt * weight[k] / pole[k]
+            n += 1
+    bound3 = 0.0
+    for k in range(n):
+        bound3 += abs(amplitude[k]) * abs(place[k]) ** 3
+    t = min(3.0 * lead * volt / bound3, half)  # d(0) = d'(0) = 0, d''(0) = lead V > 0
+    rising = True
+    switches = 0
+    impulse = 0.0
+    sign = -2.0 * volt
+    while True:
+        t = _march(place, amplitude, n, t, half, rising)
+        if not math.isinf(t):
+            return switches * half + t, impulse + _impulse(place, amplitude, n, t)
+        impulse += _impulse(place, amplitude, n, half)
+        switches += 1
+        if switches * half > horizon:
+            return math.nan, impulse
+        j = 0
+        for k in range(len(pole)):
+            if weight[k] != 0:
+                amplitude[j] = amplitude[j] * np.exp(place[j] * half) + sign * weight[k] / pole[k]
+                j += 1
+        sign = -sign
+        t = 0.0
+        rising = False
+
+
+@njit(cache=True)
+def _one(pole, weight, lead, roots, spring, square, frequency, voltage, horizon):  # type: ignore[no-untyped-def]
+    """One trajectory: time of separation, speed then, what happened."""
+    if voltage == 0.0:
+        return 0.0, 0.0, AT_REST
+    amplitude = np.empty(len(pole) + 1, np.complex128)
+    place = np.empty(len(pole) + 1, np.complex128)
+    if square:
+        t, impulse = _square(pole, weight, lead, frequency, voltage, horizon, amplitude, place)
+    else:
+        t, impulse = _sine(pole, weight, lead, roots, frequency, voltage, horizon, amplitude, place)
+    if math.isfinite(t):
+        return t, spring * impulse, LAUNCHED
+    return t, 0.0, NO_SEPARATION
+
+
+def _launch(pole, weight, lead, roots, spring, square, frequency, voltage, horizon, when, speed, status):  # type: ignore[no-untyped-def]
+    n_sets, n_points = when.shape
+    for job in prange(n_sets * n_points):
+        i, j = job // n_points, job % n_points
+        when[i, j], speed[i, j], status[i, j] = _one(
+            pole[i], weight[i], lead[i], roots[i], spring[i], square[j], frequency[j], voltage[j], horizon
+        )
+
+
+_launch_serial = njit(cache=True)(_launch)
+_launch_parallel = njit(cache=True, parallel=True)(_launch)
+# Waking the threads costs about as much as this many trajectories.
+_WORTH_THREADS = 300
+
+
+def separation(
+    design: Design, theta: FloatArray, horizon: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.int8]]:
+    """Time (s) and ball speed (m/s) at the first separation, and what happened; each (n_sets, n_points).
+
+    Parameters
+    ----------
+    design : Design
+        Measurement conditions.
+    theta : (n_sets, 3) array
+        k_c (N/m), c_s (N s/m), c_c (N s/m); k_c > 0, dampings >= 0.
+    horizon : float
+        Contact time, s, after which the ball counts as not launched.
+    """
+    constants = design.constants
+    batch = modes(constants, theta)
+    shape = (len(theta), design.n_points)
+    when, speed, status = np.empty(shape), np.empty(shape), np.empty(shape, np.int8)
+    launch = _launch_parallel if when.size > _WORTH_THREADS else _launch_serial
+    launch(
+        batch.pole, batch.weight, batch.lead, batch.roots,
+        theta[:, 0] / constants.M,
+        design.waveform == SQUARE, design.frequency, design.amplitude, horizon, when, speed, status,
+    )  # fmt: skip
+    return when, speed, status

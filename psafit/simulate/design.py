@@ -1,0 +1,77 @@
+"""The conditions at which a simulation is evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.experiment import Constants, Group
+
+SINE, SQUARE = 0, 1
+
+
+@dataclass(frozen=True)
+class Design:
+    """Measurement conditions: everything the simulator needs besides the parameters.
+
+    Parameters
+    ----------
+    constants : Constants
+        Known constants of the rig, SI.
+    waveform : (n_points,) int8 array
+        `SINE` or `SQUARE`.
+    frequency : (n_points,) array, Hz
+    amplitude : (n_points,) array, V
+    group : (n_points,) int array
+        Session of each point, numbered from 0; causes that act per session use it.
+    """
+
+    constants: Constants
+    waveform: NDArray[np.int8]
+    frequency: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    group: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        for name, kind in (
+            ("waveform", np.int8),
+            ("frequency", np.float64),
+            ("amplitude", np.float64),
+            ("group", np.int64),
+        ):
+            array = np.array(getattr(self, name), dtype=kind, ndmin=1)
+            if array.shape != (self.n_points,):
+                raise ValueError(f"{name} has shape {array.shape}, expected ({self.n_points},)")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def n_points(self) -> int:
+        """Number of measurement points."""
+        return int(np.size(self.frequency))
+
+    @classmethod
+    def of(cls, constants: Constants, groups: Sequence[Group]) -> Design:
+        """Conditions of measured groups, in the order given."""
+        sizes = [g.frequency_hz.size for g in groups]
+        return cls(
+            constants,
+            np.repeat([SQUARE if g.waveform == "square" else SINE for g in groups], sizes),
+            np.concatenate([g.frequency_hz for g in groups]),
+            np.concatenate([g.amplitude_v for g in groups]),
+            np.repeat(np.arange(len(groups)), sizes),
+        )
+
+    @classmethod
+    def sweep(
+        cls, constants: Constants, waveform: str, frequency: object, amplitude: object
+    ) -> Design:
+        """One sweep; `frequency` (Hz) and `amplitude` (V) broadcast against each other."""
+        f, v = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(frequency, float)), np.asarray(amplitude, float)
+        )
+        code = SQUARE if waveform == "square" else SINE
+        return cls(constants, np.full(f.size, code), f, v, np.zeros(f.size))

@@ -1,0 +1,216 @@
+"""The floors of the house: who may import whom, and what no file may hold."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "psafit"
+
+# From the ground up. A module imports from its own floor or from below, never from above.
+FLOORS = (
+    {"", "errors", "files", "parameters"},  # "" is psafit/__init__.py
+    {"experiment", "records"},
+    {"physics"},
+    {"simulate"},
+    {"inference"},
+    {"validate", "reproduce"},
+    {"diagnose"},
+    {"challenge"},
+    {"report"},
+    {"cli", "progress", "__main__"},
+)
+LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
+DRAWS = {"matplotlib", "cycler", "corner", "jinja2", "markupsafe"}
+TALKS = {"click", "rich"}
+COMES_WITH = {"cycler": "matplotlib", "markupsafe": "jinja2"}  # bound to its owner's interface
+HEAVY = ("scipy", "numba", "pandas", "matplotlib", "arviz", "lmfit", "emcee", "corner", "xarray", "h5py")
+
+
+class Import(NamedTuple):
+    """One imported name, where it stands: `psafit.simulate.design`, `numpy`, ..."""
+
+    module: str  # dotted, of the importing file
+    target: str
+    place: str
+
+    @property
+    def from_part(self) -> str:
+        return part(self.module)
+
+    @property
+    def to_part(self) -> str:
+        return part(self.target)
+
+
+def part(dotted: str) -> str:
+    """The first name below psafit: its floor hangs on it."""
+    return (dotted.split(".") + [""])[1]
+
+
+def imports_of(path: Path, root: Path = ROOT) -> Iterator[Import]:
+    """Every import in a file, those inside functions and under TYPE_CHECKING too; relative ones resolved."""
+    parts = path.relative_to(root).with_suffix("").parts
+    package = parts[:-1]
+    module = ".".join(package if parts[-1] == "__init__" else parts)
+    for node in ast.walk(ast.parse(path.read_text("utf-8"), path)):
+        place = f"{path.relative_to(root)}:{getattr(node, 'lineno', 0)}"
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield Import(module, alias.name, place)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            origin = ".".join(filter(None, (base, node.module)))
+            for alias in node.names:
+                # `from psafit import validate` imports a module; `from psafit import __version__` a value.
+                below = f"{origin}.{alias.name}"
+                known = origin != "psafit" or alias.name in LEVEL
+                yield Import(module, below if origin == "psafit" and known else origin, place)
+
+
+MODULES = sorted(PACKAGE.rglob("*.py"))
+IMPORTS = [found for path in MODULES for found in imports_of(path)]
+INTERNAL = [i for i in IMPORTS if i.target.split(".")[0] == "psafit"]
+EXTERNAL = [i for i in IMPORTS if i.target.split(".")[0] not in {"psafit", *sys.stdlib_module_names}]
+
+
+def listed(imports: list[Import]) -> str:
+    return "\n" + "\n".join(f"{i.place}: {i.module} imports {i.target}" for i in imports)
+
+
+def test_imports_are_found(tmp_path: Path) -> None:
+    """The reader sees what it is there to see: a check that finds nothing would pass anything."""
+    (tmp_path / "psafit" / "physics").mkdir(parents=True)
+    file = tmp_path / "psafit" / "physics" / "gap.py"
+    file.write_text(
+        "import psafit.report.page\n"
+        "from psafit import validate, __version__\n"
+        "from . import term\n"
+        "from ..simulate import batch\n"
+        "def f():\n"
+        "    from matplotlib.figure import Figure\n"
+    )
+    found = list(imports_of(file, tmp_path))
+    assert [i.target for i in found] == [
+        "psafit.report.page",
+        "psafit.validate",
+        "psafit",
+        "psafit.physics",
+        "psafit.simulate",
+        "matplotlib.figure",
+    ]
+    assert {i.module for i in found} == {"psafit.physics.gap"}
+    assert found[-1].place == "psafit/physics/gap.py:6"
+    assert len(INTERNAL) > 10
+
+
+def test_every_module_has_a_floor() -> None:
+    parts = {p.relative_to(PACKAGE).parts[0].removesuffix(".py") for p in MODULES} - {"__init__"}
+    assert parts <= LEVEL.keys(), "a new module is given a floor in FLOORS, and in docs"
+
+
+def test_imports_go_only_downward() -> None:
+    upward = [i for i in INTERNAL if LEVEL.get(i.to_part, 0) > LEVEL[i.from_part]]
+    assert not upward, listed(upward)
+
+
+def test_only_the_report_draws() -> None:
+    drawn = [i for i in EXTERNAL if i.target.split(".")[0] in DRAWS and i.from_part != "report"]
+    assert not drawn, listed(drawn)
+
+
+def test_only_the_command_line_talks() -> None:
+    allowed = LEVEL["report"]
+    spoken = [
+        i for i in EXTERNAL if i.target.split(".")[0] in TALKS and LEVEL[i.from_part] < allowed
+    ]
+    assert not spoken, listed(spoken)
+
+
+def test_causes_are_leaves() -> None:
+    """A cause's file is the only home of its equation, so the reference shares no code with the fast path."""
+    fast = {"batch", "closed_form", "contact"}
+    shared = [
+        i
+        for i in INTERNAL
+        if i.module == "psafit.simulate.reference" and i.target.split(".")[-1] in fast
+    ]
+    assert not shared, listed(shared)
+
+
+def test_every_library_is_declared() -> None:
+    """What psafit imports stands in pyproject.toml, not merely in the environment by way of another library."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    declared = {re.split(r"[<>=!~ \[;]", d, maxsplit=1)[0].lower() for d in project["dependencies"]}
+    names = [(i, i.target.split(".")[0].lower()) for i in EXTERNAL]
+    missing = [i for i, name in names if COMES_WITH.get(name, name) not in declared]
+    assert not missing, listed(missing)
+
+
+def test_every_declared_library_is_explained() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    wanted = [*project["dependencies"], *sum(project["optional-dependencies"].values(), [])]
+    names = {re.split(r"[<>=!~ \[;]", d, maxsplit=1)[0] for d in wanted}
+    table = (ROOT / "docs" / "dependencies.md").read_text("utf-8")
+    explained = set(re.findall(r"^\| ([\w-]+) \|", table, flags=re.MULTILINE)) - {"library"}
+    assert explained == names
+
+
+def test_the_command_line_starts_light() -> None:
+    """`psafit --help` answers at once: the libraries that take seconds are loaded by the command that needs them."""
+    code = f"import sys, psafit.cli; print(*[m for m in {HEAVY} if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
+
+
+def text_files() -> list[Path]:
+    """Files in the repository or about to be: tracked, or neither tracked nor ignored."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    try:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git work tree: what belongs to the project cannot be told")
+    paths = [ROOT / name for name in done.stdout.decode().split("\0") if name]
+    return [p for p in paths if p.is_file() and b"\0" not in p.read_bytes()]
+
+
+# Spelled in pieces, so that this file does not hold what it looks for.
+MACHINE = r"(?<![\w.~*-])/(?:{})(?![\w.-])".format(
+    "|".join(["work", "root", r"tmp/[\w.-]+", r"home/[\w.-]+", r"Users/[\w.-]+"])
+)
+REGISTRY = "|".join(
+    r"\.".join(name)
+    for name in (("pypi", "org"), ("pypi", "python", "org"), ("pythonhosted", "org"))
+    + (("registry", "npmjs"), ("deb", "debian", "org"), ("conda", "anaconda", "org"))
+)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "specimen"),
+    [
+        pytest.param(MACHINE, "see /" + "work/main/x.py", id="machine path"),
+        pytest.param(MACHINE, 'open("/' + 'tmp/bash_jobs.0/1")', id="temporary path"),
+        pytest.param(REGISTRY, "https://" + "pypi" + ".org/simple", id="registry"),
+    ],
+)
+def test_no_address_of_this_machine(pattern: str, specimen: str) -> None:
+    assert re.search(pattern, specimen), "the pattern has to find what it looks for"
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()[:100]}"
+        for path in text_files()
+        for number, line in enumerate(path.read_text("utf-8", errors="replace").splitlines(), 1)
+        if re.search(pattern, line)
+    ]
+    assert not found, "\n" + "\n".join(found)
