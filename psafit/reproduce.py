@@ -13,6 +13,7 @@ negative. Everything here follows from that number.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import tomllib
 from collections.abc import Callable, Mapping
@@ -225,7 +226,9 @@ class Restitution:
     ----------
     frequency : (n,) array, Hz
     elastic_study_step, elastic_converged : (n,) array
-        Impulses of the spring k_c d alone, parted at the largest indentation.
+        Impulses of the spring k_c d alone, parted at the largest indentation; trapezoidal rule.
+    elastic_study_sums : (n,) array
+        The same from plain sums of the samples, the largest counted as compression.
     force_converged : (n,) array
         Impulses of all of Eq. (9), parted at the largest indentation. Negative: the damper pulls
         the ball back.
@@ -238,11 +241,29 @@ class Restitution:
 
     frequency: FloatArray
     elastic_study_step: FloatArray
+    elastic_study_sums: FloatArray
     elastic_converged: FloatArray
     force_converged: FloatArray
     peak_force_converged: FloatArray
     peak_force: FloatArray
     contact_time: FloatArray
+
+
+@dataclass(frozen=True)
+class RoundingRange:
+    """Launch range while each parameter moves within the rounding of its printed digits.
+
+    Parameters
+    ----------
+    condition : str
+    study_step, converged : (3,) array, um
+        Smallest, nominal and largest value over the corners, edges and centre of the box; NaN
+        where a march overflowed.
+    """
+
+    condition: str
+    study_step: FloatArray
+    converged: FloatArray
 
 
 @dataclass(frozen=True)
@@ -271,6 +292,7 @@ class Reproduction:
     square_attempts: tuple[SquareAttempt, ...]
     trajectories: tuple[Trajectory, ...]
     restitution: Restitution
+    rounding: tuple[RoundingRange, ...]
     agreement: tuple[Agreement, ...]
 
     def count(self, verdict: Verdict) -> int:
@@ -605,7 +627,13 @@ def read_published(folder: str | Path) -> dict[str, Any]:
         raise InputError("there are no published claims", "add this file to reproduce a study", file=file) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"cannot be read: {error}", remedy, file=file) from None
-    for table, names in (("parameters", ContactParameters._fields), ("scheme", ("step", "total"))):
+    numbers: tuple[tuple[str, tuple[str, ...]], ...] = (
+        ("parameters", ContactParameters._fields),
+        ("scheme", ("step", "total")),
+    )
+    if "rounding" in data:
+        numbers += (("rounding", ContactParameters._fields),)
+    for table, names in numbers:
         for name in names:
             number = data.get(table, {}).get(name)
             if not isinstance(number, int | float) or not 0 <= number < math.inf:
@@ -695,6 +723,7 @@ def reproduce(folder: str | Path) -> Reproduction:
         _square_attempts(experiment, parameters, step, total),
         _trajectories(parameters, constants, step, total),
         _restitution_sweep(parameters, constants, step, total),
+        _rounding_ranges(data.get("rounding"), parameters, constants, step, total),
         tuple(_agreement(group, parameters, constants, step, total) for group in experiment.groups),
     )
 
@@ -799,17 +828,67 @@ def _restitution_sweep(parameters: ContactParameters, constants: Constants, step
     for f in frequency:
         point = Point("sine", float(f), 20.0)
         stepped = _study_quantities(point, parameters, constants, step, total)
+        march = rk4_launch(point, parameters, constants, step, total, path=True)
+        samples = _stepped_path(march).state[:, 0] - _stepped_path(march).state[:, 2]
+        turn = int(np.argmax(samples)) + 1
+        launched = march.outcome == "launched"
         found = _exact_contact(point, parameters, constants)
         whole = found.compression_impulse + found.restitution_impulse
         top = int(np.argmax(found.force))
         until_peak = constants.M * float(found.ball_speed[top])
         rows.append(
             (
-                stepped.restitution, _elastic_restitution(found, parameters), found.restitution,
-                whole / until_peak - 1.0, found.peak_force, found.contact_time,
+                stepped.restitution,
+                samples[turn:].sum() / samples[:turn].sum() if launched else math.nan,
+                _elastic_restitution(found, parameters),
+                found.restitution,
+                whole / until_peak - 1.0,
+                found.peak_force,
+                found.contact_time,
             )
-        )  # fmt: skip
+        )
     return Restitution(frequency, *np.array(rows).T)
+
+
+def _rounding_ranges(
+    rounding: Mapping[str, float] | None,
+    parameters: ContactParameters,
+    constants: Constants,
+    step: float,
+    total: float,
+) -> tuple[RoundingRange, ...]:
+    if rounding is None:
+        return ()
+    shifts = itertools.product((-1.0, 0.0, 1.0), repeat=len(parameters))
+    half_digit = np.array([rounding[name] for name in parameters._fields])
+    box = np.array(parameters) + np.array(list(shifts)) * half_digit
+    centre = len(box) // 2
+    cases = (
+        ("sine, 1 kHz, 20 V", Point("sine", 1000.0, 20.0), _AS_STATED),
+        ("sine, 1.2 kHz, 20 V", Point("sine", 1200.0, 20.0), _AS_STATED),
+        ("sine, 3 kHz, 20 V", Point("sine", 3000.0, 20.0), _AS_STATED),
+        ("square, 1 kHz, 20 V, third reading", Point("square", 1000.0, 20.0), _INTERPOLATED),
+    )
+    out = []
+    for text, point, reading in cases:
+        stepped = 1e6 * np.array(
+            [
+                rk4_launch(
+                    point,
+                    ContactParameters(*map(float, corner)),
+                    constants,
+                    step,
+                    total,
+                    square=reading.square,
+                    interpolate=reading.interpolate,
+                ).launch_range
+                for corner in box
+            ]
+        )
+        exact = 1e6 * simulate(Design.sweep(constants, *point), box).launch_range[:, 0]
+        ranges = (np.array([x.min(), x[centre], x.max()]) for x in (stepped, exact))
+        out.append(RoundingRange(text, *ranges))
+    return tuple(out)
 
 
 def _agreement(

@@ -123,7 +123,8 @@ def autocorrelation_time(draws: FloatArray) -> FloatArray:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         tau = emcee.autocorr.integrated_time(np.swapaxes(draws, 0, 1), tol=0, quiet=True)
-    return np.asarray(np.maximum(tau, 1.0))
+    # A walker that never moved in a short stretch has none: then the stretch is too short to tell.
+    return np.where(np.isfinite(tau), np.maximum(tau, 1.0), float(draws.shape[1]))
 
 
 def _state(chain: FloatArray) -> tuple[int, FloatArray]:

@@ -120,7 +120,7 @@ def significant(value: float, spread: float) -> str:
     """A number with as many digits as its spread supports (two of the spread).
 
     >>> significant(142537.0, 812.0)
-    '142500'
+    '142540'
     """
     if not (math.isfinite(value) and math.isfinite(spread)) or value == 0:
         return f"{value:g}"

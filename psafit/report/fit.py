@@ -6,22 +6,23 @@ import importlib
 import importlib.util
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
-from scipy.stats import binom
 
-from psafit.inference.identify import DROP_90, limits
+from psafit.inference.identify import limits
 from psafit.inference.run import Run
 from psafit.records import GroupScore, ParameterSummary, Validation
-from psafit.report import figures
-from psafit.report.page import figure_data_uri, render
+from psafit.report import figures, fit_pictures
+from psafit.report.fit_pictures import Shown
+from psafit.report.page import render
 from psafit.report.wording import (
+    NBSP,
     count,
+    exact,
     factor,
     groups,
     interval,
@@ -31,9 +32,10 @@ from psafit.report.wording import (
     percent,
     symbol_html,
     unit_text,
+    with_unit,
     without_paths,
 )
-from psafit.validate import Prediction, log_ratio
+from psafit.validate import Prediction
 
 FloatArray = NDArray[np.float64]
 REPORT = "report.html"
@@ -44,15 +46,6 @@ STUDY_STEP = 1e-6
 GOOD, FAIR = 0.10, 0.30
 _MAX_MINIMA = 8
 _KINDS = {"determined": "good", "bounded above": "warn", "bounded below": "warn", "not determined": "bad"}
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure in the page: image, what is to be seen, what it means."""
-
-    uri: str
-    alt: str
-    caption: str | Markup
 
 
 def write_report(run: Run, validation: Validation, predictions: list[Prediction], *, command: str = "") -> Path:
@@ -73,30 +66,35 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         Of the page.
     """
     sweeps = [figures.sweep_of(p.group) for p in predictions]
-    marginals = _marginals(run)
+    shown = [Shown(*t) for t in zip(validation.groups, predictions, sweeps, strict=True)]
+    pictured = fit_pictures.pictured(shown)
+    marginals = fit_pictures.marginals(run)
     content = {
         "title": f"Fit of {groups(run.fit.groups).unescape()}: {run.fit.title}",
         "warning": None if run.summary.converged else run.summary.message,
         "sentences": [
-            _what_was_fitted(run, predictions, sweeps),
-            _what_it_predicts(validation, predictions),
+            _what_was_fitted(run, shown),
+            _what_it_predicts(validation),
             _what_is_not_determined(run),
+            *_what_is_implausible(run),
         ],
-        "summary": _summary_picture(validation, predictions, sweeps),
+        "tiles": _tiles(validation),
+        "summary": fit_pictures.summary_picture(pictured),
         "parameters": _parameter_rows(run),
         "implausible": [s for s in run.summary.parameters if _implausible(s)],
         "minima": _minima(run),
-        "marginals": _marginal_pictures(run, marginals),
-        "group_pictures": _group_pictures(validation, predictions, sweeps),
-        "residual_pictures": _residual_pictures(validation, predictions, sweeps),
+        "marginals": fit_pictures.marginal_pictures(run, marginals),
+        "group_pictures": fit_pictures.group_pictures(pictured),
+        "residual_pictures": fit_pictures.residual_pictures(pictured),
         "scores": [_score_row(s) for s in validation.groups],
         "verdicts": [(f"Group {s.group}", _role_cell(s), s.verdict) for s in validation.groups],
         "holdout_log_rmse": validation.holdout_log_rmse,
         "n_draws": validation.n_draws,
-        "pit_pictures": _pit_pictures(predictions, sweeps),
-        "corners": _corner_pictures(run, marginals),
+        "pit_pictures": fit_pictures.pit_pictures(pictured),
+        "left_out": len(shown) - len(pictured),
+        "corners": fit_pictures.corner_pictures(run, marginals),
         "health": _health(run),
-        "traces": _trace_pictures(run, marginals),
+        "traces": fit_pictures.trace_pictures(run, marginals),
         "priors": _prior_rows(run),
         "lmfit_report": run.fit.lmfit_report,
         "numerics": _numerics(run),
@@ -123,37 +121,42 @@ def _physical(run: Run) -> list[ParameterSummary]:
     return run.summary.parameters[: run.fit.n_physical]
 
 
-def _what_was_fitted(run: Run, predictions: Sequence[Prediction], sweeps: Sequence[figures.Sweep]) -> Markup:
-    fitted = [(p, s) for p, s in zip(predictions, sweeps, strict=True) if p.role == "fit"]
-    readings = sum(p.group.n_points for p, _ in fitted)
+def _what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
+    fitted = [g for g in shown if g.score.role == "fit"]
+    readings = sum(g.score.n_points for g in fitted)
     symbols = _symbols(run)
     names = listed(
         Markup("{} {}").format(e.description, symbols[e.name]) if run.fit.n_physical <= 4 else symbols[e.name]
         for e in run.fit.parameters[: run.fit.n_physical]
     )
     terms = Markup(" extended by {}").format(listed(run.fit.terms)) if run.fit.terms else ""
-    where = listed(f"{p.group.id} ({s.condition}, {s.extent})" for p, s in fitted)
+    where = listed(f"{g.score.group} ({g.sweep.condition}, {g.sweep.extent})" for g in fitted)
     return Markup(
         "<strong>Fitted:</strong> {} of the study’s model{}, and the scatter of a reading, to the {} of {} {}."
     ).format(names, terms, count(readings, "reading"), "group" if len(fitted) == 1 else "groups", where)
 
 
-def _what_it_predicts(validation: Validation, predictions: Sequence[Prediction]) -> Markup:
+def _what_it_predicts(validation: Validation) -> Markup:
     unseen = [s for s in validation.groups if s.role == "holdout"]
     seen = [s for s in validation.groups if s.role == "fit"]
     own = Markup("{}: ×{}").format(groups([s.group for s in seen]), listed(factor(s.log_rmse) for s in seen))
     if not unseen:
         return Markup(
-            "<strong>Predicted:</strong> every group was fitted, so nothing is left to test the prediction on; the"
-            " typical factor between fit and readings is {}."
+            "<strong>Never seen:</strong> no group; every one was fitted, so nothing is left to test the prediction on."
+            " The typical factor between fit and readings is {}."
         ).format(own)
     mean = validation.holdout_log_rmse
     assert mean is not None  # there are groups it is the mean of
     readings = sum(s.n_points for s in unseen)
-    inside = sum(s.coverage_90 * s.n_points for s in unseen) / readings
     best = min(unseen, key=lambda s: s.log_rmse)
     worst = max(unseen, key=lambda s: s.log_rmse)
-    how = "It predicts" if mean <= GOOD else "It roughly predicts" if mean <= FAIR else "It does not predict"
+    how = (
+        "the fit predicts"
+        if mean <= GOOD
+        else "the fit roughly predicts"
+        if mean <= FAIR
+        else "the fit does not predict"
+    )
     which = groups([s.group for s in unseen])
     spread = (
         Markup(" (from ×{} for group {} to ×{} for group {})").format(
@@ -163,14 +166,14 @@ def _what_it_predicts(validation: Validation, predictions: Sequence[Prediction])
         else ""
     )
     return Markup(
-        "<strong>Predicted:</strong> {} {}, which the fit never saw: typically a factor of {} off{}, where the fitted"
+        "<strong>Never seen:</strong> {} {}: typically a factor of {} off{}, where the fitted"
         " readings themselves are off by ×{}; {} of the {} unseen readings lie in the 90 % predictive band."
     ).format(
-        how, which, factor(mean), spread, factor(_pooled(seen)), percent(inside), readings
+        how, which, factor(mean), spread, factor(_mean_log_rmse(seen)), percent(_coverage(unseen)), readings
     )  # fmt: skip
 
 
-def _pooled(scores: Sequence[GroupScore]) -> float:
+def _mean_log_rmse(scores: Sequence[GroupScore]) -> float:
     """Mean of the groups' log RMSE, as `holdout_log_rmse` is."""
     return float(np.mean([s.log_rmse for s in scores]))
 
@@ -190,44 +193,38 @@ def _what_is_not_determined(run: Run) -> Markup:
         if s.verdict.startswith("bounded")
     ]
     if not parts:
-        head = "all physical parameters are"
-        parts.append(Markup(f"nothing among the physical parameters: {head} determined"))
+        parts.append(Markup("nothing among the physical parameters, the data fix them all"))
     scatter = [s for s in run.summary.parameters[run.fit.n_physical :] if s.verdict == "not determined"]
     if scatter:
         parts.append(Markup("of the scatter, {} {} the prior").format(
             listed(symbols[s.name] for s in scatter), "follows" if len(scatter) == 1 else "follow"
         ))  # fmt: skip
-    strange = [s for s in run.summary.parameters if _implausible(s)]
-    if strange:
-        parts.append(
-            Markup("{} {} out at a value that the prior held implausible").format(
-                listed(symbols[s.name] for s in strange), "comes" if len(strange) == 1 else "come"
-            )
-        )
     return Markup("<strong>Not determined:</strong> ") + Markup("; ").join(parts) + "."
 
 
-def _summary_picture(
-    validation: Validation, predictions: Sequence[Prediction], sweeps: Sequence[figures.Sweep]
-) -> Picture:
-    triples = list(zip(validation.groups, predictions, sweeps, strict=True))
-    seen = [t for t in triples if t[0].role == "fit"]
-    unseen = sorted((t for t in triples if t[0].role == "holdout"), key=lambda t: t[0].log_rmse)
-    typical = unseen[len(unseen) // 2 : len(unseen) // 2 + 1]
-    examples = [(p, s) for _, p, s in [*seen[:1], *typical]]
-    listing = "; ".join(f"group {s.group} {_role_text(s)} {factor(s.log_rmse)}" for s in validation.groups[:20])
-    below = (
-        f"Below, fitted group {seen[0][0].group} and, of those the fit never saw, the one of median score,"
-        f" group {typical[0][0].group}."
-        if typical
-        else f"Below, fitted group {seen[0][0].group}."
-    )
-    return Picture(
-        figure_data_uri(figures.summary_figure(validation.groups, sweeps, examples)),
-        f"Typical factor between prediction and reading: {listing}.",
-        f"Above, how far the prediction is off in each group: ×1 would be perfect. {below} Line: predicted median."
-        " Dark band: 90 % of the model. Light band: where 90 % of readings should fall.",
-    )
+def _what_is_implausible(run: Run) -> list[Markup]:
+    symbols = _symbols(run)
+    strange = [s for s in run.summary.parameters if _implausible(s)]
+    if not strange:
+        return []
+    text = "<strong>Implausible:</strong> {} {} out where the prior saw less than one chance in ten."
+    return [Markup(text).format(listed(symbols[s.name] for s in strange), "comes" if len(strange) == 1 else "come")]
+
+
+def _tiles(validation: Validation) -> list[dict[str, str]]:
+    seen = [s for s in validation.groups if s.role == "fit"]
+    unseen = [s for s in validation.groups if s.role == "holdout"]
+    tiles = [{"value": f"×{factor(_mean_log_rmse(seen))}", "label": "typical factor, fitted readings"}]
+    if unseen:
+        tiles.append({"value": f"×{factor(_mean_log_rmse(unseen))}", "label": "typical factor, unseen groups"})
+    tiles.append({"value": percent(_coverage(unseen or seen)),
+                  "label": f"of the {'unseen' if unseen else 'fitted'} readings in the 90{NBSP}% band"})  # fmt: skip
+    return tiles
+
+
+def _coverage(scores: Sequence[GroupScore]) -> float:
+    """Fraction of all readings of some groups inside the 90 % predictive interval."""
+    return sum(s.coverage_90 * s.n_points for s in scores) / sum(s.n_points for s in scores)
 
 
 # Parameters -----------------------------------------------------------------------------------------------------
@@ -239,7 +236,7 @@ def _implausible(s: ParameterSummary) -> bool:
 
 def _value(run: Run, s: ParameterSummary) -> str:
     """The value as far as the data support it."""
-    unit = unit_text(next(e.unit for e in run.fit.parameters if e.name == s.name))
+    unit = next(e.unit for e in run.fit.parameters if e.name == s.name)
     low, high = limits(s.profile) if s.profile else (None, None)
     if s.verdict == "bounded above" and high is not None:
         text = f"at most {number(high, high)}"
@@ -249,7 +246,11 @@ def _value(run: Run, s: ParameterSummary) -> str:
         return "not determined"
     else:
         text = number(s.median, (s.upper - s.lower) / 2)
-    return f"{text} {unit}".rstrip()
+    return with_unit(text, unit)
+
+
+def _name(symbol: Markup, description: str) -> Markup:
+    return Markup("{} <span class='soft'>{}</span>").format(symbol, description)
 
 
 def _parameter_rows(run: Run) -> list[list[Any]]:
@@ -257,61 +258,21 @@ def _parameter_rows(run: Run) -> list[list[Any]]:
     symbols = _symbols(run)
     for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True):
         spread = (s.upper - s.lower) / 2
+        verdict = Markup("<span class='badge {}'>{}</span>").format(_KINDS[s.verdict], s.verdict)
+        if _implausible(s):
+            verdict += Markup("<br><span class='badge bad'>implausible under the prior</span>")
         rows.append(
             [
-                Markup("{} <span class='soft'>{}</span>").format(symbols[s.name], e.description),
+                _name(symbols[s.name], e.description),
                 _value(run, s),
-                f"{interval(s.lower, s.upper, spread)} {unit_text(e.unit)}".rstrip(),
-                f"{interval(s.prior_lower, s.prior_upper)} {unit_text(e.unit)}".rstrip(),
-                {"text": s.verdict, "kind": _KINDS[s.verdict]},
-                {"text": "implausible under the prior", "kind": "bad"} if _implausible(s) else "inside the prior",
+                with_unit(interval(s.lower, s.upper, spread), e.unit),
+                with_unit(interval(s.prior_lower, s.prior_upper), e.unit),
+                verdict,
                 f"{s.r_hat:.3f}",
-                f"{s.ess_bulk:.0f}",
-                f"{s.ess_tail:.0f}",
+                f"{s.ess_bulk:.0f} / {s.ess_tail:.0f}",
             ]
         )
     return rows
-
-
-def _marginals(run: Run) -> list[figures.Marginal]:
-    found = []
-    p = np.linspace(0.001, 0.999, 400)
-    for i, (parameter, e, s) in enumerate(
-        zip(run.problem.parameters, run.fit.parameters, run.summary.parameters, strict=True)
-    ):
-        ends = parameter.prior_quantile(p[[0, -1]])
-        u = np.linspace(float(ends[0]), float(ends[1]), 400)
-        found.append(
-            figures.Marginal(
-                entry=e,
-                log=parameter.prior.coordinate == "log",
-                draws=run.draws.flat[:, i],
-                prior_value=parameter.to_physical(u),
-                prior_density=np.exp(parameter.log_prior(u)),
-                interval=(s.lower, s.upper),
-                prior_interval=(s.prior_lower, s.prior_upper),
-                verdict=s.verdict,
-                profile=s.profile,
-                level=DROP_90,
-            )
-        )
-    return found
-
-
-def _marginal_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> list[Picture]:
-    pictures = []
-    for m, s in zip(marginals, run.summary.parameters, strict=True):
-        unit = unit_text(m.entry.unit)
-        pictures.append(
-            Picture(
-                figure_data_uri(figures.marginal_figure(m)),
-                f"Prior and posterior density of {m.entry.description}: prior 90 % interval"
-                f" {interval(*m.prior_interval)} {unit}, posterior {interval(*m.interval)} {unit};"
-                f" {s.verdict}{', with the profile likelihood' if m.profile else ''}.",
-                f"{m.entry.description[:1].upper()}{m.entry.description[1:]}. {s.text.replace(' um', ' µm')}.",
-            )
-        )
-    return pictures
 
 
 def _minima(run: Run) -> dict[str, Any]:
@@ -362,67 +323,8 @@ def _minima(run: Run) -> dict[str, Any]:
 # Groups ---------------------------------------------------------------------------------------------------------
 
 
-def _role_text(s: GroupScore | Prediction) -> str:
-    return "fitted" if s.role == "fit" else "not seen by the fit"
-
-
 def _role_cell(s: GroupScore) -> dict[str, str]:
     return {"text": "fitted" if s.role == "fit" else "unseen", "kind": s.role}
-
-
-def _swept(sweep: figures.Sweep) -> str:
-    return {"frequency": "drive frequency", "amplitude": "drive amplitude"}.get(sweep.variable, "reading")
-
-
-def _group_pictures(
-    validation: Validation, predictions: Sequence[Prediction], sweeps: Sequence[figures.Sweep]
-) -> list[Picture]:
-    pictures = []
-    for s, p, w in zip(validation.groups, predictions, sweeps, strict=True):
-        y, zeros = p.group.launch_range_um, int((p.group.launch_range_um == 0).sum())
-        alt = (
-            f"Launch range against {_swept(w)}, group {s.group}, {w.condition}, {_role_text(s)}: measured"
-            f" {number(float(y.min()))} to {number(float(y.max()))} µm, predicted median"
-            f" {number(float(p.median.min()))} to {number(float(p.median.max()))} µm."
-        )
-        caption = (
-            f"{s.verdict[:1].upper()}{s.verdict[1:]}. Log RMSE {s.log_rmse:.3f} over {count(s.n_points, 'reading')}."
-        )
-        if zeros:
-            caption += f" {zeros} of them {'is' if zeros == 1 else 'are'} zero."
-        if p.group.sigma_um is not None:
-            caption += " Bars: the readings’ own standard uncertainty."
-        pictures.append(Picture(figure_data_uri(figures.group_figure(p, w)), alt, caption))
-    return pictures
-
-
-def _residual_pictures(
-    validation: Validation, predictions: Sequence[Prediction], sweeps: Sequence[figures.Sweep]
-) -> list[Picture]:
-    errors = [log_ratio(p.median, p.group.launch_range_um) for p in predictions]
-    limit = figures.residual_limit(errors)
-    pictures = []
-    for i, (s, p, w) in enumerate(zip(validation.groups, predictions, sweeps, strict=True)):
-        others = [
-            (sweeps[j], errors[j])
-            for j in range(len(errors))
-            if j != i and sweeps[j].variable == w.variable != "order" and sweeps[j].log == w.log
-        ]
-        # Where readings should lie, seen as an error of the median.
-        band = (log_ratio(p.median, p.upper), log_ratio(p.median, p.lower))
-        worst = int(np.argmax(np.abs(errors[i])))
-        at = {"frequency": " Hz", "amplitude": " V"}.get(w.variable, "")
-        place = f"{'reading ' if not at else ''}{w.values[worst]:g}{at}"
-        ratio = f"×{factor(float(errors[i][worst]))}"
-        pictures.append(
-            Picture(
-                figure_data_uri(figures.residual_figure(p, w, errors[i], band, others, limit)),
-                f"Predicted over measured against {_swept(w)}, group {s.group}, {_role_text(s)}: mean ×"
-                f"{factor(s.log_bias)}, furthest from one {ratio} at {place}.",
-                f"On average ×{factor(s.log_bias)}; furthest off ×{factor(float(errors[i][worst]))} at {place}.",
-            )
-        )
-    return pictures
 
 
 def _score_row(s: GroupScore) -> list[Any]:
@@ -441,63 +343,7 @@ def _score_row(s: GroupScore) -> list[Any]:
     ]
 
 
-def _pit_pictures(predictions: Sequence[Prediction], sweeps: Sequence[figures.Sweep]) -> list[Picture]:
-    pictures = []
-    for p, w in zip(predictions, sweeps, strict=True):
-        pit = p.pit[p.group.launch_range_um > 0]
-        if pit.size == 0:
-            continue
-        bins = 10 if pit.size >= 30 else 5
-        low, high = (float(x) for x in binom.interval(0.9, pit.size, 1 / bins))
-        edge = percent(float(np.mean((pit < 1 / bins) | (pit >= 1 - 1 / bins))))
-        pictures.append(
-            Picture(
-                figure_data_uri(figures.pit_figure(p, w, pit, (low, high), bins)),
-                f"Histogram of the probability integral transforms of group {p.group.id}, {_role_text(p)}:"
-                f" {edge} of {pit.size} readings in the two outermost of {bins} bins, {percent(2 / bins)} expected.",
-                f"{edge} of {count(pit.size, 'reading')} in the two outermost bins, where {percent(2 / bins)} belong.",
-            )
-        )
-    return pictures
-
-
 # Posterior and sampler ------------------------------------------------------------------------------------------
-
-
-def _corner_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> dict[str, Picture]:
-    n, best = run.fit.n_physical, run.fit.minima[0].values
-    found = {}
-    for key, part, what in (
-        ("physical", marginals[:n], "the physical parameters"),
-        ("scatter", marginals[n:], "the parameters of the scatter"),
-    ):
-        if not part:
-            continue
-        figure = figures.corner_figure(part, [best[m.entry.name] for m in part])
-        pairs = "; ".join(
-            f"{m.entry.name} {interval(*m.interval, (m.interval[1] - m.interval[0]) / 2)} {unit_text(m.entry.unit)}"
-            for m in part
-        )
-        found[key] = Picture(
-            figure_data_uri(figure),
-            f"Corner plot of {what}, 90 % intervals: {pairs}.",
-            f"Posterior of {what}, singly and in pairs; regions hold 50 and 90 % of the draws. Red: the best optimum."
-            " Grey on the diagonal: the prior’s 90 % interval, where it reaches into view. A slanted region is a"
-            " combination that the data fix better than either parameter.",
-        )
-    return found
-
-
-def _trace_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> list[Picture]:
-    return [
-        Picture(
-            figure_data_uri(figures.trace_figure(m, run.draws.values[..., i], run.summary.thinning)),
-            f"Chains of {m.entry.description}: R-hat {s.r_hat:.3f},"
-            f" autocorrelation time {s.autocorrelation_time:.0f} steps.",
-            f"R-hat {s.r_hat:.3f}; autocorrelation time {s.autocorrelation_time:.0f} steps.",
-        )
-        for i, (m, s) in enumerate(zip(marginals, run.summary.parameters, strict=True))
-    ]
 
 
 def _health(run: Run) -> list[list[Any]]:
@@ -521,10 +367,10 @@ def _prior_rows(run: Run) -> list[list[Any]]:
     symbols = _symbols(run)
     return [
         [
-            Markup("{} <span class='soft'>{}</span>").format(symbols[e.name], e.description),
+            _name(symbols[e.name], e.description),
             unit_text(e.unit) or "–",
             e.prior,
-            interval(e.lower, e.upper),
+            f"{exact(e.lower)} to {exact(e.upper)}",
             e.source,
         ]
         for e in run.fit.parameters

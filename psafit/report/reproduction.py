@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import HEIGHT, MEASURED, PALETTE, figure_style, new_figure, plain_log_ticks
@@ -24,6 +25,8 @@ from psafit.reproduce import (
     Reproduction,
     Sweep,
 )
+
+FloatArray = NDArray[np.float64]
 
 STUDY: dict[str, Any] = {"color": PALETTE["vermillion"], "zorder": 4}
 CONVERGED: dict[str, Any] = {"color": PALETTE["blue"], "zorder": 4}
@@ -234,9 +237,16 @@ def _number(value: float, unit: str) -> str:
     return f"{value:,.{digits}f} {_UNITS.get(unit, unit)}".replace(",", "\N{THIN SPACE}").strip()
 
 
+def _range(values: FloatArray) -> str:
+    if np.isnan(values).any():
+        return "none: overflow"
+    low, nominal, high = values
+    return f"{nominal:.2f} µm ({low:.2f} to {high:.2f})"
+
+
 def _row(claim: Claim) -> list[Any]:
     return [
-        f"{claim.place}: {claim.statement[0].lower()}{claim.statement[1:]}",
+        f"{claim.place}: {claim.statement[0].lower()}{claim.statement[1:]}".replace(" um", " µm"),
         _number(claim.published, claim.unit),
         _number(claim.study_step, claim.unit),
         _number(claim.converged, claim.unit),
@@ -260,6 +270,7 @@ def _definitions(result: Reproduction) -> list[_Definitions]:
         k = int(np.argmin(np.abs(r.frequency - frequency)))
         curves = (
             r.elastic_study_step,
+            r.elastic_study_sums,
             r.elastic_converged,
             r.force_converged,
             r.peak_force_converged,
@@ -310,6 +321,9 @@ def write_reproduction(result: Reproduction, out_path: str | Path, provenance: M
                 f"{group.diverged} of {group.n_points}",
             ]
             for group in result.agreement
+        ],
+        rounding_rows=[
+            [row.condition, *(_range(x) for x in (row.study_step, row.converged))] for row in result.rounding
         ],
         restitution_rows=[
             [

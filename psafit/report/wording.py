@@ -40,11 +40,17 @@ _GREEK: Final = {
     "Omega": "Ω",
 }
 _MAX_LISTED = 9
+NBSP: Final = "\N{NO-BREAK SPACE}"
 
 
 def unit_text(unit: str) -> str:
-    """Unit as shown: µm for um, nothing for a pure number."""
-    return {"1": "", "um": "µm"}.get(unit, unit)
+    """Unit as shown: µm for um, nothing for a pure number; it does not break."""
+    return {"1": "", "um": "µm"}.get(unit, unit).replace(" ", NBSP)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Append a unit, if there is one, so that the line does not break before it."""
+    return f"{text}{NBSP}{unit_text(unit)}" if unit_text(unit) else text
 
 
 def symbol_html(latex: str) -> Markup:
@@ -53,12 +59,15 @@ def symbol_html(latex: str) -> Markup:
     text = re.sub(r"\\([A-Za-z]+) ?", lambda m: _GREEK.get(m[1], m[1]), text)
     html = str(escape(text))
     for mark, tag in (("_", "sub"), (r"\^", "sup")):
-        html = re.sub(rf"{mark}\{{([^{{}}]*)\}}|{mark}(\w)", lambda m, t=tag: f"<{t}>{m[1] or m[2]}</{t}>", html)
+        html = re.sub(rf"{mark}\{{([^{{}}]*)\}}", rf"<{tag}>\1</{tag}>", html)
+        html = re.sub(rf"{mark}(\w)", rf"<{tag}>\1</{tag}>", html)
     return Markup(f"<i>{html.replace('{', '').replace('}', '')}</i>")
 
 
-def number(value: float, spread: float | None = None) -> str:
+def number(value: float, spread: float | None = None, *, power: bool = False) -> str:
     """A number with as many digits as its spread supports (two of the spread), three without a spread.
+
+    `power` forces a power of ten.
 
     >>> number(3220596.8, 526000.0)
     '3.22 × 10⁶'
@@ -74,30 +83,45 @@ def number(value: float, spread: float | None = None) -> str:
         digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(spread)) + 2
         digits = min(max(digits, 2), 6)
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    power = int(exponent)
-    if -3 <= power < 5:
-        text = f"{float(f'{mantissa}e{power}'):.{max(digits - 1 - power, 0)}f}"
+    tens = int(exponent)
+    if -3 <= tens < 5 and not power:
+        text = f"{float(f'{mantissa}e{tens}'):.{max(digits - 1 - tens, 0)}f}"
     else:
-        text = f"{mantissa} × {power_of_ten(power)}"
+        text = f"{mantissa} × {power_of_ten(tens)}"
     return text.replace("-", "\N{MINUS SIGN}")
 
 
 def interval(low: float, high: float, spread: float | None = None) -> str:
-    """Two ends, in one power of ten where that is shorter."""
+    """Two ends, both with a power of ten or neither, and only one where both have the same.
+
+    >>> interval(23270.9, 4.297e7)
+    '2.33 × 10⁴ to 4.30 × 10⁷'
+    """
     ends = [number(x, spread) for x in (low, high)]
+    if sum("×" in end for end in ends) == 1 and all(x != 0 for x in (low, high)):
+        ends = [number(x, spread, power=True) for x in (low, high)]
     parts = [end.split(" × ") for end in ends]
     if all(len(p) == 2 for p in parts) and parts[0][1] == parts[1][1]:
         return f"({parts[0][0]} to {parts[1][0]}) × {parts[0][1]}"
     return f"{ends[0]} to {ends[1]}"
 
 
+def exact(value: float) -> str:
+    """A number that somebody chose, without the digits of a measurement: 0.01, 1000, 10⁹."""
+    if value == 0 or 1e-3 <= abs(value) < 1e5:
+        return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
+    mantissa, exponent = f"{value:.5e}".split("e")
+    head = f"{float(mantissa):g}".replace("-", "\N{MINUS SIGN}")
+    return power_of_ten(int(exponent)) if head == "1" else f"{head} × {power_of_ten(int(exponent))}"
+
+
 def percent(fraction: float) -> str:
     """A fraction in whole per cent; never 0 or 100 unless it is."""
     if 0 < fraction < 0.005:
-        return "under 1 %"
+        return f"under 1{NBSP}%"
     if 0.995 < fraction < 1:
-        return "over 99 %"
-    return f"{100 * fraction:.0f} %"
+        return f"over 99{NBSP}%"
+    return f"{100 * fraction:.0f}{NBSP}%"
 
 
 def p_value(p: float) -> str:
@@ -110,7 +134,7 @@ def p_value(p: float) -> str:
 def factor(log_error: float) -> str:
     """A logarithmic error as a factor."""
     value = math.exp(min(log_error, 700.0))
-    return f"{value:.2f}" if value < 100 else number(value)
+    return f"{value:.2f}" if 0.1 <= value < 100 else number(value)
 
 
 def count(n: int, noun: str) -> str:

@@ -4,7 +4,7 @@ Each function returns a `matplotlib.figure.Figure` drawn in the package's style.
 shows a figure about 400 px wide.
 """
 
-from psafit.report.figures.groups import group_figure, pit_figure, residual_figure, residual_limit
+from psafit.report.figures.groups import group_figure, pit_figure, residual_figure, residual_view
 from psafit.report.figures.posterior import Marginal, corner_figure, marginal_figure, trace_figure
 from psafit.report.figures.summary import summary_figure
 from psafit.report.figures.sweep import Sweep, sweep_of
@@ -17,7 +17,7 @@ __all__ = [
     "marginal_figure",
     "pit_figure",
     "residual_figure",
-    "residual_limit",
+    "residual_view",
     "summary_figure",
     "sweep_of",
     "trace_figure",

@@ -21,15 +21,15 @@ def power_of_ten(exponent: int) -> str:
     return f"10{str(exponent).translate(SUPERSCRIPT)}"
 
 
-def _tick(value: float, _: object = None) -> str:
-    if value == 0 or 1e-3 <= abs(value) < 1e5:
+def _tick(value: float, *, powers: bool) -> str:
+    if value == 0 or (0.1 <= abs(value) < 1e3 if powers else 1e-3 <= abs(value) < 1e5):
         return f"{value:g}".replace("-", "\N{MINUS SIGN}")
     exponent = math.floor(math.log10(abs(value)) + 1e-9)
     mantissa = value / 10.0**exponent
     return power_of_ten(exponent) if math.isclose(mantissa, 1.0) else f"{mantissa:g}·{power_of_ten(exponent)}"
 
 
-def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool) -> None:
+def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool, few: bool = False) -> None:
     """Scale the x or y axis from `low` to `high` with plain numbers at its ticks.
 
     Parameters
@@ -39,9 +39,11 @@ def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool) ->
     low, high : float
         Limits of the view; positive where `log`.
     log : bool
+    few : bool
+        Whether there is room for half as many labels only.
     """
     axis = axes.xaxis if which == "x" else axes.yaxis
-    count = 5 if which == "x" else 4
+    count = (5 if which == "x" else 4) - 2 * few
     if not low < high:
         low, high = (low / 1.1, high * 1.1) if log and low > 0 else (low - 0.5, high + 0.5)
     (axes.set_xscale if which == "x" else axes.set_yscale)("log" if log else "linear")
@@ -51,12 +53,14 @@ def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool) ->
         ticks = MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
         axis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
         axis.set_minor_locator(NullLocator())
-    elif decades < 2.2:
+    elif decades < (1.6 if few else 2.6):
         axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if decades < 1.6 else (1.0, 3.0), numticks=20))
-        axis.set_minor_locator(LogLocator(10, subs=np.arange(2.0, 10.0), numticks=20))
+        axis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=20))
     else:
         axis.set_major_locator(LogLocator(10, numticks=count + 3))
-    axis.set_major_formatter(FuncFormatter(_tick))
+    # One way of writing along one axis: 10⁴ beside 10⁵, not 10000.
+    powers = max(abs(low), abs(high)) >= 1e5 or bool(log and low < 2e-3)
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value, powers=powers)))
     axis.set_minor_formatter(NullFormatter())
 
 

@@ -75,18 +75,18 @@ def draw_group(axes: Axes, p: Prediction, sweep: Sweep, *, small: bool = False) 
         zeros = x[~shown]
         axes.plot(zeros, np.full(zeros.size, bottom), **{**look, "marker": "v", "clip_on": False})
     scale_axis(axes, "y", bottom, top, log=log)
-    _scale_x(axes, sweep)
+    _scale_x(axes, sweep, few=small)
 
 
-def _scale_x(axes: Axes, sweep: Sweep, low: float | None = None, high: float | None = None) -> None:
+def _scale_x(axes: Axes, sweep: Sweep, low: float | None = None, high: float | None = None, few: bool = False) -> None:
     low = float(sweep.values.min()) if low is None else low
     high = float(sweep.values.max()) if high is None else high
     if sweep.log:
         margin = (high / low) ** 0.03
-        scale_axis(axes, "x", low / margin, high * margin, log=True)
+        scale_axis(axes, "x", low / margin, high * margin, log=True, few=few)
     else:
         margin = 0.03 * (high - low)
-        scale_axis(axes, "x", low - margin, high + margin, log=False)
+        scale_axis(axes, "x", low - margin, high + margin, log=False, few=few)
     if sweep.variable == "order":
         axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
 
@@ -123,18 +123,20 @@ def group_figure(p: Prediction, sweep: Sweep) -> Figure:
 
 
 _FACTORS: Final = (
-    (0.21, (0.85, 0.9, 1.0, 1.1, 1.2)),
-    (0.7, (0.6, 0.75, 1.0, 1.33, 1.7)),
-    (1.5, (0.25, 0.5, 1.0, 2.0, 4.0)),
-    (2.6, (0.1, 0.3, 1.0, 3.0, 10.0)),
-    (4.8, (0.01, 0.1, 1.0, 10.0, 100.0)),
-    (math.inf, (1e-6, 1e-4, 0.01, 1.0, 100.0, 1e4, 1e6)),
+    (0.25, (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1, 1.15, 1.2, 1.25)),
+    (0.6, (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.6, 1.8)),
+    (1.6, (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)),
+    (3.7, (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)),
+    (7.0, (0.001, 0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)),
+    (math.inf, (1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)),
 )
 
 
-def residual_limit(errors: Sequence[FloatArray]) -> float:
-    """Half height of the common axis of all residual figures."""
-    return max(0.1, 1.08 * max(float(np.max(np.abs(e))) for e in errors))
+def residual_view(errors: Sequence[FloatArray]) -> tuple[float, float]:
+    """Limits of the common axis of all residual figures."""
+    low, high = min(float(np.min(e)) for e in errors), max(float(np.max(e)) for e in errors)
+    least = 0.3 * max(-low, high, 0.1)  # no side so narrow that the zero line is the frame
+    return 1.08 * min(low, -least), 1.08 * max(high, least)
 
 
 def residual_figure(
@@ -143,7 +145,7 @@ def residual_figure(
     error: FloatArray,
     band: tuple[FloatArray, FloatArray],
     others: Sequence[tuple[Sweep, FloatArray]],
-    limit: float,
+    view: tuple[float, float],
 ) -> Figure:
     """Logarithmic error of a group, the other groups of the same variable behind it.
 
@@ -158,31 +160,33 @@ def residual_figure(
         The same for the ends of the 90 % predictive interval.
     others : sequence of (Sweep, array)
         Sweeps of the same variable, with their errors.
-    limit : float
-        Half height of the axis, common to all groups.
+    view : (float, float)
+        Limits of the axis, common to all groups.
     """
     with figure_style():
         figure, (axes,) = new_figure(height=2.5)
         at, low, high = _envelope(sweep.values, *band)
         color = ROLE_COLOR[p.role]
         if at.size > 1:
-            axes.fill_between(at, np.maximum(low, -2 * limit), np.minimum(high, 2 * limit), color=color, **_READING_BAND)
+            axes.fill_between(
+                at, np.maximum(low, 2 * view[0]), np.minimum(high, 2 * view[1]), color=color, **_READING_BAND
+            )
         for other, values in others:
             order = np.argsort(other.values, kind="stable")
+            order = order[other.values[order] > 0] if sweep.log else order
             axes.plot(other.values[order], values[order], color=PALETTE["grey"], lw=0.7, alpha=0.55, zorder=1.5)
         axes.axhline(0.0, color=PALETTE["ink"], lw=0.9, zorder=2)
         order = np.argsort(sweep.values, kind="stable")
-        axes.plot(
-            sweep.values[order], error[order], color=color, lw=1.0, marker=ROLE_MARKER[p.role], ms=3.4, zorder=3
-        )
-        ranges = [sweep.values, *(other.values for other, _ in others)]
-        _scale_x(axes, sweep, min(float(r.min()) for r in ranges), max(float(r.max()) for r in ranges))
-        factors = next(ticks for until, ticks in _FACTORS if limit <= until)
-        kept = [f for f in factors if abs(math.log(f)) <= limit]
+        axes.plot(sweep.values[order], error[order], color=color, lw=1.0, marker=ROLE_MARKER[p.role], ms=2.7, zorder=3)
+        every = np.concatenate([sweep.values, *(other.values for other, _ in others)])
+        every = every[every > 0] if sweep.log else every
+        _scale_x(axes, sweep, float(every.min()), float(every.max()))
+        factors = next(ticks for until, ticks in _FACTORS if max(-view[0], view[1]) <= until)
+        kept = [f for f in factors if view[0] <= math.log(f) <= view[1]]
         axes.yaxis.set_major_locator(FixedLocator([math.log(f) for f in kept]))
         axes.yaxis.set_major_formatter(FixedFormatter([f"×{f:g}" for f in kept]))
         axes.yaxis.set_minor_locator(NullLocator())
-        axes.set_ylim(-limit, limit)
+        axes.set_ylim(*view)
         title(axes, p.group.id, sweep, p.role)
         axes.set_xlabel(sweep.label)
         axes.set_ylabel("Predicted/measured")
@@ -205,7 +209,7 @@ def pit_figure(p: Prediction, sweep: Sweep, pit: FloatArray, band: tuple[float, 
     with figure_style():
         figure, (axes,) = new_figure(width=WIDTH, height=2.4)
         color = ROLE_COLOR[p.role]
-        counts, _, _ = axes.hist(pit, bins=np.linspace(0, 1, bins + 1), color=color, alpha=0.65, rwidth=0.92)
+        counts, _, _ = axes.hist(pit, bins=bins, range=(0.0, 1.0), color=color, alpha=0.65, rwidth=0.92)
         axes.axhspan(*band, color=PALETTE["ink"], alpha=0.11, lw=0, zorder=2)
         axes.axhline(pit.size / bins, color=PALETTE["ink"], lw=0.9, ls="--", zorder=2.5)
         axes.set_xlim(0, 1)

@@ -8,10 +8,11 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from psafit.records import ParameterEntry, ProfilePoint
@@ -82,6 +83,17 @@ def _span(values: FloatArray) -> tuple[float, float]:
     return low - margin, high + margin
 
 
+def _inner_ticks(span: tuple[float, float]) -> FixedLocator:
+    """Two or three ticks whose labels stay clear of the neighbouring panel's."""
+    low, high = span
+    room = 0.14 * (high - low)
+    for count in (3, 4, 5, 7):
+        ticks = [t for t in MaxNLocator(count).tick_values(low, high) if low + room <= t <= high - room]
+        if len(ticks) > 1:
+            break
+    return FixedLocator(ticks[:: max(1, len(ticks) - 1) if len(ticks) > 3 else 1])
+
+
 def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figure:
     """Posterior of several parameters, singly and in pairs.
 
@@ -102,7 +114,8 @@ def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figur
     many = len(draws) >= _ENOUGH_FOR_CONTOURS
     size = max(WIDTH, 1.32 * n + 0.5)
     with figure_style():
-        figure = Figure(figsize=(size, size), layout="none")
+        mpl.rcParams["figure.constrained_layout.use"] = False  # corner places its panels itself
+        figure = Figure(figsize=(size, size))
         corner(
             draws, bins=28, range=spans, labels=labels, fig=figure, color=PALETTE["blue"], max_n_ticks=3,
             labelpad=0.12, smooth=0.8 if many else None, plot_contours=many, plot_density=many,
@@ -120,12 +133,19 @@ def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figur
                 grid[i, j].plot(marks[j], marks[i], "x", color=PALETTE["vermillion"], ms=6, mew=1.6, zorder=5)
                 grid[i, j].set_xlim(*spans[j])
                 grid[i, j].set_ylim(*spans[i])
-        for axes in grid.flat:
+        for i, j in ((row, column) for row in range(n) for column in range(row + 1)):
+            axes = grid[i, j]
             axes.grid(visible=False)
-            axes.tick_params(labelsize=9)
-        edge = 0.66 / size  # room for tick labels and label, inches
-        figure.subplots_adjust(left=edge + 0.15 / size, bottom=edge + 0.2 / size, right=1 - 0.12 / size,
-                               top=1 - 0.08 / size, wspace=0.07, hspace=0.07)  # fmt: skip
+            if i == n - 1:
+                axes.xaxis.set_label_coords(0.5, -0.2)
+            if j == 0 and i > 0:
+                axes.yaxis.set_label_coords(-0.42, 0.5)
+            axes.xaxis.set_major_locator(_inner_ticks(spans[j]))
+            if i > j:
+                axes.yaxis.set_major_locator(_inner_ticks(spans[i]))
+            axes.tick_params(labelsize=9, labelrotation=0)
+        figure.subplots_adjust(left=0.84 / size, bottom=0.52 / size, right=1 - 0.1 / size, top=1 - 0.06 / size,
+                               wspace=0.08, hspace=0.08)  # fmt: skip
     return figure
 
 
@@ -145,7 +165,7 @@ def trace_figure(m: Marginal, values: FloatArray, thinning: int) -> Figure:
     step = np.arange(0, values.shape[1], stride) * thinning
     with figure_style():
         figure, (axes,) = new_figure(height=2.0)
-        axes.plot(step, walkers[:, ::stride].T, lw=0.5, alpha=0.45, color=PALETTE["blue"], rasterized=True)
+        axes.plot(step, walkers[:, ::stride].T, lw=0.5, alpha=0.45, color=PALETTE["blue"])
         low, high = float(values.min()), float(values.max())
         margin = (high / low) ** 0.04 if m.log else 0.04 * (high - low)
         if m.log:

@@ -64,15 +64,20 @@ def summary_figure(
         A fitted group, and one the fit never saw where there is one.
     """
     with figure_style():
-        upper = 0.95 + 0.24 * len(scores)
-        figure = Figure(figsize=(WIDTH + 0.2, upper + 2.75), layout="constrained")
-        grid = figure.add_gridspec(2, len(examples), height_ratios=[upper, 2.5])
-        _dots(figure.add_subplot(grid[0, :]), scores, sweeps)
-        for column, (p, sweep) in enumerate(examples):
-            axes = figure.add_subplot(grid[1, column])
+        upper, lower = 0.95 + 0.24 * len(scores), 2.85
+        figure = Figure(figsize=(WIDTH + 0.2, upper + lower), layout="constrained")
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[upper, lower])[
+            :, 0
+        ]  # neither sets the other's margins
+        _dots(above.subplots(), scores, sweeps)
+        for column, (axes, (p, sweep)) in enumerate(
+            zip(below.subplots(1, len(examples), squeeze=False)[0], examples, strict=True)
+        ):
             draw_group(axes, p, sweep, small=len(examples) > 1)
             axes.set_title(f"Group {p.group.id}"[:22], color=ROLE_COLOR[p.role])
-            axes.set_xlabel({"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)"}.get(sweep.variable, "Reading"))
+            axes.set_xlabel(
+                {"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)"}.get(sweep.variable, "Reading")
+            )
             if column == 0:
                 axes.set_ylabel("Launch range (µm)")
         handles = [Line2D([], [], **MEASURED, label="measured")] + [
@@ -80,5 +85,5 @@ def summary_figure(
             for r in ("fit", "holdout")
             if any(s.role == r for s in scores)
         ]
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), columnspacing=1.1)
+        below.legend(handles=handles, loc="outside lower center", ncols=len(handles), columnspacing=1.1)
     return figure

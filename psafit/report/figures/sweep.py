@@ -72,7 +72,7 @@ def sweep_of(group: Group) -> Sweep:
         held = _volts(float(np.median(v)))
         return Sweep("frequency", f, "Drive frequency (Hz)", log, f"{group.waveform}, {held}", f_text)
     if varies(v) and not varies(f):
-        log = bool(v.min() > 0 and v.max() >= 8 * v.min())
+        log = bool(v.min() > 0 and v.max() >= 5 * v.min())
         held = frequency_text(float(np.median(f)))
         return Sweep("amplitude", v, "Drive amplitude (V)", log, f"{group.waveform}, {held}", v_text)
     order = np.arange(1.0, group.n_points + 1)

@@ -1,0 +1,237 @@
+"""The figures of the fit report with their texts: image, what is to be seen, what it means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+from scipy.stats import binom
+
+from psafit.inference.identify import DROP_90
+from psafit.inference.run import Run
+from psafit.records import GroupScore
+from psafit.report import figures
+from psafit.report.page import SVG_LIMIT, figure_data_uri
+from psafit.report.wording import count, factor, interval, number, percent, with_unit
+from psafit.validate import Prediction, log_ratio
+
+_MAX_PICTURED = 24
+_MAX_SVG_GROUPS = 8
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure in the page: image, what is to be seen, what it means."""
+
+    uri: str
+    alt: str
+    caption: str | Markup
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A group as the page shows it: its scores, its prediction and its abscissa."""
+
+    score: GroupScore
+    prediction: Prediction
+    sweep: figures.Sweep
+
+
+def pictured(shown: list[Shown]) -> list[Shown]:
+    """The groups that get pictures: all, or where they are very many the worst, in the order of the experiment."""
+    worst = sorted(range(len(shown)), key=lambda i: -shown[i].score.log_rmse)[:_MAX_PICTURED]
+    first = next(i for i, g in enumerate(shown) if g.score.role == "fit")
+    return [shown[i] for i in sorted({first, *worst})]
+
+
+def _uri(figure: Figure, pictured: Sequence[Shown]) -> str:
+    """Image of one of many figures: PNG, the smaller format, where there are so many that the page would be heavy."""
+    return figure_data_uri(figure, svg_limit=SVG_LIMIT if len(pictured) <= _MAX_SVG_GROUPS else 0)
+
+
+def role_text(s: GroupScore | Prediction) -> str:
+    """Whether the fit saw a group."""
+    return "fitted" if s.role == "fit" else "not seen by the fit"
+
+
+def _swept(sweep: figures.Sweep) -> str:
+    return {"frequency": "drive frequency", "amplitude": "drive amplitude"}.get(sweep.variable, "reading")
+
+
+def summary_picture(pictured: Sequence[Shown]) -> Picture:
+    """The picture of the first screen."""
+    seen = [g for g in pictured if g.score.role == "fit"]
+    unseen = sorted((g for g in pictured if g.score.role == "holdout"), key=lambda g: g.score.log_rmse)
+    typical = unseen[len(unseen) // 2 : len(unseen) // 2 + 1]
+    examples = [(g.prediction, g.sweep) for g in [*seen[:1], *typical]]
+    listing = "; ".join(f"group {g.score.group} {role_text(g.score)} {factor(g.score.log_rmse)}" for g in pictured[:20])
+    below = (
+        f"Below, fitted group {seen[0].score.group} and, of those the fit never saw, the one of median score,"
+        f" group {typical[0].score.group}."
+        if typical
+        else f"Below, fitted group {seen[0].score.group}."
+    )
+    return Picture(
+        figure_data_uri(figures.summary_figure([g.score for g in pictured], [g.sweep for g in pictured], examples)),
+        f"Typical factor between prediction and reading: {listing}.",
+        f"Above, how far the prediction is off in each group: ×1 would be perfect. {below} Line: predicted median."
+        " Dark band: 90 % of the model. Light band: where 90 % of readings should fall.",
+    )
+
+
+def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
+    """Measured against predicted, group by group."""
+    pictures = []
+    for g in pictured:
+        s, p, w = g.score, g.prediction, g.sweep
+        y = p.group.launch_range_um
+        zeros = int((y == 0).sum())
+        alt = (
+            f"Launch range against {_swept(w)}, group {s.group}, {w.condition}, {role_text(s)}: measured"
+            f" {number(float(y.min()))} to {number(float(y.max()))} µm, predicted median"
+            f" {number(float(p.median.min()))} to {number(float(p.median.max()))} µm."
+        )
+        caption = (
+            f"{s.verdict[:1].upper()}{s.verdict[1:]}. Log RMSE {s.log_rmse:.3f} over {count(s.n_points, 'reading')}."
+        )
+        if zeros:
+            caption += f" {zeros} of them {'is' if zeros == 1 else 'are'} zero."
+        if p.group.sigma_um is not None:
+            caption += " Bars: the readings’ own standard uncertainty."
+        pictures.append(Picture(_uri(figures.group_figure(p, w), pictured), alt, caption))
+    return pictures
+
+
+def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
+    """Logarithmic errors, group by group, on one scale."""
+    errors = [log_ratio(g.prediction.median, g.prediction.group.launch_range_um) for g in pictured]
+    view = figures.residual_view(errors)
+    pictures = []
+    for g, error in zip(pictured, errors, strict=True):
+        s, p, w = g.score, g.prediction, g.sweep
+        others = [
+            (o.sweep, e)
+            for o, e in zip(pictured, errors, strict=True)
+            if o is not g and o.sweep.variable == w.variable != "order"
+        ]
+        # Where readings should lie, seen as an error of the median.
+        band = (log_ratio(p.median, p.upper), log_ratio(p.median, p.lower))
+        worst = int(np.argmax(np.abs(error)))
+        at = f"{w.values[worst]:g}"
+        place = {"frequency": f"{at} Hz", "amplitude": f"{at} V"}.get(w.variable, f"reading {at}")
+        furthest = factor(float(error[worst]))
+        pictures.append(
+            Picture(
+                _uri(figures.residual_figure(p, w, error, band, others, view), pictured),
+                f"Predicted over measured against {_swept(w)}, group {s.group}, {role_text(s)}: mean"
+                f" ×{factor(s.log_bias)}, furthest from one ×{furthest} at {place}.",
+                f"On average ×{factor(s.log_bias)}; furthest off ×{furthest} at {place}.",
+            )
+        )
+    return pictures
+
+
+def pit_pictures(pictured: Sequence[Shown]) -> list[Picture]:
+    """Calibration, group by group, of the readings above zero."""
+    pictures = []
+    for g in pictured:
+        p = g.prediction
+        pit = p.pit[p.group.launch_range_um > 0]
+        if pit.size == 0:
+            continue
+        bins = 10 if pit.size >= 30 else 5
+        low, high = (float(x) for x in binom.interval(0.9, pit.size, 1 / bins))
+        edge = percent(float(np.mean((pit < 1 / bins) | (pit >= 1 - 1 / bins))))
+        pictures.append(
+            Picture(
+                _uri(figures.pit_figure(p, g.sweep, pit, (low, high), bins), pictured),
+                f"Histogram of the probability integral transforms of group {p.group.id}, {role_text(p)}:"
+                f" {edge} of {pit.size} readings in the two outermost of {bins} bins, {percent(2 / bins)} expected.",
+                f"{edge} of {count(pit.size, 'reading')} in the two outermost bins, where {percent(2 / bins)} belong.",
+            )
+        )
+    return pictures
+
+
+def marginals(run: Run) -> list[figures.Marginal]:
+    """Prior, posterior and profile of every parameter."""
+    found = []
+    p = np.linspace(0.001, 0.999, 400)
+    for i, (parameter, e, s) in enumerate(
+        zip(run.problem.parameters, run.fit.parameters, run.summary.parameters, strict=True)
+    ):
+        ends = parameter.prior_quantile(p[[0, -1]])
+        u = np.linspace(float(ends[0]), float(ends[1]), 400)
+        found.append(
+            figures.Marginal(
+                entry=e,
+                log=parameter.prior.coordinate == "log",
+                draws=run.draws.flat[:, i],
+                prior_value=parameter.to_physical(u),
+                prior_density=np.exp(parameter.log_prior(u)),
+                interval=(s.lower, s.upper),
+                prior_interval=(s.prior_lower, s.prior_upper),
+                verdict=s.verdict,
+                profile=s.profile,
+                level=DROP_90,
+            )
+        )
+    return found
+
+
+def marginal_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> list[Picture]:
+    """What is determined, parameter by parameter."""
+    pictures = []
+    for m, s in zip(marginals, run.summary.parameters, strict=True):
+        unit = m.entry.unit
+        pictures.append(
+            Picture(
+                figure_data_uri(figures.marginal_figure(m)),
+                f"Prior and posterior density of {m.entry.description}: prior 90 % interval"
+                f" {with_unit(interval(*m.prior_interval), unit)}, posterior {with_unit(interval(*m.interval), unit)};"
+                f" {s.verdict}{', with the profile likelihood' if m.profile else ''}.",
+                f"{m.entry.description[:1].upper()}{m.entry.description[1:]}. {s.text.replace(' um', ' µm')}.",
+            )
+        )
+    return pictures
+
+
+def corner_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> dict[str, Picture]:
+    """Corner plots under the keys "physical" and "scatter"."""
+    n, best = run.fit.n_physical, run.fit.minima[0].values
+    found = {}
+    for key, part, what in (
+        ("physical", marginals[:n], "the physical parameters"),
+        ("scatter", marginals[n:], "the parameters of the scatter"),
+    ):
+        if not part:
+            continue
+        figure = figures.corner_figure(part, [best[m.entry.name] for m in part])
+        pairs = "; ".join(
+            f"{m.entry.name} {with_unit(interval(*m.interval, (m.interval[1] - m.interval[0]) / 2), m.entry.unit)}"
+            for m in part
+        )
+        found[key] = Picture(
+            figure_data_uri(figure),
+            f"Corner plot of {what}, 90 % intervals: {pairs}.",
+            f"Posterior of {what}, singly and in pairs; regions hold 50 and 90 % of the draws. Orange: the best"
+            " optimum. Grey on the diagonal: the prior’s 90 % interval, where it reaches into view. A slanted region is"
+            " a combination that the data fix better than either parameter.",
+        )
+    return found
+
+
+def trace_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> list[Picture]:
+    """Chains, parameter by parameter."""
+    return [
+        Picture(
+            figure_data_uri(figures.trace_figure(m, run.draws.values[..., i], run.summary.thinning), svg_limit=0),
+            f"Chains of {m.entry.description}: R-hat {s.r_hat:.3f},"
+            f" autocorrelation time {s.autocorrelation_time:.0f} steps.",
+            f"R-hat {s.r_hat:.3f}; autocorrelation time {s.autocorrelation_time:.0f} steps.",
+        )
+        for i, (m, s) in enumerate(zip(marginals, run.summary.parameters, strict=True))
+    ]

@@ -1,0 +1,292 @@
+"""Fit, sampler, identifiability and storage on data whose truth is known."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import emcee
+import h5py
+import numpy as np
+import pytest
+from conftest import TRUTH, measure
+from scipy import stats
+
+from psafit.errors import InputError
+from psafit.experiment import Experiment, Group
+from psafit.inference import emcee_adaptor, identify, noise, store
+from psafit.inference import run as running
+from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.optimise import hessian, laplace_covariance, optimise
+from psafit.inference.problem import Problem
+from psafit.records import ProfilePoint
+
+QUICK = Settings(n_walkers=24, r_hat=1.03, max_steps=6000)
+SHORT = Settings(n_walkers=16, chunk=40, max_steps=80)
+
+
+@pytest.fixture(scope="module")
+def problem(known: Experiment) -> Problem:
+    return Problem(known, (1, 2))
+
+
+@pytest.fixture(scope="module")
+def finished(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> running.Run:
+    folder = tmp_path_factory.mktemp("run") / "r"
+    return running.fit(known, [1, 2], folder, seed=4, n_starts=12, settings=QUICK)
+
+
+def test_noise_density_is_students(problem: Problem) -> None:
+    observed, predicted = np.array([3.0, 0.0, 50.0]), np.array([[2.5, 0.01, 60.0]])
+    values, known = np.array([[0.1, 0.05, 4.0]]), np.array([0.0, 0.02, 3.0])
+    s = np.sqrt(0.05**2 + (0.1 * predicted) ** 2 + known**2)
+    assert noise.log_density(observed, predicted, values, known) == pytest.approx(
+        stats.t.logpdf(observed, 4, predicted, s), rel=1e-12
+    )
+    assert noise.cumulative(observed, predicted, values, known) == pytest.approx(
+        stats.t.cdf(observed, 4, predicted, s), rel=1e-12
+    )
+
+
+def test_noise_draws_follow_the_density() -> None:
+    rng = np.random.default_rng(1)
+    predicted = np.full((20_000, 1), 5.0)
+    values = np.tile([0.1, 0.2, 5.0], (20_000, 1))
+    draws = noise.draw(predicted, values, None, rng)
+    s = np.hypot(0.2, 0.5)
+    assert stats.kstest(draws[:, 0], stats.t(5, 5.0, s).cdf).pvalue > 1e-4
+
+
+def test_posterior_is_batched_and_bounded(problem: Problem) -> None:
+    rng = np.random.default_rng(0)
+    u = problem.prior_transform(rng.uniform(0.05, 0.95, (7, problem.n_dim)))
+    together = problem.log_posterior(u)
+    assert together == pytest.approx([problem.log_posterior(row[None])[0] for row in u], rel=1e-12)
+    assert together == pytest.approx(problem.log_prior(u) + problem.log_likelihood(u))
+    outside = u.copy()
+    outside[:, 0] = problem.bounds[0, 1] + 1
+    assert (problem.log_posterior(outside) == -np.inf).all()
+    assert problem.to_sampling(problem.to_physical(u)) == pytest.approx(u)
+
+
+def test_known_sigma_enters_per_group(known: Experiment) -> None:
+    first = known.groups[0]
+    with_sigma = Group(1, first.waveform, first.file, first.frequency_hz, first.amplitude_v, first.launch_range_um,
+                       np.full(first.n_points, 0.5))  # fmt: skip
+    mixed = Experiment("t", "s", known.constants, (with_sigma, known.groups[1]), known.folder, "f")
+    sigma = Problem(mixed, (1, 2)).known_sigma
+    assert sigma is not None
+    assert (sigma[: first.n_points] == 0.5).all() and (sigma[first.n_points :] == 0).all()
+
+
+def test_curvature_of_a_known_function() -> None:
+    matrix = np.array([[2.0, 0.3, 0.0], [0.3, 1.0, -0.2], [0.0, -0.2, 4.0]])
+    found = hessian(lambda u: 0.5 * np.einsum("ni,ij,nj->n", u, matrix, u), np.array([0.3, -1.0, 2.0]))
+    assert found == pytest.approx(matrix, abs=1e-6)
+
+
+def test_search_finds_the_truth_from_any_seed(problem: Problem) -> None:
+    for seed in (1, 2):
+        optimum = optimise(problem, seed=seed, n_starts=12)
+        assert optimum.best.values[:3] == pytest.approx(TRUTH, rel=0.35)
+        assert sum(m.starts for m in optimum.minima) <= 12 and optimum.best.starts >= 1
+        covariance = laplace_covariance(problem, problem.to_sampling(optimum.best.values))
+        assert (np.linalg.eigvalsh(covariance) > 0).all()
+    assert "ln_k_c" in optimum.report
+
+
+def test_posterior_covers_the_truth(finished: running.Run) -> None:
+    assert finished.summary.converged, finished.summary.message
+    for p, true in zip(finished.summary.parameters, [*TRUTH, 0.05], strict=False):
+        spread = np.log(p.upper / p.lower) / 3.29
+        assert abs(np.log(p.median / true)) < 4.5 * spread, p.text  # 4.5 sd: fails by chance once in 100,000
+        assert p.r_hat < 1.05 and p.ess_bulk > 500
+    assert finished.summary.autocorrelation_times >= 50
+
+
+def test_sampler_draws_the_posterior_it_is_given(problem: Problem, finished: running.Run) -> None:
+    """Importance weights of a Laplace approximation reproduce emcee's means."""
+    top = problem.to_sampling(np.array([finished.fit.minima[0].values[n] for n in problem.names]))
+    rng = np.random.default_rng(3)
+    root = np.linalg.cholesky(1.5 * laplace_covariance(problem, top))
+    z = rng.standard_t(5, (40_000, problem.n_dim))
+    u = top + z @ root.T
+    log_weight = problem.log_posterior(u) - stats.t(5).logpdf(z).sum(axis=1)
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    assert 1 / np.sum(weight**2) > 500
+    mean = weight @ u
+    sd = np.sqrt(weight @ (u - mean) ** 2)
+    draws = problem.to_sampling(finished.draws.flat)
+    assert (draws.mean(axis=0) - mean) / sd == pytest.approx(0, abs=0.25)
+    assert draws.std(axis=0) / sd == pytest.approx(1, abs=0.25)
+
+
+def test_same_seed_same_draws_and_a_killed_chain_resumes(problem: Problem, tmp_path: Path) -> None:
+    optimum = optimise(problem, seed=1, n_starts=4)
+
+    def chain(name: str, steps: int) -> np.ndarray:
+        emcee_adaptor.sample(
+            problem, optimum, seed=9, path=tmp_path / name, identity="x",
+            settings=Settings(n_walkers=16, chunk=20, max_steps=steps),
+        )  # fmt: skip
+        return emcee.backends.HDFBackend(str(tmp_path / name), name="psafit", read_only=True).get_chain()
+
+    undisturbed = chain("a.h5", 60)
+    assert chain("b.h5", 20).shape[0] == 20  # stopped after the first checkpoint
+    assert np.array_equal(chain("b.h5", 60), undisturbed)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.h5"]  # nothing half-written stays
+
+
+def test_a_run_killed_between_stages_goes_on(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = {"seed": 2, "n_starts": 3, "settings": SHORT}
+    whole = running.fit(known, [1], tmp_path / "whole", **arguments)
+    # The profile never closes the run: as if killed there.
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(identify, "profiles", lambda *a, **k: (_ for _ in ()).throw(KeyboardInterrupt))
+        running.fit(known, [1], tmp_path / "cut", **arguments)
+    with pytest.raises(InputError, match="interrupted run"):
+        running.load(tmp_path / "cut")
+    resumed = running.fit(known, [1], tmp_path / "cut", **arguments)
+    assert np.array_equal(resumed.draws.values, whole.draws.values)
+    assert resumed.summary == whole.summary
+    assert not whole.summary.converged and "autocorrelation times" in whole.summary.message
+
+
+def test_run_reads_back(finished: running.Run) -> None:
+    again = running.load(finished.folder)
+    assert again.fit == finished.fit and again.summary == finished.summary
+    assert np.array_equal(again.draws.values, finished.draws.values)
+    assert again.problem.experiment.fingerprint == finished.fit.fingerprint
+    import arviz as az
+
+    stored = az.from_netcdf(str(finished.folder / "posterior.nc"))
+    assert set(finished.problem.names) <= set(stored["posterior"].data_vars)
+    assert stored["log_likelihood"]["launch_range_um"].shape[-1] == finished.problem.observed.size
+
+
+def test_repeating_a_finished_run_changes_nothing(finished: running.Run, known: Experiment) -> None:
+    before = {p.name: p.read_bytes() for p in finished.folder.iterdir() if p.is_file()}
+    running.fit(known, [1, 2], finished.folder, seed=4, n_starts=12, settings=QUICK)
+    assert {p.name: p.read_bytes() for p in finished.folder.iterdir() if p.is_file()} == before
+
+
+def _break(folder: Path, how: str) -> None:
+    if how == "foreign json":
+        (folder / "fit.json").write_text('{"hello": 1}')
+    elif how == "truncated json":
+        (folder / "fit.json").write_bytes((folder / "fit.json").read_bytes()[:200])
+    elif how == "wrong type":
+        content = json.loads((folder / "posterior.json").read_text())
+        content["n_steps"] = "many"
+        (folder / "posterior.json").write_text(json.dumps(content))
+    elif how == "no draws":
+        (folder / "posterior.nc").unlink()
+    elif how == "corrupt draws":
+        (folder / "posterior.nc").write_bytes(b"not HDF5")
+    elif how == "foreign draws":
+        with h5py.File(folder / "posterior.nc", "w") as f:
+            f["x"] = 1
+    elif how == "changed data":
+        table = folder / "experiment" / "group1.csv"
+        lines = table.read_text().splitlines()
+        table.write_text("\n".join([*lines[:-1], "123.0,20.0,4.0"]) + "\n")
+    elif how == "swapped draws":
+        content = json.loads((folder / "posterior.json").read_text())
+        content["identity"] = "0" * 64
+        (folder / "posterior.json").write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    "how",
+    ["foreign json", "truncated json", "wrong type", "no draws", "corrupt draws", "foreign draws", "changed data",
+     "swapped draws"],
+)  # fmt: skip
+def test_a_damaged_run_folder_gets_one_line(finished: running.Run, tmp_path: Path, how: str) -> None:
+    folder = tmp_path / "damaged"
+    shutil.copytree(finished.folder, folder)
+    _break(folder, how)
+    with pytest.raises(InputError) as caught:
+        running.load(folder)
+    assert "\n" not in str(caught.value) and caught.value.file is not None and caught.value.remedy
+
+
+def test_folders_of_others_are_left_alone(known: Experiment, finished: running.Run, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="already holds other files"):
+        running.fit(known, [1], tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
+    with pytest.raises(InputError, match="holds another run"):
+        running.fit(known, [1], finished.folder)
+    with pytest.raises(InputError, match="is a file"):
+        running.fit(known, [1], tmp_path / "notes.txt")
+
+
+def test_a_foreign_checkpoint_is_refused(problem: Problem, tmp_path: Path) -> None:
+    optimum = optimise(problem, seed=1, n_starts=2)
+    path = tmp_path / "chain.h5"
+    path.write_bytes(b"rubbish")
+    with pytest.raises(InputError, match="not a chain"):
+        emcee_adaptor.sample(problem, optimum, seed=1, path=path, identity="a", settings=SHORT)
+    path.unlink()
+    emcee_adaptor.sample(problem, optimum, seed=1, path=path, identity="a", settings=SHORT)
+    with pytest.raises(InputError, match="belongs to another run"):
+        emcee_adaptor.sample(problem, optimum, seed=1, path=path, identity="b", settings=SHORT)
+
+
+def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) -> None:
+    by_name = {p.name: p for p in finished.summary.parameters}
+    k_c = by_name["k_c"]
+    assert k_c.verdict == "determined" and "k_c = " in k_c.text
+    low, high = identify.limits(k_c.profile)
+    assert low is not None and high is not None and low < TRUTH[0] * 1.6 and high > TRUTH[0] / 1.6
+    assert low == pytest.approx(k_c.lower, rel=0.25) and high == pytest.approx(k_c.upper, rel=0.25)
+    # With one reading only, nothing is determined.
+    one = finished.problem.experiment.groups[0]
+    lone = Group(1, one.waveform, "x", one.frequency_hz[:1], one.amplitude_v[:1], one.launch_range_um[:1])
+    poor = Problem(Experiment("t", "s", finished.problem.experiment.constants, (lone,), Path(), "f"), (1,))
+    top = poor.prior_transform(np.full(poor.n_dim, 0.5))
+    assert identify.verdict(identify.profile(poor, top, 1), 0.0) != "determined"
+
+
+def test_words_for_each_verdict() -> None:
+    def points(*pairs: tuple[float, float]) -> list[ProfilePoint]:
+        return [ProfilePoint(*p) for p in pairs]
+
+    closed = points((1, 4), (2, 0), (3, 4))
+    above, below, flat = points((1, 0), (2, 0.1), (3, 4)), points((1, 4), (2, 0.1), (3, 0)), points((1, 0), (3, 0.2))
+    assert [identify.verdict(p, 0.9) for p in (closed, above, below, flat)] == [
+        "determined", "bounded above", "bounded below", "not determined",
+    ]  # fmt: skip
+    assert identify.limits(closed)[0] == pytest.approx(2 - 1.353 / 4)
+    assert identify.describe("c_c", "N s/m", 5.0, (1.0, 9.0), above, "bounded above").startswith("c_c at most 2.3 N s/m")
+    assert "not determined" in identify.describe("c_c", "1", 5.0, (1.0, 9.0), flat, "not determined")
+    assert identify.significant(142537.0, 812.0) == "142540"
+    assert identify.significant(0.2523, 0.05) == "0.252"
+    assert identify.verdict([], 0.9) == "determined" and identify.verdict([], 0.1) == "not determined"
+
+
+def test_diagnostics_tell_mixed_from_stuck() -> None:
+    rng = np.random.default_rng(0)
+    mixed = rng.standard_normal((8, 400, 1))
+    stuck = mixed + 3 * np.arange(8)[:, None, None]
+    assert store.r_hat(mixed)[0] < 1.01 < 1.5 < store.r_hat(stuck)[0]
+    health = store.diagnostics(mixed)
+    assert health["ess_bulk"][0] > 2000 and health["ess_tail"][0] > 1000
+
+
+@pytest.mark.slow
+def test_posteriors_are_calibrated() -> None:
+    """Rank of the truth among Laplace-weighted draws, over data drawn from it: uniform, as it must be."""
+    z = []
+    for seed in range(24):
+        experiment = measure(np.random.default_rng(1000 + seed))
+        problem = Problem(experiment, (1, 2, 3))
+        optimum = optimise(problem, seed=seed, n_starts=8)
+        top = problem.to_sampling(optimum.best.values)
+        sd = np.sqrt(np.diag(optimum.covariance[0]))
+        z.append((top[:3] - np.log(TRUTH)) / sd[:3])
+    spread = np.array(z)
+    assert np.abs(spread.mean(axis=0)).max() < 4 / np.sqrt(24)
+    assert ((spread**2).mean(axis=0) < 2.5).all() and ((spread**2).mean(axis=0) > 0.3).all()

@@ -1,0 +1,63 @@
+"""Priors against SciPy's distributions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from psafit.inference import noise
+from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Prior, Uniform
+from psafit.physics import baseline
+
+DECLARED = baseline.PARAMETERS + noise.PARAMETERS
+
+
+def parameter(prior: Prior, low: float, high: float) -> Parameter:
+    return Parameter("x", "x", "1", Bounds(low, high), prior, "", "")
+
+
+@pytest.mark.parametrize("p", DECLARED, ids=lambda p: p.name)
+def test_declared_priors_integrate_to_one_and_invert(p: Parameter) -> None:
+    b = p.sampling_bounds
+    mass, _ = integrate.quad(lambda u: np.exp(float(p.log_prior(u))), b.lower, b.upper, epsabs=1e-12, limit=200)
+    assert mass == pytest.approx(1, abs=1e-8)
+    for q in (0.01, 0.3, 0.9):
+        u = float(p.prior_quantile(q))
+        below, _ = integrate.quad(lambda v: np.exp(float(p.log_prior(v))), b.lower, u, epsabs=1e-12, limit=200)
+        assert below == pytest.approx(q, abs=1e-7)
+    assert p.source and p.unit and p.description
+
+
+def test_log_normal_is_scipys() -> None:
+    p = parameter(LogNormal(2.0, 3.0), 0.1, 50.0)
+    a, b = (np.log([0.1, 50.0]) - np.log(2)) / np.log(3)
+    expected = stats.truncnorm(a, b, loc=np.log(2), scale=np.log(3))
+    u = np.linspace(np.log(0.1), np.log(50), 31)
+    assert p.log_prior(u) == pytest.approx(expected.logpdf(u), abs=1e-12)
+    assert p.prior_quantile([0.2, 0.8]) == pytest.approx(expected.ppf([0.2, 0.8]), rel=1e-12)
+
+
+def test_half_normal_far_tail_and_uniform() -> None:
+    half = parameter(Normal(0.0, 1.0), 0.0, 5.0)
+    assert half.log_prior(1.0) == pytest.approx(stats.truncnorm(0, 5).logpdf(1.0))
+    tail = parameter(Normal(0.0, 1.0), 8.0, 12.0)
+    assert tail.log_prior(9.0) == pytest.approx(stats.truncnorm(8, 12).logpdf(9.0), rel=1e-9)
+    flat = parameter(Uniform("log"), 1.0, np.e)
+    assert flat.log_prior(0.5) == 0.0
+    assert flat.to_physical(flat.prior_quantile(0.5)) == pytest.approx(np.exp(0.5))
+
+
+def test_outside_bounds_is_impossible() -> None:
+    p = baseline.PARAMETERS[0]
+    assert p.log_prior(p.to_sampling(p.bounds.upper) + 1e-9) == -np.inf
+    assert p.log_prior(np.nan) == -np.inf
+
+
+def test_bad_declarations_are_refused() -> None:
+    with pytest.raises(ValueError, match="lower < upper"):
+        Bounds(2.0, 1.0)
+    with pytest.raises(ValueError, match="positive lower bound"):
+        parameter(LogNormal(1.0, 2.0), 0.0, 1.0)
+    with pytest.raises(ValueError, match="identifier"):
+        Parameter("k c", "k", "1", Bounds(0, 1), Uniform(), "", "")
