@@ -14,6 +14,7 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
+import itertools
 import json
 import subprocess
 import sys
@@ -30,8 +31,8 @@ from scipy.integrate import solve_ivp
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from psafit.experiment import read_experiment  # noqa: E402
-from psafit.simulate import Design, simulate  # noqa: E402
+from psafit.experiment import read_experiment
+from psafit.simulate import Design, simulate
 
 RIG = read_experiment(ROOT / "experiments" / "psa").constants
 FREQUENCY = np.geomspace(100, 25_000, 64)
@@ -91,9 +92,7 @@ def diffrax_batch(sets: np.ndarray) -> tuple[Callable[[], np.ndarray], int]:
     def slope(t: Any, y: Any, args: Any) -> Any:
         (k_c, c_s, c_c), omega = args
         force = k_c * (y[0] - y[2]) + c_c * (y[1] - y[3])
-        return jnp.array(
-            [y[1], (drive * jnp.sin(omega * t) - c_s * y[1] - k_s * y[0] - force) / m, y[3], force / ball]
-        )
+        return jnp.array([y[1], (drive * jnp.sin(omega * t) - c_s * y[1] - k_s * y[0] - force) / m, y[3], force / ball])
 
     def apart(t: Any, y: Any, args: Any, **_: Any) -> Any:
         return jnp.where(t > 1e-9, y[0] - y[2], 1e-12)
@@ -132,7 +131,9 @@ def simulator(rows: list[dict[str, object]]) -> None:
     sample = [(int(i), int(j)) for i, j in zip(rng.integers(0, 32, 60), rng.integers(0, 64, 60), strict=True)]
     peer = best(lambda: [lsoda(sets[i], FREQUENCY[j]) for i, j in sample], 3) / len(sample)
     agree = np.median([abs(lsoda(sets[i], FREQUENCY[j]) / speeds[i, j] - 1) for i, j in sample])
-    print(f"    closed form {1e6 * ours:.2f} us a trajectory, LSODA {1e3 * peer:.2f} ms (median difference {agree:.1e})")
+    print(
+        f"    closed form {1e6 * ours:.2f} us a trajectory, LSODA {1e3 * peer:.2f} ms (median difference {agree:.1e})"
+    )
     rows.append(row("closed form, 32 sets x 64 points: times faster than SciPy LSODA, rtol 1e-6, event",
                     peer / ours, "at least 3000", peer / ours >= 3000))  # fmt: skip
     try:
@@ -145,14 +146,16 @@ def simulator(rows: list[dict[str, object]]) -> None:
         rows.append(row("the same against diffrax, Kvaerno5, rtol 1e-6, event, vmap, jit, float64",
                         theirs / ours, "at least 150", theirs / ours >= 150))  # fmt: skip
     except ImportError:
-        rows.append(row("the same against diffrax: not installed", float("nan"), "at least 150", None) | {"value": None})
+        rows.append(
+            row("the same against diffrax: not installed", float("nan"), "at least 150", None) | {"value": None}
+        )
     costs = []
     for n in (1, 8, 64, 512, 4096):
         many = parameter_sets(n)
         simulate(DESIGN, many)
         costs.append(best(lambda many=many: simulate(DESIGN, many), 5) / (n * 64))  # type: ignore[misc]
     print("    us a trajectory, 1 to 4096 sets:", " ".join(f"{1e6 * c:.2f}" for c in costs))
-    rising = max(b / a for a, b in zip(costs, costs[1:], strict=False))
+    rising = max(b / a for a, b in itertools.pairwise(costs))
     rows.append(row("cost per trajectory from 1 to 4096 sets: largest rise from one size to the next",
                     rising, "at most 1.15", rising <= 1.15))  # fmt: skip
 
@@ -183,7 +186,9 @@ def commands(rows: list[dict[str, object]]) -> None:
         summary = json.loads((out / "posterior.json").read_text())
     effective = min(p["ess_bulk"] for p in summary["parameters"])
     enough = summary["autocorrelation_times"] >= 50 and effective >= 1000
-    print(f"    {summary['autocorrelation_times']:.0f} autocorrelation times, {effective:.0f} effective samples at least")
+    print(
+        f"    {summary['autocorrelation_times']:.0f} autocorrelation times, {effective:.0f} effective samples at least"
+    )
     rows.append(row("make fit GROUP=1 once set up, to 50 autocorrelation times and 1000 effective samples, s",
                     seconds, "at most 60", seconds <= 60 and enough))  # fmt: skip
 

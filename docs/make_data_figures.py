@@ -98,9 +98,7 @@ def scatter(group: Group, reach: int) -> tuple[NDArray[np.int64], Array]:
     deviations = np.empty(indices.size)
     for k, i in enumerate(indices):
         near = np.r_[i - reach : i, i + 1 : i + reach + 1]
-        weights = np.array(
-            [np.prod([(x[i] - x[b]) / (x[a] - x[b]) for b in near if b != a]) for a in near]
-        )
+        weights = np.array([np.prod([(x[i] - x[b]) / (x[a] - x[b]) for b in near if b != a]) for a in near])
         deviations[k] = (y[i] - weights @ y[near]) / np.sqrt(1 + weights @ weights)
     return indices, deviations
 
@@ -175,16 +173,12 @@ def best_proportional(group: Group) -> dict[str, float]:
 def power_law(group: Group, low: float) -> float:
     """Exponent n of L ~ V^n above an amplitude, by least squares in logarithms."""
     keep = group.amplitude_v >= low
-    return float(
-        np.polyfit(np.log(group.amplitude_v[keep]), np.log(group.launch_range_um[keep]), 1)[0]
-    )
+    return float(np.polyfit(np.log(group.amplitude_v[keep]), np.log(group.launch_range_um[keep]), 1)[0])
 
 
 def ratio_20_15(groups: dict[int, Group]) -> tuple[Array, Array]:
     """Range at 20 V over range at 15 V (sine) at the frequencies both sweeps have."""
-    f, one, two = np.intersect1d(
-        groups[1].frequency_hz, groups[2].frequency_hz, return_indices=True
-    )
+    f, one, two = np.intersect1d(groups[1].frequency_hz, groups[2].frequency_hz, return_indices=True)
     return f, groups[1].launch_range_um[one] / groups[2].launch_range_um[two]
 
 
@@ -244,14 +238,10 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
         "n_points": int(weights.sum()),
         "groups": per_group,
         "scatter_all_cubic": float(
-            np.sqrt(
-                np.average([d["scatter_cubic"] ** 2 for d in per_group.values()], weights=weights)
-            )
+            np.sqrt(np.average([d["scatter_cubic"] ** 2 for d in per_group.values()], weights=weights))
         ),
         "scatter_all_line": float(
-            np.sqrt(
-                np.average([d["scatter_line"] ** 2 for d in per_group.values()], weights=weights)
-            )
+            np.sqrt(np.average([d["scatter_line"] ** 2 for d in per_group.values()], weights=weights))
         ),
         "shared_conditions": pairs,
         "session_all_pairs": session_scatter(pairs),
@@ -276,8 +266,7 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
         "proportional": {i: best_proportional(groups[i]) for i in (3, 4, 5)},
         "exponent_from_5V": {i: power_law(groups[i], 5) for i in (3, 4, 5)},
         # Group 2 at 300 Hz times the mean 20 V/15 V ratio of the neighbours, 200 and 400 Hz.
-        "group_1_at_300Hz_expected_um": at(groups[2], 300)
-        * float(np.sqrt(ratio[f == 200][0] * ratio[f == 400][0])),
+        "group_1_at_300Hz_expected_um": at(groups[2], 300) * float(np.sqrt(ratio[f == 200][0] * ratio[f == 400][0])),
         "step_of_grid_0.4um_sd_um": 0.4 / float(np.sqrt(12)),
         "not_monotone": {
             "3 rising with V": reversals(groups[3], True, 0, 20),
@@ -308,18 +297,12 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
                 float(plateau.launch_range_um[plateau.frequency_hz < 3000].min()),
                 float(plateau.launch_range_um[plateau.frequency_hz < 3000].max()),
             ],
-            "square_up_to_20Hz_mean_um": float(
-                plateau.launch_range_um[plateau.frequency_hz <= 20].mean()
-            ),
+            "square_up_to_20Hz_mean_um": float(plateau.launch_range_um[plateau.frequency_hz <= 20].mean()),
             "square_50Hz_to_2500Hz_mean_um": float(
-                plateau.launch_range_um[
-                    (plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)
-                ].mean()
+                plateau.launch_range_um[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].mean()
             ),
             "square_50Hz_to_2500Hz_sd_um": float(
-                plateau.launch_range_um[
-                    (plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)
-                ].std(ddof=1)
+                plateau.launch_range_um[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].std(ddof=1)
             ),
             "square_not_above_sine": square_over_sine,
             "least_1200Hz_over_3000Hz": min(
@@ -329,16 +312,14 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
         },
         "table_4": {
             "measured_equals_appendix": all(
-                at(groups[3], v) == row[1] and at(groups[4], v) == row[3]
-                for v, row in TABLE_4.items()
+                at(groups[3], v) == row[1] and at(groups[4], v) == row[3] for v, row in TABLE_4.items()
             ),
             "theory_um_per_v_1200Hz": {v: row[0] / v for v, row in TABLE_4.items()},
             "theory_um_per_v_3000Hz": {v: row[2] / v for v, row in TABLE_4.items()},
             "theory_17V_3000Hz_if_proportional": 17
             * float(np.mean([row[2] / v for v, row in TABLE_4.items() if v != 17])),
             "measured_um_per_v_1200Hz": {v: row[1] / v for v, row in TABLE_4.items()},
-            "theory_19V_if_proportional": 19
-            * float(np.mean([row[0] / v for v, row in TABLE_4.items() if v != 19])),
+            "theory_19V_if_proportional": 19 * float(np.mean([row[0] / v for v, row in TABLE_4.items() if v != 19])),
         },
         "bumps": {
             "1 at 10, 11, 12, 13 kHz": [at(groups[1], x) for x in (1e4, 1.1e4, 1.2e4, 1.3e4)],
@@ -374,9 +355,7 @@ def style() -> None:
     )
 
 
-def draw(
-    ax: Axes, group: Group, scale: float = 1.0, keep: NDArray[np.bool_] | None = None, **more: Any
-) -> None:
+def draw(ax: Axes, group: Group, scale: float = 1.0, keep: NDArray[np.bool_] | None = None, **more: Any) -> None:
     """Draw one group's readings; zeros cannot be shown on a logarithmic axis and are left out."""
     colour, marker, label = LOOK[int(group.id)]
     x, y = swept(group) * scale, group.launch_range_um
@@ -431,9 +410,7 @@ def overview(groups: dict[int, Group]) -> Figure:
 
 def repeats(groups: dict[int, Group], facts: dict[str, Any]) -> Figure:
     """The five conditions that two groups measured."""
-    figure, (left, right) = plt.subplots(
-        1, 2, figsize=(10, 3.9), width_ratios=(1.25, 1), sharey=True
-    )
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.9), width_ratios=(1.25, 1), sharey=True)
     pairs = sorted(facts["shared_conditions"], key=lambda p: p["ratio"])
     seen: set[int] = set()
     for y, pair in enumerate(pairs):
@@ -587,9 +564,7 @@ def resolution(facts: dict[str, Any]) -> Figure:
     for ax, (key, count, title) in zip(axes, panels, strict=True):
         for i, d in facts["groups"].items():
             ax.bar(i, 100 * d[key], color=LOOK[i][0], width=0.65)
-            ax.text(
-                i, 100 * d[key] + 2, f"{100 * d[key]:.0f} %\nof {d[count]}", ha="center", fontsize=9
-            )
+            ax.text(i, 100 * d[key] + 2, f"{100 * d[key]:.0f} %\nof {d[count]}", ha="center", fontsize=9)
         ax.axhline(25, color="0.25", ls="--", lw=1.2)
         ax.text(6.95, 25, "by\nchance", fontsize=9, color="0.25", va="center")
         ax.set(xlabel="group", xticks=range(1, 7), xlim=(0.4, 6.9), ylim=(0, 118))
@@ -628,9 +603,7 @@ def scatter_figure(groups: dict[int, Group], facts: dict[str, Any]) -> Figure:
     left.set_title("(a) each reading against a cubic through four neighbours")
     x = np.arange(1, 7)
     d = facts["groups"]
-    right.bar(
-        x - 0.2, [d[i]["scatter_cubic"] for i in x], 0.38, color="#0072B2", label="root mean square"
-    )
+    right.bar(x - 0.2, [d[i]["scatter_cubic"] for i in x], 0.38, color="#0072B2", label="root mean square")
     right.bar(
         x + 0.2,
         [d[i]["scatter_cubic_robust"] for i in x],

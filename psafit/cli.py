@@ -177,7 +177,7 @@ def fit(
         data.group(group_id)
     if terms:
         raise InputError(f"no cause {terms.split(',')[0]!r}", "see psafit terms for the causes there are")
-    folder = out or Path("fits") / f"{experiment.resolve().name}-group{'-'.join(ids)}"
+    folder = out or Path("fits") / f"{experiment.resolve().name}-group{'-'.join(str(i) for i in ids)}"
     if not quiet:
         for warning in data.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -197,8 +197,7 @@ def fit(
     if not quiet:
         best = result.fit.minima[0]
         click.echo(
-            f"{len(result.fit.minima)} minima from {result.fit.n_starts} starts; "
-            f"the best was found {best.starts} times"
+            f"{len(result.fit.minima)} minima from {result.fit.n_starts} starts; the best was found {best.starts} times"
         )
         for p in result.summary.parameters:
             click.echo(f"  {p.text}")
@@ -252,17 +251,21 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
 
     with watcher(quiet) as show:
         show.stage("reproduce")
-        from psafit.report.reproduction import write_report
+        from psafit.inference.run import versions
+        from psafit.records import write_json
+        from psafit.report.reproduction import write_reproduction
         from psafit.reproduce import reproduce as recompute
 
         result = recompute(experiment)
         show.stage("report")
-        page = write_report(result, out / "reproduction.html")
-    _write(out / "reproduction.json", result.to_dict())
+        used = ", ".join(f"{name} {version}" for name, version in versions().items())
+        page = write_reproduction(result, out / "reproduction.html", {"Command": _command(), "Versions": used})
+    write_json(out / "reproduction.json", result.to_dict())
     _write(json_file, result.to_dict())
     if not quiet:
-        for line in result.lines():
-            click.echo(line)
+        for c in result.claims:
+            click.echo(f"{c.place}, {c.statement} ({c.unit}): published {c.published:g}, study's step {c.study_step:.4g}, "
+                       f"converged {c.converged:.4g}: {c.verdict}")  # fmt: skip
         click.echo(f"report: {page}")
     return DONE
 

@@ -24,9 +24,7 @@ class InputError(PsafitError):
         Line in that file, counted from 1.
     """
 
-    def __init__(
-        self, what: str, remedy: str, *, file: str | Path | None = None, line: int | None = None
-    ) -> None:
+    def __init__(self, what: str, remedy: str, *, file: str | Path | None = None, line: int | None = None) -> None:
         self.what = what
         self.remedy = remedy
         self.file = None if file is None else Path(file)

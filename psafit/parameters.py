@@ -36,18 +36,20 @@ class Prior(Protocol):
     """A density in the sampling coordinate, truncated to an interval."""
 
     @property
-    def coordinate(self) -> Coordinate: ...
+    def coordinate(self) -> Coordinate:
+        """The sampling coordinate it lives in."""
 
-    def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray: ...
+    def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Log density at `u`, normalised over [lower, upper]."""
 
-    def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray: ...
+    def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Point below which the fraction `p` of the mass lies."""
 
-    def describe(self) -> str: ...
+    def describe(self) -> str:
+        """Words for tables."""
 
 
-def _truncated_normal_log_density(
-    u: FloatArray, mean: float, sd: float, lower: float, upper: float
-) -> FloatArray:
+def _truncated_normal_log_density(u: FloatArray, mean: float, sd: float, lower: float, upper: float) -> FloatArray:
     a, b = (lower - mean) / sd, (upper - mean) / sd
     if a > 0:  # difference of the smaller tail keeps its digits
         a, b = -b, -a
@@ -56,9 +58,7 @@ def _truncated_normal_log_density(
     return -0.5 * z * z - 0.5 * math.log(2 * math.pi) - math.log(sd) - log_mass
 
 
-def _truncated_normal_quantile(
-    p: FloatArray, mean: float, sd: float, lower: float, upper: float
-) -> FloatArray:
+def _truncated_normal_quantile(p: FloatArray, mean: float, sd: float, lower: float, upper: float) -> FloatArray:
     a, b = ndtr((lower - mean) / sd), ndtr((upper - mean) / sd)
     return np.clip(mean + sd * ndtri(a + p * (b - a)), lower, upper)
 
@@ -72,12 +72,15 @@ class Normal:
     coordinate: Coordinate = field(default="linear", init=False)
 
     def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Log density at `u`, normalised over [lower, upper]."""
         return _truncated_normal_log_density(u, self.mean, self.sd, lower, upper)
 
     def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Point below which the fraction `p` of the mass lies."""
         return _truncated_normal_quantile(p, self.mean, self.sd, lower, upper)
 
     def describe(self) -> str:
+        """Words for tables."""
         return f"normal, mean {self.mean:g}, sd {self.sd:g}"
 
 
@@ -90,16 +93,15 @@ class LogNormal:
     coordinate: Coordinate = field(default="log", init=False)
 
     def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
-        return _truncated_normal_log_density(
-            u, math.log(self.median), math.log(self.factor), lower, upper
-        )
+        """Log density at `u`, normalised over [lower, upper]."""
+        return _truncated_normal_log_density(u, math.log(self.median), math.log(self.factor), lower, upper)
 
     def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
-        return _truncated_normal_quantile(
-            p, math.log(self.median), math.log(self.factor), lower, upper
-        )
+        """Point below which the fraction `p` of the mass lies."""
+        return _truncated_normal_quantile(p, math.log(self.median), math.log(self.factor), lower, upper)
 
     def describe(self) -> str:
+        """Words for tables."""
         return f"log-normal, median {self.median:g}, factor {self.factor:g} for one sd"
 
 
@@ -110,12 +112,15 @@ class Uniform:
     coordinate: Coordinate = "linear"
 
     def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Log density at `u`, normalised over [lower, upper]."""
         return np.full(np.shape(u), -math.log(upper - lower))
 
     def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Point below which the fraction `p` of the mass lies."""
         return lower + np.asarray(p) * (upper - lower)
 
     def describe(self) -> str:
+        """Words for tables."""
         return "uniform" if self.coordinate == "linear" else "uniform in the logarithm"
 
 
@@ -161,9 +166,7 @@ class Parameter:
     @cached_property
     def sampling_bounds(self) -> Bounds:
         """Bounds in the sampling coordinate."""
-        return Bounds(
-            float(self.to_sampling(self.bounds.lower)), float(self.to_sampling(self.bounds.upper))
-        )
+        return Bounds(float(self.to_sampling(self.bounds.lower)), float(self.to_sampling(self.bounds.upper)))
 
     def to_sampling(self, x: ArrayLike) -> FloatArray:
         """Map a value to the sampling coordinate."""
@@ -180,12 +183,8 @@ class Parameter:
         u = np.asarray(u, dtype=float)
         low, high = self.sampling_bounds.lower, self.sampling_bounds.upper
         inside = (u >= low) & (u <= high)  # False for NaN too
-        return np.where(
-            inside, self.prior.log_density(np.where(inside, u, low), low, high), -np.inf
-        )
+        return np.where(inside, self.prior.log_density(np.where(inside, u, low), low, high), -np.inf)
 
     def prior_quantile(self, p: ArrayLike) -> FloatArray:
         """Sampling coordinate below which the prior holds the fraction `p`."""
-        return self.prior.quantile(
-            np.asarray(p, dtype=float), self.sampling_bounds.lower, self.sampling_bounds.upper
-        )
+        return self.prior.quantile(np.asarray(p, dtype=float), self.sampling_bounds.lower, self.sampling_bounds.upper)

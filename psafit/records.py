@@ -230,8 +230,10 @@ def plain(value: Any) -> Any:
 
 
 def write_json(path: Path, record: Any) -> None:
-    """Write a record as JSON with its schema number, in one step."""
-    content = {"schema": SCHEMA, **plain(record)}
+    """Write a record as JSON with its schema number, in one step; a list has no place for the number."""
+    content = plain(record)
+    if isinstance(content, dict):
+        content = {"schema": SCHEMA, **content}
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(path, (text + "\n").encode())
 

@@ -190,7 +190,9 @@ def verdict(rmse: float, bias: float, coverage: float, n: int, pit_p_value: floa
     elif abs(bias) > 0.7 * rmse:
         size = f"predicted too {'large' if bias > 0 else 'small'} by a factor of {math.exp(abs(bias)):.2f}"
     else:
-        size = f"{'roughly followed' if rmse <= _FAIR else 'missed'}, off by a factor of {math.exp(rmse):.2f} either way"
+        size = (
+            f"{'roughly followed' if rmse <= _FAIR else 'missed'}, off by a factor of {math.exp(rmse):.2f} either way"
+        )
     # Two standard deviations of a binomial count around 90 %.
     slack = 2 * math.sqrt(0.9 * 0.1 / n)
     if coverage < 0.9 - slack:

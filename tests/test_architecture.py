@@ -130,20 +130,14 @@ def test_only_the_report_draws() -> None:
 
 def test_only_the_command_line_talks() -> None:
     allowed = LEVEL["report"]
-    spoken = [
-        i for i in EXTERNAL if i.target.split(".")[0] in TALKS and LEVEL[i.from_part] < allowed
-    ]
+    spoken = [i for i in EXTERNAL if i.target.split(".")[0] in TALKS and LEVEL[i.from_part] < allowed]
     assert not spoken, listed(spoken)
 
 
 def test_causes_are_leaves() -> None:
     """A cause's file is the only home of its equation, so the reference shares no code with the fast path."""
     fast = {"batch", "closed_form", "contact"}
-    shared = [
-        i
-        for i in INTERNAL
-        if i.module == "psafit.simulate.reference" and i.target.split(".")[-1] in fast
-    ]
+    shared = [i for i in INTERNAL if i.module == "psafit.simulate.reference" and i.target.split(".")[-1] in fast]
     assert not shared, listed(shared)
 
 
@@ -168,9 +162,7 @@ def test_every_declared_library_is_explained() -> None:
 def test_the_command_line_starts_light() -> None:
     """`psafit --help` answers at once: the libraries that take seconds are loaded by the command that needs them."""
     code = f"import sys, psafit.cli; print(*[m for m in {HEAVY} if m in sys.modules])"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []
 

@@ -29,7 +29,10 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
 
 def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     values = ["--set", "k_c=4e5", "--set", "c_s=9e3", "--set", "c_c=60"]
-    assert run(monkeypatch, "simulate", known_folder, *values, "--out", tmp_path / "s.csv", "--json", tmp_path / "s.json") == 0
+    assert (
+        run(monkeypatch, "simulate", known_folder, *values, "--out", tmp_path / "s.csv", "--json", tmp_path / "s.json")
+        == 0
+    )
     rows = (tmp_path / "s.csv").read_text().splitlines()
     assert len(rows) == 63
     measured, predicted = map(float, rows[1].split(",")[-2:])

@@ -31,7 +31,9 @@ def fast(theta: np.ndarray, waveform: str, frequency: float, volt: float = 20.0)
 def exact(theta: tuple[float, ...] | np.ndarray, waveform: str, frequency: float, volt: float = 20.0) -> float:
     """Launch range from the many-digit reference, which looks for a zero at 40 moments of the contact or more."""
     found = simulate(point(waveform, frequency, volt), np.array(theta)).separation_time[0, 0]
-    launch = mp_launch(Point(waveform, frequency, volt), ContactParameters(*theta), RIG, 10.0, digits=25, step=float(found) / 40)
+    launch = mp_launch(
+        Point(waveform, frequency, volt), ContactParameters(*theta), RIG, 10.0, digits=25, step=float(found) / 40
+    )
     return launch.launch_range
 
 
@@ -63,7 +65,11 @@ def test_agrees_with_many_digits_over_the_prior_range() -> None:
     for _ in range(8):
         theta, waveform, frequency, volt = draw(rng)
         reference = exact(theta, waveform, frequency, volt)
-        assert fast(theta, waveform, frequency, volt) == pytest.approx(reference, rel=1e-11), (theta, waveform, frequency)
+        assert fast(theta, waveform, frequency, volt) == pytest.approx(reference, rel=1e-11), (
+            theta,
+            waveform,
+            frequency,
+        )
 
 
 @pytest.mark.parametrize("waveform", ["sine", "square"])
@@ -169,7 +175,9 @@ def test_contact_by_hand() -> None:
     assert result.separation_speed[0, 0] == pytest.approx(1.2e-7 * 20 * w, rel=1e-3)
 
 
-@pytest.mark.parametrize("waveform, frequency", [("sine", 1200.0), ("sine", 3500.0), ("square", 500.0), ("square", 25000.0)])
+@pytest.mark.parametrize(
+    "waveform, frequency", [("sine", 1200.0), ("sine", 3500.0), ("square", 500.0), ("square", 25000.0)]
+)
 def test_contact_obeys_newton(waveform: str, frequency: float) -> None:
     seen = contact(point(waveform, frequency), PUBLISHED, n_times=200_001)[0]
     impulse = np.trapezoid(seen.force, seen.time)

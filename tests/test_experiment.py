@@ -43,9 +43,7 @@ file = "b.csv"
 """
 
 
-def write(
-    folder: Path, toml: str | bytes = TOML, a: str | bytes = CSV, b: str | bytes = CSV
-) -> Path:
+def write(folder: Path, toml: str | bytes = TOML, a: str | bytes = CSV, b: str | bytes = CSV) -> Path:
     """Write an experiment folder."""
     folder.mkdir(exist_ok=True)
     for name, content in (("experiment.toml", toml), ("a.csv", a), ("b.csv", b)):
@@ -176,11 +174,7 @@ def test_title_and_source_have_defaults(tmp_path: Path) -> None:
 
 def test_fingerprint_ignores_place_and_wording(tmp_path: Path) -> None:
     first = read_experiment(write(tmp_path / "one"))
-    toml = (
-        TOML.replace("a rig", "another title")
-        .replace("1.2e-7", "0.12e-6")
-        .replace("a.csv", "c.csv")
-    )
+    toml = TOML.replace("a rig", "another title").replace("1.2e-7", "0.12e-6").replace("a.csv", "c.csv")
     folder = write(tmp_path / "two", toml)
     (folder / "a.csv").rename(folder / "c.csv")
     assert read_experiment(folder).fingerprint == first.fingerprint
@@ -443,8 +437,7 @@ CONSTANT_UNITS = {"M": 27.0, "m": 50.0, "q": 0.12, "l": 90.0, "k_s": 48.9, "g": 
 @pytest.mark.parametrize("name", CONSTANT_UNITS)
 def test_constant_in_another_unit_is_named(tmp_path: Path, name: str) -> None:
     lines = [
-        f"{name} = {CONSTANT_UNITS[name]}" if line.startswith(f"{name} = ") else line
-        for line in TOML.splitlines()
+        f"{name} = {CONSTANT_UNITS[name]}" if line.startswith(f"{name} = ") else line for line in TOML.splitlines()
     ]
     warnings = read_experiment(write(tmp_path, "\n".join(lines))).warnings
     assert len(warnings) == 1
@@ -514,9 +507,7 @@ FUZZ = settings(
 )
 positive = st.floats(1e-300, 1e300)
 non_negative = st.just(0.0) | positive
-ids = st.integers(0, 999_999_999) | st.from_regex(
-    r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}", fullmatch=True
-)
+ids = st.integers(0, 999_999_999) | st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}", fullmatch=True)
 
 
 @st.composite
@@ -553,9 +544,7 @@ def test_round_trip(
         f"{k} = {v!r}\n" for k, v in zip(("M", "m", "q", "l", "k_s", "g"), constants, strict=True)
     )
     for i, (group_id, waveform, data) in enumerate(groups):
-        toml += (
-            f'[[group]]\nid = {json.dumps(group_id)}\nwaveform = "{waveform}"\nfile = "{i}.csv"\n'
-        )
+        toml += f'[[group]]\nid = {json.dumps(group_id)}\nwaveform = "{waveform}"\nfile = "{i}.csv"\n'
         rows = zip(*data.values(), strict=True)
         text = ",".join(data) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
         (folder / f"{i}.csv").write_text(text)
@@ -594,9 +583,7 @@ def mutated(text: str) -> st.SearchStrategy[bytes]:
     """Bytes close to a valid file: slices of it cut out and replaced."""
     raw = text.encode()
     marks = b'\n|\r|"|\'|,|=|[|]]|\0|\xff|-|e9|nan|0|.|#|[[group]]\n|"""|../|{}|1979-05-27'
-    snippets = st.sampled_from(
-        [*marks.split(b"|"), b"", b"\xef\xbb\xbf", b"\xe2\x80\xa8", b"9" * 400]
-    )
+    snippets = st.sampled_from([*marks.split(b"|"), b"", b"\xef\xbb\xbf", b"\xe2\x80\xa8", b"9" * 400])
     edit = st.tuples(st.integers(0, len(raw)), st.integers(0, 12), snippets | st.binary(max_size=4))
 
     def apply(edits: list[tuple[int, int, bytes]]) -> bytes:

@@ -139,7 +139,9 @@ def test_same_seed_same_draws_and_a_killed_chain_resumes(problem: Problem, tmp_p
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.h5"]  # nothing half-written stays
 
 
-def test_a_run_killed_between_stages_goes_on(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_killed_between_stages_goes_on(
+    known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     arguments = {"seed": 2, "n_starts": 3, "settings": SHORT}
     whole = running.fit(known, [1], tmp_path / "whole", **arguments)
     # The profile never closes the run: as if killed there.
@@ -260,7 +262,9 @@ def test_words_for_each_verdict() -> None:
         "determined", "bounded above", "bounded below", "not determined",
     ]  # fmt: skip
     assert identify.limits(closed)[0] == pytest.approx(2 - 1.353 / 4)
-    assert identify.describe("c_c", "N s/m", 5.0, (1.0, 9.0), above, "bounded above").startswith("c_c at most 2.3 N s/m")
+    assert identify.describe("c_c", "N s/m", 5.0, (1.0, 9.0), above, "bounded above").startswith(
+        "c_c at most 2.3 N s/m"
+    )
     assert "not determined" in identify.describe("c_c", "1", 5.0, (1.0, 9.0), flat, "not determined")
     assert identify.significant(142537.0, 812.0) == "142540"
     assert identify.significant(0.2523, 0.05) == "0.252"

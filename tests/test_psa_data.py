@@ -115,11 +115,7 @@ def appendix(text: str) -> dict[str, dict[float, float]]:
     for (begin, number), (end, _) in zip(start, [*start[1:], (len(text), "")], strict=True):
         # The parts of a table begin with a line (a) or (b) of their own.
         parts = re.split(r"^\(([ab])\)\s*$", text[begin:end], flags=re.MULTILINE)
-        named = (
-            [("", parts[0])]
-            if len(parts) == 1
-            else list(zip(parts[1::2], parts[2::2], strict=True))
-        )
+        named = [("", parts[0])] if len(parts) == 1 else list(zip(parts[1::2], parts[2::2], strict=True))
         for letter, body in named:
             cells = [
                 float(cell.replace(",", ""))
@@ -154,12 +150,7 @@ def test_every_constant_is_the_study_s(psa: Experiment) -> None:
     table_3 = re.search(r"^Table 3\..*?\n\n(.*?)\n(.*?)\n", text, re.MULTILINE | re.DOTALL)
     assert table_3
     printed = {
-        name: float(
-            value.replace("\N{MULTIPLICATION SIGN}10^", "e")
-            .replace("{", "")
-            .replace("}", "")
-            .replace(",", "")
-        )
+        name: float(value.replace("\N{MULTIPLICATION SIGN}10^", "e").replace("{", "").replace("}", "").replace(",", ""))
         for name, value in zip(table_3[1].split("\t"), table_3[2].split("\t"), strict=True)
     }
     for name in ("M", "m", "q", "l", "k_s"):

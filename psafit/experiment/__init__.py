@@ -38,6 +38,7 @@ __all__ = [
     "write_experiment",
 ]
 
+
 def read_experiment(folder: str | Path) -> Experiment:
     """Read an experiment folder and check every value in it.
 
@@ -65,9 +66,7 @@ def read_experiment(folder: str | Path) -> Experiment:
     if is_definition:
         raise InputError("this is a file", "give the folder that holds it", file=folder)
     if not is_folder:
-        raise InputError(
-            "no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder
-        )
+        raise InputError("no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder)
     definition = Definition(folder)
     definition.known_keys(definition.data, ("title", "source", "constants", "group"))
     title = definition.text("title", folder.name)

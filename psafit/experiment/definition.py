@@ -114,12 +114,14 @@ class Definition:
                 raise self.error(f"unknown key {shown(key)}", remedy, *path, key)
 
     def text(self, key: str, default: str) -> str:
+        """One-line text of a top-level key."""
         value = self.data.get(key, default)
         if not isinstance(value, str):
             raise self.error(f"{key} is not text", f'write {key} = "..."', key)
         return one_line(value) or default
 
     def constants(self) -> Constants:
+        """The rig's constants, checked."""
         names = tuple(f.name for f in fields(Constants))
         remedy = f"give {listed(names)} in SI units under [constants]"
         table = self.data.get("constants")
@@ -152,6 +154,7 @@ class Definition:
         return Constants(**values)
 
     def groups(self) -> list[_DeclaredGroup]:
+        """The declared groups, in order; their tables are not read yet."""
         tables = self.data.get("group", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.error(
@@ -160,9 +163,7 @@ class Definition:
                 "group",
             )
         if not tables:
-            raise self.error(
-                "no groups", "add a [[group]] with id, waveform and file for each sweep", "group"
-            )
+            raise self.error("no groups", "add a [[group]] with id, waveform and file for each sweep", "group")
         declared = [self._group(i, table) for i, table in enumerate(tables)]
         names: set[str] = set()
         files: dict[Path, GroupId] = {}
@@ -193,16 +194,13 @@ class Definition:
         self.known_keys(table, keys, "group", i)
         for key in keys:
             if key not in table:
-                raise self.error(
-                    f"group number {i + 1} has no {key}", f"give {listed(keys)}", "group", i
-                )
+                raise self.error(f"group number {i + 1} has no {key}", f"give {listed(keys)}", "group", i)
         group_id, waveform, file = (table[key] for key in keys)
         valid_int = type(group_id) is int and 0 <= group_id <= MAX_ID
         if not valid_int and not (isinstance(group_id, str) and _ID.fullmatch(group_id)):
             raise self.error(
                 f"group id {shown(_value_text(group_id))} cannot be used",
-                f"use an integer from 0 to {MAX_ID}, or up to 32 letters, digits, _ or - "
-                "that do not begin with -",
+                f"use an integer from 0 to {MAX_ID}, or up to 32 letters, digits, _ or - that do not begin with -",
                 "group",
                 i,
                 "id",
@@ -227,9 +225,7 @@ class Definition:
 
     def _path(self, i: int, group_id: GroupId, file: str) -> Path:
         def error(what: str, remedy: str) -> InputError:
-            return self.error(
-                f"group {group_id}: {shown(file)} {what}", remedy, "group", i, "file"
-            )
+            return self.error(f"group {group_id}: {shown(file)} {what}", remedy, "group", i, "file")
 
         absolute = PurePosixPath(file).is_absolute() or PureWindowsPath(file).anchor != ""
         path = self.folder / file

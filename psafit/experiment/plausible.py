@@ -17,6 +17,7 @@ _PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
 
 
 def suspicious_constants(constants: Constants) -> list[str]:
+    """One line for each constant outside what such rigs have."""
     found = []
     for name, (low, high, unit, other) in _PLAUSIBLE.items():
         value = getattr(constants, name)
@@ -50,14 +51,11 @@ def suspicious_readings(group: Group, constants: Constants) -> list[str]:
     elif r_max < 0.1:
         found.append(f"every launch range is below 0.1 um (greatest {r_max:g}); given in mm or m?")
     if r_max > string_um:
-        found.append(
-            f"launch ranges reach {r_max:g} um, beyond the string of {string_um:g} um; given in nm?"
-        )
+        found.append(f"launch ranges reach {r_max:g} um, beyond the string of {string_um:g} um; given in nm?")
     elif r_max > 1e5:
         found.append(f"launch ranges reach {r_max:g} um, above 10 cm; given in nm?")
     if group.sigma_um is not None and r_max > 0 and float(group.sigma_um.min()) > r_max:
         found.append(
-            f"every sigma_um exceeds every launch range (least {group.sigma_um.min():g} um); "
-            "given in another unit?"
+            f"every sigma_um exceeds every launch range (least {group.sigma_um.min():g} um); given in another unit?"
         )
     return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]

@@ -210,10 +210,7 @@ def _describe_group(group: Group) -> dict[str, Any]:
         "waveform": group.waveform,
         "file": group.file,
         "n_points": group.n_points,
-        **{
-            name: [float(getattr(group, name).min()), float(getattr(group, name).max())]
-            for name in REQUIRED_COLUMNS
-        },
+        **{name: [float(getattr(group, name).min()), float(getattr(group, name).max())] for name in REQUIRED_COLUMNS},
         "zeros": int(np.count_nonzero(group.launch_range_um == 0)),
         "replicates": group.n_points - len(np.unique(conditions, axis=0)),
         "has_sigma": group.sigma_um is not None,

@@ -21,9 +21,7 @@ MAX_CSV_BYTES = 128 * 1024 * 1024
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
-_HEADER_REMEDY = (
-    f"the first line must read {','.join(REQUIRED_COLUMNS)} (and {OPTIONAL_COLUMNS[0]} if known)"
-)
+_HEADER_REMEDY = f"the first line must read {','.join(REQUIRED_COLUMNS)} (and {OPTIONAL_COLUMNS[0]} if known)"
 
 
 def read_csv(file: Path) -> dict[str, FloatArray]:
@@ -70,9 +68,7 @@ def read_csv(file: Path) -> dict[str, FloatArray]:
     if not names:
         raise InputError("the file is empty", _HEADER_REMEDY, file=file, line=1)
     if not columns[0]:
-        raise InputError(
-            "no readings below the header", "add one row a measurement", file=file, line=1
-        )
+        raise InputError("no readings below the header", "add one row a measurement", file=file, line=1)
     return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
 
 

@@ -15,15 +15,14 @@ def shown(text: str) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
+    """Join names for a message, at most twenty of them."""
     all_names = list(names)
     return ", ".join(all_names[:20]) + (", ..." if len(all_names) > 20 else "")
 
 
 def one_line(text: str) -> str:
     """Collapse white space and replace what cannot be printed."""
-    return "".join(
-        c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
-    )
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
 
 
 def read_text(file: Path, limit: int) -> str:
@@ -33,13 +32,9 @@ def read_text(file: Path, limit: int) -> str:
             raw = stream.read(limit + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(
-            f"cannot be read ({reason})", "check its permissions", file=file
-        ) from error
+        raise InputError(f"cannot be read ({reason})", "check its permissions", file=file) from error
     if len(raw) > limit:
-        raise InputError(
-            f"larger than {limit // 1024**2} MiB", "split it, or keep measurements only", file=file
-        )
+        raise InputError(f"larger than {limit // 1024**2} MiB", "split it, or keep measurements only", file=file)
     raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
         return raw.decode("utf-8")

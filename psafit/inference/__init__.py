@@ -1,0 +1,1 @@
+"""From measurements to a posterior: scatter, priors, likelihood, search, sampling, identifiability."""

@@ -7,7 +7,6 @@ resumed run draws what an undisturbed one would have drawn.
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.errors import InputError
+from psafit.files import replacing
 from psafit.inference import store
 from psafit.inference.optimise import Optimum
 from psafit.inference.problem import Problem
@@ -91,9 +91,7 @@ class Progress:
     acceptance: float
 
 
-def start_positions(
-    problem: Problem, optimum: Optimum, n_walkers: int, rng: np.random.Generator
-) -> FloatArray:
+def start_positions(problem: Problem, optimum: Optimum, n_walkers: int, rng: np.random.Generator) -> FloatArray:
     """Walkers around the minima, in proportion to their Laplace masses and twice as wide; (n_walkers, n_dim)."""
     log_mass = np.array([m.log_posterior for m in optimum.minima])
     log_mass = log_mass + 0.5 * np.linalg.slogdet(optimum.covariance)[1]
@@ -234,8 +232,7 @@ def _stop(backend: emcee.backends.Backend, settings: Settings) -> tuple[bool, Ch
 
 def _checkpoint(backend: emcee.backends.Backend, path: Path, identity: str) -> None:
     """Write the chain where `emcee.backends.HDFBackend(path, name="psafit")` finds it, in one step."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with replacing(path) as temporary:
         stored = emcee.backends.HDFBackend(str(temporary), name=_GROUP)
         stored.reset(*backend.shape)
         stored.grow(backend.iteration, None)
@@ -248,13 +245,6 @@ def _checkpoint(backend: emcee.backends.Backend, path: Path, identity: str) -> N
             group.attrs["iteration"] = backend.iteration
             for i, part in enumerate(backend.random_state):
                 group.attrs[f"random_state_{i}"] = part
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"cannot be written ({error.strerror or error})", "choose a writable folder with --out", file=path
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _resume(backend: emcee.backends.Backend, path: Path, identity: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -95,7 +96,7 @@ def limits(points: list[ProfilePoint]) -> tuple[float | None, float | None]:
     top = int(np.argmin(drop))
 
     def crossing(order: NDArray[np.intp]) -> float | None:
-        for inner, outer in zip(order[:-1], order[1:], strict=True):
+        for inner, outer in itertools.pairwise(order):
             if drop[outer] >= DROP_90 > drop[inner]:
                 share = (DROP_90 - drop[inner]) / (drop[outer] - drop[inner])
                 return float(value[inner] + share * (value[outer] - value[inner]))

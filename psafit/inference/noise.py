@@ -66,9 +66,7 @@ def scale(predicted: FloatArray, noise: FloatArray, known: FloatArray | None) ->
     return np.sqrt(variance if known is None else variance + known**2)
 
 
-def log_density(
-    observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None
-) -> FloatArray:
+def log_density(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:
     """Log density of each reading, 1/um; shape (n_sets, n_points). Arguments as in `scale`."""
     s = scale(predicted, noise, known)
     nu = noise[:, 2:3]
@@ -76,17 +74,13 @@ def log_density(
     return constant - np.log(s) - 0.5 * (nu + 1) * np.log1p(((observed - predicted) / s) ** 2 / nu)
 
 
-def cumulative(
-    observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None
-) -> FloatArray:
+def cumulative(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:
     """Probability of a reading below the observed one; shape (n_sets, n_points)."""
     s = scale(predicted, noise, known)
     return student.cdf((observed - predicted) / s, noise[:, 2:3])
 
 
-def draw(
-    predicted: FloatArray, noise: FloatArray, known: FloatArray | None, rng: np.random.Generator
-) -> FloatArray:
+def draw(predicted: FloatArray, noise: FloatArray, known: FloatArray | None, rng: np.random.Generator) -> FloatArray:
     """One simulated reading for each prediction, um; shape (n_sets, n_points)."""
     s = scale(predicted, noise, known)
     return predicted + s * rng.standard_t(np.broadcast_to(noise[:, 2:3], s.shape))

@@ -83,9 +83,7 @@ class Problem:
         groups = [self.experiment.group(g) for g in self.group_ids]
         if all(g.sigma_um is None for g in groups):
             return None
-        return np.concatenate(
-            [np.zeros(g.launch_range_um.size) if g.sigma_um is None else g.sigma_um for g in groups]
-        )
+        return np.concatenate([np.zeros(g.launch_range_um.size) if g.sigma_um is None else g.sigma_um for g in groups])
 
     @cached_property
     def bounds(self) -> FloatArray:

@@ -32,6 +32,7 @@ from psafit.records import (
     ParameterEntry,
     ParameterSummary,
     PosteriorSummary,
+    ProfilePoint,
     read_json,
     write_json,
 )
@@ -205,9 +206,7 @@ def load(folder: Path) -> Run:
         if found != record.identity:
             raise InputError("belongs to another run than fit.json", "run psafit fit again", file=folder / name)
     if experiment.fingerprint != record.fingerprint:
-        raise InputError(
-            "was changed after the fit", "run psafit fit again", file=folder / "experiment"
-        )
+        raise InputError("was changed after the fit", "run psafit fit again", file=folder / "experiment")
     return Run(folder, problem, record, summary, draws)
 
 
@@ -274,7 +273,7 @@ def _summarise(
     chain: emcee_adaptor.Chain,
     draws: store.Draws,
     thin: int,
-    profiles: list[list[identify.ProfilePoint]],
+    profiles: list[list[ProfilePoint]],
     identity: str,
     settings: emcee_adaptor.Settings,
 ) -> PosteriorSummary:
@@ -327,5 +326,3 @@ def _summarise(
         autocorrelation_times=reached,
         parameters=entries,
     )
-
-

@@ -6,7 +6,6 @@ that knows the difference.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.errors import InputError
+from psafit.files import replacing
 
 FloatArray = NDArray[np.float64]
 
@@ -69,16 +69,8 @@ def write(
     }
     data = az.from_dict(groups, **layout) if _is_tree(az) else az.from_dict(**groups, **layout)
     data.attrs["psafit_identity"] = draws.identity
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with replacing(path) as temporary:
         data.to_netcdf(str(temporary), engine="h5netcdf")
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"cannot be written ({error.strerror or error})", "choose a writable folder with --out", file=path
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def read(path: Path, names: tuple[str, ...]) -> Draws:

@@ -139,12 +139,11 @@ def _what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
 def _what_it_predicts(validation: Validation) -> Markup:
     unseen = [s for s in validation.groups if s.role == "holdout"]
     seen = [s for s in validation.groups if s.role == "fit"]
-    own = Markup("{}: ×{}").format(groups([s.group for s in seen]), listed(factor(s.log_rmse) for s in seen))
     if not unseen:
         return Markup(
             "<strong>Never seen:</strong> no group; every one was fitted, so nothing is left to test the prediction on."
-            " The typical factor between fit and readings is {}."
-        ).format(own)
+            " The fitted readings themselves are typically off by {}."
+        ).format(listed(f"×{factor(s.log_rmse)} (group {s.group})" for s in seen))
     mean = validation.holdout_log_rmse
     assert mean is not None  # there are groups it is the mean of
     readings = sum(s.n_points for s in unseen)
@@ -157,7 +156,7 @@ def _what_it_predicts(validation: Validation) -> Markup:
         if mean <= FAIR
         else "the fit does not predict"
     )
-    which = groups([s.group for s in unseen])
+    which = groups([s.group for s in unseen]) if len(unseen) <= 6 else f"the {len(unseen)} other groups"
     spread = (
         Markup(" (from ×{} for group {} to ×{} for group {})").format(
             factor(best.log_rmse), best.group, factor(worst.log_rmse), worst.group
@@ -258,16 +257,16 @@ def _parameter_rows(run: Run) -> list[list[Any]]:
     symbols = _symbols(run)
     for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True):
         spread = (s.upper - s.lower) / 2
-        verdict = Markup("<span class='badge {}'>{}</span>").format(_KINDS[s.verdict], s.verdict)
+        prior = Markup("{}").format(with_unit(interval(s.prior_lower, s.prior_upper), e.unit))
         if _implausible(s):
-            verdict += Markup("<br><span class='badge bad'>implausible under the prior</span>")
+            prior += Markup("<br><span class='badge bad'>implausible under the prior</span>")
         rows.append(
             [
                 _name(symbols[s.name], e.description),
                 _value(run, s),
                 with_unit(interval(s.lower, s.upper, spread), e.unit),
-                with_unit(interval(s.prior_lower, s.prior_upper), e.unit),
-                verdict,
+                prior,
+                {"text": s.verdict, "kind": _KINDS[s.verdict]},
                 f"{s.r_hat:.3f}",
                 f"{s.ess_bulk:.0f} / {s.ess_tail:.0f}",
             ]

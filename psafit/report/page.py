@@ -75,7 +75,7 @@ def _with_palette(png: io.BytesIO) -> io.BytesIO:
     small = io.BytesIO()
     with Image.open(png) as image:
         flat = image.convert("RGB").quantize(256, dither=Image.Dither.NONE)
-        flat.save(small, format="png", optimize=True)
+        flat.save(small, format="png")
     return small
 
 

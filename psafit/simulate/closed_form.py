@@ -130,9 +130,7 @@ def _polish(coefficients, start):  # type: ignore[no-untyped-def]
         for _ in range(4):
             # Columns and rows scaled to one: the factors may differ by ten orders of magnitude.
             size = np.array([abs(p1) + math.sqrt(q1), q1, abs(p2) + math.sqrt(q2), q2])
-            rest = np.array(
-                [p1 + p2 - b[0], q1 + q2 + p1 * p2 - b[1], p1 * q2 + p2 * q1 - b[2], q1 * q2 - b[3]]
-            )
+            rest = np.array([p1 + p2 - b[0], q1 + q2 + p1 * p2 - b[1], p1 * q2 + p2 * q1 - b[2], q1 * q2 - b[3]])
             jacobian[0, 0] = jacobian[0, 2] = jacobian[1, 1] = jacobian[1, 3] = 1.0
             jacobian[1, 0], jacobian[1, 2] = p2, p1
             jacobian[2, 0], jacobian[2, 1], jacobian[2, 2], jacobian[2, 3] = q2, p2, q1, p1
@@ -276,10 +274,7 @@ def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
             reach = (d1 + math.sqrt(d1 * d1 + 2.0 * curvature * d0)) / curvature
         else:
             under = d1 * d1 + 2.0 * curvature * d0
-            if d1 >= 0.0 or under < 0.0:
-                reach = trial
-            else:
-                reach = 2.0 * d0 / (-d1 + math.sqrt(under))
+            reach = trial if d1 >= 0.0 or under < 0.0 else 2.0 * d0 / (-d1 + math.sqrt(under))
         if reach < trial:
             return max(safe, reach)
         safe = trial
@@ -425,9 +420,7 @@ _launch_parallel = njit(cache=True, parallel=True)(_launch)
 _WORTH_THREADS = 300
 
 
-def separation(
-    design: Design, theta: FloatArray, horizon: float
-) -> tuple[FloatArray, FloatArray, NDArray[np.int8]]:
+def separation(design: Design, theta: FloatArray, horizon: float) -> tuple[FloatArray, FloatArray, NDArray[np.int8]]:
     """Time (s) and ball speed (m/s) at the first separation, and what happened; each (n_sets, n_points).
 
     Parameters

@@ -128,9 +128,7 @@ class _Motion:
         }
 
 
-def contact(
-    design: Design, theta: ArrayLike, *, n_times: int = 401, horizon: float = HORIZON
-) -> list[Contact]:
+def contact(design: Design, theta: ArrayLike, *, n_times: int = 401, horizon: float = HORIZON) -> list[Contact]:
     """Follow the contact at every measurement point, for one parameter set.
 
     Parameters
@@ -161,10 +159,7 @@ def contact(
             raise ValueError(
                 f"no launch at {design.frequency[j]:g} Hz and {design.amplitude[j]:g} V: no contact to follow"
             )
-        point = Design(
-            design.constants, *(a[j : j + 1] for a in (design.waveform, design.frequency, design.amplitude, design.group))
-        )  # fmt: skip
-        motion = _Motion(point, values)
+        motion = _Motion(design.point(j), values)
         end = float(when[0, j])
         time = np.linspace(0.0, end, n_times)
         # Extremes are sought on a grid fine enough for the fast transient at the start, too.

@@ -53,6 +53,11 @@ class Design:
         """Number of measurement points."""
         return int(np.size(self.frequency))
 
+    def point(self, index: int) -> Design:
+        """One of the conditions, as a design of its own."""
+        one = slice(index, index + 1)
+        return Design(self.constants, self.waveform[one], self.frequency[one], self.amplitude[one], self.group[one])
+
     @classmethod
     def of(cls, constants: Constants, groups: Sequence[Group]) -> Design:
         """Conditions of measured groups, in the order given."""
@@ -66,12 +71,8 @@ class Design:
         )
 
     @classmethod
-    def sweep(
-        cls, constants: Constants, waveform: str, frequency: object, amplitude: object
-    ) -> Design:
+    def sweep(cls, constants: Constants, waveform: str, frequency: object, amplitude: object) -> Design:
         """One sweep; `frequency` (Hz) and `amplitude` (V) broadcast against each other."""
-        f, v = np.broadcast_arrays(
-            np.atleast_1d(np.asarray(frequency, float)), np.asarray(amplitude, float)
-        )
+        f, v = np.broadcast_arrays(np.atleast_1d(np.asarray(frequency, float)), np.asarray(amplitude, float))
         code = SQUARE if waveform == "square" else SINE
-        return cls(constants, np.full(f.size, code), f, v, np.zeros(f.size))
+        return cls(constants, np.full(f.size, code), f, v, np.zeros(f.size, np.int64))

@@ -59,7 +59,7 @@ def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool, fe
     else:
         axis.set_major_locator(LogLocator(10, numticks=count + 3))
     # One way of writing along one axis: 10⁴ beside 10⁵, not 10000.
-    powers = max(abs(low), abs(high)) >= 1e5 or bool(log and low < 2e-3)
+    powers = max(abs(low), abs(high)) >= 1e5 or bool(log and low < 2e-4)
     axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value, powers=powers)))
     axis.set_minor_formatter(NullFormatter())
 

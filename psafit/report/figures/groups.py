@@ -29,9 +29,15 @@ _MODEL_BAND: Final[dict[str, Any]] = {"alpha": 0.42, "linewidth": 0.0, "zorder":
 _READING_BAND: Final[dict[str, Any]] = {"alpha": 0.17, "linewidth": 0.0, "zorder": 1}
 
 
+def short(group_id: object, room: int = 14) -> str:
+    """Name of a group, the middle left out where it is long: names of one experiment differ at their ends."""
+    name = str(group_id)
+    return name if len(name) <= room else f"{name[: room // 2 - 1]}…{name[-(room - room // 2) :]}"
+
+
 def title(axes: Axes, group_id: object, sweep: Sweep, role: str) -> None:
     """Title in two lines: the group and what is held; its role in the role's colour."""
-    head = f"Group {group_id}: {sweep.condition}"
+    head = f"Group {short(group_id, 20)}: {sweep.condition}"
     axes.set_title(head if len(head) <= 42 else f"{head[:41]}…", pad=20)
     axes.annotate(
         ROLE_TEXT[role], (0, 1), (0, 5), xycoords="axes fraction", textcoords="offset points",
@@ -88,7 +94,8 @@ def _scale_x(axes: Axes, sweep: Sweep, low: float | None = None, high: float | N
         margin = 0.03 * (high - low)
         scale_axis(axes, "x", low - margin, high + margin, log=False, few=few)
     if sweep.variable == "order":
-        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        ticks = MaxNLocator(5, integer=True).tick_values(low, high + 1)
+        axes.xaxis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high and t == int(t)]))
 
 
 def group_figure(p: Prediction, sweep: Sweep) -> Figure:
@@ -126,6 +133,7 @@ _FACTORS: Final = (
     (0.25, (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1, 1.15, 1.2, 1.25)),
     (0.6, (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.6, 1.8)),
     (1.6, (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)),
+    (2.4, (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)),
     (3.7, (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)),
     (7.0, (0.001, 0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)),
     (math.inf, (1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)),
@@ -135,7 +143,7 @@ _FACTORS: Final = (
 def residual_view(errors: Sequence[FloatArray]) -> tuple[float, float]:
     """Limits of the common axis of all residual figures."""
     low, high = min(float(np.min(e)) for e in errors), max(float(np.max(e)) for e in errors)
-    least = 0.3 * max(-low, high, 0.1)  # no side so narrow that the zero line is the frame
+    least = 0.45 * max(-low, high, 0.1)  # no side so narrow that the zero line is the frame
     return 1.08 * min(low, -least), 1.08 * max(high, least)
 
 

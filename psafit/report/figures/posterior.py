@@ -84,14 +84,14 @@ def _span(values: FloatArray) -> tuple[float, float]:
 
 
 def _inner_ticks(span: tuple[float, float]) -> FixedLocator:
-    """Two or three ticks whose labels stay clear of the neighbouring panel's."""
+    """Two ticks whose labels stay clear of the neighbouring panel's."""
     low, high = span
     room = 0.14 * (high - low)
     for count in (3, 4, 5, 7):
         ticks = [t for t in MaxNLocator(count).tick_values(low, high) if low + room <= t <= high - room]
         if len(ticks) > 1:
             break
-    return FixedLocator(ticks[:: max(1, len(ticks) - 1) if len(ticks) > 3 else 1])
+    return FixedLocator(ticks[:: max(1, len(ticks) - 1)])
 
 
 def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figure:

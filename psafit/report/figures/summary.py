@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from psafit.records import GroupScore
-from psafit.report.figures.groups import ROLE_COLOR, ROLE_MARKER, ROLE_TEXT, draw_group
+from psafit.report.figures.groups import ROLE_COLOR, ROLE_MARKER, ROLE_TEXT, draw_group, short
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import MEASURED, PALETTE, WIDTH, figure_style
 
@@ -33,7 +33,7 @@ def _dots(axes: Axes, scores: Sequence[GroupScore], sweeps: Sequence[Sweep]) -> 
             f"×{math.exp(s.log_rmse):.2f}", (s.log_rmse, row), (7, 0), textcoords="offset points", va="center",
             fontsize=9.5, color=PALETTE["ink"],
         )  # fmt: skip
-    names = [f"{s.group}: {w.condition}" for s, w in zip(scores, sweeps, strict=True)]
+    names = [f"{short(s.group)}: {w.condition}" for s, w in zip(scores, sweeps, strict=True)]
     axes.yaxis.set_major_locator(FixedLocator(list(rows)))
     axes.yaxis.set_major_formatter(FixedFormatter([n if len(n) <= 24 else f"{n[:23]}…" for n in names]))
     axes.set_ylim(len(scores) - 0.5, -0.5)
@@ -43,11 +43,10 @@ def _dots(axes: Axes, scores: Sequence[GroupScore], sweeps: Sequence[Sweep]) -> 
     axes.set_xlabel("log RMSE (0 = perfect)")
     above = axes.secondary_xaxis("top")
     inside = [f for f in _FACTORS if math.log(f) < right]
-    shown = [f for i, f in enumerate(inside) if all(math.log(g / f) > 0.13 * right for g in inside[i + 1 :])]
+    shown = [f for i, f in enumerate(inside) if all(math.log(g / f) > 0.17 * right for g in inside[i + 1 :])]
     above.xaxis.set_major_locator(FixedLocator([math.log(f) for f in shown]))
     above.xaxis.set_major_formatter(FixedFormatter([f"×{f:g}" for f in shown]))
     above.xaxis.set_minor_locator(NullLocator())
-    above.set_xlabel("Typical factor between prediction and reading", fontsize=10)
 
 
 def summary_figure(
@@ -69,12 +68,13 @@ def summary_figure(
         above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[upper, lower])[
             :, 0
         ]  # neither sets the other's margins
+        above.suptitle("Typical factor between prediction and reading", fontsize=10)
         _dots(above.subplots(), scores, sweeps)
         for column, (axes, (p, sweep)) in enumerate(
             zip(below.subplots(1, len(examples), squeeze=False)[0], examples, strict=True)
         ):
             draw_group(axes, p, sweep, small=len(examples) > 1)
-            axes.set_title(f"Group {p.group.id}"[:22], color=ROLE_COLOR[p.role])
+            axes.set_title(f"Group {short(p.group.id)}", color=ROLE_COLOR[p.role])
             axes.set_xlabel(
                 {"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)"}.get(sweep.variable, "Reading")
             )

@@ -15,6 +15,7 @@ Variable = Literal["frequency", "amplitude", "order"]
 
 # A setting that drifts by less than this (relative) was meant to be held.
 _HELD = 0.02
+NBSP = "\N{NO-BREAK SPACE}"
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,11 @@ class Sweep:
 
 def frequency_text(value: float) -> str:
     """Return a frequency with its unit."""
-    return f"{value / 1e3:.4g} kHz" if value >= 1e3 else f"{value:.4g} Hz"
+    return f"{value / 1e3:.4g}{NBSP}kHz" if value >= 1e3 else f"{value:.4g}{NBSP}Hz"
 
 
 def _volts(value: float) -> str:
-    return f"{value:.4g} V"
+    return f"{value:.4g}{NBSP}V"
 
 
 def _extent(low: str, high: str) -> str:

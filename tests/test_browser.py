@@ -1,0 +1,155 @@
+"""The report in a real browser: it opens from a file, fits the window, and needs nothing else.
+
+The browser is the system's Chromium, driven by playwright. Without either the tests are skipped, or fail where
+PSAFIT_REQUIRE_BROWSER=1 says that they must run.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from test_report import HOSTILE, build, make_run, sweep_groups
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+SIZES = ((1280, 900), (400, 800))
+
+
+def missing(reason: str) -> None:
+    if os.environ.get("PSAFIT_REQUIRE_BROWSER") == "1":
+        pytest.fail(f"{reason}, and PSAFIT_REQUIRE_BROWSER=1")
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        missing("playwright is not installed")
+    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    if path is None:
+        missing(f"none of {', '.join(BROWSERS)} is on the PATH")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    run = make_run(folder, sweep_groups()[:2], title=HOSTILE, source=HOSTILE, converged=False)
+    return build(run, command="psafit fit data --group 1")
+
+
+class Opened:
+    """A page, and what it complained of and asked for."""
+
+    def __init__(self, browser, report: Path, size: tuple[int, int], **options):
+        self.address = report.as_uri()
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, **options)
+        self.page = self.context.new_page()
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("dialog", lambda dialog: (self.complaints.append(dialog.message), dialog.dismiss()))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(self.address, wait_until="load")
+
+    def width(self) -> int:
+        return self.page.evaluate("document.documentElement.scrollWidth")
+
+
+@pytest.fixture(scope="module", params=SIZES, ids=lambda size: f"{size[0]}px")
+def opened(browser, report, request):
+    one = Opened(browser, report, request.param)
+    yield one
+    one.context.close()
+
+
+def test_no_complaint_and_no_request(opened):
+    assert opened.complaints == []
+    assert [url for url in opened.requests if not url.startswith("data:")] == [opened.address]
+
+
+def test_page_fits_the_window(opened):
+    inner = opened.page.evaluate("innerWidth")
+    assert opened.width() <= inner
+    opened.page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+    assert opened.width() <= inner
+    opened.page.evaluate("document.querySelectorAll('details').forEach(one => one.open = false)")
+
+
+def test_every_image_is_drawn(opened):
+    opened.page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+    images = opened.page.evaluate(
+        "Promise.all([...document.images].map(one => one.decode().then(() =>"
+        " [one.complete, one.naturalWidth, one.getBoundingClientRect().width])))"
+    )
+    opened.page.evaluate("document.querySelectorAll('details').forEach(one => one.open = false)")
+    assert len(images) > 15
+    for complete, natural, shown in images:
+        assert complete and natural > 0
+        assert shown >= 280, "too narrow to be read"
+
+
+def test_details_open_with_the_keyboard(opened):
+    page = opened.page
+    first = page.locator("details").first
+    assert first.get_attribute("open") is None
+    seen = set()
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        seen.add(page.evaluate("document.activeElement.tagName"))
+        if page.evaluate("document.activeElement === document.querySelector('details > summary')"):
+            break
+    assert {"A", "SUMMARY"} <= seen, "links and folded parts are reached by Tab"
+    page.keyboard.press("Enter")
+    assert first.get_attribute("open") is not None
+    page.keyboard.press("Enter")
+    assert first.get_attribute("open") is None
+
+
+def test_first_screen_shows_warning_and_sentences(opened):
+    opened.page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
+    top = opened.page.locator(".notice.bad").first.bounding_box()
+    assert top is not None and 0 <= top["y"] < 420
+    assert opened.page.locator(".summary img").is_visible()
+    assert HOSTILE in opened.page.title()
+
+
+def contrast(one: str, other: str) -> float:
+    """WCAG contrast of two colours given as rgb(r, g, b)."""
+
+    def luminance(color: str) -> float:
+        parts = [int(x) / 255 for x in color[color.index("(") + 1 : -1].split(",")[:3]]
+        r, g, b = (x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts)
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b
+
+    low, high = sorted([luminance(one), luminance(other)])
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_colours_can_be_read(browser, report, scheme):
+    one = Opened(browser, report, SIZES[0], color_scheme=scheme)
+    ask = "style => { const s = getComputedStyle(style); return [s.color, s.backgroundColor]; }"
+    paper = one.page.eval_on_selector("body", ask)[1]
+    for selector in ("body", ".badge.good", ".badge.bad", ".badge.warn", ".badge.fit", ".badge.holdout", ".notice.bad",
+                     "figcaption", "nav a"):  # fmt: skip
+        color, background = one.page.eval_on_selector(selector, ask)
+        background = paper if background == "rgba(0, 0, 0, 0)" else background
+        assert contrast(color, background) >= 4.5, selector
+    one.context.close()
+
+
+def test_page_prints(browser, report, tmp_path):
+    one = Opened(browser, report, SIZES[0])
+    one.page.emulate_media(media="print")
+    assert one.page.pdf(format="A4").startswith(b"%PDF")
+    assert one.complaints == []
+    one.context.close()

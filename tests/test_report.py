@@ -1,0 +1,473 @@
+"""The report of a fit, built from made-up results: no simulation, no sampling."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import warnings
+from dataclasses import dataclass, replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psafit.experiment import Constants, Experiment, Group, fingerprint
+from psafit.inference.identify import describe
+from psafit.inference.problem import Problem
+from psafit.inference.run import Run
+from psafit.inference.store import Draws
+from psafit.records import (
+    Fit,
+    MinimumEntry,
+    ParameterEntry,
+    ParameterSummary,
+    PosteriorSummary,
+    ProfilePoint,
+    Validation,
+    plain,
+)
+from psafit.report import figures, fit, wording
+from psafit.report.fit import write_report
+from psafit.report.page import figure_data_uri
+from psafit.validate import Prediction, score, verdict
+
+REPORT = Path(fit.__file__).parent
+CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
+HOSTILE = "<script>alert(1)</script> </style> \"quoted\" 'single' & {{ 7 * 7 }} $x_"
+
+# Making a run by hand --------------------------------------------------------------------------------------------
+
+
+def make_group(group_id, frequency, amplitude, measured, waveform="sine", sigma=None):
+    n = len(measured)
+    return Group(
+        group_id,
+        waveform,
+        f"{group_id}.csv",
+        np.broadcast_to(np.asarray(frequency, float), n).copy(),
+        np.broadcast_to(np.asarray(amplitude, float), n).copy(),
+        np.asarray(measured, float),
+        sigma,
+    )
+
+
+def sweep_groups():
+    """A frequency sweep out of order with a replicate, an amplitude sweep with zeros and uncertainties, a grid."""
+    frequency = np.array([100.0, 1000, 300, 3000, 500, 10000, 500, 2000])
+    rising = np.array([0.0, 0.0, 0.4, 1.2, 3.0, 8.0, 20.0, 60.0])
+    return (
+        make_group(1, frequency, 20.0, 5 + 4 * np.log10(frequency)),
+        make_group("amps", 1200.0, np.arange(1.0, 9.0), rising, "square", sigma=0.1 + 0.05 * rising),
+        make_group("grid_3", [500, 500, 900, 900], [10, 20, 10, 20], [3.0, 6.0, 4.0, 9.0]),
+    )
+
+
+def make_run(
+    folder: Path, groups=None, fitted=(1,), *, title="Made-up rig", source="nowhere", converged=True, n_chains=6
+) -> Run:
+    groups = sweep_groups() if groups is None else groups
+    experiment = Experiment(
+        title, source, CONSTANTS, tuple(groups), folder / "experiment", fingerprint(CONSTANTS, groups), ("a.csv: odd",)
+    )
+    problem = Problem(experiment, tuple(fitted))
+    rng = np.random.default_rng(5)
+    middle = np.array([np.mean(p.prior_quantile([0.3, 0.6])) for p in problem.parameters])
+    middle[1] = problem.parameters[1].sampling_bounds.upper - 1.0  # far out in its prior
+    values = problem.to_physical(middle + 0.2 * rng.standard_normal((n_chains, 40, problem.n_dim)))
+    draws = Draws(problem.names, values, np.zeros(values.shape[:2]), "ab" * 32)
+    verdicts = ["determined", "determined", "bounded above", "determined", "not determined", "not determined"]
+    summaries = []
+    for i, p in enumerate(problem.parameters):
+        low, median, high = (float(q) for q in np.quantile(draws.flat[:, i], [0.05, 0.5, 0.95]))
+        ends = p.to_physical(p.prior_quantile([0.05, 0.95]))
+        steps = np.array([-0.6, -0.3, 0.0, 0.3, 0.6])
+        drop = 9.0 * np.where(steps > 0, steps, 0.0 if verdicts[i] == "bounded above" else steps) ** 2
+        points = [ProfilePoint(float(median * np.exp(u)), float(d)) for u, d in zip(steps, drop, strict=True)]
+        points = points if i < problem.n_physical else []
+        text = describe(p.name, p.unit, median, (low, high), points, verdicts[i])
+        summaries.append(
+            ParameterSummary(p.name, median, low, high, float(ends[0]), float(ends[1]), 0.9, 1.004 + i / 1e3, 900.0 + i,
+                             800.0 + i, 12.0, verdicts[i], text, points)
+        )  # fmt: skip
+    best = {s.name: s.median for s in summaries}
+    record = Fit(
+        identity="ab" * 32, title=title, source=source, fingerprint=experiment.fingerprint, groups=list(fitted),
+        terms=[],
+        engine="closed form", seed=7,
+        parameters=[
+            ParameterEntry(p.name, p.symbol, p.unit, p.description, p.bounds.lower, p.bounds.upper,
+                           p.prior.describe(), p.source)
+            for p in problem.parameters
+        ],
+        n_physical=problem.n_physical,
+        minima=[MinimumEntry(best, -12.5, 9), MinimumEntry({k: 2 * v for k, v in best.items()}, -20.25, 3)],
+        n_starts=12, n_failed=0, n_evaluations=345, lmfit_report="[[Fit Statistics]]\n  <made up>",
+        versions={"psafit": "0.1.0", "python": "3.11.7"},
+    )  # fmt: skip
+    message = "40 autocorrelation times, R-hat at most 1.009" if converged else "stopped at 4 autocorrelation times"
+    summary = PosteriorSummary("ab" * 32, converged, message, n_chains, 90, 10, 2, 0.31, 40.0, summaries)
+    folder.mkdir(parents=True, exist_ok=True)
+    return Run(folder, problem, record, summary, draws)
+
+
+def make_predictions(run: Run) -> list[Prediction]:
+    found = []
+    for group in run.problem.experiment.groups:
+        y = group.launch_range_um
+        middle = 1.3 * y + 0.4
+        found.append(
+            Prediction(
+                group=group,
+                role="fit" if group.id in run.fit.groups else "holdout",
+                median=middle,
+                model_lower=0.9 * middle,
+                model_upper=1.1 * middle,
+                lower=np.maximum(0.6 * middle - 0.3, 0),
+                upper=1.4 * middle,
+                lower_50=0.8 * middle,
+                upper_50=1.2 * middle,
+                log_density=np.full(y.size, -2.0),
+                crps=0.2 * middle,
+                pit=np.linspace(0.02, 0.6, y.size),
+            )
+        )
+    return found
+
+
+def make_validation(run: Run, predictions: list[Prediction]) -> Validation:
+    scores = [score(p) for p in predictions]
+    unseen = [s.log_rmse for s in scores if s.role == "holdout"]
+    mean = float(np.mean(unseen)) if unseen else None
+    return Validation(run.fit.identity, 240, 7, scores, mean, {str(p.group.id): p.pit.tolist() for p in predictions})
+
+
+def build(run: Run, **options) -> Path:
+    predictions = make_predictions(run)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*ArviZ is undergoing")
+        return write_report(run, make_validation(run, predictions), predictions, **options)
+
+
+# Reading the page back -------------------------------------------------------------------------------------------
+
+
+class Reader(HTMLParser):
+    """Tags with their attributes, and the text between them."""
+
+    def __init__(self, page: str):
+        super().__init__(convert_charrefs=True)
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self._hidden = 0
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self._hidden += tag == "style"
+
+    def handle_endtag(self, tag):
+        self._hidden -= tag == "style"
+
+    def handle_data(self, data):
+        if not self._hidden:
+            self.texts.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join("".join(self.texts).replace("\xa0", " ").split())
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attrs for name, attrs in self.tags if name == tag]
+
+
+@dataclass(frozen=True)
+class Page:
+    run: Run
+    html: str
+    reader: Reader
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Page:
+    folder = tmp_path_factory.mktemp("secret-place") / "hold-out"
+    run = make_run(folder, title=HOSTILE, source=HOSTILE)
+    command = f"psafit fit {folder}/data --group 1 --out={folder}"
+    html = build(run, command=command).read_text("utf-8")
+    return Page(run, html, Reader(html))
+
+
+@pytest.fixture(scope="module")
+def unhappy_page(tmp_path_factory) -> Page:
+    """Not converged, every group fitted, one of a single reading, one of zeros only."""
+    groups = (
+        make_group(4, [1.0, 10.0, 90.0], 5.0, [40.0, 41.0, 40.5]),
+        make_group("one", 1000.0, 5.0, [3.0]),
+        make_group("nil", 1000.0, [1.0, 2.0], [0.0, 0.0]),
+    )
+    run = make_run(tmp_path_factory.mktemp("run"), groups, (4, "one", "nil"), converged=False)
+    html = build(run).read_text("utf-8")
+    return Page(run, html, Reader(html))
+
+
+# The page --------------------------------------------------------------------------------------------------------
+
+
+def test_sections_are_there_in_order(page):
+    headings = re.findall(r"<h2[^>]*>([^<]*)</h2>", page.html)
+    assert headings == [
+        "Parameters", "Minima found", "Measured against predicted", "Residuals", "Validation", "Posterior",
+        "Chains and the sampler’s health", "Priors and their sources", "Numerics", "Provenance",
+    ]  # fmt: skip
+    targets = {attrs.get("id") for _, attrs in page.reader.tags}
+    links = [attrs["href"] for attrs in page.reader.all("a")]
+    assert len(links) > 9 and {link.removeprefix("#") for link in links} <= targets
+
+
+def test_units_are_given(page):
+    for unit in ("N/m", "N s/m", "µm", "nats", "Hz", "V"):
+        assert unit in page.reader.text
+    assert not re.search(r"\bum\b", page.reader.text)
+
+
+def test_hostile_text_is_escaped(page):
+    assert "<script" not in page.html.lower()
+    assert page.html.count("</style>") == 1
+    assert HOSTILE in page.reader.text
+    assert not page.reader.all("script")
+    allowed = {"class", "id", "href", "src", "alt", "lang", "charset", "name", "content", "scope", "role", "tabindex",
+               "aria-label"}  # fmt: skip
+    assert {name for _, attrs in page.reader.tags for name in attrs} <= allowed
+    assert "[[Fit Statistics]] <made up>" in page.reader.text
+
+
+def test_images_are_inside_and_described(page, unhappy_page):
+    for one in (page, unhappy_page):
+        images = one.reader.all("img")
+        assert len(images) > 15
+        for image in images:
+            assert len(image["alt"] or "") > 30
+            assert (image["src"] or "").startswith("data:image/")
+        assert len({image["alt"] for image in images}) == len(images)
+
+
+def test_nothing_is_fetched_from_elsewhere(page):
+    assert not page.reader.all("link") and not page.reader.all("iframe")
+    for _, attrs in page.reader.tags:
+        for name in ("src", "href"):
+            if name in attrs:
+                assert attrs[name].startswith(("data:", "#"))
+    without_images = re.sub(r"data:image/[^\"]*", "", page.html)
+    assert not re.search(r"https?://|url\(|@import", without_images)
+
+
+def test_no_path_of_the_machine(page):
+    assert "secret-place" not in page.html
+    assert "psafit fit data --group 1 --out=hold-out" in page.reader.text
+
+
+def test_page_is_small(page):
+    assert len(page.html) < 5e6
+
+
+def test_scores_agree_with_the_record(page):
+    validation = make_validation(page.run, make_predictions(page.run))
+    record = json.loads(json.dumps(plain(validation)))
+    cells = [" ".join(re.sub(r"<[^>]*>", " ", row).split()) for row in re.findall(r"<tr>(.*?)</tr>", page.html, re.S)]
+    for s in record["groups"]:
+        row = next(c for c in cells if c.startswith(f"Group {s['group']} ") and "nats" not in c and "µm" in c)
+        assert f" {s['n_points']} {s['log_rmse']:.3f} ×{np.exp(s['log_rmse']):.2f} " in row
+        assert f"{s['crps_um']:.2f} µm" in row
+        assert s["verdict"] in page.reader.text
+    assert f"{record['holdout_log_rmse']:.3f}" in page.reader.text
+    assert f"factor of {np.exp(record['holdout_log_rmse']):.2f} off" in page.reader.text
+
+
+def test_parameters_agree_with_the_record(page):
+    for entry, s in zip(page.run.fit.parameters, page.run.summary.parameters, strict=True):
+        assert entry.description in page.reader.text
+        assert s.text.replace(" um", " µm") in page.reader.text
+        assert f"{s.r_hat:.3f}" in page.reader.text
+        assert f"{s.ess_bulk:.0f} / {s.ess_tail:.0f}" in page.reader.text
+        assert entry.source in page.reader.text
+        outside = not s.prior_lower <= s.median <= s.prior_upper
+        row = next(r for r in re.findall(r"<tr>(.*?)</tr>", page.html, re.S) if f"{s.r_hat:.3f}" in r)
+        assert ("implausible under the prior" in row) == outside
+    assert "Implausible: cs comes out where the prior" in page.reader.text
+
+
+def test_first_screen_says_what_it_must(page):
+    summary = page.html[page.html.index('class="summary"') : page.html.index('<h2 id="parameters"')]
+    text = Reader(summary).text
+    assert "8 readings of group 1 (sine, 20 V, 100 Hz to 10 kHz)" in text
+    assert "groups amps and grid_3" in text
+    assert "Not determined: cc has only an upper limit" in text
+    assert "not converged" not in text
+
+
+def test_not_converged_is_said_first(unhappy_page):
+    summary = unhappy_page.html[: unhappy_page.html.index('<h2 id="parameters"')]
+    notice = summary[summary.index('class="notice bad"') :]
+    assert "The sampler has not converged" in notice and "stopped at 4 autocorrelation times" in notice
+
+
+def test_without_held_out_group(unhappy_page):
+    text = unhappy_page.reader.text
+    assert "nothing is left to test the prediction on" in text
+    assert "No group was held out." in text
+    assert "not seen by the fit" not in " ".join(image["alt"] for image in unhappy_page.reader.all("img"))
+    assert "Fit of groups 4, one and nil: Made-up rig" in text
+
+
+def test_step_limit_is_shown_where_known(tmp_path, monkeypatch):
+    run = make_run(tmp_path)
+    monkeypatch.setattr(fit, "_explicit_step_limit", lambda run: 0.5e-6)
+    shown = fit._numerics(run)
+    assert (shown["limit_us"], shown["ratio"], shown["stable"]) == ("0.5", "2", False)
+    monkeypatch.setattr(fit, "_explicit_step_limit", lambda run: None)
+    assert fit._numerics(run)["limit_us"] is None
+
+
+def test_same_results_same_bytes(tmp_path):
+    p = make_predictions(make_run(tmp_path))[1]
+    first, second = (figure_data_uri(figures.group_figure(p, figures.sweep_of(p.group))) for _ in range(2))
+    assert first == second
+    small = figure_data_uri(figures.group_figure(p, figures.sweep_of(p.group)), svg_limit=0)
+    assert small.startswith("data:image/png") and len(small) < 0.8 * len(first)
+
+
+def test_thresholds_are_those_of_the_verdict():
+    assert verdict(fit.GOOD, 0.0, 0.9, 50, 0.5).startswith("predicted well")
+    assert not verdict(fit.GOOD + 1e-9, 0.0, 0.9, 50, 0.5).startswith("predicted well")
+    assert verdict(fit.FAIR, 0.0, 0.9, 50, 0.5).startswith("roughly followed")
+    assert verdict(fit.FAIR + 1e-9, 0.0, 0.9, 50, 0.5).startswith("missed")
+
+
+# Figures ---------------------------------------------------------------------------------------------------------
+
+
+def test_figures_do_not_compute():
+    for file in [*(REPORT / "figures").glob("*.py"), REPORT / "style.py"]:
+        tree = ast.parse(file.read_text("utf-8"))
+        kept = {id(n) for top in ast.walk(tree) if isinstance(top, ast.If) and "TYPE_CHECKING" in ast.dump(top.test)
+                for n in ast.walk(top)}  # fmt: skip
+        for node in ast.walk(tree):
+            if id(node) in kept:
+                continue
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert not name.startswith(("psafit.simulate", "psafit.inference", "psafit.validate", "scipy")), file
+                assert "pyplot" not in name, file
+            if isinstance(node, ast.Call):
+                called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+                assert called not in {"simulate", "predict", "score"}, file
+
+
+def test_pages_do_not_simulate():
+    for file in REPORT.glob("fit*.py"):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                assert not (node.module or "").startswith("psafit.simulate")
+
+
+@pytest.mark.parametrize(
+    ("frequency", "amplitude", "variable", "log"),
+    [
+        ([1.0, 10, 100], 5.0, "frequency", True),
+        ([100.0, 110, 120], [5.0, 5.02, 5.01], "frequency", False),
+        (1000.0, [1.0, 10, 20], "amplitude", True),
+        (1000.0, [0.0, 10, 20], "amplitude", False),
+        ([1.0, 2, 3], [1.0, 2, 3], "order", False),
+        (5.0, 5.0, "order", False),
+    ],
+)
+def test_abscissa_is_what_varies(frequency, amplitude, variable, log):
+    sweep = figures.sweep_of(make_group(1, frequency, amplitude, [1.0, 2.0, 3.0]))
+    assert (sweep.variable, sweep.log) == (variable, log)
+
+
+def test_lines_ascend_and_zeros_sit_on_the_edge(tmp_path):
+    run = make_run(tmp_path)
+    for p in make_predictions(run):
+        (axes,) = figures.group_figure(p, figures.sweep_of(p.group)).axes
+        line = next(x for x in axes.lines if x.get_linestyle() == "-")
+        assert np.all(np.diff(line.get_xdata()) > 0)
+        zeros = int((p.group.launch_range_um == 0).sum())
+        marks = [x for x in axes.lines if x.get_marker() == "v"]
+        assert sum(len(x.get_xdata()) for x in marks) == zeros
+        for mark in marks:
+            assert axes.get_yscale() == "log"
+            assert np.all(mark.get_ydata() == axes.get_ylim()[0])
+        circles = [x for x in axes.lines if x.get_marker() == "o"]
+        assert sum(len(x.get_xdata()) for x in circles) == p.group.n_points - zeros
+
+
+def test_residual_axis_is_common_and_holds_every_error(tmp_path):
+    run = make_run(tmp_path)
+    view = figures.residual_view([np.array([-0.1, 2.0]), np.array([0.5])])
+    assert view[0] < -0.1 and view[1] > 2.0
+    p = make_predictions(run)[0]
+    error = np.linspace(-0.1, 2.0, p.group.n_points)
+    (axes,) = figures.residual_figure(p, figures.sweep_of(p.group), error, (error - 1, error + 1), [], view).axes
+    assert axes.get_ylim() == pytest.approx(view)
+    labels = [t.get_text() for t in axes.get_yticklabels()]
+    assert "×1" in labels and len(labels) >= 3
+
+
+def test_very_many_groups(tmp_path):
+    groups = [make_group(i, [100.0, 1000.0], 5.0, [2.0, 3.0 + i]) for i in range(60)]
+    run = make_run(tmp_path, groups, (0, 1, 2))
+    predictions = make_predictions(run)
+    scores = make_validation(run, predictions).groups
+    shown = [fit.Shown(s, p, figures.sweep_of(p.group)) for s, p in zip(scores, predictions, strict=True)]
+    kept = fit.fit_pictures.pictured(shown)
+    assert len(kept) <= 25 and any(g.score.role == "fit" for g in kept)
+    assert "the 57 other groups: typically" in fit._what_it_predicts(make_validation(run, predictions))
+
+
+# Words -----------------------------------------------------------------------------------------------------------
+
+
+def test_numbers():
+    assert wording.number(3220596.8, 526000.0) == "3.22 × 10⁶"
+    assert wording.number(0.2, 0.056) == "0.200"
+    assert wording.number(-12.34, 0.5) == "−12.34"
+    assert wording.number(float("nan")) == "–"
+    assert wording.interval(2.72e6, 3.77e6, 5e5) == "(2.72 to 3.77) × 10⁶"
+    assert wording.interval(23270.9, 4.297e7) == "2.33 × 10⁴ to 4.30 × 10⁷"
+    assert wording.exact(1e9) == "10⁹" and wording.exact(0.01) == "0.01" and wording.exact(2.5e6) == "2.5 × 10⁶"
+    assert wording.p_value(1e-9) == "< 0.0001"
+    assert wording.percent(0.998).replace("\xa0", " ") == "over 99 %"
+    assert wording.factor(np.log(2)) == "2.00" and wording.factor(1e6)
+
+
+def test_symbols_and_lists_are_escaped():
+    assert wording.symbol_html(r"\sigma_{rel}") == "<i>σ<sub>rel</sub></i>"
+    assert wording.symbol_html("k_c") == "<i>k<sub>c</sub></i>"
+    assert "<b>" not in wording.symbol_html("<b>") and "<b>" not in wording.listed(["<b>", "<b>"])
+    assert wording.listed(["a", "b", "c"]) == "a, b and c"
+    assert wording.listed(range(20)).endswith("and 12 more")
+
+
+def test_paths_are_cut():
+    assert wording.without_paths("psafit fit /a/b/psa --out=/x/y") == "psafit fit psa --out=y"
+    assert wording.without_paths(r"psafit fit 'C:\Users\me\psa'") == "psafit fit psa"
+    assert wording.without_paths("psafit fit ~/psa experiments/psa 'open quote") == (
+        "psafit fit psa experiments/psa ''\"'\"'open' quote"
+    )
+
+
+def test_marginals_survive_a_stuck_chain(tmp_path):
+    run = make_run(tmp_path)
+    stuck = run.draws.values.copy()
+    stuck[...] = stuck[:1, :1]
+    stuck_run = replace(run, draws=replace(run.draws, values=stuck))
+    marginals = fit.fit_pictures.marginals(stuck_run)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*ArviZ is undergoing")
+        figures.corner_figure(marginals[:3], [float(m.draws[0]) for m in marginals[:3]])
+    figures.marginal_figure(marginals[0])
+    figures.trace_figure(marginals[0], stuck[..., 0], 2)
