@@ -264,7 +264,8 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
     _write(json_file, result.to_dict())
     if not quiet:
         for c in result.claims:
-            click.echo(f"{c.place}, {c.statement} ({c.unit}): published {c.published:g}, study's step {c.study_step:.4g}, "
+            name = f"{c.place}, {c.statement} ({c.unit})"
+            click.echo(f"{name}: published {c.published:g}, study's step {c.study_step:.4g}, "
                        f"converged {c.converged:.4g}: {c.verdict}")  # fmt: skip
         click.echo(f"report: {page}")
     return DONE

@@ -24,7 +24,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, Waveform, read_experiment
@@ -39,6 +38,7 @@ from psafit.simulate.reference import (
 from psafit.simulate.reference import (
     Path as SteppedPath,
 )
+from psafit.simulate.stability import contact_matrix, largest_stable_step, rk4_growth
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["reproduced", "reproduced only with the study's time step", "not reproduced"]
@@ -324,46 +324,6 @@ def _plain(value: Any) -> Any:
 # --- numerics of the scheme -----------------------------------------------------------------------
 
 
-def contact_matrix(parameters: ContactParameters, constants: Constants) -> FloatArray:
-    """The matrix of Eq. (14), (4, 4)."""
-    k_c, c_s, c_c = parameters
-    m, ball, k_s = constants.m, constants.M, constants.k_s
-    return np.array(
-        [
-            [0.0, 1.0, 0.0, 0.0],
-            [-(k_s + k_c) / m, -(c_s + c_c) / m, k_c / m, c_c / m],
-            [0.0, 0.0, 0.0, 1.0],
-            [k_c / ball, c_c / ball, -k_c / ball, -c_c / ball],
-        ]
-    )
-
-
-def rk4_growth(eigenvalue: Any, step: Any) -> Any:
-    r""":math:`|R(\lambda h)|` of the classical Runge-Kutta 4 method; broadcasts."""
-    z = np.multiply(eigenvalue, step)
-    return np.abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4))))
-
-
-def largest_stable_step(eigenvalues: NDArray[np.complex128]) -> float:
-    """First step, s, at which a mode that should decay no longer does; infinite if none.
-
-    Parameters
-    ----------
-    eigenvalues : (n,) complex array, 1/s
-    """
-    limit = math.inf
-    for value in eigenvalues[eigenvalues.real < 0]:
-        unit = value / abs(value)
-        # The method's stability region lies within |z| < 4; its boundary is scanned, then refined.
-        z = np.linspace(1e-3, 4.0, 4001)
-        outside = np.flatnonzero(rk4_growth(unit, z) > 1.0)
-        if outside.size and outside[0] > 0:
-            edge = outside[0]
-            root = brentq(lambda x, u=unit: float(rk4_growth(u, x)) - 1.0, z[edge - 1], z[edge])
-            limit = min(limit, root / abs(value))
-    return limit
-
-
 def stability(parameters: ContactParameters, constants: Constants, step: float) -> Stability:
     """Stability of Runge-Kutta 4 on Eq. (12) around the study's step."""
     values = np.linalg.eigvals(contact_matrix(parameters, constants)).astype(complex)
@@ -567,17 +527,25 @@ def _restitution_ratio(s: _Solution, c: Mapping[str, Any]) -> float:
     return s.at(point).restitution / s.at(other).restitution
 
 
-_QUANTITIES: Mapping[str, Callable[[_Solution, Mapping[str, Any]], float]] = {
-    "launch_range": _launch_range,
-    "peak_launch_range": _peak_launch_range,
-    "peak_frequency": _peak_frequency,
-    "peak_error": _peak_error,
-    "largest_tip_time": _largest_tip_time,
-    "peak_force_frequency": _peak_force_frequency,
-    "contact_time_rises": _contact_time_rises,
-    "restitution": _restitution,
-    "restitution_somewhere": _restitution_somewhere,
-    "restitution_ratio": _restitution_ratio,
+class _Quantity(NamedTuple):
+    """How a claimed quantity is computed, and which keys of the claim that takes."""
+
+    value: Callable[[_Solution, Mapping[str, Any]], float]
+    needs: tuple[str, ...]
+
+
+_AT_A_POINT = ("waveform", "frequency", "amplitude")
+_QUANTITIES: Mapping[str, _Quantity] = {
+    "launch_range": _Quantity(_launch_range, _AT_A_POINT),
+    "peak_launch_range": _Quantity(_peak_launch_range, ("group",)),
+    "peak_frequency": _Quantity(_peak_frequency, ("group",)),
+    "peak_error": _Quantity(_peak_error, ("group",)),
+    "largest_tip_time": _Quantity(_largest_tip_time, _AT_A_POINT),
+    "peak_force_frequency": _Quantity(_peak_force_frequency, ("group",)),
+    "contact_time_rises": _Quantity(_contact_time_rises, ("group",)),
+    "restitution": _Quantity(_restitution, _AT_A_POINT),
+    "restitution_somewhere": _Quantity(_restitution_somewhere, ("group",)),
+    "restitution_ratio": _Quantity(_restitution_ratio, (*_AT_A_POINT, "other_frequency")),
 }
 
 
@@ -595,7 +563,7 @@ def judge(published: float, tolerance: float, study_step: float, converged: floa
 
 
 def _judged(claim: Mapping[str, Any], study: _Solution, exact: _Solution) -> Claim:
-    value = _QUANTITIES[claim["quantity"]]
+    value = _QUANTITIES[claim["quantity"]].value
     published = float(claim["published"])
     tolerance = float(claim["tolerance"] if "tolerance" in claim else claim["tolerance_relative"] * published)
     stepped, converged = value(study, claim), value(exact, claim)
@@ -634,22 +602,53 @@ def read_published(folder: str | Path) -> dict[str, Any]:
     if "rounding" in data:
         numbers += (("rounding", ContactParameters._fields),)
     for table, names in numbers:
+        found = data.get(table)
         for name in names:
-            number = data.get(table, {}).get(name)
-            if not isinstance(number, int | float) or not 0 <= number < math.inf:
+            may_be_zero = table == "rounding" or name in ("c_s", "c_c")
+            if not (isinstance(found, dict) and _usable(found.get(name), zero=may_be_zero)):
                 raise InputError(f"[{table}] has no valid {name}", remedy, file=file)
-    for position, claim in enumerate(data.get("claim", []), start=1):
-        name = claim.get("id", f"number {position}")
-        for key in ("id", "place", "statement", "quantity", "published", "unit", "reason"):
-            if key not in claim:
-                raise InputError(f"claim {name} lacks {key!r}", remedy, file=file)
-        if claim["quantity"] not in _QUANTITIES:
-            known = ", ".join(_QUANTITIES)
-            what = f"claim {name} has the unknown quantity {claim['quantity']!r}"
-            raise InputError(what, f"use one of {known}", file=file)
-        if ("tolerance" in claim) == ("tolerance_relative" in claim):
-            raise InputError(f"claim {name} needs one of tolerance and tolerance_relative", remedy, file=file)
+    claims = data.get("claim", [])
+    if not (isinstance(claims, list) and all(isinstance(claim, dict) for claim in claims)):
+        raise InputError("the claims are not a list of [[claim]] tables", remedy, file=file)
+    for position, claim in enumerate(claims, start=1):
+        fault = _fault(claim)
+        if fault is not None:
+            name = claim.get("id", f"number {position}")
+            raise InputError(f"claim {name} {fault}", remedy, file=file)
     return data
+
+
+def _usable(number: object, *, zero: bool) -> bool:
+    if isinstance(number, bool) or not isinstance(number, int | float):
+        return False
+    return 0 < number < math.inf or (zero and number == 0)
+
+
+def _fault(claim: Mapping[str, Any]) -> str | None:
+    """What is wrong with a claim, or None."""
+    for key in ("id", "place", "statement", "quantity", "unit", "reason"):
+        if not (isinstance(claim.get(key), str) and claim[key]):
+            return f"lacks {key!r}, a text"
+    if claim["quantity"] not in _QUANTITIES:
+        return f"has the unknown quantity {claim['quantity']!r}, not one of {', '.join(_QUANTITIES)}"
+    if ("tolerance" in claim) == ("tolerance_relative" in claim):
+        return "needs one of tolerance and tolerance_relative"
+    needs = _QUANTITIES[claim["quantity"]].needs
+    for key in ("published", *needs):
+        if key not in claim:
+            return f"lacks {key!r}"
+    if claim.get("waveform", "sine") not in ("sine", "square"):
+        return f"has the waveform {claim['waveform']!r}, neither sine nor square"
+    if not isinstance(claim.get("group", 1), int | str):
+        return f"has {claim['group']!r} for a group"
+    positive = {"frequency", "other_frequency", "amplitude", "tolerance", "tolerance_relative"}
+    for key in sorted(positive & claim.keys()):
+        if not _usable(claim[key], zero=False):
+            return f"has {claim[key]!r} for {key}"
+    for key in ("published", "minimum_frequency"):
+        if not _usable(claim.get(key, 0), zero=True):
+            return f"has {claim[key]!r} for {key}"
+    return None
 
 
 # --- everything -----------------------------------------------------------------------------------
@@ -694,13 +693,7 @@ def reproduce(folder: str | Path) -> Reproduction:
     step, total = float(data["scheme"]["step"]), float(data["scheme"]["total"])
     study = _Solution(experiment, lambda p: _study_quantities(p, parameters, constants, step, total))
     exact = _Solution(experiment, lambda p: _exact_quantities(p, parameters, constants))
-    try:
-        claims = tuple(_judged(claim, study, exact) for claim in data.get("claim", []))
-    except KeyError as error:
-        raise InputError(
-            f"a claim lacks {error}", "see experiments/psa/published.toml for the form",
-            file=Path(folder) / PUBLISHED,
-        ) from None  # fmt: skip
+    claims = tuple(_judged(claim, study, exact) for claim in data.get("claim", []))
 
     point = Point("sine", 1200.0, 20.0)
     steps = step * np.concatenate([[1.0, 0.995, 0.99], np.geomspace(0.98, 0.01, 48)])

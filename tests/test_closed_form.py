@@ -7,7 +7,6 @@ import os
 
 import numpy as np
 import pytest
-from joblib import Parallel, delayed
 from scipy.optimize import brentq
 
 from psafit.experiment import Constants
@@ -42,22 +41,19 @@ def draw(rng: np.random.Generator) -> tuple[np.ndarray, str, float, float]:
     return theta, str(rng.choice(["sine", "square"])), float(10 ** rng.uniform(0, 5)), float(rng.uniform(0.5, 150))
 
 
-def _relative_error(case: tuple[np.ndarray, str, float, float]) -> float:
-    theta, waveform, frequency, volt = case
-    reference = tight_launch(Point(waveform, frequency, volt), ContactParameters(*theta), RIG, 10.0).launch_range
-    return abs(fast(theta, waveform, frequency, volt) / reference - 1)
-
-
 @pytest.mark.slow
-def test_agrees_with_the_tight_reference_over_the_prior_range() -> None:
-    """At least 1,000 random parameter sets, launch range to 1e-8 relative."""
-    seed = int(os.environ.get("PSAFIT_SEED", "20240521"))
+@pytest.mark.parametrize("part", range(8))
+def test_agrees_with_the_tight_reference_over_the_prior_range(part: int) -> None:
+    """In all 1,000 parameter sets drawn from the prior, launch range to 1e-8 relative."""
+    seed = int(os.environ.get("PSAFIT_SEED", "20240521")) + part
     rng = np.random.default_rng(seed)
-    cases = [draw(rng) for _ in range(1000)]
-    workers = 1 if "PYTEST_XDIST_WORKER" in os.environ else -1
-    errors = np.array(Parallel(n_jobs=workers)(delayed(_relative_error)(c) for c in cases))
-    worst = int(np.argmax(errors))
-    assert errors[worst] < 1e-8, f"seed {seed}: {errors[worst]:.1e} at {cases[worst]}"
+    for _ in range(125):
+        theta = np.array([float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in PARAMETERS])
+        _, waveform, frequency, volt = draw(rng)
+        design = Point(waveform, frequency, volt)  # type: ignore[arg-type]
+        reference = tight_launch(design, ContactParameters(*theta), RIG, 10.0).launch_range
+        error = abs(fast(theta, waveform, frequency, volt) / reference - 1)
+        assert error < 1e-8, f"seed {seed}: {error:.1e} at {theta}, {waveform}, {frequency} Hz, {volt} V"
 
 
 def test_agrees_with_many_digits_over_the_prior_range() -> None:

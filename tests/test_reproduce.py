@@ -188,6 +188,9 @@ def _altered(tmp_path: Path, old: str, new: str) -> Path:
         ("tolerance_relative = 0.003\n", "", "needs one of tolerance and tolerance_relative"),
         ('waveform = "sine"\n', "", "lacks 'waveform'"),
         ("group = 1\n", "", "lacks 'group'"),
+        ('waveform = "sine"', 'waveform = "saw"', "has the waveform 'saw'"),
+        ("frequency = 1200.0", "frequency = 0.0", "has 0.0 for frequency"),
+        ("k_c = 1.425e5", "k_c = 0.0", "[parameters] has no valid k_c"),
     ],
 )
 def test_unusable_claims_are_named(tmp_path: Path, old: str, new: str, said: str) -> None:

@@ -81,8 +81,8 @@ def profile(problem: Problem, top: FloatArray, index: int) -> list[ProfilePoint]
             drop, previous = highest - height, drop
             if drop > _CLOSED or here[index] in (low, high):
                 break
-            # Steps that change the drop by about a third of what closes a side.
-            step *= 2.0 if abs(drop - previous) < 0.5 else 1.0 if abs(drop - previous) < 1.5 else 0.5
+            # Steps that change the drop by a fifth of what closes a side, or less.
+            step *= 2.0 if abs(drop - previous) < 0.1 else 1.0 if abs(drop - previous) < 0.6 else 0.5
             here = moved
             here[index] = np.clip(here[index] + step, low, high)
     points = sorted(set(points))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,6 +33,7 @@ from psafit.report.wording import (
     with_unit,
     without_paths,
 )
+from psafit.simulate.stability import explicit_step_limit
 from psafit.validate import Prediction
 
 FloatArray = NDArray[np.float64]
@@ -392,13 +391,12 @@ def _numerics(run: Run) -> dict[str, Any]:
 
 
 def _explicit_step_limit(run: Run) -> float | None:
-    """Largest stable step of the study's integrator at the best optimum, s; None where this version cannot tell."""
-    name = "psafit.simulate.stability"
-    if importlib.util.find_spec(name) is None:
+    """Largest stable step of the study's integrator at the best optimum, s; None where the study had no such model."""
+    if run.fit.terms:
         return None
     best = run.fit.minima[0].values
-    theta = np.array([best[e.name] for e in run.fit.parameters[: run.fit.n_physical]])
-    return float(importlib.import_module(name).explicit_step_limit(run.problem.experiment.constants, theta))
+    limit = explicit_step_limit(run.problem.experiment.constants, [best[name] for name in ("k_c", "c_s", "c_c")])
+    return limit if math.isfinite(limit) else None
 
 
 def _facts(run: Run, command: str) -> list[list[str]]:
