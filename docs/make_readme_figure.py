@@ -27,7 +27,7 @@ def main() -> int:
         for axes, p in zip(figure.subplots(2, 3).flat, predictions, strict=False):
             sweep = sweep_of(p.group)
             draw_group(axes, p, sweep, small=True)
-            seen = "fitted" if p.role == "fit" else "not seen by the fit"
+            seen = "fitted" if p.role == "fit" else "never seen"
             axes.set_title(f"Group {p.group.id}, {p.group.waveform}: {seen}", fontsize=11, loc="left")
             varies = p.group.frequency_hz.min() < p.group.frequency_hz.max()
             axes.set_xlabel("Drive frequency (Hz)" if varies else "Drive amplitude (V)")

@@ -183,6 +183,15 @@ def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit
     return u, float(problem.log_posterior(u[None, :])[0]), result
 
 
+def _report(problem: Problem, top: FloatArray, result: lmfit.minimizer.MinimizerResult) -> str:
+    """lmfit's table of the parameters, with standard errors from the curvature of the posterior."""
+    errors = iter(np.sqrt(np.diag(laplace_covariance(problem, top))))
+    free = {name: float(next(errors)) for name, p in result.params.items() if p.expr is None}
+    for name, p in result.params.items():
+        p.stderr = free[name] if name in free else p.value * free[f"ln_{name}"]
+    return f"{result.method}: {result.message}\n{lmfit.fit_report(result.params, show_correl=False)}"
+
+
 def _merge(
     ends: list[tuple[FloatArray, float, int]], n_physical: int, height: float
 ) -> list[tuple[FloatArray, float, int]]:
@@ -249,7 +258,7 @@ def optimise(
         evaluations += int(result.nfev) * (1 + 2 * problem.n_dim)
         if np.isfinite(value):
             if not tops or value > max(t[1] for t in tops):
-                report = lmfit.fit_report(result, show_correl=False)
+                report = _report(problem, top, result)
             tops.append((top, value, count))
     if not tops:
         raise ConvergenceError("search for a starting point with finite posterior", reached=0, required=1)

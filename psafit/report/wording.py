@@ -41,6 +41,7 @@ _GREEK: Final = {
 }
 _MAX_LISTED = 9
 NBSP: Final = "\N{NO-BREAK SPACE}"
+TIMES: Final = f"{NBSP}×{NBSP}"
 
 
 def unit_text(unit: str) -> str:
@@ -69,7 +70,7 @@ def number(value: float, spread: float | None = None, *, power: bool = False) ->
 
     `power` forces a power of ten.
 
-    >>> number(3220596.8, 526000.0)
+    >>> number(3220596.8, 526000.0).replace(NBSP, " ")
     '3.22 × 10⁶'
     >>> number(0.2, 0.056)
     '0.200'
@@ -87,22 +88,22 @@ def number(value: float, spread: float | None = None, *, power: bool = False) ->
     if -3 <= tens < 5 and not power:
         text = f"{float(f'{mantissa}e{tens}'):.{max(digits - 1 - tens, 0)}f}"
     else:
-        text = f"{mantissa} × {power_of_ten(tens)}"
+        text = f"{mantissa}{TIMES}{power_of_ten(tens)}"
     return text.replace("-", "\N{MINUS SIGN}")
 
 
 def interval(low: float, high: float, spread: float | None = None) -> str:
     """Two ends, both with a power of ten or neither, and only one where both have the same.
 
-    >>> interval(23270.9, 4.297e7)
+    >>> interval(23270.9, 4.297e7).replace(NBSP, " ")
     '2.33 × 10⁴ to 4.30 × 10⁷'
     """
     ends = [number(x, spread) for x in (low, high)]
     if sum("×" in end for end in ends) == 1 and all(x != 0 for x in (low, high)):
         ends = [number(x, spread, power=True) for x in (low, high)]
-    parts = [end.split(" × ") for end in ends]
+    parts = [end.split(TIMES) for end in ends]
     if all(len(p) == 2 for p in parts) and parts[0][1] == parts[1][1]:
-        return f"({parts[0][0]} to {parts[1][0]}) × {parts[0][1]}"
+        return f"({parts[0][0]} to {parts[1][0]}){TIMES}{parts[0][1]}"
     return f"{ends[0]} to {ends[1]}"
 
 
@@ -112,7 +113,7 @@ def exact(value: float) -> str:
         return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
     mantissa, exponent = f"{value:.5e}".split("e")
     head = f"{float(mantissa):g}".replace("-", "\N{MINUS SIGN}")
-    return power_of_ten(int(exponent)) if head == "1" else f"{head} × {power_of_ten(int(exponent))}"
+    return power_of_ten(int(exponent)) if head == "1" else f"{head}{TIMES}{power_of_ten(int(exponent))}"
 
 
 def percent(fraction: float) -> str:

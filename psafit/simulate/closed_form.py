@@ -117,7 +117,7 @@ def poles(coefficients: FloatArray) -> ComplexArray:
     return _polish(scaled, start) * scale
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _polish(coefficients, start):  # type: ignore[no-untyped-def]
     roots = np.empty((len(start), 4), np.complex128)
     jacobian = np.zeros((4, 4))
@@ -140,12 +140,14 @@ def _polish(coefficients, start):  # type: ignore[no-untyped-def]
                 break  # the factors share a root: the companion values stand as they are
             step = np.linalg.solve(matrix, rest / row) * size
             p1, q1, p2, q2 = p1 - step[0], q1 - step[1], p2 - step[2], q2 - step[3]
+            if np.max(np.abs(step / size)) < 1e-9:
+                break  # the next step would be its square
         roots[i, 0], roots[i, 1] = _quadratic(p1, q1)
         roots[i, 2], roots[i, 3] = _quadratic(p2, q2)
     return roots
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _pair(z):  # type: ignore[no-untyped-def]
     """Order four roots so that the first two and the last two belong to real quadratics."""
     is_real = z.imag == 0.0
@@ -161,7 +163,7 @@ def _pair(z):  # type: ignore[no-untyped-def]
     return x + 0j
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _quadratic(p, q):  # type: ignore[no-untyped-def]
     """Roots of s^2 + p s + q without cancellation."""
     discriminant = 0.25 * p * p - q
@@ -236,33 +238,44 @@ def modes(constants: Constants, theta: FloatArray) -> Modes:
     return Modes(pole, lead[:, None] * pole**2 * weight, lead, roots)
 
 
-@njit(cache=True)
-def _evaluate(pole, amplitude, n, t):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _tabulate(place, amplitude, n, table):  # type: ignore[no-untyped-def]
+    """What the march needs of each mode, in real numbers, so that no modulus is taken twice."""
+    for k in range(n):
+        modulus, rate = abs(amplitude[k]), abs(place[k])
+        table[k, 0], table[k, 1] = place[k].real, place[k].imag
+        table[k, 2], table[k, 3] = amplitude[k].real, amplitude[k].imag
+        table[k, 4], table[k, 5], table[k, 6] = modulus, modulus * rate**2, modulus * rate**3
+
+
+@njit(cache=True, error_model="numpy")
+def _evaluate(table, n, t):  # type: ignore[no-untyped-def]
     """Value, two derivatives, and the bounds on |d''|, |d'''| from `t` on."""
     d0 = d1 = d2 = b2 = b3 = noise = 0.0
     for k in range(n):
-        re, im = pole[k].real, pole[k].imag
-        size = math.exp(re * t)
-        ar, ai = amplitude[k].real * size, amplitude[k].imag * size
+        re, im = table[k, 0], table[k, 1]
+        decay = re * t
+        if decay < -700.0:
+            continue
+        size = 1.0 if re == 0.0 else math.exp(decay)
+        ar, ai = table[k, 2] * size, table[k, 3] * size
+        noise += table[k, 4] * size
+        b2 += table[k, 5] * size
+        b3 += table[k, 6] * size
         if im == 0.0:
             d0 += ar
             d1 += ar * re
             d2 += ar * re * re
-            x, y = abs(ar), abs(re)
         else:
             c, s = math.cos(im * t), math.sin(im * t)
             zr, zi = ar * c - ai * s, ar * s + ai * c
             d0 += zr
             d1 += zr * re - zi * im
             d2 += zr * (re * re - im * im) - 2.0 * zi * re * im
-            x, y = math.sqrt(ar * ar + ai * ai), math.sqrt(re * re + im * im)
-        noise += x
-        b2 += x * y * y
-        b3 += x * y * y * y
     return d0, d1, d2, b2, b3, noise
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
     """Largest step found over which the bounds keep the indentation positive."""
     safe = (d1 + math.sqrt(d1 * d1 + 2.0 * b2 * d0)) / b2
@@ -281,23 +294,27 @@ def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
     return safe
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     """Integral of the indentation over [0, t]; expm1 keeps the digits of slow poles."""
     total = 0.0
     for k in range(n):
-        x, y = place[k].real * t, place[k].imag * t
-        half = math.sin(0.5 * y)
-        growth = complex(math.expm1(x) * math.cos(y) - 2.0 * half * half, math.exp(x) * math.sin(y))
+        grow = math.expm1(place[k].real * t)
+        if place[k].imag == 0.0:
+            total += amplitude[k].real * grow / place[k].real
+            continue
+        half = 0.5 * place[k].imag * t
+        c, s = math.cos(half), math.sin(half)
+        growth = complex(grow * (c * c - s * s) - 2.0 * s * s, (1.0 + grow) * 2.0 * s * c)  # exp(place t) - 1
         total += (amplitude[k] * growth / place[k]).real
     return total
 
 
-@njit(cache=True)
-def _march(pole, amplitude, n, t, end, rising):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _march(table, n, t, end, rising):  # type: ignore[no-untyped-def]
     """First zero of the indentation in (t, end]; a value beyond `end` where there is none."""
     for _ in range(_MAX_STEPS):
-        d0, d1, d2, b2, b3, noise = _evaluate(pole, amplitude, n, t)
+        d0, d1, d2, b2, b3, noise = _evaluate(table, n, t)
         floor = _NOISE * noise
         if d0 <= floor:
             # Indistinguishable from contact at zero: on the way down it is the separation.
@@ -318,15 +335,15 @@ def _march(pole, amplitude, n, t, end, rising):  # type: ignore[no-untyped-def]
     return math.nan
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _aside(s, drive):  # type: ignore[no-untyped-def]
     """The pole itself, or one beside the drive's where they coincide."""
     shift = _DETUNE * abs(drive)
     return drive - shift if abs(s - drive) < shift else s
 
 
-@njit(cache=True)
-def _sine(pole, weight, lead, roots, f, volt, horizon, amplitude, place):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _sine(pole, weight, lead, roots, f, volt, horizon, amplitude, place, table):  # type: ignore[no-untyped-def]
     """Separation under a sine: (time, integral of the indentation until then)."""
     omega = 2.0 * math.pi * f
     drive = 1j * omega
@@ -349,12 +366,13 @@ def _sine(pole, weight, lead, roots, f, volt, horizon, amplitude, place):  # typ
         bound4 += abs(amplitude[k]) * abs(place[k]) ** 4
     # d(0) = d'(0) = d''(0) = 0 and d'''(0) = lead V w > 0: positive as long as |d''''| allows.
     start = 4.0 * lead * volt * omega / bound4
-    t = _march(place, amplitude, n, start, horizon, True)
+    _tabulate(place, amplitude, n, table)
+    t = _march(table, n, start, horizon, True)
     return t, _impulse(place, amplitude, n, t)
 
 
-@njit(cache=True)
-def _square(pole, weight, lead, f, volt, horizon, amplitude, place):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _square(pole, weight, lead, f, volt, horizon, amplitude, place, table):  # type: ignore[no-untyped-def]
     """Separation under a square wave: (time, integral of the indentation until then)."""
     half = 0.5 / f
     n = 0
@@ -372,7 +390,8 @@ def _square(pole, weight, lead, f, volt, horizon, amplitude, place):  # type: ig
     impulse = 0.0
     sign = -2.0 * volt
     while True:
-        t = _march(place, amplitude, n, t, half, rising)
+        _tabulate(place, amplitude, n, table)
+        t = _march(table, n, t, half, rising)
         if not math.isinf(t):
             return switches * half + t, impulse + _impulse(place, amplitude, n, t)
         impulse += _impulse(place, amplitude, n, half)
@@ -389,33 +408,33 @@ def _square(pole, weight, lead, f, volt, horizon, amplitude, place):  # type: ig
         rising = False
 
 
-@njit(cache=True)
-def _one(pole, weight, lead, roots, spring, square, frequency, voltage, horizon):  # type: ignore[no-untyped-def]
-    """One trajectory: time of separation, speed then, what happened."""
-    if voltage == 0.0:
-        return 0.0, 0.0, AT_REST
-    amplitude = np.empty(len(pole) + 1, np.complex128)
-    place = np.empty(len(pole) + 1, np.complex128)
-    if square:
-        t, impulse = _square(pole, weight, lead, frequency, voltage, horizon, amplitude, place)
-    else:
-        t, impulse = _sine(pole, weight, lead, roots, frequency, voltage, horizon, amplitude, place)
-    if math.isfinite(t):
-        return t, spring * impulse, LAUNCHED
-    return t, 0.0, NO_SEPARATION
-
-
 def _launch(pole, weight, lead, roots, spring, square, frequency, voltage, horizon, when, speed, status):  # type: ignore[no-untyped-def]
     n_sets, n_points = when.shape
-    for job in prange(n_sets * n_points):
-        i, j = job // n_points, job % n_points
-        when[i, j], speed[i, j], status[i, j] = _one(
-            pole[i], weight[i], lead[i], roots[i], spring[i], square[j], frequency[j], voltage[j], horizon
-        )
+    for i in prange(n_sets):
+        width = pole.shape[1] + 1
+        amplitude = np.empty(width, np.complex128)
+        place = np.empty(width, np.complex128)
+        table = np.empty((width, 7))
+        for j in range(n_points):
+            if voltage[j] == 0.0:
+                when[i, j], speed[i, j], status[i, j] = 0.0, 0.0, AT_REST
+                continue
+            if square[j]:
+                t, impulse = _square(
+                    pole[i], weight[i], lead[i], frequency[j], voltage[j], horizon, amplitude, place, table
+                )
+            else:
+                t, impulse = _sine(
+                    pole[i], weight[i], lead[i], roots[i], frequency[j], voltage[j], horizon, amplitude, place, table
+                )
+            launched = math.isfinite(t)
+            when[i, j] = t
+            speed[i, j] = spring[i] * impulse if launched else 0.0
+            status[i, j] = LAUNCHED if launched else NO_SEPARATION
 
 
-_launch_serial = njit(cache=True)(_launch)
-_launch_parallel = njit(cache=True, parallel=True)(_launch)
+_launch_serial = njit(cache=True, error_model="numpy")(_launch)
+_launch_parallel = njit(cache=True, parallel=True, error_model="numpy")(_launch)
 # Waking the threads costs about as much as this many trajectories.
 _WORTH_THREADS = 300
 
@@ -436,7 +455,7 @@ def separation(design: Design, theta: FloatArray, horizon: float) -> tuple[Float
     batch = modes(constants, theta)
     shape = (len(theta), design.n_points)
     when, speed, status = np.empty(shape), np.empty(shape), np.empty(shape, np.int8)
-    launch = _launch_parallel if when.size > _WORTH_THREADS else _launch_serial
+    launch = _launch_parallel if len(theta) > 1 and when.size > _WORTH_THREADS else _launch_serial
     launch(
         batch.pole, batch.weight, batch.lead, batch.roots,
         theta[:, 0] / constants.M,

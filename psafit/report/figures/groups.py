@@ -143,7 +143,7 @@ _FACTORS: Final = (
 def residual_view(errors: Sequence[FloatArray]) -> tuple[float, float]:
     """Limits of the common axis of all residual figures."""
     low, high = min(float(np.min(e)) for e in errors), max(float(np.max(e)) for e in errors)
-    least = 0.45 * max(-low, high, 0.1)  # no side so narrow that the zero line is the frame
+    least = 0.5 * max(-low, high, 0.1)  # no side so narrow that the zero line is the frame
     return 1.08 * min(low, -least), 1.08 * max(high, least)
 
 
