@@ -184,7 +184,7 @@ def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit
 
 
 def _report(problem: Problem, top: FloatArray, result: lmfit.minimizer.MinimizerResult) -> str:
-    """lmfit's table of the parameters, with standard errors from the curvature of the posterior."""
+    """Table of the parameters as lmfit prints it, with standard errors from the curvature of the posterior."""
     errors = iter(np.sqrt(np.diag(laplace_covariance(problem, top))))
     free = {name: float(next(errors)) for name, p in result.params.items() if p.expr is None}
     for name, p in result.params.items():

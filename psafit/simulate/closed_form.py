@@ -437,6 +437,8 @@ _launch_serial = njit(cache=True, error_model="numpy")(_launch)
 _launch_parallel = njit(cache=True, parallel=True, error_model="numpy")(_launch)
 # Waking the threads costs about as much as this many trajectories.
 _WORTH_THREADS = 300
+# More sets at once leave the cache and gain nothing.
+_BATCH = 512
 
 
 def separation(design: Design, theta: FloatArray, horizon: float) -> tuple[FloatArray, FloatArray, NDArray[np.int8]]:
@@ -452,13 +454,15 @@ def separation(design: Design, theta: FloatArray, horizon: float) -> tuple[Float
         Contact time, s, after which the ball counts as not launched.
     """
     constants = design.constants
-    batch = modes(constants, theta)
     shape = (len(theta), design.n_points)
     when, speed, status = np.empty(shape), np.empty(shape), np.empty(shape, np.int8)
     launch = _launch_parallel if len(theta) > 1 and when.size > _WORTH_THREADS else _launch_serial
-    launch(
-        batch.pole, batch.weight, batch.lead, batch.roots,
-        theta[:, 0] / constants.M,
-        design.waveform == SQUARE, design.frequency, design.amplitude, horizon, when, speed, status,
-    )  # fmt: skip
+    for first in range(0, len(theta), _BATCH):
+        part = slice(first, first + _BATCH)
+        batch = modes(constants, theta[part])
+        launch(
+            batch.pole, batch.weight, batch.lead, batch.roots, theta[part, 0] / constants.M,
+            design.waveform == SQUARE, design.frequency, design.amplitude, horizon,
+            when[part], speed[part], status[part],
+        )  # fmt: skip
     return when, speed, status
