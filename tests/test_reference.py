@@ -154,18 +154,13 @@ HARD = {
     "1 mHz": (Point("sine", 1e-3, 20.0), PUBLISHED),
     "1 mHz, hardly damped": (Point("sine", 1e-3, 150.0), ContactParameters(1e7, 1.0, 1e-2)),
     "10 MHz, most damped": (Point("sine", 1e7, 20.0), ContactParameters(1e3, 1e6, 1e5)),
-    "10 MHz": (Point("sine", 1e7, 20.0), ContactParameters(1e6, 100.0, 1e5)),
     "stiffest contact": (Point("sine", 1200.0, 20.0), ContactParameters(1e9, 1.0, 1e-2)),
     "softest, most damped": (Point("sine", 1200.0, 20.0), ContactParameters(1e3, 1e6, 1e5)),
     "all largest": (Point("sine", 1200.0, 20.0), ContactParameters(1e9, 1e6, 1e5)),
 }
 
 
-# Thousands of drive periods in many digits take minutes.
-SLOW = {"10 MHz"}
-
-
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in HARD])
+@pytest.mark.parametrize("name", HARD)
 def test_tight_and_fast_agree_with_many_digits(name: str, rig: Constants) -> None:
     point, parameters = HARD[name]
     true = mp_launch(point, parameters, rig)
