@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 from psafit.experiment import Constants
 from psafit.physics.baseline import PARAMETERS
+from psafit.physics.term import Setup
 from psafit.simulate import Design, closed_form, contact, launch_range, simulate
 from psafit.simulate.reference import ContactParameters, Point, mp_launch, tight_launch
 
@@ -80,7 +81,7 @@ def _critical_dampings(k_c: float, c_s: float) -> list[float]:
     """Contact dampings at which two poles merge, to the last digit."""
 
     def n_complex(c_c: float) -> int:
-        s = closed_form.poles(closed_form.contact_polynomial(RIG, np.array([[k_c, c_s, c_c]])))
+        s = closed_form.poles(closed_form.contact_polynomial(Setup.of(RIG, np.array([[k_c, c_s, c_c]]))))
         return int((s.imag != 0).sum())
 
     grid = np.geomspace(1e-2, 1e5, 3000)
@@ -121,7 +122,7 @@ def test_high_frequency_contact_nearly_touches_zero_many_times() -> None:
     """A fast sine makes the indentation almost vanish once a cycle; the first zero is still the first."""
     theta = np.array([1.0e4, 5.0, 0.05])
     for frequency in (2e4, 5e4, 2e5):
-        when, _, status = closed_form.separation(point("sine", frequency), theta[None, :], 10.0)
+        when, _, _, status = closed_form.separation(point("sine", frequency), Setup.of(RIG, theta[None, :]))
         assert status[0, 0] == closed_form.LAUNCHED
         seen = contact(point("sine", frequency), theta, n_times=20001)[0]
         assert (seen.indentation[1:-1] > 0).all()

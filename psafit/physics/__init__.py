@@ -1,5 +1,101 @@
-"""The physics: the baseline and, one file each, the candidate causes."""
+"""The physics: the baseline and, one file each, the candidate causes. This is their registry.
 
-from psafit.physics import baseline
+To add a cause, write its file, import it here and put it in its slot's line.
+"""
 
-__all__ = ["baseline"]
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Iterable
+
+from psafit.errors import InputError
+from psafit.physics import (
+    adhesion,
+    amplifier_lag,
+    baseline,
+    drive_saturation,
+    field_dependent_d33,
+    flight_friction,
+    gap,
+    hertz_exponent,
+    hunt_crossley,
+    hysteresis,
+    indentation_damping,
+    modal_mass,
+    no_tension,
+    preload,
+    reading_gain,
+    reading_offset,
+    repeat_impacts,
+    separation_height,
+    slew_limit,
+    soft_layer,
+    stack_stiffness,
+    start_phase,
+    stroke_tolerance,
+    swing_drag,
+)
+from psafit.physics.term import SLOTS, Term
+
+__all__ = ["TERMS", "baseline", "term", "terms"]
+
+TERMS: tuple[Term, ...] = tuple(
+    module.TERM
+    for module in (
+        amplifier_lag, slew_limit, start_phase,  # drive
+        field_dependent_d33, drive_saturation, hysteresis, modal_mass, stack_stiffness, stroke_tolerance,  # stack
+        hertz_exponent, soft_layer, hunt_crossley, indentation_damping,  # contact: its law
+        no_tension, adhesion, gap, preload, repeat_impacts,  # contact: its begin and end
+        flight_friction, swing_drag, separation_height,  # flight
+        reading_offset, reading_gain,  # reading
+    )
+)  # fmt: skip
+
+
+def _refuse_clashes(registry: tuple[Term, ...]) -> None:
+    ids = [t.id for t in registry]
+    names = [p.name for p in baseline.PARAMETERS]
+    for t in registry:
+        names += [p.name for p in t.parameters] + ([t.latent.name] if t.latent else [])
+    twice = [name for kind in (ids, names) for name, count in Counter(kind).items() if count > 1]
+    if twice:
+        raise ValueError(f"the registry of causes has names twice: {', '.join(twice)}")
+    if ids != [t.id for t in sorted(registry, key=lambda t: SLOTS.index(t.slot))]:
+        raise ValueError(f"the registry of causes is not in the order of the slots {', '.join(SLOTS)}")
+
+
+_refuse_clashes(TERMS)
+
+
+def term(id: str) -> Term:
+    """Look up a cause.
+
+    Raises
+    ------
+    InputError
+        If there is none of that identifier.
+    """
+    for known in TERMS:
+        if known.id == id:
+            return known
+    ids = [t.id for t in TERMS]
+    close = difflib.get_close_matches(id, ids, n=3, cutoff=0.4)
+    remedy = f"did you mean {' or '.join(close)}?" if close else f"known are {', '.join(ids)}"
+    raise InputError(f"there is no cause {id!r}", remedy)
+
+
+def terms(ids: Iterable[str]) -> tuple[Term, ...]:
+    """Look up causes; the result is in the registry's order, whatever the order of `ids`.
+
+    Raises
+    ------
+    InputError
+        If an identifier is unknown or occurs twice.
+    """
+    asked = list(ids)
+    chosen = {term(id).id for id in asked}
+    if len(chosen) < len(asked):
+        twice = [id for id, count in Counter(asked).items() if count > 1]
+        raise InputError(f"cause {', '.join(twice)} is named twice", "name each cause once")
+    return tuple(t for t in TERMS if t.id in chosen)

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from psafit.simulate import closed_form
+from psafit.experiment import Constants
+from psafit.physics import baseline
+from psafit.physics.term import Setup, Term
+from psafit.simulate import closed_form, flight, stepper
+from psafit.simulate.callbacks import address
 from psafit.simulate.design import Design
 
 FloatArray = NDArray[np.float64]
 
-# Contact always ends in the baseline (the integral of the indentation over a transient is zero), in all of the prior
-# range within milliseconds to seconds; the horizon only stops a hopeless search.
-HORIZON = 100.0
+PATHS = ("closed form", "stepper")
+# Which path a model takes does not depend on the rig.
+_ANY_RIG = Constants(M=1.0, m=1.0, q=1.0, l=1.0, k_s=1.0, g=1.0)
 
 
 @dataclass(frozen=True)
@@ -29,14 +35,17 @@ class Simulation:
         NaN where the ball does not separate within the horizon.
     separation_speed : array, m/s
     launched : bool array
+    separation_place : array, m
+        The ball's displacement at the separation; NaN where no cause asks for it.
     engine : str
-        The path that ran.
+        The path that ran, of `PATHS`; "mixed" where sets of one batch differ (some at a cause's neutral value).
     """
 
     launch_range: FloatArray
     separation_time: FloatArray
     separation_speed: FloatArray
     launched: NDArray[np.bool_]
+    separation_place: FloatArray
     engine: str
 
 
@@ -64,17 +73,58 @@ def launch_range(speed: ArrayLike, length: float, g: float) -> FloatArray:
     return np.sqrt(height * (2 * length - height))
 
 
-def simulate(design: Design, theta: ArrayLike, *, horizon: float = HORIZON) -> Simulation:
+def columns(terms: Sequence[Term], n_sessions: int = 1) -> list[str]:
+    """Name the columns of `theta`: the baseline's parameters, then each cause's in the order given.
+
+    A parameter that every session has for itself occurs once a session, numbered from 0.
+    """
+    names = [p.name for p in baseline.PARAMETERS]
+    for term in terms:
+        names += [p.name for p in term.parameters]
+        if term.latent:
+            names += [f"{term.latent.name}_{i}" for i in range(n_sessions)]
+    return names
+
+
+def path_of(terms: Sequence[Term]) -> str:
+    """Say which path a model takes, for any of its parameters that are not neutral."""
+    probe = Setup.of(_ANY_RIG, np.ones((1, 3)))
+    for term in terms:
+        if term.setup:
+            values = [p.bounds.upper if p.neutral != p.bounds.upper else p.bounds.lower for p in term.parameters]
+            probe = term.setup(probe, np.array([values]))
+    return "stepper" if any(t.stepped for t in terms) or _needs_steps(probe)[0] else "closed form"
+
+
+def _needs_steps(rig: Setup) -> NDArray[np.bool_]:
+    """Where the motion is not one linear phase from rest to separation."""
+    turned = (rig.phase < 0.0) | (rig.phase > 0.5 * np.pi)
+    return (rig.inverse_slew > 0.0) | (rig.gap > 0.0) | (rig.pull != 1.0) | (rig.cycles > 0.0) | turned
+
+
+def simulate(
+    design: Design,
+    theta: ArrayLike,
+    terms: Sequence[Term] = (),
+    *,
+    path: str | None = None,
+    tolerance: float = stepper.TOLERANCE,
+) -> Simulation:
     """Launch the ball once for every parameter set and measurement point.
 
     Parameters
     ----------
     design : Design
         Measurement conditions, (n_points,).
-    theta : (n_sets, 3) array
-        k_c (N/m), c_s (N s/m), c_c (N s/m) of each set; a single set may be (3,).
-    horizon : float, s
-        Contact time after which the ball counts as not launched.
+    theta : (n_sets, n_parameters) array
+        k_c (N/m), c_s (N s/m), c_c (N s/m) of each set, then the parameters of the causes as `columns` names them; a
+        single set may be (n_parameters,).
+    terms : sequence of Term
+        Causes that extend the baseline.
+    path : {"closed form", "stepper"}, optional
+        By default each set takes the closed form wherever it has one; "stepper" makes all of them take the steps.
+    tolerance : float
+        Of the stepper: error admitted in one step, relative to the ball's speed.
 
     Returns
     -------
@@ -83,19 +133,89 @@ def simulate(design: Design, theta: ArrayLike, *, horizon: float = HORIZON) -> S
     Raises
     ------
     ValueError
-        If `theta` has another shape, a stiffness is not positive, or a damping is negative or not finite.
+        If `theta` has another shape, a stiffness is not positive, or a value is negative or not finite where that makes
+        no sense; if `path` is "closed form" and a set has none.
     """
     sets = np.atleast_2d(np.asarray(theta, dtype=float))
-    if sets.ndim != 2 or sets.shape[1] != 3:
-        raise ValueError(f"theta has shape {np.shape(theta)}, expected (n_sets, 3): k_c, c_s, c_c")
-    if not (np.isfinite(sets).all() and (sets[:, 0] > 0).all() and (sets[:, 1:] >= 0).all()):
-        raise ValueError("theta needs k_c > 0, c_s >= 0 and c_c >= 0, all finite")
-    when, speed, status = closed_form.separation(design, sets, horizon)
+    n_sessions = int(design.group.max(initial=0)) + 1
+    names = columns(terms, n_sessions)
+    if sets.ndim != 2 or sets.shape[1] != len(names):
+        raise ValueError(f"theta has shape {np.shape(theta)}, expected (n_sets, {len(names)}): {', '.join(names)}")
+    if not (np.isfinite(sets).all() and (sets[:, 0] > 0).all() and (sets[:, 1:3] >= 0).all()):
+        raise ValueError("theta needs k_c > 0, c_s >= 0 and c_c >= 0, and finite values throughout")
+    if path not in (None, *PATHS):
+        raise ValueError(f"no path {path!r}; there are {' and '.join(PATHS)}")
+
     constants = design.constants
-    return Simulation(
-        launch_range(speed, constants.l, constants.g),
-        when,
-        speed,
-        status == closed_form.LAUNCHED,
-        "closed form",
+    rig = Setup.of(constants, sets[:, :3])
+    weight = np.zeros(len(sets))
+    own: list[slice] = []
+    first = len(baseline.PARAMETERS)
+    # One bit for each cause whose function acts in contact and is not at its neutral value.
+    pattern = np.zeros(len(sets), np.int64)
+    for k, term in enumerate(terms):
+        last = first + len(term.parameters) + (n_sessions if term.latent else 0)
+        own.append(slice(first, last))
+        first = last
+        p = sets[:, own[k]]
+        if term.setup:
+            rig = term.setup(rig, p)
+        if term.swing_offset:
+            weight = weight + term.swing_offset(p)
+        if term.stepped:
+            pattern |= (p[:, 0] != term.strength.neutral).astype(np.int64) << k
+
+    stepped = (pattern != 0) | _needs_steps(rig)
+    if path == "closed form" and stepped.any():
+        raise ValueError("these causes have no closed form")
+    if path == "stepper":
+        stepped[:] = True
+    shape = (len(sets), design.n_points)
+    when, speed, place = np.empty(shape), np.empty(shape), np.full(shape, np.nan)
+    status = np.empty(shape, np.int8)
+
+    def step(chosen: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
+        found: tuple[NDArray[Any], ...] = tuple(
+            np.empty((len(chosen), shape[1]), a.dtype) for a in (when, speed, place, status)
+        )
+        for bits in np.unique(pattern[chosen]):
+            some = np.flatnonzero(pattern[chosen] == bits)
+            active = [(t, 8 * own[k].start) for k, t in enumerate(terms) if bits >> k & 1]
+            calls = stepper.Calls(
+                **{
+                    kind: tuple((address(kind, getattr(t, kind)), at) for t, at in active if getattr(t, kind))
+                    for kind in ("law", "stack_factor", "branch")
+                }
+            )
+            result = stepper.separation(design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance)
+            for target, values in zip(found, result, strict=False):
+                target[some] = values
+        return found
+
+    exact = np.flatnonzero(~stepped)
+    if exact.size:
+        placed = bool((rig.lean > 0.0).any() or (weight > 0.0).any())
+        when[exact], speed[exact], place[exact], status[exact] = closed_form.separation(design, rig.take(exact), placed)
+        # A ball that its pendulum draws after the retreating tip is not launched yet: only steps follow it further.
+        back = status[exact] == closed_form.DRAWN_BACK
+        if back.any():
+            rows = exact[back.any(axis=1)]
+            for target, values in zip((when, speed, place, status), step(rows), strict=True):
+                target[rows] = np.where(back[back.any(axis=1)], values, target[rows])
+    rest = np.flatnonzero(stepped)
+    if rest.size:
+        when[rest], speed[rest], place[rest], status[rest] = step(rest)
+
+    losses = [
+        (address("deceleration", t.deceleration), 8 * own[k].start) for k, t in enumerate(terms) if t.deceleration
+    ]
+    loss = np.ascontiguousarray(np.array(losses, np.int64).reshape(-1, 2).T)
+    swung = np.empty(shape)
+    flight.swing(
+        speed, place, status, rig.l, rig.g, rig.lean, weight, loss[0], loss[1], np.ascontiguousarray(sets), swung
     )
+    for k, term in enumerate(terms):
+        if term.reading:
+            swung = term.reading(swung, sets[:, own[k]], design.group)
+    engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
+    return Simulation(swung, when, speed, status == closed_form.LAUNCHED, place, engine)

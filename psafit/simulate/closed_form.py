@@ -1,6 +1,6 @@
-r"""The baseline in closed form: no time step, hence no step error.
+r"""Whatever stays linear while in contact, in closed form: no time step, hence no step error.
 
-During contact the drive is linear. Eliminating the stack and the ball from Eqs. (2), (8)-(12) of the study
+During contact the baseline is linear. Eliminating the stack and the ball from Eqs. (2), (8)-(12) of the study
 leaves the indentation :math:`d = x_1 - x_2` as the response to the drive voltage :math:`u`,
 
 .. math::
@@ -11,6 +11,11 @@ so that :math:`d(t) = \operatorname{Re} \sum_k a_k e^{s_k t}` over the four pole
 the pole :math:`i\omega` of the drive. A square wave restarts the sum at each switch. At the separation
 :math:`d = 0`, so the damper has given back what it took and the ball's speed is that of the spring's impulse,
 :math:`v = (k_c/M) \int_0^{t} d`: positive whenever there is a separation at all.
+
+Causes that keep this form: other masses and stiffnesses; a lagging amplifier, :math:`U(s)/(1 + \tau s)`, one more
+pole; a starting phase, another numerator of :math:`U`; and a constant force :math:`P` that presses the ball on the
+tip, or a bond that breaks at the elastic pull :math:`F`: the rest position moves, and with it the level that :math:`d`
+must cross, to :math:`-(P + F)/k_c` below the static indentation.
 
 The separation is the first zero of :math:`d`. Let :math:`B_2` and :math:`B_3` bound :math:`|d''|` and
 :math:`|d'''|` on :math:`[t, \infty)` (sums of moduli that only decay). Then
@@ -31,7 +36,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from psafit.experiment import Constants
+from psafit.physics.term import Setup
 from psafit.simulate.design import SQUARE, Design
 
 FloatArray = NDArray[np.float64]
@@ -50,7 +55,13 @@ _MAX_STEPS = 2_000_000
 # Bounds lose to rounding: below this fraction of the summed amplitudes a positive value means nothing.
 _NOISE = 8 * np.finfo(float).eps
 
-LAUNCHED, AT_REST, NO_SEPARATION = 0, 1, 2
+# Contact always ends in the baseline (the integral of the indentation over a transient is zero), in all of the prior
+# range within milliseconds to seconds; the horizon, s, only stops a hopeless search. A ball that is pressed on the tip
+# may never leave it: then the drive's periods count.
+HORIZON = 100.0
+HORIZON_PERIODS = 200.0
+
+LAUNCHED, AT_REST, NO_SEPARATION, DRAWN_BACK = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -65,9 +76,9 @@ class Modes:
     weight : (n_sets, n_modes) complex array
         Residue of ``D(s)/U(s)``, m/(V s).
     lead : (n_sets,) array
-        ``k_s q / m``: initial acceleration of the tip per volt, m/(s^2 V).
-    roots : (n_sets, 4) complex array, 1/s
-        The roots of ``P``, both members of each pair.
+        ``k_s q / m``: initial acceleration of the tip per volt, m/(s^2 V); with a lag, over its time constant.
+    roots : (n_sets, 4 or 5) complex array, 1/s
+        The roots of ``P``, both members of each pair, and the lag's.
     """
 
     pole: ComplexArray
@@ -76,10 +87,9 @@ class Modes:
     roots: ComplexArray
 
 
-def contact_polynomial(constants: Constants, theta: FloatArray) -> FloatArray:
+def contact_polynomial(rig: Setup) -> FloatArray:
     """Coefficients of the monic ``P(s)``, from ``s^3`` down to ``s^0``; shape (n_sets, 4)."""
-    k_c, c_s, c_c = theta.T
-    m, M, k_s = constants.m, constants.M, constants.k_s
+    k_c, c_s, c_c, m, M, k_s = rig.k_c, rig.c_s, rig.c_c, rig.m, rig.M, rig.k_s
     return np.stack(
         [
             (M * (c_s + c_c) + m * c_c) / (m * M),
@@ -215,23 +225,27 @@ def _circle_around_clusters(roots: ComplexArray) -> tuple[ComplexArray, ComplexA
     return np.array(places), np.array(weights)
 
 
-def modes(constants: Constants, theta: FloatArray) -> Modes:
-    """Poles and weights for each parameter set; `theta` is (n_sets, 3): k_c, c_s, c_c."""
-    roots = poles(contact_polynomial(constants, theta))
+def modes(rig: Setup) -> Modes:
+    """Poles and weights for each parameter set; all of the sets have a lag, or none."""
+    roots = poles(contact_polynomial(rig))
+    lead = rig.k_s * rig.q / rig.m
+    if rig.lag[0] > 0.0:
+        roots = np.concatenate([roots, -1.0 / rig.lag[:, None]], axis=1)
+        lead = lead / rig.lag
+    n = roots.shape[1]
     difference = roots[:, :, None] - roots[:, None, :]
-    difference[:, range(4), range(4)] = 1.0
-    lead = np.full(len(roots), constants.k_s * constants.q / constants.m)
+    difference[:, range(n), range(n)] = 1.0
     weight = np.where(roots.imag > 0, 2.0, 1.0) * (roots.imag >= 0)
     pole = np.where(weight > 0, roots, 0.0)
-    close = np.abs(difference).min(axis=2, where=~np.eye(4, dtype=bool), initial=np.inf)
+    close = np.abs(difference).min(axis=2, where=~np.eye(n, dtype=bool), initial=np.inf)
     crowded = np.flatnonzero((close < _CLOSE * np.abs(roots)).any(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
         weight = np.where(weight > 0, weight / difference.prod(axis=2), 0.0)
     if crowded.size:
         replaced = [_circle_around_clusters(roots[i]) for i in crowded]
-        width = max(4, *(len(place) for place, _ in replaced))
-        pole = np.pad(pole, ((0, 0), (0, width - 4)))
-        weight = np.pad(weight, ((0, 0), (0, width - 4)))
+        width = max(n, *(len(place) for place, _ in replaced))
+        pole = np.pad(pole, ((0, 0), (0, width - n)))
+        weight = np.pad(weight, ((0, 0), (0, width - n)))
         for i, (place, value) in zip(crowded, replaced, strict=True):
             pole[i], weight[i] = 0.0, 0.0
             pole[i, : len(place)], weight[i, : len(place)] = place, value
@@ -311,11 +325,27 @@ def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _march(table, n, t, end, rising):  # type: ignore[no-untyped-def]
-    """First zero of the indentation in (t, end]; a value beyond `end` where there is none."""
+def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
+    """Integral of the integral of the indentation over [0, t]."""
+    total = 0.0
+    for k in range(n):
+        z = place[k] * t
+        rest = np.exp(z) - 1.0 - z
+        if abs(z) < 1e-3:  # the remainder loses its digits where its series is short
+            rest = z * z * (0.5 + z * (1.0 / 6.0 + z * (1.0 / 24.0 + z / 120.0)))
+        total += (amplitude[k] * rest / (place[k] * place[k])).real
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
+    """First zero of the indentation plus `lift` in (t, end]; infinity where there is none."""
     for _ in range(_MAX_STEPS):
         d0, d1, d2, b2, b3, noise = _evaluate(table, n, t)
-        floor = _NOISE * noise
+        if noise < lift:
+            return math.inf  # too little motion is left
+        d0 += lift
+        floor = _NOISE * (noise + lift)
         if d0 <= floor:
             # Indistinguishable from contact at zero: on the way down it is the separation.
             if d1 <= 0.0 and not rising:
@@ -343,37 +373,50 @@ def _aside(s, drive):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _sine(pole, weight, lead, roots, f, volt, horizon, amplitude, place, table):  # type: ignore[no-untyped-def]
-    """Separation under a sine: (time, integral of the indentation until then)."""
+def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
+    """Time until which the indentation is positive for sure, its first derivative that does not vanish being given."""
+    bound = 0.0
+    for k in range(n):
+        bound += abs(amplitude[k]) * abs(place[k]) ** (order + 1)
+    return (order + 1) * lowest / bound
+
+
+@njit(cache=True, error_model="numpy")
+def _sine(pole, weight, lead, roots, f, volt, phase, lift, horizon, placed, amplitude, place, table):  # type: ignore[no-untyped-def]
+    """Separation under a sine: (time, integral of the indentation until then, integral of that)."""
     omega = 2.0 * math.pi * f
     drive = 1j * omega
+    sin, cos = math.sin(phase), math.cos(phase)
     forced = lead * drive * drive * volt + 0j
-    for k in range(4):
+    for k in range(len(roots)):
         forced /= drive - _aside(roots[k], drive)
     n = 0
     for k in range(len(pole)):
         if weight[k] != 0:
             s = _aside(pole[k], drive)
             place[n] = s
-            amplitude[n] = volt * omega * weight[k] / (s * s + omega * omega)
+            amplitude[n] = volt * (omega * cos + s * sin) * weight[k] / (s * s + omega * omega)
             n += 1
     # V w/(s^2 + w^2) has the residue V/(2i) at +iw; doubled for its conjugate.
     place[n] = drive
-    amplitude[n] = forced * (-1j)
+    amplitude[n] = forced * complex(sin, -cos)
     n += 1
-    bound4 = 0.0
-    for k in range(n):
-        bound4 += abs(amplitude[k]) * abs(place[k]) ** 4
-    # d(0) = d'(0) = d''(0) = 0 and d'''(0) = lead V w > 0: positive as long as |d''''| allows.
-    start = 4.0 * lead * volt * omega / bound4
+    order = len(roots) - 2
+    lowest = lead * volt * sin
+    if sin == 0.0:
+        order += 1
+        lowest = lead * volt * omega
     _tabulate(place, amplitude, n, table)
-    t = _march(table, n, start, horizon, True)
-    return t, _impulse(place, amplitude, n, t)
+    t = _march(table, n, _start(place, amplitude, n, order, lowest), horizon, True, lift)
+    if math.isinf(t):
+        return t, 0.0, 0.0
+    twice = _twice(place, amplitude, n, t) if placed else 0.0
+    return t, _impulse(place, amplitude, n, t), twice
 
 
 @njit(cache=True, error_model="numpy")
-def _square(pole, weight, lead, f, volt, horizon, amplitude, place, table):  # type: ignore[no-untyped-def]
-    """Separation under a square wave: (time, integral of the indentation until then)."""
+def _square(pole, weight, lead, n_roots, f, volt, lift, horizon, placed, amplitude, place, table):  # type: ignore[no-untyped-def]
+    """Separation under a square wave: (time, integral of the indentation until then, integral of that)."""
     half = 0.5 / f
     n = 0
     for k in range(len(pole)):
@@ -381,23 +424,24 @@ def _square(pole, weight, lead, f, volt, horizon, amplitude, place, table):  # t
             place[n] = pole[k]
             amplitude[n] = volt * weight[k] / pole[k]
             n += 1
-    bound3 = 0.0
-    for k in range(n):
-        bound3 += abs(amplitude[k]) * abs(place[k]) ** 3
-    t = min(3.0 * lead * volt / bound3, half)  # d(0) = d'(0) = 0, d''(0) = lead V > 0
+    t = min(_start(place, amplitude, n, n_roots - 2, lead * volt), half)
     rising = True
     switches = 0
-    impulse = 0.0
+    once = twice = 0.0
     sign = -2.0 * volt
     while True:
         _tabulate(place, amplitude, n, table)
-        t = _march(table, n, t, half, rising)
+        # Too little motion in this half period says nothing of the next: the lift counts as unknown there.
+        t = _march(table, n, t, half, rising, lift)
+        span = half if math.isinf(t) else t
+        if placed:
+            twice += once * span + _twice(place, amplitude, n, span)
+        once += _impulse(place, amplitude, n, span)
         if not math.isinf(t):
-            return switches * half + t, impulse + _impulse(place, amplitude, n, t)
-        impulse += _impulse(place, amplitude, n, half)
+            return switches * half + t, once, twice
         switches += 1
         if switches * half > horizon:
-            return math.nan, impulse
+            return math.inf, once, twice
         j = 0
         for k in range(len(pole)):
             if weight[k] != 0:
@@ -408,7 +452,10 @@ def _square(pole, weight, lead, f, volt, horizon, amplitude, place, table):  # t
         rising = False
 
 
-def _launch(pole, weight, lead, roots, spring, square, frequency, voltage, horizon, when, speed, status):  # type: ignore[no-untyped-def]
+def _launch(  # type: ignore[no-untyped-def]
+    pole, weight, lead, roots, spring, damper, lift, seat, phase, horizon, placed, square, frequency, voltage,
+    when, speed, where, status,
+):  # fmt: skip
     n_sets, n_points = when.shape
     for i in prange(n_sets):
         width = pole.shape[1] + 1
@@ -416,21 +463,29 @@ def _launch(pole, weight, lead, roots, spring, square, frequency, voltage, horiz
         place = np.empty(width, np.complex128)
         table = np.empty((width, 7))
         for j in range(n_points):
+            when[i, j], speed[i, j], where[i, j], status[i, j] = 0.0, 0.0, 0.0, AT_REST
             if voltage[j] == 0.0:
-                when[i, j], speed[i, j], status[i, j] = 0.0, 0.0, AT_REST
                 continue
+            limit = HORIZON
+            if lift[i] > 0.0:
+                limit = max(horizon[i], HORIZON_PERIODS / frequency[j])
             if square[j]:
-                t, impulse = _square(
-                    pole[i], weight[i], lead[i], frequency[j], voltage[j], horizon, amplitude, place, table
-                )
+                t, once, twice = _square(
+                    pole[i], weight[i], lead[i], roots.shape[1], frequency[j], voltage[j], lift[i], limit, placed,
+                    amplitude, place, table,
+                )  # fmt: skip
             else:
-                t, impulse = _sine(
-                    pole[i], weight[i], lead[i], roots[i], frequency[j], voltage[j], horizon, amplitude, place, table
-                )
-            launched = math.isfinite(t)
+                t, once, twice = _sine(
+                    pole[i], weight[i], lead[i], roots[i], frequency[j], voltage[j], phase[i], lift[i], limit, placed,
+                    amplitude, place, table,
+                )  # fmt: skip
+            if not math.isfinite(t):
+                when[i, j], status[i, j] = math.nan, NO_SEPARATION
+                continue
             when[i, j] = t
-            speed[i, j] = spring[i] * impulse if launched else 0.0
-            status[i, j] = LAUNCHED if launched else NO_SEPARATION
+            speed[i, j] = spring[i] * once - damper[i] * lift[i]
+            where[i, j] = spring[i] * twice + damper[i] * once - seat[i]
+            status[i, j] = LAUNCHED if speed[i, j] > 0.0 else DRAWN_BACK
 
 
 _launch_serial = njit(cache=True, error_model="numpy")(_launch)
@@ -441,28 +496,43 @@ _WORTH_THREADS = 300
 _BATCH = 512
 
 
-def separation(design: Design, theta: FloatArray, horizon: float) -> tuple[FloatArray, FloatArray, NDArray[np.int8]]:
-    """Time (s) and ball speed (m/s) at the first separation, and what happened; each (n_sets, n_points).
+def contact_horizon(k_c: FloatArray, ball: FloatArray) -> FloatArray:
+    """Time, s, after which a ball still in contact counts as not launched, unless that is `HORIZON_PERIODS` off."""
+    return np.minimum(20 * np.pi * np.sqrt(ball / k_c), HORIZON)
+
+
+def separation(
+    design: Design, rig: Setup, placed: bool = False
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8]]:
+    """Time (s), ball speed (m/s) and ball place (m) at the first separation, and what happened; (n_sets, n_points).
 
     Parameters
     ----------
     design : Design
         Measurement conditions.
-    theta : (n_sets, 3) array
-        k_c (N/m), c_s (N s/m), c_c (N s/m); k_c > 0, dampings >= 0.
-    horizon : float
-        Contact time, s, after which the ball counts as not launched.
+    rig : Setup
+        ``k_c > 0``, dampings >= 0; no gap, no slew limit, ``0 <= phase <= pi/2``, ``pull = 1``, ``cycles = 0``.
+    placed : bool
+        Whether the ball's place is needed; it is meaningless otherwise.
     """
-    constants = design.constants
-    shape = (len(theta), design.n_points)
-    when, speed, status = np.empty(shape), np.empty(shape), np.empty(shape, np.int8)
-    launch = _launch_parallel if len(theta) > 1 and when.size > _WORTH_THREADS else _launch_serial
-    for first in range(0, len(theta), _BATCH):
-        part = slice(first, first + _BATCH)
-        batch = modes(constants, theta[part])
-        launch(
-            batch.pole, batch.weight, batch.lead, batch.roots, theta[part, 0] / constants.M,
-            design.waveform == SQUARE, design.frequency, design.amplitude, horizon,
-            when[part], speed[part], status[part],
-        )  # fmt: skip
-    return when, speed, status
+    n_sets = len(rig.k_c)
+    shape = (n_sets, design.n_points)
+    when, speed, where, status = np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape, np.int8)
+    launch = _launch_parallel if n_sets > 1 and when.size > _WORTH_THREADS else _launch_serial
+    lags = rig.lag > 0.0
+    for kind in np.unique(lags):
+        chosen = np.flatnonzero(lags == kind)
+        for first in range(0, len(chosen), _BATCH):
+            part = chosen[first : first + _BATCH]
+            one = rig.take(part)
+            batch = modes(one)
+            press = one.M * one.g * one.lean / one.l
+            found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in (when, speed, where, status))
+            launch(
+                batch.pole, batch.weight, batch.lead, batch.roots, one.k_c / one.M, one.c_c / one.M,
+                (press + one.bond) / one.k_c, press * (1 / one.k_s + 1 / one.k_c), one.phase,
+                contact_horizon(one.k_c, one.M), placed, design.waveform == SQUARE, design.frequency,
+                design.amplitude, *found,
+            )  # fmt: skip
+            when[part], speed[part], where[part], status[part] = found
+    return when, speed, where, status

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
+from psafit.physics.term import Setup
 from psafit.simulate import closed_form
-from psafit.simulate.batch import HORIZON
 from psafit.simulate.design import SQUARE, Design
 
 FloatArray = NDArray[np.float64]
@@ -63,7 +63,7 @@ class _Motion:
     """Indentation, its derivatives and integrals, at any time of one contact."""
 
     def __init__(self, design: Design, theta: FloatArray) -> None:
-        batch = closed_form.modes(design.constants, theta[None, :])
+        batch = closed_form.modes(Setup.of(design.constants, theta[None, :]))
         used = batch.weight[0] != 0
         pole, weight = batch.pole[0, used], batch.weight[0, used]
         frequency, volt = float(design.frequency[0]), float(design.amplitude[0])
@@ -128,7 +128,7 @@ class _Motion:
         }
 
 
-def contact(design: Design, theta: ArrayLike, *, n_times: int = 401, horizon: float = HORIZON) -> list[Contact]:
+def contact(design: Design, theta: ArrayLike, *, n_times: int = 401) -> list[Contact]:
     """Follow the contact at every measurement point, for one parameter set.
 
     Parameters
@@ -139,7 +139,6 @@ def contact(design: Design, theta: ArrayLike, *, n_times: int = 401, horizon: fl
         k_c (N/m), c_s (N s/m), c_c (N s/m).
     n_times : int
         Moments between rest and separation, both included.
-    horizon : float, s
 
     Returns
     -------
@@ -152,7 +151,7 @@ def contact(design: Design, theta: ArrayLike, *, n_times: int = 401, horizon: fl
         Where the ball is not launched.
     """
     values = np.asarray(theta, dtype=float)
-    when, _, status = closed_form.separation(design, values[None, :], horizon)
+    when, _, _, status = closed_form.separation(design, Setup.of(design.constants, values[None, :]))
     contacts = []
     for j in range(design.n_points):
         if status[0, j] != closed_form.LAUNCHED:

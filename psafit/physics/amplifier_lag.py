@@ -1,0 +1,71 @@
+r"""An amplifier that follows its command with a first-order lag.
+
+.. math:: \dot u = (V_\mathrm{cmd} - u)/\tau_a, \qquad u(0) = 0.
+
+The output resistance of the amplifier and the stack's capacity make an RC low-pass filter. Assumed: the capacity
+is constant (it grows by some tens of per cent with the field) and the amplifier itself is much faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from psafit.parameters import Bounds, Normal, Parameter
+from psafit.physics.checks import plain_rig
+from psafit.physics.term import Check, FloatArray, Setup, Symptom, Term, World
+
+
+def setup(rig: Setup, p: FloatArray) -> Setup:
+    """Add the time constant."""
+    return rig.change(lag=rig.lag + p[:, 0])
+
+
+def literal(world: World, p: Sequence[float]) -> None:
+    """Time constant ``tau_a``."""
+    world.lag = p[0]
+
+
+TERM = Term(
+    id="amplifier_lag",
+    slot="drive",
+    title="lagging amplifier",
+    equation=r"\dot u = (V_\mathrm{cmd} - u)/\tau_a",
+    description=__doc__ or "",
+    parameters=(
+        Parameter(
+            "amplifier_lag_tau",
+            r"\tau_a",
+            "s",
+            Bounds(0.0, 1e-2),
+            Normal(0.0, 1e-4),
+            "time constant of the amplifier",
+            "output resistance 1-100 ohm times 1.5 uF (Table 1): 1.5-150 us",
+            neutral=0.0,
+        ),
+    ),
+    symptom=Symptom(
+        "the voltage falls short of the command above 1/(2 pi tau_a), a loss that grows with frequency; where the drive"
+        " turns several times during contact, the voltage swings about a positive mean instead and pushes more",
+        sign=0,
+        frequency="mixed",
+        amplitude="flat",
+    ),
+    reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, 2014, ch. 14",
+    checks=(
+        Check(
+            "tau_a adds to the rig's lag: 15 us + 20 us = 35 us",
+            lambda: float(setup(plain_rig(lag=15e-6), np.array([[20e-6]])).lag[0]),
+            35e-6,
+        ),
+        Check(
+            "10 ohm on 1.5 uF: tau_a = 15 us, corner frequency 1/(2 pi 15 us) = 10.610 kHz",
+            lambda: float(1 / (2 * np.pi * setup(plain_rig(), np.array([[10 * 1.5e-6]])).lag[0])),
+            10610.3,
+            tolerance=1e-5,
+        ),
+    ),
+    literal=literal,
+    setup=setup,
+)

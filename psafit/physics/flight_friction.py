@@ -1,0 +1,72 @@
+r"""A swing slowed by dry friction.
+
+.. math:: \ddot x = -\tfrac{g}{l} x - a_f.
+
+Where a string or its knot slides over its support, the moment of friction :math:`\mu M g r` on the radius `r` of the
+support acts like a constant force :math:`\mu M g r/l` on the ball; a dragging wire or tape does the same. With
+:math:`a_f` far above :math:`g L/l` the range is :math:`v^2/(2 a_f)`: quadratic in the speed. Assumed: no velocity
+dependence; it ends with the swing outwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from psafit.parameters import Bounds, Normal, Parameter
+from psafit.physics.term import Check, Symptom, Term, World
+
+
+def deceleration(x: float, v: float, p: Any) -> float:
+    """Return ``a_f``."""
+    return float(p[0])
+
+
+def literal(world: World, p: Sequence[float]) -> None:
+    """Constant deceleration ``a_f``."""
+    before, friction = world.deceleration, p[0]
+    world.deceleration = lambda x, v: before(x, v) + friction
+
+
+TERM = Term(
+    id="flight_friction",
+    slot="flight",
+    title="dry friction on the swing",
+    equation=r"\ddot x = -(g/l) x - a_f",
+    description=__doc__ or "",
+    parameters=(
+        Parameter(
+            "flight_friction_a",
+            "a_f",
+            "m/s^2",
+            Bounds(0.0, 1.0),
+            Normal(0.0, 0.02),
+            "constant deceleration of the swing",
+            "mu g r/l with mu = 0.2 and a support of radius 0.1-1 mm: 0.002-0.02 m/s^2; friction terms of real"
+            " pendulums in Squire (1986)",
+            neutral=0.0,
+        ),
+    ),
+    symptom=Symptom(
+        "the launch range grows with the square of the speed until g L/l exceeds a_f: weak launches lose most, on both"
+        " sides of the peak and at low voltage",
+        sign=-1,
+        frequency="mixed",
+        amplitude="falls",
+    ),
+    reference="P. T. Squire, Am. J. Phys. 54 (1986) 984",
+    checks=(
+        Check(
+            "a ball at 2 mm/s under friction alone, a_f = 0.02 m/s^2: v^2/(2 a_f) = 4e-6/0.04 = 100 um",
+            lambda: 2e-3**2 / (2 * deceleration(5e-5, 2e-3, [0.02])),
+            1e-4,
+        ),
+        Check(
+            "force on 27 g at a_f = 0.02 m/s^2: 0.54 mN, whatever place and speed",
+            lambda: 0.027 * deceleration(-1e-3, 0.3, [0.02]),
+            5.4e-4,
+        ),
+    ),
+    literal=literal,
+    deceleration=deceleration,
+)

@@ -1,0 +1,74 @@
+r"""An amplifier whose current limit bounds the rate of the voltage.
+
+.. math:: |\dot u| \le S = i_\mathrm{max}/C.
+
+A stack is a capacitor: the amplifier charges it with at most :math:`i_\mathrm{max}`. A sine needs :math:`2\pi f V_a`
+(20 V at 5 kHz: 0.63 V/us), a jump an infinite rate. Assumed: the same limit for both signs, a constant capacity, and a
+voltage that runs at the limit until it meets the command. Sampled as :math:`1/S`, which vanishes where the limit does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from psafit.parameters import Bounds, Normal, Parameter
+from psafit.physics.checks import plain_rig
+from psafit.physics.term import Check, FloatArray, Setup, Symptom, Term, World
+
+
+def setup(rig: Setup, p: FloatArray) -> Setup:
+    """Let the tighter limit hold."""
+    return rig.change(inverse_slew=np.maximum(rig.inverse_slew, p[:, 0]))
+
+
+def literal(world: World, p: Sequence[float]) -> None:
+    """Largest rate ``S``."""
+    if p[0] > 0:
+        world.slew = min(world.slew, 1 / p[0])
+
+
+TERM = Term(
+    id="slew_limit",
+    slot="drive",
+    title="slew-limited amplifier",
+    equation=r"|\dot u| \le S = i_\mathrm{max}/C",
+    description=__doc__ or "",
+    parameters=(
+        Parameter(
+            "slew_limit_inverse",
+            "1/S",
+            "s/V",
+            Bounds(0.0, 1e-3),
+            Normal(0.0, 2e-5),
+            "one over the largest rate of the voltage",
+            "current limits of piezo amplifiers, 20 mA (bench-top controllers) to 1 A (power amplifiers), into 1.5 uF"
+            " (Table 1): S = 1.3e4-6.7e5 V/s, 1/S = 1.5e-6-7.5e-5 s/V",
+            neutral=0.0,
+        ),
+    ),
+    symptom=Symptom(
+        "sines become triangles above f = S/(2 pi V_a) and jumps become ramps of 2 V_a/S: it sets in at a threshold"
+        " that moves to lower frequencies as the voltage grows; first a loss, then, where the voltage cannot come back"
+        " before the ball leaves, a gain",
+        sign=0,
+        frequency="mixed",
+        amplitude="grows",
+    ),
+    reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, 2014, ch. 14",
+    checks=(
+        Check(
+            "0.3 A into 1.5 uF: S = 0.2 V/us, 1/S = 5 us/V, above a rig's own 2 us/V",
+            lambda: float(setup(plain_rig(inverse_slew=2e-6), np.array([[1.5e-6 / 0.3]])).inverse_slew[0]),
+            5e-6,
+        ),
+        Check(
+            "the tighter limit holds: 5 us/V asked of a rig at 8 us/V leaves 8 us/V",
+            lambda: float(setup(plain_rig(inverse_slew=8e-6), np.array([[5e-6]])).inverse_slew[0]),
+            8e-6,
+        ),
+    ),
+    literal=literal,
+    setup=setup,
+)

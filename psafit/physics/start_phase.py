@@ -1,0 +1,74 @@
+r"""A sine that does not start at its zero.
+
+.. math:: V_\mathrm{cmd} = V_a \sin(2\pi f t + \phi_0).
+
+A generator that is switched on rather than triggered, or gated by a relay, starts anywhere: the voltage jumps by
+:math:`V_a \sin\phi_0` and the burst has part of the character of a square wave. Assumed: the same phase in every
+launch; one that varies is scatter. A square command is not affected.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from psafit.parameters import Bounds, Normal, Parameter
+from psafit.physics.checks import plain_rig
+from psafit.physics.term import Check, FloatArray, Setup, Symptom, Term, World
+
+
+def setup(rig: Setup, p: FloatArray) -> Setup:
+    """Add the phase."""
+    return rig.change(phase=rig.phase + p[:, 0])
+
+
+def literal(world: World, p: Sequence[float]) -> None:
+    """Phase ``phi_0``."""
+    world.phase = p[0]
+
+
+TERM = Term(
+    id="start_phase",
+    slot="drive",
+    title="sine starts off its zero",
+    equation=r"V_\mathrm{cmd} = V_a \sin(2\pi f t + \phi_0)",
+    description=__doc__ or "",
+    parameters=(
+        Parameter(
+            "start_phase_phi",
+            r"\phi_0",
+            "rad",
+            Bounds(-math.pi / 2, math.pi / 2),
+            Normal(0.0, 0.3),
+            "phase at which the sine starts",
+            "generators in burst mode start at a set phase, 0 by default; output filters and trigger delays of some"
+            " 10 us turn a 1 kHz sine by 0.1 rad; a free-running generator would start anywhere",
+            neutral=0.0,
+        ),
+    ),
+    symptom=Symptom(
+        "slow sines, which hardly launch the ball from rest, launch it by their initial jump: the low-frequency side"
+        " of the curve fills up for phi_0 > 0; square waves stay as they are",
+        sign=0,
+        frequency="mixed",
+        amplitude="flat",
+        waveforms=("sine",),
+    ),
+    reference="elementary: initial value of a gated sine",
+    checks=(
+        Check(
+            "initial jump of 20 V at phi_0 = pi/6: 20 V x 0.5 = 10 V",
+            lambda: float(20.0 * np.sin(setup(plain_rig(), np.array([[math.pi / 6]])).phase[0])),
+            10.0,
+        ),
+        Check(
+            "phases add: 0.25 rad + (-0.4 rad) = -0.15 rad",
+            lambda: float(setup(plain_rig(phase=0.25), np.array([[-0.4]])).phase[0]),
+            -0.15,
+        ),
+    ),
+    literal=literal,
+    setup=setup,
+)

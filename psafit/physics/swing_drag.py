@@ -1,0 +1,71 @@
+r"""A swing slowed in proportion to its speed.
+
+.. math:: \ddot x = -\tfrac{g}{l} x - \gamma v.
+
+Air drag on a slow ball, with the viscous layer that oscillates with it (Stokes 1851), and losses in the string. At
+small angles the whole swing scales: every range is multiplied by the same factor, about :math:`1 -
+(\pi/4)\gamma\sqrt{l/g}`. Assumed: the drag that grows with :math:`v^2` is negligible at some mm/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from psafit.parameters import Bounds, Normal, Parameter
+from psafit.physics.term import Check, Symptom, Term, World
+
+
+def deceleration(x: float, v: float, p: Any) -> float:
+    """Return ``gamma v``."""
+    return float(p[0]) * v
+
+
+def literal(world: World, p: Sequence[float]) -> None:
+    """Deceleration ``gamma v``."""
+    before, rate = world.deceleration, p[0]
+    world.deceleration = lambda x, v: before(x, v) + rate * v
+
+
+TERM = Term(
+    id="swing_drag",
+    slot="flight",
+    title="drag on the swing",
+    equation=r"\ddot x = -(g/l) x - \gamma v",
+    description=__doc__ or "",
+    parameters=(
+        Parameter(
+            "swing_drag_rate",
+            r"\gamma",
+            "1/s",
+            Bounds(0.0, 50.0),
+            Normal(0.0, 0.1),
+            "drag rate of the swing",
+            "air on a ball of 9.4 mm radius at 1.7 Hz: 6 pi eta R (1 + R/1.7 mm)/M = 8e-4 1/s (Landau and Lifshitz,"
+            " Fluid Mechanics, sec. 24); pendulums on strings decay at 0.002-0.02 1/s; paper and cables at some 0.1"
+            " 1/s",
+            neutral=0.0,
+        ),
+    ),
+    symptom=Symptom(
+        "every launch range is lowered by the same factor, at all frequencies and voltages, sine and square alike",
+        sign=-1,
+        frequency="flat",
+        amplitude="flat",
+    ),
+    reference="P. T. Squire, Am. J. Phys. 54 (1986) 984; L. D. Landau and E. M. Lifshitz, Fluid Mechanics, sec. 24",
+    checks=(
+        Check(
+            "gamma = 0.5 1/s at 3 mm/s: 1.5 mm/s^2",
+            lambda: deceleration(1e-5, 3e-3, [0.5]),
+            1.5e-3,
+        ),
+        Check(
+            "force on 27 g at gamma = 4 1/s and 2 mm/s: 0.027 x 8e-3 = 0.216 mN",
+            lambda: 0.027 * deceleration(0.0, 2e-3, [4.0]),
+            2.16e-4,
+        ),
+    ),
+    literal=literal,
+    deceleration=deceleration,
+)

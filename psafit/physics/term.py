@@ -1,0 +1,295 @@
+r"""What a cause declares, and the rig it acts on.
+
+A cause changes the baseline in one of two ways, or both. It *sets a number of the rig* (`Term.setup`): a mass, a
+gap, a time constant; the engine gives every such number its meaning, once. Or it *puts a function into a slot*
+(`law`, `stack_factor`, `branch`, `deceleration`, `reading`); the engine calls whatever functions the chosen causes
+bring, so that a new one needs no change there. Functions of the slots are scalar Python, compiled on first use.
+
+Each cause says the same a second time for the scalar reference (`Term.literal`), written as in the literature.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.experiment import Constants
+from psafit.parameters import Parameter
+
+FloatArray = NDArray[np.float64]
+Slot = Literal["drive", "stack", "contact", "flight", "reading"]
+Trend = Literal["grows", "falls", "flat", "mixed"]
+SLOTS: tuple[Slot, ...] = ("drive", "stack", "contact", "flight", "reading")
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The rig's numbers for a batch of parameter sets; arrays of shape (n_sets,).
+
+    Parameters
+    ----------
+    k_c : array, N/m
+        Contact stiffness.
+    c_s, c_c : array, N s/m
+        Structural and contact damping.
+    m, M : array, kg
+        Stack and ball.
+    k_s : array, N/m
+        Stack stiffness.
+    q : array, m/V
+        Free stroke per volt; the drive's force is ``k_s q u``.
+    l : array, m
+        String.
+    g : array, m/s^2
+    phase : array, rad
+        At which a sine command starts; a square command ignores it.
+    lag : array, s
+        Time constant of the amplifier: ``u' = (V_cmd - u)/lag``; 0: the voltage is the command.
+    inverse_slew : array, s/V
+        One over the largest rate of the voltage; 0: no limit. A voltage that has fallen behind runs at the
+        largest rate until it meets the command (without lag), or until the lag asks for less.
+    gap : array, m
+        Distance of the ball from the tip at rest.
+    lean : array, m
+        How far the pendulum's equilibrium lies behind the contact plane: the ball presses with ``M g lean/l``.
+    bond : array, N
+        The contact holds past d = 0 until ``k_c |d|`` exceeds it.
+    pull : array
+        What is left of a negative contact force while d >= 0; 1: all of it.
+    cycles : array
+        Periods of the drive within which the tip may strike a launched ball again; 0: one contact.
+    """
+
+    k_c: FloatArray
+    c_s: FloatArray
+    c_c: FloatArray
+    m: FloatArray
+    M: FloatArray
+    k_s: FloatArray
+    q: FloatArray
+    l: FloatArray
+    g: FloatArray
+    phase: FloatArray
+    lag: FloatArray
+    inverse_slew: FloatArray
+    gap: FloatArray
+    lean: FloatArray
+    bond: FloatArray
+    pull: FloatArray
+    cycles: FloatArray
+
+    @classmethod
+    def of(cls, constants: Constants, theta: FloatArray) -> Setup:
+        """Return the baseline; `theta` is (n_sets, 3): k_c (N/m), c_s, c_c (N s/m)."""
+        k_c, c_s, c_c = theta.T
+        given = {name: np.full(len(theta), getattr(constants, name)) for name in ("m", "M", "k_s", "q", "l", "g")}
+        names = [f.name for f in dataclasses.fields(cls)]
+        neutral = {name: np.zeros(len(theta)) for name in names[names.index("phase") :]}
+        return cls(k_c, c_s, c_c, **given, **neutral | {"pull": np.ones(len(theta))})
+
+    def take(self, sets: NDArray[np.intp]) -> Setup:
+        """Some of the parameter sets."""
+        return Setup(*(getattr(self, f.name)[sets] for f in dataclasses.fields(self)))
+
+    def stack(self) -> FloatArray:
+        """All numbers as one array, (n_sets, n_fields), in the order of the fields."""
+        return np.stack([getattr(self, f.name) for f in dataclasses.fields(self)], axis=1)
+
+    def change(self, **numbers: FloatArray) -> Setup:
+        """Return a setup with some numbers replaced."""
+        return dataclasses.replace(self, **numbers)
+
+
+@dataclass
+class World:
+    """One rig as the scalar reference sees it; a cause's `literal` edits it.
+
+    Numbers as in `Setup`, with `slew` (V/s) the limit itself; functions as the literature writes them.
+
+    Parameters
+    ----------
+    stroke : callable
+        ``stroke(u)``: free displacement, m, of the stack at voltage `u`; the drive's force is ``k_s (stroke - z)``.
+    memory_rate : callable
+        ``memory_rate(z, u, du)``: rate, m/s, of the hysteresis state `z` (m) at voltage `u` (V), rate `du` (V/s).
+    elastic, damping : callable
+        ``elastic(d, rate)``, ``damping(d, rate)``: the two parts of the contact force, N.
+    deceleration : callable
+        ``deceleration(x, v)``: tangential deceleration, m/s^2, of the swinging ball beside gravity's.
+    offset_weight : float
+        Weight of the ball's place at separation in the swing's energy.
+    reading : callable
+        ``reading(L, group)``: what is read, m, of a launch range `L` (m) in session number `group`.
+    """
+
+    k_c: float
+    c_s: float
+    c_c: float
+    m: float
+    M: float
+    k_s: float
+    q: float
+    l: float
+    g: float
+    phase: float = 0.0
+    lag: float = 0.0
+    slew: float = math.inf
+    gap: float = 0.0
+    lean: float = 0.0
+    bond: float = 0.0
+    pull: float = 1.0
+    cycles: float = 0.0
+    stroke: Callable[[float], float] = field(init=False)
+    memory_rate: Callable[[float, float, float], float] = field(init=False)
+    elastic: Callable[[float, float], float] = field(init=False)
+    damping: Callable[[float, float], float] = field(init=False)
+    deceleration: Callable[[float, float], float] = field(init=False)
+    reading: Callable[[float, int], float] = field(init=False)
+    offset_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.stroke = lambda u: self.q * u
+        self.memory_rate = lambda z, u, du: 0.0
+        self.elastic = lambda d, rate: self.k_c * d
+        self.damping = lambda d, rate: self.c_c * rate
+        self.deceleration = lambda x, v: 0.0
+        self.reading = lambda L, group: L
+
+
+@dataclass(frozen=True)
+class Symptom:
+    """What a cause does to the launch range, in words and in a form that can be checked against the simulator.
+
+    Parameters
+    ----------
+    text : str
+        For a reader: which scaling, which region.
+    sign : {-1, 0, 1}
+        Does a larger value (away from neutral) lower or raise the launch range; 0: both occur.
+    frequency, amplitude : {"grows", "falls", "flat", "mixed"}
+        How the relative effect changes with drive frequency and with voltage.
+    waveforms : tuple of str
+        On which the cause acts.
+    """
+
+    text: str
+    sign: Literal[-1, 0, 1]
+    frequency: Trend
+    amplitude: Trend
+    waveforms: tuple[str, ...] = ("sine", "square")
+
+
+@dataclass(frozen=True)
+class Check:
+    """A value worked out by hand, away from neutral.
+
+    Parameters
+    ----------
+    working : str
+        The calculation, for a reader.
+    value : callable
+        Asks the cause's own functions for it.
+    expected : float
+    tolerance : float
+        Relative.
+    """
+
+    working: str
+    value: Callable[[], float]
+    expected: float
+    tolerance: float = 1e-12
+
+
+@dataclass(frozen=True)
+class Term:
+    """A candidate cause.
+
+    Parameters
+    ----------
+    id : str
+    slot : {"drive", "stack", "contact", "flight", "reading"}
+    title : str
+        A few words.
+    equation : str
+        LaTeX, one line, without dollar signs.
+    description : str
+        The module's docstring: the equation and where it comes from.
+    parameters : tuple of Parameter
+        Each with a neutral value; at neutral values of all of them the cause vanishes exactly.
+    symptom : Symptom
+    reference : str
+    checks : tuple of Check
+    literal : callable
+        ``literal(world, p)`` edits a `World` for the scalar reference; `p` as floats.
+    setup : callable, optional
+        ``setup(rig, p)`` returns the changed `Setup`; `p` is (n_sets, n_parameters).
+    law : callable, optional
+        ``law(d, rate, p, out)`` changes the contact force in place; `out` holds the elastic force, its derivatives
+        by indentation and rate, then the damping force and its two.
+    stack_factor : callable, optional
+        ``stack_factor(size, p)``: factor on the stroke at voltage ``+-size``. `size` is the voltage's magnitude, and
+        negative where the engine looks past a zero of the drive: continue the formula smoothly.
+    branch : callable, optional
+        ``branch(z0, u0, u, q, p)``: hysteresis state, m, reached from `z0` by moving the voltage one way, `u0` to `u`.
+    deceleration : callable, optional
+        ``deceleration(x, v, p)``, m/s^2, of the swinging ball at distance `x` (m) along its arc and speed `v` > 0.
+    swing_offset : callable, optional
+        ``swing_offset(p)``: (n_sets,) weights of the ball's place at separation in the swing's energy.
+    reading : callable, optional
+        ``reading(L, p, group)``: (n_sets, n_points) ranges, m, as read; `group` (n_points,) numbers the sessions.
+    latent : Parameter, optional
+        One more parameter for every session, appended to `p` in the order of the sessions.
+    """
+
+    id: str
+    slot: Slot
+    title: str
+    equation: str
+    description: str
+    parameters: tuple[Parameter, ...]
+    symptom: Symptom
+    reference: str
+    checks: tuple[Check, ...]
+    literal: Callable[[World, Sequence[float]], None]
+    setup: Callable[[Setup, FloatArray], Setup] | None = None
+    law: Callable[[float, float, Any, Any], None] | None = None
+    stack_factor: Callable[[float, Any], float] | None = None
+    branch: Callable[[float, float, float, float, Any], float] | None = None
+    deceleration: Callable[[float, float, Any], float] | None = None
+    swing_offset: Callable[[FloatArray], FloatArray] | None = None
+    reading: Callable[[FloatArray, FloatArray, NDArray[np.int64]], FloatArray] | None = None
+    latent: Parameter | None = None
+
+    def __post_init__(self) -> None:
+        if not self.id.isidentifier() or self.id != self.id.lower():
+            raise ValueError(f"cause {self.id!r}: the identifier is not lower-case snake case")
+        if self.slot not in SLOTS:
+            raise ValueError(f"{self.id}: no slot {self.slot!r}; slots are {', '.join(SLOTS)}")
+        if not self.parameters:
+            raise ValueError(f"{self.id}: a cause without a parameter cannot vanish")
+        for parameter in self.parameters:
+            if parameter.neutral is None and parameter is self.parameters[0]:
+                raise ValueError(f"{self.id}: parameter {parameter.name} has no neutral value")
+        if not self.checks:
+            raise ValueError(f"{self.id}: no check by hand")
+        faces = (
+            self.setup, self.law, self.stack_factor, self.branch, self.deceleration, self.swing_offset, self.reading,
+        )  # fmt: skip
+        if not any(faces):
+            raise ValueError(f"{self.id}: neither sets a number of the rig nor fills a slot")
+
+    @property
+    def strength(self) -> Parameter:
+        """The first parameter: at its neutral value the cause vanishes, whatever the others are."""
+        return self.parameters[0]
+
+    @property
+    def stepped(self) -> bool:
+        """Whether a function of this cause acts while the ball is in contact, so that the motion has no closed form."""
+        return not (self.law is None and self.stack_factor is None and self.branch is None)

@@ -1,0 +1,68 @@
+r"""Tables of the Radau IIA collocation method on [0, 1].
+
+A polynomial through the values at the nodes :math:`c_i` stands for the rate of each state; its integral,
+
+.. math:: A_{ij} = \int_0^{c_i} \ell_j,
+
+gives the state: velocity from acceleration, and displacement from velocity by the same rule, hence :math:`A^2`.
+(Integrating the acceleration's polynomial twice exactly would lose the stability.) The method is of order 2 s - 1,
+stable for all decaying modes, and damps the fastest at once (Hairer and Wanner, Solving Ordinary Differential
+Equations II, 1996, Section IV.5). Polynomials in Bernstein's form lie between their smallest and largest coefficient,
+which is how a step is searched for events without stepping over one.
+"""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+from numpy.polynomial import Legendre, Polynomial
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+NODES = 6
+# Degree of the displacement's polynomial.
+DEGREE = NODES
+# Ratios of successive steps for which the force is carried on, as powers of two.
+RATIOS = range(-8, 5)
+
+
+def _nodes() -> FloatArray:
+    s = NODES
+    right_radau = Legendre.basis(s, domain=[0, 1]) - Legendre.basis(s - 1, domain=[0, 1])
+    c = np.sort(right_radau.roots().real)
+    for _ in range(3):
+        c = c - right_radau(c) / right_radau.deriv()(c)
+    c[-1] = 1.0
+    return c
+
+
+def _bernstein(p: Polynomial, degree: int) -> FloatArray:
+    """Coefficients in Bernstein's basis of a degree."""
+    a = p.coef
+    return np.array(
+        [sum(comb(i, k) / comb(degree, k) * a[k] for k in range(min(i, len(a) - 1) + 1)) for i in range(degree + 1)]
+    )
+
+
+C = _nodes()
+_P = np.array([Legendre.basis(k, domain=[0, 1])(C) for k in range(NODES)]).T
+TO_LEGENDRE: FloatArray = np.linalg.inv(_P)
+"""Legendre coefficients of the values at the nodes, (s, s)."""
+
+_LAGRANGE = [Legendre(TO_LEGENDRE[:, j], domain=[0, 1]) for j in range(NODES)]
+_ONCE = [p.integ(lbnd=0) for p in _LAGRANGE]
+
+A: FloatArray = np.ascontiguousarray(np.transpose([p(C) for p in _ONCE]))
+A2: FloatArray = A @ A
+
+_POWER = [p.convert(kind=Polynomial, domain=[-1, 1]) for p in _LAGRANGE]
+VALUES_TO_BERNSTEIN: FloatArray = np.ascontiguousarray(np.transpose([_bernstein(p, NODES - 1) for p in _POWER]))
+"""Bernstein coefficients of the polynomial through the values at the nodes, (s, s)."""
+
+ONCE_TO_BERNSTEIN: FloatArray = np.ascontiguousarray(np.transpose([_bernstein(p.integ(), DEGREE) for p in _POWER]))
+"""Bernstein coefficients of its integral from 0, (s + 1, s)."""
+
+EXTRAPOLATE: FloatArray = np.array([np.transpose([p(1.0 + 2.0**k * C) for p in _LAGRANGE]) for k in RATIOS])
+"""Values at the nodes of the next step, 2^k times as long, of the same polynomial carried on; (ratios, s, s)."""

@@ -1,0 +1,192 @@
+r"""The drive voltage, exactly, as a chain of pieces.
+
+Whatever the amplifier does - follow its command, lag behind it, run at its largest rate - within one piece the
+voltage is of one family,
+
+.. math:: u(t_0 + s) = a + b s + c\, e^{-r s} + G \sin(\omega s + \psi),
+
+and so is every quantity whose zero ends a piece: a square wave's switch, the rate against its limit, the voltage
+against its command, and, where a cause of the stack needs them apart, the zeros of the voltage and its turning
+points. Zeros are found as in `closed_form`: by steps that bounds on the derivatives prove to be safe.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from psafit.simulate.closed_form import _safe_step
+
+# Places in the record of a piece: beginning, end, the five coefficients with the two rates, and where it stands.
+BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, DIRECTION, HALVES = range(12)
+PIECE = 12
+
+_NOISE = 8 * np.finfo(float).eps
+# A quantity this close to zero at the beginning of a piece is what ended the piece before.
+_ENDED = 512 * np.finfo(float).eps
+_MAX_STEPS = 100_000
+
+
+@njit(cache=True, error_model="numpy")
+def _value(a, b, c, r, G, w, psi, s):  # type: ignore[no-untyped-def]
+    value = a + b * s
+    if c != 0.0:
+        value += c * math.exp(-r * s)
+    if G != 0.0:
+        value += G * math.sin(w * s + psi)
+    return value
+
+
+@njit(cache=True, error_model="numpy")
+def _first_zero(a, b, c, r, G, w, psi, end):  # type: ignore[no-untyped-def]
+    """First s > 0 at which a member of the family, positive just after 0, is zero; infinity where none before `end`."""
+    if c == 0.0 and G == 0.0:
+        return -a / b if b < 0.0 and a > 0.0 else math.inf
+    s = 0.0
+    rising = True
+    for _ in range(_MAX_STEPS):
+        e = c * math.exp(-r * s)
+        sin, cos = math.sin(w * s + psi), math.cos(w * s + psi)
+        g0 = a + b * s + e + G * sin
+        g1 = b - r * e + w * G * cos
+        g2 = r * r * e - w * w * G * sin
+        b2 = r * r * abs(e) + w * w * abs(G)
+        b3 = r * r * r * abs(e) + w * w * w * abs(G)
+        floor = _NOISE * (abs(a) + abs(b * s) + abs(e) + abs(G))
+        if rising:
+            floor *= _ENDED / _NOISE
+        if g0 <= floor:
+            if g1 <= 0.0 and not rising:
+                return s
+            g0 = floor
+            g1 = max(g1, 0.0)
+        else:
+            rising = False
+        step = _safe_step(g0, g1, g2, b2, b3)
+        if s + step == s or (g1 < 0.0 and step <= 2e-16 * s):
+            return s
+        s += step
+        if s > end:
+            return math.inf
+    return math.inf
+
+
+@njit(cache=True, error_model="numpy")
+def _sign(v0, v1, v2, size0, size1):  # type: ignore[no-untyped-def]
+    """Sign just after now of a quantity with these derivatives."""
+    if abs(v0) > _ENDED * size0:
+        return math.copysign(1.0, v0)
+    if abs(v1) > _ENDED * size1:
+        return math.copysign(1.0, v1)
+    if v2 == 0.0:
+        return 0.0
+    return math.copysign(1.0, v2)
+
+
+@njit(cache=True, error_model="numpy")
+def voltage(piece, t):  # type: ignore[no-untyped-def]
+    """Voltage at `t`; beyond the piece's end, its formula carried on."""
+    return _value(
+        piece[CONSTANT], piece[SLOPE], piece[DECAY], piece[RATE], piece[SWING], piece[OMEGA], piece[PSI],
+        t - piece[BEGIN],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def first_piece(piece, square, volt, f, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
+    """The piece that begins at rest."""
+    piece[:] = 0.0
+    piece[END] = 0.0
+    piece[HALVES] = -1.0
+    next_piece(piece, 0.0, square, volt, f, phase, lag, inverse_slew, split)
+
+
+@njit(cache=True, error_model="numpy")
+def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
+    """Replace a piece by the one after it; `u` is the voltage at its end.
+
+    `split` asks for pieces within which voltage and rate keep their signs.
+    """
+    t = piece[END]
+    w = 2.0 * math.pi * f
+    end = math.inf
+    if square:
+        # Switches are counted, not computed from the time, which may be a rounding before one.
+        halves = piece[HALVES]
+        if halves < 0.0 or t == (halves + 1.0) * 0.5 / f:
+            halves += 1.0
+        piece[HALVES] = halves
+        command = volt if halves % 2.0 == 0.0 else -volt
+        end = (halves + 1.0) * 0.5 / f - t
+        swing, psi = 0.0, 0.0
+        now, rate, bend = command, 0.0, 0.0
+    else:
+        command, swing, psi = 0.0, volt, w * t + phase
+        now, rate, bend = volt * math.sin(psi), w * volt * math.cos(psi), -w * w * volt * math.sin(psi)
+
+    a, b, c, r, G, phi = command, 0.0, 0.0, 0.0, swing, psi
+    limited = inverse_slew > 0.0
+    top = 1.0 / inverse_slew if limited else math.inf
+    ahead = now - u
+    if lag > 0.0:
+        edge = top * lag
+        r = 1.0 / lag
+        growing = math.copysign(1.0, ahead) * (rate - ahead * r)  # of |ahead| while lagging
+        near = abs(abs(ahead) - edge) <= _ENDED * volt
+        if not limited or (growing <= 0.0 if near else abs(ahead) < edge):
+            shift = math.atan(w * lag)
+            G, phi = swing * math.cos(shift), psi - shift
+            c = u - command - G * math.sin(phi)
+            if limited:
+                # c_cmd - u = lag G w cos(w s + phi) - c exp(-r s)
+                quarter = 0.5 * math.pi
+                for side in (1.0, -1.0):
+                    end = min(
+                        end, _first_zero(edge, 0.0, side * c, r, -side * lag * G * w, w, phi + quarter, end)
+                    )  # fmt: skip
+        else:
+            side = math.copysign(1.0, ahead)
+            end = min(end, _first_zero(side * (command - u) - edge, -top, 0.0, 0.0, side * swing, w, psi, end))
+            a, b, c, r, G = u, side * top, 0.0, 0.0, 0.0
+    elif limited:
+        met = abs(ahead) <= _ENDED * volt
+        fits = abs(rate) < top * (1.0 - 1e-13) or (abs(rate) <= top * (1.0 + 1e-13) and rate * bend <= 0.0)
+        if met and fits:
+            if w * abs(swing) > top:
+                quarter = 0.5 * math.pi
+                for side in (1.0, -1.0):
+                    end = min(end, _first_zero(top, 0.0, 0.0, 0.0, -side * swing * w, w, psi + quarter, end))
+        else:
+            side = math.copysign(1.0, rate if met else ahead)
+            end = min(end, _first_zero(side * (command - u), -top, 0.0, 0.0, side * swing, w, psi, end))
+            a, b, G = u, side * top, 0.0
+
+    piece[BEGIN] = t
+    piece[CONSTANT], piece[SLOPE], piece[DECAY], piece[RATE] = a, b, c, r
+    piece[SWING], piece[OMEGA], piece[PSI] = G, w, phi
+    e, sin, cos = c, math.sin(phi), math.cos(phi)
+    v0, v1, v2 = a + e + G * sin, b - r * e + w * G * cos, r * r * e - w * w * G * sin
+    v3 = -r * r * r * e - w * w * w * G * cos
+    size0 = abs(a) + abs(e) + abs(G) + volt
+    size1 = abs(b) + r * abs(e) + w * abs(G)
+    size2 = r * r * abs(e) + w * w * abs(G)
+    piece[SIGN] = _sign(v0, v1, v2, size0, size1)
+    piece[DIRECTION] = _sign(v1, v2, v3, size1, size2)
+    if split:
+        sign, direction = piece[SIGN], piece[DIRECTION]
+        if sign != 0.0:
+            end = min(end, _first_zero(sign * a, sign * b, sign * c, r, sign * G, w, phi, end))
+        if direction != 0.0 and (c != 0.0 or G != 0.0):
+            quarter = 0.5 * math.pi
+            end = min(
+                end,
+                _first_zero(
+                    direction * b, 0.0, -direction * r * c, r, direction * w * G, w, phi + quarter, end
+                ),
+            )  # fmt: skip
+    if square and end == (piece[HALVES] + 1.0) * 0.5 / f - t:
+        piece[END] = (piece[HALVES] + 1.0) * 0.5 / f
+    else:
+        piece[END] = t + end
