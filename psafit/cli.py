@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+import os
+import re
 import sys
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +18,21 @@ from psafit.errors import InputError, PsafitError
 
 if TYPE_CHECKING:
     from psafit.experiment import GroupId
+    from psafit.parameters import Parameter
+    from psafit.physics.term import Term
+    from psafit.records import CauseEntry
+
+# Our matrices are small: threads of the linear algebra library only wait for each other there. Read when it is loaded.
+for _library in ("OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 DONE, CHECK_FAILED, BAD_INPUT = 0, 1, 2
 EXPERIMENT = click.argument("experiment", metavar="EXP", type=click.Path(path_type=Path))
 RUN = click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
 QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
-JSON = click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the result to FILE as JSON.")
+JSON = click.option(
+    "--json", "json_file", metavar="FILE", type=click.Path(path_type=Path), help="Write the result to FILE as JSON."
+)
 
 
 def main() -> None:
@@ -65,7 +79,9 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     content = describe(read_experiment(experiment))
     _write(json_file, content)
     if not quiet:
-        click.echo(f"{content['title']}: {len(content['groups'])} groups, {content['n_points']} readings")
+        click.echo(
+            f"{content['title']}: {_count(len(content['groups']), 'group')}, {_count(content['n_points'], 'reading')}"
+        )
         for group in content["groups"]:
             spans = (
                 _span(group["frequency_hz"], "Hz"),
@@ -73,7 +89,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
                 _span(group["launch_range_um"], "um"),
             )
             click.echo(
-                f"  group {group['id']}: {group['waveform']}, {group['n_points']} readings, "
+                f"  group {group['id']}: {group['waveform']}, {_count(group['n_points'], 'reading')}, "
                 f"{spans[0]}, {spans[1]}, launch range {spans[2]}"
             )
         for warning in content["warnings"]:
@@ -84,12 +100,19 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
 @commands.command()
 @EXPERIMENT
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
-@click.option("--run", type=click.Path(path_type=Path), help="Take the posterior medians of this run instead.")
+@click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
+@click.option("--run", type=click.Path(path_type=Path), help="Take model and posterior medians of this run instead.")
 @click.option("--out", type=click.Path(path_type=Path), help="CSV file; standard output by default.")
 @QUIET
 @JSON
 def simulate(
-    experiment: Path, values: tuple[str, ...], run: Path | None, out: Path | None, quiet: bool, json_file: Path | None
+    experiment: Path,
+    values: tuple[str, ...],
+    ids: str,
+    run: Path | None,
+    out: Path | None,
+    quiet: bool,
+    json_file: Path | None,
 ) -> int:
     """Simulate the launch ranges at an experiment's conditions."""
     import numpy as np
@@ -101,25 +124,42 @@ def simulate(
     from psafit.simulate import simulate as simulate_batch
 
     data = read_experiment(experiment)
+    chosen = _terms(ids)
     given = _assignments(values)
     if run is not None:
         from psafit.inference.run import load
 
-        given = {p.name: p.median for p in load(run).summary.parameters} | given
-    theta = []
-    for p in PARAMETERS:
-        if p.name not in given:
-            raise InputError(f"no value for {p.name}", f"add --set {p.name}=VALUE ({p.unit}) or --run RUN")
-        if not p.bounds.lower <= given[p.name] <= p.bounds.upper:
-            raise InputError(
-                f"{p.name} = {given[p.name]:g} {p.unit} is impossible",
-                f"choose between {p.bounds.lower:g} and {p.bounds.upper:g} {p.unit}",
-            )
-        theta.append(given[p.name])
-    unknown = set(_assignments(values)) - {p.name for p in PARAMETERS}
+        finished = load(run)
+        chosen = chosen or finished.problem.terms
+        given = {p.name: p.median for p in finished.summary.parameters} | given
+    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, None) for p in PARAMETERS}
+    columns = [p.name for p in PARAMETERS]
+    for term in chosen:
+        # What is not given takes its prior's median; the strength must be given.
+        for p in term.parameters:
+            own = None if p is term.strength else float(p.to_physical(p.prior_quantile(0.5)))
+            wanted[p.name] = (p, own)
+            columns.append(p.name)
+        if term.latent:
+            for id in data.ids:
+                wanted[f"{term.latent.name}_{id}"] = (term.latent, 0.0)
+                columns.append(f"{term.latent.name}_{id}")
+    unknown = sorted(set(_assignments(values)) - set(columns))
     if unknown:
-        raise InputError(f"no parameter {sorted(unknown)[0]}", f"choose from {', '.join(p.name for p in PARAMETERS)}")
-    result = simulate_batch(Design.of(data.constants, data.groups), np.array(theta))
+        raise InputError(f"no parameter {unknown[0]}", f"choose from {', '.join(columns)}")
+    theta = []
+    for name in columns:
+        parameter, usual = wanted[name]
+        value = given.get(name, usual)
+        if value is None:
+            raise InputError(f"no value for {name}", f"add --set {name}=VALUE ({parameter.unit}) or --run RUN")
+        if not parameter.bounds.lower <= value <= parameter.bounds.upper:
+            raise InputError(
+                f"{name} = {value:g} {parameter.unit} is impossible",
+                f"choose between {parameter.bounds.lower:g} and {parameter.bounds.upper:g} {parameter.unit}",
+            )
+        theta.append(value)
+    result = simulate_batch(Design.of(data.constants, data.groups), np.array(theta), chosen)
     micrometres = (result.launch_range[0] * 1e6).tolist()
     rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
     position = 0
@@ -135,7 +175,8 @@ def simulate(
     _write(
         json_file,
         {
-            "parameters": dict(zip([p.name for p in PARAMETERS], theta, strict=True)),
+            "terms": [t.id for t in chosen],
+            "parameters": dict(zip(columns, theta, strict=True)),
             "engine": result.engine,
             "predicted_um": micrometres,
         },
@@ -166,7 +207,8 @@ def fit(
 ) -> int:
     """Fit, sample, validate on the other groups and write the report.
 
-    An interrupted run goes on where it stopped when the same command is repeated.
+    An interrupted run goes on where it stopped when the same command is repeated, and one that has not
+    converged draws on.
     """
     from psafit.experiment import read_experiment
     from psafit.progress import watcher
@@ -175,16 +217,19 @@ def fit(
     ids = _groups(group)
     for group_id in ids:
         data.group(group_id)
-    if terms:
-        raise InputError(f"no cause {terms.split(',')[0]!r}", "see psafit terms for the causes there are")
-    folder = out or Path("fits") / f"{experiment.resolve().name}-group{'-'.join(str(i) for i in ids)}"
+    chosen = _terms(terms)
+    name = f"{experiment.resolve().name}-group{'-'.join(str(i) for i in ids)}"
+    folder = out or Path("fits") / "-".join([name, *(t.id for t in chosen)])
     if not quiet:
         for warning in data.warnings:
             click.echo(f"warning: {warning}", err=True)
     with watcher(quiet) as show:
         from psafit.inference import run as running
 
-        result = running.fit(data, ids, folder, seed=seed, n_starts=starts, watcher=show)
+        command = ["psafit", "fit", experiment, "--group", group, "--seed", seed, "--starts", starts]
+        command += ["--terms", terms] if terms else []
+        command += ["--out", out] if out else []
+        result = running.fit(data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=show, command=command)
         if not no_report:
             show.stage("validate")
             from psafit.report.fit import write_report
@@ -192,12 +237,14 @@ def fit(
 
             validation, predictions = check_predictions(result)
             show.stage("report")
-            page = write_report(result, validation, predictions, command=_command())
+            page = write_report(result, validation, predictions)
     _write(json_file, {"fit": result.fit, "posterior": result.summary})
     if not quiet:
         best = result.fit.minima[0]
+        minima = "minimum" if len(result.fit.minima) == 1 else "minima"
         click.echo(
-            f"{len(result.fit.minima)} minima from {result.fit.n_starts} starts; the best was found {best.starts} times"
+            f"{len(result.fit.minima)} {minima} from {_count(result.fit.n_starts, 'start')};"
+            f" the best was found {_count(best.starts, 'time')}"
         )
         for p in result.summary.parameters:
             click.echo(f"  {p.text}")
@@ -234,7 +281,7 @@ def report(run: Path, quiet: bool) -> int:
     from psafit.validate import validate as check_predictions
 
     finished = load(run)
-    page = write_report(finished, *check_predictions(finished), command=_command())
+    page = write_report(finished, *check_predictions(finished))
     if not quiet:
         click.echo(f"report: {page}")
     return DONE
@@ -251,35 +298,88 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
 
     with watcher(quiet) as show:
         show.stage("reproduce")
+        from psafit.files import portable_command
         from psafit.inference.run import versions
         from psafit.records import write_json
-        from psafit.report.reproduction import write_reproduction
+        from psafit.report.reproduction import claims_table, write_reproduction
         from psafit.reproduce import reproduce as recompute
 
         result = recompute(experiment)
         show.stage("report")
         used = ", ".join(f"{name} {version}" for name, version in versions().items())
-        page = write_reproduction(result, out / "reproduction.html", {"Command": _command(), "Versions": used})
+        command = portable_command(["psafit", "reproduce", experiment, "--out", out])
+        page = write_reproduction(result, out / "reproduction.html", {"Command": command, "Versions": used})
     write_json(out / "reproduction.json", result.to_dict())
     _write(json_file, result.to_dict())
     if not quiet:
-        for c in result.claims:
-            name = f"{c.place}, {c.statement} ({c.unit})"
-            click.echo(f"{name}: published {c.published:g}, study's step {c.study_step:.4g}, "
-                       f"converged {c.converged:.4g}: {c.verdict}")  # fmt: skip
+        click.echo(claims_table(result))
         click.echo(f"report: {page}")
     return DONE
 
 
 @commands.command()
+@click.argument("id", metavar="[ID]", required=False)
 @QUIET
 @JSON
-def terms(quiet: bool, json_file: Path | None) -> int:
-    """List the causes that can be added to the baseline."""
-    _write(json_file, [])
+def terms(id: str | None, quiet: bool, json_file: Path | None) -> int:
+    """List the causes that can be added to the baseline, or say all that ID declares."""
+    from psafit.physics import TERMS, term
+    from psafit.simulate.catalogue import declaration
+
+    entries = [declaration(t) for t in ([term(id)] if id else TERMS)]
+    _write(json_file, entries)
     if not quiet:
-        click.echo("no causes in this version; the baseline's parameters are k_c, c_s and c_c")
+        click.echo(_declaration(entries[0]) if id else _listing(entries))
     return DONE
+
+
+def _listing(entries: Sequence[CauseEntry]) -> str:
+    """The causes slot by slot, one parameter a line."""
+    rows: list[tuple[str, str, str]] = []
+    for slot, members in itertools.groupby(entries, key=lambda e: e.slot):
+        rows.append((slot, "", ""))
+        for entry in members:
+            # A parameter without a neutral value of its own does nothing where the first is neutral.
+            told = [
+                f"{p.name} ({p.unit})" + ("" if p.neutral is None else f", neutral {p.neutral:g}")
+                for p in entry.parameters
+            ]
+            rows.append((f"  {entry.id}", entry.title, told[0]))
+            rows += [("", "", more) for more in told[1:]]
+    widths = [max(len(row[i]) for row in rows) for i in range(2)]
+    lines = [f"{a:{widths[0]}}  {b:{widths[1]}}  {c}".rstrip() for a, b, c in rows]
+    return "\n".join([*lines, "", "psafit terms ID says all about one of them."])
+
+
+def _declaration(entry: CauseEntry) -> str:
+    """A cause's declaration for a terminal 88 columns wide."""
+
+    def wrapped(label: str, text: str) -> str:
+        first = f"{label:<11}"
+        return textwrap.fill(text, 88, initial_indent=first, subsequent_indent=11 * " ", break_on_hyphens=False)
+
+    lines = [f"{entry.id}: {entry.title} ({entry.slot})", ""]
+    for block in re.sub(r":math:`([^`]*)`", r"\1", entry.description).replace("``", "`").split("\n\n"):
+        lines += [block if block.startswith("..") else textwrap.fill(block, 88, break_on_hyphens=False), ""]
+    named = [("", p) for p in entry.parameters] + [("each session: ", p) for p in [entry.latent] if p]
+    for kind, p in named:
+        neutral = "" if p.neutral is None else f"neutral {p.neutral:g}; "
+        lines.append(wrapped("parameter", f"{kind}{p.name} ({p.unit}): {p.description}"))
+        lines.append(wrapped("", f"{neutral}possible {p.bounds[0]:g} to {p.bounds[1]:g}; prior {p.prior}"))
+        lines.append(wrapped("", p.source))
+    s = entry.symptom
+    sign = {1: "raises the range", -1: "lowers the range", 0: "raises or lowers the range"}[s.sign]
+    lines.append(wrapped("symptom", s.text))
+    lines.append(
+        wrapped(
+            "",
+            f"{sign}; effect with frequency: {s.frequency}, with amplitude: {s.amplitude}; {' and '.join(s.waveforms)}",
+        )
+    )
+    lines.append(wrapped("reference", entry.reference))
+    lines += [wrapped("check" if i == 0 else "", check) for i, check in enumerate(entry.checks)]
+    lines.append(wrapped("simulated", f"by the {entry.path}"))
+    return "\n".join(lines)
 
 
 def _groups(text: str) -> list[GroupId]:
@@ -287,6 +387,15 @@ def _groups(text: str) -> list[GroupId]:
     if not all(ids) or len(set(ids)) < len(ids):
         raise InputError(f"--group {text!r} is not a list of different group ids", "write for example --group 1,2")
     return ids
+
+
+def _terms(text: str) -> tuple[Term, ...]:
+    from psafit.physics import terms as catalogue
+
+    ids = [part.strip() for part in text.split(",")] if text else []
+    if not all(ids):
+        raise InputError(f"--terms {text!r} is not a list of causes", "write for example --terms amplifier_lag,gap")
+    return catalogue(ids)
 
 
 def _assignments(values: tuple[str, ...]) -> dict[str, float]:
@@ -304,6 +413,10 @@ def _span(span: list[float], unit: str) -> str:
     return f"{span[0]:g} {unit}" if span[0] == span[1] else f"{span[0]:g}-{span[1]:g} {unit}"
 
 
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
 def _print_scores(validation: Any) -> None:
     for s in validation.groups:
         click.echo(f"group {s.group} ({s.role}): log_rmse {s.log_rmse:.3f}; {s.verdict}")
@@ -316,8 +429,3 @@ def _write(json_file: Path | None, record: Any) -> None:
         from psafit.records import write_json
 
         write_json(json_file, record)
-
-
-def _command() -> str:
-    # Folders by name only: a report may leave the machine it was made on.
-    return " ".join(["psafit", *(Path(a).name if "/" in a else a for a in sys.argv[1:])])

@@ -1,11 +1,13 @@
-"""Files that are either whole or not there."""
+"""Files that are either whole or not there, and paths that say nothing of the machine."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import re
+import shlex
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from psafit.errors import InputError
 
@@ -39,3 +41,21 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Write a file in one step, so that no reader ever sees half of it."""
     with replacing(path) as temporary:
         temporary.write_bytes(content)
+
+
+_ABSOLUTE = re.compile(r"^(?:[/\\]|~|[A-Za-z]:[/\\])")
+
+
+def portable_command(words: Iterable[object]) -> str:
+    """A command line of words whose absolute paths are cut to their last part; relative ones stay as typed."""
+
+    def cut(word: str) -> str:
+        head, equals, tail = word.partition("=")
+        if equals and _ABSOLUTE.match(tail):
+            return f"{head}={cut(tail)}"
+        if not _ABSOLUTE.match(word):
+            return word
+        kind = PureWindowsPath if "\\" in word or word[1:2] == ":" else PurePosixPath
+        return kind(word).name or word
+
+    return shlex.join(cut(str(word)) for word in words)

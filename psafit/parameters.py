@@ -1,8 +1,9 @@
 r"""Parameters: what is possible (bounds), what is plausible (prior), and the coordinate they are sampled in.
 
 Every prior is a truncated normal or a uniform density in the *sampling coordinate* :math:`u`, which is
-:math:`\ln x` for scales (stiffness, damping, scatter) and :math:`x` itself otherwise. Densities are
-normalised over the bounds, so that model evidences compare.
+:math:`\ln x` for scales (stiffness, damping, scatter) and otherwise :math:`x` in units of the prior's own width, so
+that steps of searchers and samplers mean the same in every coordinate. Densities are normalised over the bounds, so
+that model evidences compare.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ class Bounds:
 
 
 class Prior(Protocol):
-    """A density in the sampling coordinate, truncated to an interval."""
+    """A density in the value or its logarithm, truncated to an interval."""
 
     @property
     def coordinate(self) -> Coordinate:
-        """The sampling coordinate it lives in."""
+        """The coordinate it lives in."""
 
     def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
         """Log density at `u`, normalised over [lower, upper]."""
@@ -164,6 +165,13 @@ class Parameter:
             raise ValueError(f"{self.name}: a logarithmic prior needs a positive lower bound")
 
     @cached_property
+    def scale(self) -> float:
+        """What one unit of a linear sampling coordinate means, in the parameter's unit; 1 for a logarithmic one."""
+        if self.prior.coordinate == "log":
+            return 1.0
+        return self.prior.sd if isinstance(self.prior, Normal) else 0.25 * (self.bounds.upper - self.bounds.lower)
+
+    @cached_property
     def sampling_bounds(self) -> Bounds:
         """Bounds in the sampling coordinate."""
         return Bounds(float(self.to_sampling(self.bounds.lower)), float(self.to_sampling(self.bounds.upper)))
@@ -171,20 +179,27 @@ class Parameter:
     def to_sampling(self, x: ArrayLike) -> FloatArray:
         """Map a value to the sampling coordinate."""
         x = np.asarray(x, dtype=float)
-        return np.log(x) if self.prior.coordinate == "log" else x
+        return np.log(x) if self.prior.coordinate == "log" else x / self.scale
 
     def to_physical(self, u: ArrayLike) -> FloatArray:
         """Map a sampling coordinate to the value."""
         u = np.asarray(u, dtype=float)
-        return np.exp(u) if self.prior.coordinate == "log" else u
+        if self.prior.coordinate == "log":
+            return np.exp(u)
+        # The bounds themselves, to the last digit: neutral values often are bounds.
+        return np.clip(u * self.scale, self.bounds.lower, self.bounds.upper)
 
     def log_prior(self, u: ArrayLike) -> FloatArray:
         """Log density in the sampling coordinate; minus infinity outside the bounds."""
         u = np.asarray(u, dtype=float)
         low, high = self.sampling_bounds.lower, self.sampling_bounds.upper
         inside = (u >= low) & (u <= high)  # False for NaN too
-        return np.where(inside, self.prior.log_density(np.where(inside, u, low), low, high), -np.inf)
+        x = np.where(inside, u, low) * self.scale
+        density = self.prior.log_density(x, low * self.scale, high * self.scale) + math.log(self.scale)
+        return np.where(inside, density, -np.inf)
 
     def prior_quantile(self, p: ArrayLike) -> FloatArray:
         """Sampling coordinate below which the prior holds the fraction `p`."""
-        return self.prior.quantile(np.asarray(p, dtype=float), self.sampling_bounds.lower, self.sampling_bounds.upper)
+        low, high = self.sampling_bounds.lower, self.sampling_bounds.upper
+        x = self.prior.quantile(np.asarray(p, dtype=float), low * self.scale, high * self.scale)
+        return np.clip(x / self.scale, low, high)

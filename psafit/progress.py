@@ -31,7 +31,7 @@ class _Bars:
         self.finish()
         self._task = self._bars.add_task(TITLES[name], total=None, note="")
 
-    def update(self, done: float, total: float, note: str = "") -> None:
+    def update(self, done: float, total: float | None, note: str = "") -> None:
         if self._task is not None:
             self._bars.update(self._task, completed=done, total=total, note=note)
 
@@ -52,11 +52,12 @@ class _Lines:
         self._said = time.monotonic()
         print(f"[{self._said - self._begun:5.1f} s] {TITLES[name]}", file=sys.stderr, flush=True)
 
-    def update(self, done: float, total: float, note: str = "") -> None:
+    def update(self, done: float, total: float | None, note: str = "") -> None:
         now = time.monotonic()
         if now - self._said > 10:
             self._said = now
-            print(f"[{now - self._begun:5.1f} s]   {done:.0f} of {total:.0f} {note}", file=sys.stderr, flush=True)
+            state = note if total is None else f"{done:.0f} of {total:.0f} {note}"
+            print(f"[{now - self._begun:5.1f} s]   {state}", file=sys.stderr, flush=True)
 
 
 @contextmanager

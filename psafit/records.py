@@ -39,6 +39,67 @@ class ParameterEntry:
 
 
 @dataclass(frozen=True)
+class CauseParameterEntry:
+    """A parameter as a cause declares it; `neutral` is None where the cause vanishes by another one."""
+
+    name: str
+    symbol: str
+    unit: str
+    neutral: float | None
+    bounds: list[float]
+    prior: str
+    description: str
+    source: str
+
+
+@dataclass(frozen=True)
+class SymptomEntry:
+    """What a cause does to the launch range: see `psafit.physics.term.Symptom`."""
+
+    text: str
+    sign: int
+    frequency: str
+    amplitude: str
+    waveforms: list[str]
+
+
+@dataclass(frozen=True)
+class CauseEntry:
+    """A candidate cause as `psafit terms` lists it: see `psafit.physics.term.Term`.
+
+    Parameters
+    ----------
+    id, slot, title : str
+    equation : str
+        LaTeX.
+    description : str
+        reStructuredText.
+    parameters : list of CauseParameterEntry
+        The strength first.
+    latent : CauseParameterEntry, optional
+        What every session has for itself.
+    symptom : SymptomEntry
+    reference : str
+    checks : list of str
+        The calculations by hand.
+    path : str
+        Of the simulator: "closed form" or "stepper".
+    """
+
+    id: str
+    slot: str
+    title: str
+    equation: str
+    description: str
+    parameters: list[CauseParameterEntry]
+    latent: CauseParameterEntry | None
+    symptom: SymptomEntry
+    reference: str
+    checks: list[str]
+    path: str
+
+
+@dataclass(frozen=True)
 class MinimumEntry:
     """A local optimum of the posterior: values in the parameters' units, and how many starts ended there."""
 
@@ -75,6 +136,8 @@ class Fit:
     lmfit_report : str
     versions : dict
         Of Python and the libraries that matter.
+    command : str
+        That made it, if any did; absolute paths are cut to their last part.
     """
 
     identity: str
@@ -93,6 +156,7 @@ class Fit:
     n_evaluations: int
     lmfit_report: str
     versions: dict[str, str]
+    command: str
 
 
 @dataclass(frozen=True)
@@ -117,7 +181,7 @@ class ParameterSummary:
     contraction : float
         One minus the ratio of posterior to prior variance, in the sampling coordinate.
     r_hat, ess_bulk, ess_tail : float
-        From ArviZ, every walker a chain.
+        From ArviZ, every walker a chain: R-hat of all steps after burn-in, sample sizes of the draws that are kept.
     autocorrelation_time : float
         Steps.
     verdict : {"determined", "bounded above", "bounded below", "not determined"}
@@ -161,6 +225,66 @@ class PosteriorSummary:
 
 
 @dataclass(frozen=True)
+class Refinement:
+    """Predictions at one tolerance of the stepper, against the reference.
+
+    Parameters
+    ----------
+    tolerance : float
+    worst, median : float
+        Relative difference of the launch range, over all points and parameter sets.
+    """
+
+    tolerance: float
+    worst: float
+    median: float
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Convergence of a fit's predictions, and what a fixed-step explicit integrator would have needed.
+
+    Parameters
+    ----------
+    identity : str
+    engine : str
+        Path that simulated the fit.
+    tolerance : float, optional
+        That the path used; None for the closed form.
+    n_sets, n_points : int
+        Parameter sets (the best and posterior draws) and measurement points looked at.
+    refinement : list of Refinement
+        Against the closed form, or else against the finest steps.
+    error : float
+        Worst relative error of the predictions as used; for the closed form, its disagreement with the finest steps.
+    required : float
+    converged : bool
+    fastest_rate : float, 1/s
+        Largest eigenvalue of the contact phase's linear part at the best parameters.
+    stable_step : float, s
+        Largest stable step of the classical Runge-Kutta method of order four there.
+    common_step : float, s
+        A step often taken.
+    common_growth : float
+        Growth of the fastest mode per such step; above one it diverges.
+    """
+
+    identity: str
+    engine: str
+    tolerance: float | None
+    n_sets: int
+    n_points: int
+    refinement: list[Refinement]
+    error: float
+    required: float
+    converged: bool
+    fastest_rate: float
+    stable_step: float
+    common_step: float
+    common_growth: float
+
+
+@dataclass(frozen=True)
 class GroupScore:
     """How well one group was predicted; see `psafit.validate` for each formula.
 
@@ -181,7 +305,9 @@ class GroupScore:
         Expected log predictive density, summed over the readings, nats.
     elpd_per_point : float
     pit_p_value : float
-        Kolmogorov-Smirnov test of the probability integral transforms against uniformity.
+        Whether the probability integral transforms are uniform.
+    drift_p_value : float
+        Whether neighbours in the sweep err alike more than they should.
     verdict : str
         One plain sentence.
     """
@@ -197,6 +323,7 @@ class GroupScore:
     elpd: float
     elpd_per_point: float
     pit_p_value: float
+    drift_p_value: float
     verdict: str
 
 

@@ -7,7 +7,9 @@ around that draw's prediction. Its scores:
 * coverage of the central 50 and 90 % predictive intervals;
 * CRPS, :math:`E|Y - y| - \tfrac12 E|Y - Y'|` (Gneiting and Raftery, JASA 102 (2007) 359), um;
 * expected log predictive density, :math:`\sum_i \ln \tfrac1S \sum_s p(y_i|\theta_s)`, nats;
-* PIT, the predictive probability below the reading: uniform on [0, 1] if the prediction is honest.
+* PIT, the predictive probability below the reading: uniform on [0, 1] and without order along the sweep if the
+  prediction is honest. Both are tested against groups simulated from the posterior, each from one draw, so that
+  readings which share the error of a parameter are not taken for independent.
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
-from scipy.stats import kstest
+from scipy.special import logsumexp, ndtri
+from scipy.stats import binomtest
 
 from psafit.experiment import Group
 from psafit.files import write_atomically
@@ -43,10 +45,13 @@ COLUMNS = (
     "upper_um",
     "role",
 )
-# Verdict thresholds. A median off by less than a tenth is below the scatter between sessions of one rig; the PIT
-# test is run once a group, so its level is set for six of them.
-_GOOD, _FAIR = 0.10, 0.30
-_PIT_LEVEL = 0.01
+# Verdict thresholds on log_rmse. On a group it has not seen a perfect model should expect 0.10 to 0.13, known to a
+# factor of two at best, and one that reaches 0.15 may be perfect; 0.3 is hard to put down to the data (docs/data.md).
+GOOD, FAIR = 0.15, 0.30
+# One sign dominates where it has this share of the errors, or where chance would rarely part them so.
+_ONE_SIGN = 0.70
+# Of every test; it is run once a group.
+_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,9 @@ class Prediction:
         Log predictive density of each reading.
     crps : array, um
     pit : array
+    pit_p_value, drift_p_value : float
+        Share of groups simulated from the posterior whose PIT is as far from uniform, and as correlated between
+        neighbours in the sweep; NaN where there are too few readings above zero.
     """
 
     group: Group
@@ -84,6 +92,8 @@ class Prediction:
     log_density: FloatArray
     crps: FloatArray
     pit: FloatArray
+    pit_p_value: float
+    drift_p_value: float
 
 
 def log_ratio(predicted: FloatArray, measured: FloatArray) -> FloatArray:
@@ -109,6 +119,44 @@ def crps(draws: FloatArray, observed: FloatArray) -> FloatArray:
     return np.abs(x - observed).mean(axis=0) - (weight * x).sum(axis=0) / (n * (n - 1))
 
 
+def departures(pit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far transforms are from uniform, and how correlated between neighbours.
+
+    Parameters
+    ----------
+    pit : (n_sets, n_points) array
+        In the order of the sweep.
+
+    Returns
+    -------
+    (n_sets,) array
+        Kolmogorov's distance.
+    (n_sets,) array
+        Autocorrelation of the normal scores at lag one.
+    """
+    n = pit.shape[1]
+    ordered = np.sort(pit, axis=1)
+    steps = np.arange(n + 1) / n
+    distance = np.maximum(steps[1:] - ordered, ordered - steps[:-1]).max(axis=1)
+    z = ndtri(np.clip(pit, 1e-3, 1 - 1e-3))  # no reading counts for more than three standard deviations
+    z = z - z.mean(axis=1, keepdims=True)
+    return distance, (z[:, 1:] * z[:, :-1]).sum(axis=1) / np.maximum((z**2).sum(axis=1), 1e-12)
+
+
+def _p_values(group: Group, pit: FloatArray, readings: FloatArray) -> tuple[float, float]:
+    """Ranks of a group's `departures` among those of simulated groups; `readings` is (n_sets, n_points)."""
+    # Readings of exactly zero pile up at one value and have no uniform transform.
+    sweep = np.lexsort((group.amplitude_v, group.frequency_hz))
+    sweep = sweep[group.launch_range_um[sweep] > 0]
+    if sweep.size < 3:
+        return math.nan, math.nan
+    n = len(readings)
+    simulated = (np.argsort(np.argsort(readings[:, sweep], axis=0), axis=0) + 0.5) / n
+    found = zip(departures(pit[None, sweep]), departures(simulated), strict=True)
+    uniformity, drift = (float((1 + np.sum(others >= one[0])) / (1 + n)) for one, others in found)
+    return uniformity, drift
+
+
 def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[Prediction]:
     """Posterior predictive of every group of the experiment.
 
@@ -132,11 +180,13 @@ def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[P
     rng = np.random.default_rng([run.fit.seed if seed is None else seed, 2])
     result = []
     for group in problem.experiment.groups:
-        ranges = problem.predict(chosen, problem.design_of([group.id]))
+        ranges = problem.predict(chosen, [group.id], rng)
         readings = noise.draw(ranges, scatter, group.sigma_um, rng)
         quantiles = np.quantile(readings, [0.05, 0.25, 0.75, 0.95], axis=0)
         density = noise.log_density(group.launch_range_um, ranges, scatter, group.sigma_um)
         below = noise.cumulative(group.launch_range_um, ranges, scatter, group.sigma_um)
+        pit = below.mean(axis=0)
+        pit_p_value, drift_p_value = _p_values(group, pit, readings)
         model_lower, median, model_upper = np.quantile(ranges, [0.05, 0.5, 0.95], axis=0)
         result.append(
             Prediction(
@@ -152,7 +202,9 @@ def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[P
                 upper_50=quantiles[2],
                 log_density=logsumexp(density, axis=0) - math.log(len(chosen)),
                 crps=crps(readings, group.launch_range_um),
-                pit=below.mean(axis=0),
+                pit=pit,
+                pit_p_value=pit_p_value,
+                drift_p_value=drift_p_value,
             )
         )
     return result
@@ -162,48 +214,61 @@ def score(prediction: Prediction) -> GroupScore:
     """Scores of one group."""
     measured = prediction.group.launch_range_um
     error = log_ratio(prediction.median, measured)
-    rmse = float(np.sqrt(np.mean(error**2)))
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
-    # Readings of exactly zero pile up at one value and have no uniform transform.
-    p_value = float(kstest(prediction.pit[measured > 0], "uniform").pvalue) if (measured > 0).any() else math.nan
     return GroupScore(
         group=prediction.group.id,
         role=prediction.role,
         n_points=measured.size,
-        log_rmse=rmse,
+        log_rmse=_root_mean_square(error),
         log_bias=float(np.mean(error)),
         coverage_50=float(np.mean(inside_50)),
         coverage_90=float(np.mean(inside_90)),
         crps_um=float(np.mean(prediction.crps)),
         elpd=float(np.sum(prediction.log_density)),
         elpd_per_point=float(np.mean(prediction.log_density)),
-        pit_p_value=p_value,
-        verdict=verdict(rmse, float(np.mean(error)), float(np.mean(inside_90)), measured.size, p_value),
+        pit_p_value=prediction.pit_p_value,
+        drift_p_value=prediction.drift_p_value,
+        verdict=verdict(error, float(np.mean(inside_90)), prediction.pit_p_value, prediction.drift_p_value),
     )
 
 
-def verdict(rmse: float, bias: float, coverage: float, n: int, pit_p_value: float) -> str:
-    """One plain sentence about a group."""
-    if rmse <= _GOOD:
-        size = "predicted well"
-    elif abs(bias) > 0.7 * rmse:
-        size = f"predicted too {'large' if bias > 0 else 'small'} by a factor of {math.exp(abs(bias)):.2f}"
-    else:
-        size = (
-            f"{'roughly followed' if rmse <= _FAIR else 'missed'}, off by a factor of {math.exp(rmse):.2f} either way"
-        )
+def _root_mean_square(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _direction(error: FloatArray) -> str:
+    """Whether a prediction errs to one side, by the count of signs."""
+    large, small = int((error > 0).sum()), int((error < 0).sum())
+    most = max(large, small)
+    if most == 0 or (most <= _ONE_SIGN * error.size and binomtest(large, large + small).pvalue >= _LEVEL):
+        return "either way"
+    side, bias = ("large", float(np.mean(error))) if large > small else ("small", -float(np.mean(error)))
+    # A few large errors of the other sign may outweigh the many in the mean.
+    return f"mostly too {side}" + (f" (by ×{math.exp(bias):.2f} on average)" if bias > 0 else "")
+
+
+def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float) -> str:
+    """One plain sentence about a group, from its log errors and the scores of its band."""
+    rmse, n = _root_mean_square(error), error.size
+    size = "predicted well" if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
+    parts = [f"{size}, typically off by ×{math.exp(rmse):.2f}, {_direction(error)}"]
     # Two standard deviations of a binomial count around 90 %.
     slack = 2 * math.sqrt(0.9 * 0.1 / n)
-    if coverage < 0.9 - slack:
-        band = f"its 90 % band holds only {100 * coverage:.0f} % of the readings"
-    elif coverage > 0.9 + slack and pit_p_value < _PIT_LEVEL:
-        band = f"its 90 % band is too wide ({100 * coverage:.0f} % of the readings inside)"
-    elif pit_p_value < _PIT_LEVEL:
-        band = "but the errors share a direction: its band is wide enough only because the scatter absorbed the misfit"
-    else:
-        band = "its band is honest"
-    return f"{size}; {band}"
+    too_narrow = coverage < 0.9 - slack
+    drifts = drift_p_value < _LEVEL
+    if too_narrow:
+        parts.append(f"its 90 % band holds only {100 * coverage:.0f} % of the readings")
+    elif coverage > 0.9 + slack and pit_p_value < _LEVEL:
+        parts.append(f"its 90 % band is too wide ({100 * coverage:.0f} % of the readings inside)")
+    elif pit_p_value < _LEVEL:
+        parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
+    elif not drifts:
+        parts.append("its band is honest")
+    if drifts:
+        absorbed = "" if too_narrow else " that the scatter absorbs"
+        parts.append(f"its errors drift along the sweep: the model misses a trend{absorbed}")
+    return "; ".join(parts)
 
 
 def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Prediction]]:

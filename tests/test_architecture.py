@@ -140,13 +140,16 @@ def test_only_the_command_line_talks() -> None:
 
 def test_the_reference_shares_no_code_with_the_fast_path() -> None:
     """Two implementations check each other only as long as neither calls the other."""
+    references = {"psafit.simulate.reference", "psafit.simulate.literal"}
     shared = [
         i
         for i in INTERNAL
-        if i.module == "psafit.simulate.reference"
+        if i.module in references
         and i.to_part == "simulate"
-        and i.target != "psafit.simulate.design"  # the conditions, which are no computation
+        and i.target not in references | {"psafit.simulate.design"}  # the conditions, which are no computation
     ]
+    fast = {"batch", "closed_form", "collocation", "drive", "flight", "stepper"}
+    shared += [i for i in INTERNAL if i.module.split(".")[-1] in fast and i.target in references]
     assert not shared, listed(shared)
 
 

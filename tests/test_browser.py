@@ -42,7 +42,7 @@ def browser():
 def report(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     run = make_run(folder, sweep_groups()[:2], title=HOSTILE, source=HOSTILE, converged=False)
-    return build(run, command="psafit fit data --group 1")
+    return build(run)
 
 
 class Opened:

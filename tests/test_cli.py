@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from psafit import cli
+from psafit import cli, progress
+from psafit.experiment import read_experiment
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -25,6 +27,14 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     assert json.loads((tmp_path / "c.json").read_text())["n_points"] == 62
     assert run(monkeypatch, "check", known_folder, "--quiet") == 0
     assert capsys.readouterr().out == ""
+    lone = tmp_path / "lone"
+    lone.mkdir()
+    definition = (known_folder / "experiment.toml").read_text()
+    (lone / "experiment.toml").write_text("[[group]]".join(definition.split("[[group]]")[:2]))
+    data = read_experiment(known_folder).groups[0].file
+    (lone / data).write_text("\n".join((known_folder / data).read_text().splitlines()[:2]) + "\n")
+    assert run(monkeypatch, "check", lone) == 0
+    assert ": 1 group, 1 reading\n" in capsys.readouterr().out
 
 
 def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -55,11 +65,12 @@ def fitted(known_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     out = tmp_path_factory.mktemp("cli") / "run"
     done = subprocess.run(
         [sys.executable, "-m", "psafit", "fit", known_folder, "--group", "1", "--out", out, "--starts", "6"],
-        capture_output=True, text=True, timeout=300, check=False,
+        capture_output=True, text=True, timeout=300, check=False, env=os.environ | {"XDG_CACHE_HOME": str(out.parent)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "minima from 6 starts" in done.stdout and "group 2 (holdout): log_rmse" in done.stdout
+    assert "from 6 starts; the best was found" in done.stdout and "group 2 (holdout): log_rmse" in done.stdout
     assert "sample the posterior" in done.stderr
+    assert "Warning" not in done.stderr  # the first import of ArviZ has something to announce
     return out
 
 
@@ -76,14 +87,61 @@ def test_validate_and_report_again(fitted: Path, tmp_path: Path, monkeypatch, ca
     assert run(monkeypatch, "validate", fitted, "--json", tmp_path / "v.json") == 0
     assert "mean log_rmse over held-out groups" in capsys.readouterr().out
     assert (fitted / "validation.json").read_bytes() == before == (tmp_path / "v.json").read_bytes()
+    page = (fitted / "report.html").read_bytes()
     (fitted / "report.html").unlink()
     assert run(monkeypatch, "report", fitted, "--quiet") == 0
-    assert (fitted / "report.html").exists()
+    assert (fitted / "report.html").read_bytes() == page
+    command = f"psafit fit known --group 1 --seed 1 --starts 6 --out {fitted.name}"  # the folders were absolute
+    assert json.loads((fitted / "fit.json").read_text())["command"] == command
+    assert command in page.decode()
+
+
+def test_the_readme_s_python_runs_and_prints(fitted: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    from psafit.inference import run as running
+
+    text = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
+    monkeypatch.chdir(Path(__file__).parents[1])
+    monkeypatch.setattr(running, "fit", lambda *a, **k: running.load(fitted))
+    exec(text.split("```python\n")[1].split("```")[0], {})
+    said = capsys.readouterr().out
+    assert "k_c = " in said and "2 holdout log_rmse" in said
 
 
 def test_terms(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    from psafit.physics import TERMS
+
     assert run(monkeypatch, "terms", "--json", tmp_path / "t.json") == 0
-    assert isinstance(json.loads((tmp_path / "t.json").read_text()), list)
+    said = capsys.readouterr().out.splitlines()
+    assert max(len(line) for line in said) <= 120
+    assert [line.split()[0] for line in said if line.startswith("  ") and line[2] != " "] == [t.id for t in TERMS]
+    listed = json.loads((tmp_path / "t.json").read_text())
+    assert [entry["id"] for entry in listed] == [t.id for t in TERMS]
+    by_id = {entry["id"]: entry for entry in listed}
+    assert by_id["hysteresis"]["path"] == "stepper" and by_id["modal_mass"]["path"] == "closed form"
+    assert [p["neutral"] for p in by_id["hysteresis"]["parameters"]] == [0.0, None]
+    assert by_id["gap"]["parameters"][0]["unit"] == "m" and by_id["gap"]["parameters"][0]["bounds"] == [0.0, 2e-5]
+    assert by_id["start_phase"]["symptom"]["waveforms"] == ["sine"] and by_id["start_phase"]["latent"] is None
+    assert by_id["reading_gain"]["latent"]["symbol"] == "z"
+    for entry in listed:
+        assert all(entry[key] for key in ("title", "slot", "equation", "description", "reference", "checks"))
+        assert all(p["prior"] and p["source"] and p["description"] for p in entry["parameters"])
+
+
+def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    from psafit.physics import TERMS
+
+    for t in TERMS:
+        assert run(monkeypatch, "terms", t.id) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        wanted = [t.title, t.symptom.text, t.reference, *(c.working for c in t.checks)]
+        wanted += [text for p in t.parameters for text in (p.name, p.description, p.source, p.prior.describe())]
+        assert all(" ".join(text.split()) in said for text in wanted)
+        assert ":math:" not in said
+    assert run(monkeypatch, "terms", "gap", "--quiet", "--json", tmp_path / "t.json") == 0
+    assert capsys.readouterr().out == ""
+    assert [entry["id"] for entry in json.loads((tmp_path / "t.json").read_text())] == ["gap"]
+    assert run(monkeypatch, "terms", "hertz") == 2
+    assert "did you mean hertz_exponent" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -119,6 +177,18 @@ def test_bad_input_is_one_line_and_exit_2(  # type: ignore[no-untyped-def]
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
+def test_progress_in_a_log_says_what_is_awaited(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    clock = iter([0.0, 11.0, 12.0, 30.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    lines = progress._Lines()
+    lines.update(500, None, "step 500 of at most 40000, R-hat 1.030 (goal 1.01)")
+    lines.update(750, None, "too soon")
+    lines.update(3, 48)
+    assert capsys.readouterr().err.splitlines() == [
+        "[ 11.0 s]   step 500 of at most 40000, R-hat 1.030 (goal 1.01)", "[ 30.0 s]   3 of 48 ",
+    ]  # fmt: skip
+
+
 def test_interrupt_is_one_line(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     from psafit.inference import run as running
 
@@ -136,3 +206,4 @@ def test_help_lists_every_command(monkeypatch, capsys) -> None:  # type: ignore[
     for name in ("check", "fit", "report", "reproduce", "simulate", "terms", "validate"):
         assert name in text
         assert run(monkeypatch, name, "--help") == 0
+        assert "PATH  Write" not in capsys.readouterr().out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import emcee
@@ -14,11 +15,11 @@ from conftest import TRUTH, measure
 from scipy import stats
 
 from psafit.errors import InputError
-from psafit.experiment import Experiment, Group
+from psafit.experiment import Experiment, Group, read_experiment
 from psafit.inference import emcee_adaptor, identify, noise, store
 from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
-from psafit.inference.optimise import hessian, laplace_covariance, optimise
+from psafit.inference.optimise import Minimum, Optimum, hessian, laplace_covariance, optimise
 from psafit.inference.problem import Problem
 from psafit.records import ProfilePoint
 
@@ -96,6 +97,12 @@ def test_search_finds_the_truth_from_any_seed(problem: Problem) -> None:
     assert "ln_k_c" in optimum.report
 
 
+def test_a_flat_top_makes_no_noise() -> None:
+    """One amplitude sweep leaves a sheet of equal fits, on which lmfit's own error estimates are not finite."""
+    psa = read_experiment(Path(__file__).parents[1] / "experiments" / "psa")
+    assert optimise(Problem(psa, (3,)), seed=1, n_starts=6).minima  # a warning would be an error
+
+
 def test_posterior_covers_the_truth(finished: running.Run) -> None:
     assert finished.summary.converged, finished.summary.message
     for p, true in zip(finished.summary.parameters, [*TRUTH, 0.05], strict=False):
@@ -137,6 +144,90 @@ def test_same_seed_same_draws_and_a_killed_chain_resumes(problem: Problem, tmp_p
     assert chain("b.h5", 20).shape[0] == 20  # stopped after the first checkpoint
     assert np.array_equal(chain("b.h5", 60), undisturbed)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.h5"]  # nothing half-written stays
+
+
+class TwoHills:
+    """Two normal hills in the plane, 17 standard deviations apart, with masses 0.8 and 0.2, under a uniform prior."""
+
+    n_dim, half = 2, 40.0
+    centres, masses = np.array([[0.0, 0.0], [12.0, -12.0]]), np.array([0.8, 0.2])
+
+    def to_sampling(self, x: np.ndarray) -> np.ndarray:
+        return x
+
+    def prior_transform(self, p: np.ndarray) -> np.ndarray:
+        return self.half * (2 * p - 1)
+
+    def log_prior(self, u: np.ndarray) -> np.ndarray:
+        return np.where((np.abs(u) < self.half).all(axis=1), -2 * np.log(2 * self.half), -np.inf)
+
+    def log_posterior(self, u: np.ndarray) -> np.ndarray:
+        squares = ((u[:, None, :] - self.centres) ** 2).sum(axis=2)
+        # A third, 21 nats lower, where no search has been.
+        lost = 0.5 * ((u - [-20.0, -20.0]) ** 2).sum(axis=1)
+        hills = np.logaddexp(np.log(self.masses) - 0.5 * squares, (-21.0 - lost)[:, None])
+        return np.logaddexp(*hills.T) + self.log_prior(u)
+
+    def optimum(self, *log_masses: float) -> Optimum:
+        found = tuple(Minimum(c, m, 1) for c, m in zip(self.centres, log_masses, strict=True))
+        return Optimum(found, np.tile(np.eye(2), (2, 1, 1)), 2, 0, 0, "")
+
+
+def test_proposal_draws_the_density_it_claims() -> None:
+    """Importance weights against the prior's box: the density integrates to one, and means agree with draws."""
+    hills = TwoHills()
+    proposal = emcee_adaptor.Proposal(hills, hills.optimum(0.0, -1.0))  # type: ignore[arg-type]
+    draws = proposal.draw(200_000, np.random.RandomState(1))
+    edges = np.linspace(-40, 40, 801)
+    middle = (edges[1:] + edges[:-1]) / 2
+    grid = np.stack(np.meshgrid(middle, middle, indexing="ij"), axis=-1).reshape(-1, 2)
+    mass = np.exp(proposal.log_density(grid)).reshape(800, 800) * 0.01
+    assert mass.sum() == pytest.approx(1, abs=2e-3)  # Student's tails leave the box
+    counted, *_ = np.histogram2d(*draws.T, bins=[np.linspace(-40, 40, 41)] * 2)
+    expected = mass.reshape(40, 20, 40, 20).sum(axis=(1, 3)) * len(draws)
+    assert np.abs((counted - expected) / np.sqrt(expected + 1)).max() < 5
+
+
+def test_modes_get_their_own_weights_and_a_stuck_walker_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hills = TwoHills()
+    begin = np.random.default_rng(0).standard_normal((20, 2))
+    begin[0] = [-20.0, -20.0]  # alone where nobody else is
+    monkeypatch.setattr(emcee_adaptor.Proposal, "start", lambda *a: begin)
+    chain = emcee_adaptor.sample(
+        hills, hills.optimum(-3.0, 0.0), seed=1, path=tmp_path / "c.h5", identity="x",  # Laplace masses 80 times off
+        settings=Settings(n_walkers=20, r_hat=1.03, max_steps=8000),
+    )  # type: ignore[arg-type]  # fmt: skip
+    assert chain.converged, (chain.draws.shape, chain.r_hat)
+    assert (chain.draws.min(axis=(0, 1)) > [-10.0, -20.0]).all()
+    assert np.mean(chain.draws[..., 0] < 6) == pytest.approx(0.8, abs=0.05)
+
+
+def test_negligible_minima_get_no_walker_and_the_others_at_least_a_scout(problem: Problem) -> None:
+    hills = TwoHills()
+    for drop, share in ((6.0, 0.9 * 0.01 / 1.01), (13.0, 0.0)):
+        proposal = emcee_adaptor.Proposal(hills, hills.optimum(0.0, -drop))  # type: ignore[arg-type]
+        draws = proposal.draw(20_000, np.random.RandomState(0))
+        near = np.mean(np.linalg.norm(draws - hills.centres[1], axis=1) < 4)
+        assert near == pytest.approx(share, abs=0.003)
+    start = emcee_adaptor.Proposal(problem, optimise(problem, seed=1, n_starts=4)).start(40, np.random.RandomState(0))
+    assert start.shape == (40, problem.n_dim) and np.isfinite(problem.log_posterior(start)).all()
+
+
+def test_repeating_an_unconverged_run_draws_on(
+    known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)  # slow, and not the point
+    first = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=SHORT)
+    assert not first.summary.converged and "repeat the command to draw on" in first.summary.message
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(identify, "profiles", lambda *a, **k: (_ for _ in ()).throw(KeyboardInterrupt))
+        running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=SHORT)
+    more = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=SHORT)
+    at_once = running.fit(
+        known, [1], tmp_path / "b", seed=2, n_starts=3, settings=replace(SHORT, max_steps=2 * SHORT.max_steps)
+    )
+    assert (first.summary.n_steps, more.summary.n_steps) == (SHORT.max_steps, 2 * SHORT.max_steps)
+    assert more.fit == at_once.fit and np.array_equal(more.draws.values, at_once.draws.values)
 
 
 def test_a_run_killed_between_stages_goes_on(
@@ -241,6 +332,8 @@ def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) ->
     by_name = {p.name: p for p in finished.summary.parameters}
     k_c = by_name["k_c"]
     assert k_c.verdict == "determined" and "k_c = " in k_c.text
+    drops = np.array([p.drop for p in k_c.profile])
+    assert np.abs(np.diff(drops[drops < 2.5])).max() < 0.36, "smooth to the eye"
     low, high = identify.limits(k_c.profile)
     assert low is not None and high is not None and low < TRUTH[0] * 1.6 and high > TRUTH[0] / 1.6
     assert low == pytest.approx(k_c.lower, rel=0.25) and high == pytest.approx(k_c.upper, rel=0.25)
@@ -265,8 +358,13 @@ def test_words_for_each_verdict() -> None:
     assert identify.describe("c_c", "N s/m", 5.0, (1.0, 9.0), above, "bounded above").startswith(
         "c_c at most 2.3 N s/m"
     )
-    assert "not determined" in identify.describe("c_c", "1", 5.0, (1.0, 9.0), flat, "not determined")
-    assert identify.significant(142537.0, 812.0) == "142540"
+    assert "at most 2.3 N s/m (95 %)" in identify.describe("c_c", "N s/m", 5.0, (1.0, 9.0), above, "bounded above")
+    assert "at least 1.7 (95 %)" in identify.describe("c_c", "1", 5.0, (1.0, 9.0), below, "bounded below")
+    assert identify.describe("c_c", "1", 5.0, (1.0, 9.0), flat, "not determined").endswith("of its profile closes")
+    assert identify.describe("nu", "1", 5.0, (1.0, 9.0), [], "not determined").endswith("narrower than the prior's")
+    assert identify.significant(142537.0, 812.0) == "1.4254e5"
+    assert identify.significant(3219876.0, 526000.0) == "3.22e6"
+    assert identify.significant(99999.0, 99999.0) == "1.0e5"
     assert identify.significant(0.2523, 0.05) == "0.252"
     assert identify.verdict([], 0.9) == "determined" and identify.verdict([], 0.1) == "not determined"
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from psafit.experiment import Constants, Experiment, Group, fingerprint
+from psafit.files import portable_command
 from psafit.inference.identify import describe
 from psafit.inference.problem import Problem
 from psafit.inference.run import Run
@@ -106,8 +107,10 @@ def make_run(
         minima=[MinimumEntry(best, -12.5, 9), MinimumEntry({k: 2 * v for k, v in best.items()}, -20.25, 3)],
         n_starts=12, n_failed=0, n_evaluations=345, lmfit_report="[[Fit Statistics]]\n  <made up>",
         versions={"psafit": "0.1.0", "python": "3.11.7"},
+        command="psafit fit experiments/made-up --group 1 --seed 7",
     )  # fmt: skip
-    message = "40 autocorrelation times, R-hat at most 1.009" if converged else "stopped at 4 autocorrelation times"
+    message = "40 autocorrelation times, R-hat at most 1.009"
+    message = message if converged else f"not converged after 90 steps ({message}): repeat the command to draw on"
     summary = PosteriorSummary("ab" * 32, converged, message, n_chains, 90, 10, 2, 0.31, 40.0, summaries)
     folder.mkdir(parents=True, exist_ok=True)
     return Run(folder, problem, record, summary, draws)
@@ -132,6 +135,8 @@ def make_predictions(run: Run) -> list[Prediction]:
                 log_density=np.full(y.size, -2.0),
                 crps=0.2 * middle,
                 pit=np.linspace(0.02, 0.6, y.size),
+                pit_p_value=0.04,
+                drift_p_value=0.002,
             )
         )
     return found
@@ -144,11 +149,9 @@ def make_validation(run: Run, predictions: list[Prediction]) -> Validation:
     return Validation(run.fit.identity, 240, 7, scores, mean, {str(p.group.id): p.pit.tolist() for p in predictions})
 
 
-def build(run: Run, **options) -> Path:
+def build(run: Run) -> Path:
     predictions = make_predictions(run)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*ArviZ is undergoing")
-        return write_report(run, make_validation(run, predictions), predictions, **options)
+    return write_report(run, make_validation(run, predictions), predictions)
 
 
 # Reading the page back -------------------------------------------------------------------------------------------
@@ -195,8 +198,7 @@ class Page:
 def page(tmp_path_factory) -> Page:
     folder = tmp_path_factory.mktemp("secret-place") / "hold-out"
     run = make_run(folder, title=HOSTILE, source=HOSTILE)
-    command = f"psafit fit {folder}/data --group 1 --out={folder}"
-    html = build(run, command=command).read_text("utf-8")
+    html = build(run).read_text("utf-8")
     return Page(run, html, Reader(html))
 
 
@@ -266,7 +268,7 @@ def test_nothing_is_fetched_from_elsewhere(page):
 
 def test_no_path_of_the_machine(page):
     assert "secret-place" not in page.html
-    assert "psafit fit data --group 1 --out=hold-out" in page.reader.text
+    assert "psafit fit experiments/made-up --group 1 --seed 7" in page.reader.text
 
 
 def test_page_is_small(page):
@@ -289,13 +291,14 @@ def test_scores_agree_with_the_record(page):
 def test_parameters_agree_with_the_record(page):
     for entry, s in zip(page.run.fit.parameters, page.run.summary.parameters, strict=True):
         assert entry.description in page.reader.text
-        assert s.text.replace(" um", " µm") in page.reader.text
+        assert " ".join(wording.typeset(s.text).split()) in page.reader.text
         assert f"{s.r_hat:.3f}" in page.reader.text
         assert f"{s.ess_bulk:.0f} / {s.ess_tail:.0f}" in page.reader.text
         assert entry.source in page.reader.text
         outside = not s.prior_lower <= s.median <= s.prior_upper
         row = next(r for r in re.findall(r"<tr>(.*?)</tr>", page.html, re.S) if f"{s.r_hat:.3f}" in r)
         assert ("implausible under the prior" in row) == outside
+        assert ("no lower limit" in row) == (s.verdict == "bounded above")
     assert "Implausible: cs comes out where the prior" in page.reader.text
 
 
@@ -311,7 +314,7 @@ def test_first_screen_says_what_it_must(page):
 def test_not_converged_is_said_first(unhappy_page):
     summary = unhappy_page.html[: unhappy_page.html.index('<h2 id="parameters"')]
     notice = summary[summary.index('class="notice bad"') :]
-    assert "The sampler has not converged" in notice and "stopped at 4 autocorrelation times" in notice
+    assert "not converged after 90 steps" in notice and "repeat the command to draw on" in notice
 
 
 def test_without_held_out_group(unhappy_page):
@@ -347,10 +350,9 @@ def test_same_results_same_bytes(tmp_path):
 
 
 def test_thresholds_are_those_of_the_verdict():
-    assert verdict(fit.GOOD, 0.0, 0.9, 50, 0.5).startswith("predicted well")
-    assert not verdict(fit.GOOD + 1e-9, 0.0, 0.9, 50, 0.5).startswith("predicted well")
-    assert verdict(fit.FAIR, 0.0, 0.9, 50, 0.5).startswith("roughly followed")
-    assert verdict(fit.FAIR + 1e-9, 0.0, 0.9, 50, 0.5).startswith("missed")
+    for limit, below, above in ((fit.GOOD, "predicted well", "roughly"), (fit.FAIR, "roughly followed", "missed")):
+        for error, words in ((limit - 1e-9, below), (limit + 1e-9, above)):
+            assert verdict(np.full(50, error), 0.9, 0.5, 0.5).startswith(words)
 
 
 # Figures ---------------------------------------------------------------------------------------------------------
@@ -452,7 +454,7 @@ def test_numbers():
     assert plain_spaces(wording.interval(23270.9, 4.297e7)) == "2.33 × 10⁴ to 4.30 × 10⁷"
     assert wording.exact(1e9) == "10⁹" and wording.exact(0.01) == "0.01"
     assert plain_spaces(wording.exact(2.5e6)) == "2.5 × 10⁶"
-    assert wording.p_value(1e-9) == "< 0.0001" and wording.p_value(0.5) == "0.50"
+    assert wording.p_value(1 / 1001) == "≤ 0.001" and wording.p_value(0.5) == "0.50"
     assert plain_spaces(wording.percent(0.998)) == "over 99 %" and plain_spaces(wording.percent(1.0)) == "100 %"
     assert wording.factor(np.log(2)) == "2.00" and "10" in wording.factor(1e6)
 
@@ -466,11 +468,24 @@ def test_symbols_and_lists_are_escaped():
 
 
 def test_paths_are_cut():
-    assert wording.without_paths("psafit fit /a/b/psa --out=/x/y") == "psafit fit psa --out=y"
-    assert wording.without_paths(r"psafit fit 'C:\Users\me\psa'") == "psafit fit psa"
-    assert wording.without_paths("psafit fit ~/psa experiments/psa 'open quote") == (
-        "psafit fit psa experiments/psa ''\"'\"'open' quote"
+    assert portable_command(["psafit", "fit", "/a/b/psa", "--out=/x/y"]) == "psafit fit psa --out=y"
+    assert portable_command(["psafit", "fit", r"C:\Users\me\psa"]) == "psafit fit psa"
+    assert portable_command(["fit", "~/psa", Path("experiments/psa"), "a b"]) == "fit psa experiments/psa 'a b'"
+
+
+def test_plain_text_is_typeset():
+    assert plain_spaces(wording.typeset("k_c = 3.22e6 N/m (90 %: -2 um to 1e-7), 275 us; R-hat 2-6")) == (
+        "k_c = 3.22 × 10⁶ N/m (90 %: −2 µm to 1 × 10⁻⁷), 275 µs; R-hat 2-6"
     )
+
+
+def test_a_walker_that_keeps_to_itself_is_shown(tmp_path):
+    run = make_run(tmp_path, n_chains=40)
+    values = run.draws.values[..., 0].copy()
+    values[17] *= 3.0
+    (axes,) = figures.trace_figure(fit.fit_pictures.marginals(run)[0], values, 2).axes
+    assert len(axes.lines) == 16
+    assert sum(np.allclose(line.get_ydata(), values[17]) for line in axes.lines) == 1
 
 
 def test_marginals_survive_a_stuck_chain(tmp_path):

@@ -13,7 +13,7 @@ import pytest
 from psafit.errors import InputError
 from psafit.experiment import read_experiment
 from psafit.report.page import figure_data_uri, render
-from psafit.report.reproduction import figures, write_reproduction
+from psafit.report.reproduction import claims_table, figures, write_reproduction
 from psafit.report.style import figure_style, new_figure
 from psafit.reproduce import (
     NOT_REPRODUCED,
@@ -218,8 +218,20 @@ def test_page_is_self_contained_and_says_what_was_found(result: Reproduction, tm
     assert text.count("<img ") == len(figures(result)) == 8
     assert "partly a numerical artefact" in text
     assert "&lt;1&gt;" in text
+    assert "gives back 20 of 24 published claims, 19 of them only with that step." in text
+    assert "209.75 µm at 300 Hz, a little below the curve" in text
+    assert "psafit diagnose" not in text and not re.search(r"\d um\b|0\.25 %", text)
     for verdict in (REPRODUCED, ONLY_WITH_STEP, NOT_REPRODUCED):
         assert verdict.replace("'", "&#39;") in text
+
+
+def test_the_table_in_the_terminal_has_units_and_no_nan(result: Reproduction) -> None:
+    first, *lines = claims_table(result).splitlines()
+    assert "20 of 24 published claims" in first
+    assert len(lines) == 25 and "nan" not in "".join(lines) and max(map(len, lines)) < 120
+    assert any("95.50 µm  none: overflow" in line and line.endswith("no") for line in lines)
+    end = lines[0].index("converged") + len("converged")
+    assert all(line[end - 1] != " " and line[end : end + 2] == "  " for line in lines)
 
 
 def test_a_failing_page_leaves_the_previous_one(tmp_path: Path) -> None:

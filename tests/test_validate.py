@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from psafit import validate
-from psafit.experiment import Experiment
+from psafit.experiment import Experiment, Group
 from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
 
@@ -44,7 +44,7 @@ def test_the_truth_predicts_what_it_never_saw(checked) -> None:  # type: ignore[
     _, record, predictions = checked
     assert [s.role for s in record.groups] == ["fit", "holdout", "holdout"]
     for s in record.groups[1:]:
-        assert s.log_rmse < 0.25 and s.coverage_90 > 0.7 and s.pit_p_value > 1e-5, s
+        assert s.log_rmse < 0.25 and s.coverage_90 > 0.7 and s.pit_p_value >= 1e-3, s
     assert record.holdout_log_rmse == pytest.approx(np.mean([s.log_rmse for s in record.groups[1:]]))
     for p in predictions:
         assert (p.lower <= p.lower_50).all() and (p.lower_50 <= p.upper_50).all() and (p.upper_50 <= p.upper).all()
@@ -58,7 +58,7 @@ def test_log_density_is_a_mean_over_draws(checked) -> None:  # type: ignore[no-u
     flat = run.draws.flat
     chosen = flat[np.linspace(0, len(flat) - 1, min(1000, len(flat))).astype(int)]
     group = run.problem.experiment.groups[2]
-    ranges = run.problem.predict(run.problem.to_sampling(chosen), run.problem.design_of([3]))
+    ranges = run.problem.predict(run.problem.to_sampling(chosen), [3])
     s = np.sqrt((chosen[:, 3:4] * ranges) ** 2 + chosen[:, 4:5] ** 2)
     density = stats.t.pdf(group.launch_range_um, chosen[:, 5:6], ranges, s)
     assert predictions[2].log_density == pytest.approx(np.log(density.mean(axis=0)), rel=1e-9)
@@ -79,24 +79,68 @@ def test_predictions_csv_keeps_the_contract(checked) -> None:  # type: ignore[no
 
 
 @pytest.mark.parametrize(
-    "rmse, bias, coverage, p, words",
+    "large, error, coverage, uniform, drift, words",
     [
-        (0.05, 0.01, 0.9, 0.5, "predicted well; its band is honest"),
-        (0.8, 0.75, 0.3, 1e-9, "predicted too large by a factor of 2.12; its 90 % band holds only 30 %"),
-        (0.8, -0.75, 0.95, 1e-9, "predicted too small by a factor of 2.12; but the errors share a direction"),
-        (0.2, 0.0, 0.9, 0.5, "roughly followed"),
-        (0.5, 0.0, 1.0, 1e-9, "its 90 % band is too wide"),
+        (50, 0.05, 0.9, 0.5, 0.5, "predicted well, typically off by ×1.05, either way; its band is honest"),
+        (95, 0.8, 0.3, 1e-3, 0.5, "missed, typically off by ×2.23, mostly too large (by ×2.05 on average); its 90 %"
+         " band holds only 30 % of the readings"),
+        (5, 0.8, 0.95, 1e-3, 0.5, "mostly too small (by ×2.05 on average); its 90 % band is wide enough, but the"
+         " readings are not spread over it as predicted"),
+        (65, 0.2, 0.9, 0.5, 0.5, "roughly followed, typically off by ×1.22, mostly too large (by ×1.06 on average)"),
+        (60, 0.2, 0.9, 0.5, 0.5, "off by ×1.22, either way; its band is honest"),
+        (50, 0.5, 1.0, 1e-3, 0.5, "its 90 % band is too wide"),
+        (50, 0.25, 0.9, 0.5, 1e-3, "either way; its errors drift along the sweep: the model misses a trend that the"
+         " scatter absorbs"),
+        (50, 0.25, 0.5, 0.5, 1e-3, "the model misses a trend"),
     ],
-)
-def test_verdicts_in_words(rmse: float, bias: float, coverage: float, p: float, words: str) -> None:
-    assert words in validate.verdict(rmse, bias, coverage, 100, p)
+)  # fmt: skip
+def test_verdicts_in_words(large: int, error: float, coverage: float, uniform: float, drift: float, words: str) -> None:
+    errors = np.where(np.arange(100) < large, error, -error)
+    said = validate.verdict(errors, coverage, uniform, drift)
+    assert words in said
+    assert ("honest" in said) == (coverage == 0.9 and uniform == drift == 0.5)
 
 
-def test_pit_of_an_honest_prediction_is_uniform() -> None:
-    """The verdict's test has the false alarm rate it claims."""
+def test_many_small_errors_against_few_large_ones() -> None:
+    """The mean must not contradict the count."""
+    said = validate.verdict(np.append(np.full(90, 0.05), np.full(10, -3.0)), 0.9, 0.5, 0.5)
+    assert "mostly too large;" in said and "on average" not in said
+
+
+def simulated(rng: np.random.Generator, n: int, shared: float, memory: float) -> np.ndarray:
+    """Sets of standard scatter around a shared error of the whole set; `memory` is that of neighbours."""
+    z = rng.standard_normal((n, 60))
+    for i in range(1, 60):
+        z[:, i] = memory * z[:, i - 1] + math.sqrt(1 - memory**2) * z[:, i]
+    return z + shared * rng.standard_normal((n, 1))
+
+
+@pytest.mark.parametrize("shared", [0.0, 1.5])
+def test_false_alarms_and_power_of_the_tests_of_the_band(shared: float) -> None:
+    """Honest groups pass, also where all readings share a parameter's error; a drift is seen."""
     rng = np.random.default_rng(0)
-    p = [stats.kstest(rng.uniform(size=50), "uniform").pvalue for _ in range(400)]
-    assert np.mean(np.array(p) < 0.01) < 0.03
+    draws = simulated(rng, 1000, shared, 0.0)
+    group = Group(1, "sine", "x", np.arange(1.0, 61.0)[::-1].copy(), np.full(60, 5.0), np.full(60, 9.0))
+
+    def alarms(truth: np.ndarray) -> np.ndarray:
+        pit = (draws[:, None, :] < truth).mean(axis=0)
+        return np.mean([np.array(validate._p_values(group, row, draws)) < 0.01 for row in pit], axis=0)
+
+    assert (alarms(simulated(rng, 200, shared, 0.0)) < 0.04).all()
+    drifting = alarms(simulated(rng, 50, shared, 0.7))
+    assert drifting[1] > 0.9
+
+
+def test_the_order_of_the_file_is_not_the_order_of_the_sweep() -> None:
+    rng = np.random.default_rng(1)
+    draws = simulated(rng, 400, 0.0, 0.0)
+    ascending = np.arange(1.0, 61.0)
+    pit = 0.5 + 0.4 * np.sin(ascending / 8)
+    for order in (np.arange(60), rng.permutation(60)):
+        group = Group(1, "sine", "x", ascending[order], np.full(60, 5.0), np.full(60, 9.0))
+        assert validate._p_values(group, pit[order], draws)[1] < 0.01
+    nothing = Group(1, "sine", "x", ascending, np.full(60, 5.0), np.zeros(60))
+    assert np.isnan(validate._p_values(nothing, pit, draws)).all()
 
 
 def test_validation_reads_back(checked, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

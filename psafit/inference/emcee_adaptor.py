@@ -3,6 +3,9 @@
 Steps are drawn in memory; after every chunk the whole chain goes to an HDF5 file of emcee's own format, swapped in
 by one rename. Whatever kills the run, a consistent chain with its generator's state is there to go on from, and a
 resumed run draws what an undisturbed one would have drawn.
+
+emcee's ensemble moves cannot carry a lone walker out of a mode that no other walker shares, so some of
+the moves are independent draws from a fixed density that reaches everywhere: see `Proposal`.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import emcee
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp
 
 from psafit.errors import InputError
 from psafit.files import replacing
@@ -25,6 +29,12 @@ from psafit.inference.problem import Problem
 
 FloatArray = NDArray[np.float64]
 _GROUP = "psafit"
+
+# The proposal's tails (degrees of freedom) and the prior's share in it.
+_TAILS, _PRIOR_SHARE = 4.0, 0.1
+# A Laplace mass may err by a factor of a hundred: no minimum that counts gets less than this share, and one counts
+# unless its mass is negligible (log, against the greatest) even so.
+_LEAST_SHARE, _NEGLIGIBLE = 0.01, -12.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ class Settings:
     r_hat : float
         Largest split R-hat (ArviZ, every walker a chain) that counts as mixed.
     max_steps : int
-        Gives up here, and says so.
+        Gives up here, and says so. No part of a run's identity: a chain that gave up can be drawn on.
     """
 
     n_walkers: int = 32
@@ -65,6 +75,8 @@ class Chain:
     log_posterior : (n_walkers, n_steps) array
     autocorrelation_time : (n_dim,) array
         Steps, from the draws after burn-in.
+    r_hat : (n_dim,) array
+        Of the draws after burn-in.
     burn_in : int
         Steps discarded.
     acceptance : float
@@ -76,6 +88,7 @@ class Chain:
     draws: FloatArray
     log_posterior: FloatArray
     autocorrelation_time: FloatArray
+    r_hat: FloatArray
     burn_in: int
     acceptance: float
     converged: bool
@@ -87,33 +100,69 @@ class Progress:
 
     steps: int
     autocorrelation_times: float
-    wanted: float
+    r_hat: float
     acceptance: float
 
 
-def start_positions(problem: Problem, optimum: Optimum, n_walkers: int, rng: np.random.Generator) -> FloatArray:
-    """Walkers around the minima, in proportion to their Laplace masses and twice as wide; (n_walkers, n_dim)."""
-    log_mass = np.array([m.log_posterior for m in optimum.minima])
-    log_mass = log_mass + 0.5 * np.linalg.slogdet(optimum.covariance)[1]
-    mass = np.exp(log_mass - log_mass.max())
-    # A Laplace mass may err by a factor of a hundred: no basin is left without a scout.
-    share = np.maximum(mass / mass.sum(), 1e-2)
-    counts = rng.multinomial(n_walkers, share / share.sum())
-    walkers: list[FloatArray] = []
-    for minimum, covariance, count in zip(optimum.minima, optimum.covariance, counts, strict=True):
-        centre = problem.to_sampling(minimum.values)
-        root = 2.0 * np.linalg.cholesky(covariance)
-        kept = 0
-        for attempt in range(1000):
-            u = centre + 0.98**attempt * root @ rng.standard_normal(problem.n_dim)
-            if kept == count:
-                break
-            if np.isfinite(problem.log_posterior(u[None, :])[0]):
-                walkers.append(u)
-                kept += 1
-    while len(walkers) < n_walkers:  # a minimum at a bound may reject too often
-        walkers.append(walkers[int(rng.integers(len(walkers)))] + 1e-3 * rng.standard_normal(problem.n_dim))
-    return np.array(walkers)
+class Proposal:
+    r"""A density near the posterior that reaches every mode from anywhere.
+
+    .. math:: g(u) = \tfrac{1}{10} \pi(u) + \tfrac{9}{10} \sum_k w_k\, t_4(u \mid u_k, C_k),
+
+    the prior and a Student density at each minimum :math:`u_k`, with its Laplace covariance and mass. A Metropolis
+    step from `u` to a draw `u'` is accepted with the probability :math:`p(u') g(u) / p(u) g(u')`. Since `g` is at
+    least a tenth of the prior, a walker leaves any place whose likelihood is below a tenth of the known modes' evidence
+    as soon as a draw lands in one of them; and modes get the weights they have, not those they started with.
+
+    Parameters
+    ----------
+    problem : Problem
+    optimum : Optimum
+    """
+
+    def __init__(self, problem: Problem, optimum: Optimum) -> None:
+        log_mass = np.array([m.log_posterior for m in optimum.minima])
+        log_mass = log_mass + 0.5 * np.linalg.slogdet(optimum.covariance)[1]
+        log_mass -= log_mass.max()
+        kept = log_mass > _NEGLIGIBLE
+        mass = np.exp(log_mass[kept])
+        share = np.maximum(mass / mass.sum(), _LEAST_SHARE)
+        self._share = np.append((1 - _PRIOR_SHARE) * share / share.sum(), _PRIOR_SHARE)
+        self._problem = problem
+        self._centre = np.array([problem.to_sampling(m.values) for m in optimum.minima])[kept]
+        self._root = np.linalg.cholesky(optimum.covariance[kept])
+
+    def draw(self, n: int, random: np.random.RandomState) -> FloatArray:
+        """Draw from it; (n, n_dim)."""
+        which = random.choice(self._share.size, n, p=self._share)
+        z = random.standard_normal((n, self._problem.n_dim)) / np.sqrt(random.chisquare(_TAILS, (n, 1)) / _TAILS)
+        result: FloatArray = self._problem.prior_transform(random.uniform(size=z.shape))
+        for k, (centre, root) in enumerate(zip(self._centre, self._root, strict=True)):
+            result[which == k] = centre + z[which == k] @ root.T
+        return result
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log of `g` at the rows of `u`; (n,)."""
+        n_dim = u.shape[1]
+        shifts = np.moveaxis(u[:, None, :] - self._centre, 0, 2)
+        distance = (np.linalg.solve(self._root, shifts) ** 2).sum(axis=1)  # (n_modes, n)
+        height = gammaln((_TAILS + n_dim) / 2) - gammaln(_TAILS / 2) - 0.5 * n_dim * np.log(_TAILS * np.pi)
+        height = height - np.log(np.diagonal(self._root, axis1=1, axis2=2)).sum(axis=1)
+        student = height[:, None] - 0.5 * (_TAILS + n_dim) * np.log1p(distance / _TAILS)
+        return logsumexp(np.vstack([student, self._problem.log_prior(u)]), b=self._share[:, None], axis=0)
+
+    def move(self, u: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        """A proposal for each walker, and its Metropolis-Hastings factor, as `emcee.moves.MHMove` takes them."""
+        proposed = self.draw(len(u), random)
+        return proposed, self.log_density(u) - self.log_density(proposed)
+
+    def start(self, n_walkers: int, random: np.random.RandomState) -> FloatArray:
+        """Draws where the posterior is finite; (n_walkers, n_dim)."""
+        found = np.empty((0, self._problem.n_dim))
+        while len(found) < n_walkers:
+            draws = self.draw(n_walkers, random)
+            found = np.concatenate([found, draws[np.isfinite(self._problem.log_posterior(draws))]])
+        return found[:n_walkers]
 
 
 def autocorrelation_time(draws: FloatArray) -> FloatArray:
@@ -173,57 +222,60 @@ def sample(
         _resume(backend, path, identity)
     else:
         backend.reset(settings.n_walkers, problem.n_dim)
+    proposal = Proposal(problem, optimum)
     sampler = emcee.EnsembleSampler(
         settings.n_walkers,
         problem.n_dim,
         problem.log_posterior,
         vectorize=True,
         backend=backend,
-        moves=[(emcee.moves.DEMove(), 0.7), (emcee.moves.DEMove(gamma0=1.0), 0.1), (emcee.moves.StretchMove(), 0.2)],
-    )  # fmt: skip
+        moves=[
+            (emcee.moves.DEMove(), 0.2),
+            (emcee.moves.DEMove(gamma0=1.0), 0.1),
+            (emcee.moves.KDEMove(), 0.4),
+            (emcee.moves.MHMove(proposal.move), 0.3),
+        ],
+    )
     if backend.iteration == 0:
-        state = np.random.RandomState(seed).get_state()  # emcee draws from the legacy generator
-        start = emcee.State(
-            start_positions(problem, optimum, settings.n_walkers, np.random.default_rng([seed, 1])),
-            random_state=state,
-        )
+        random = np.random.RandomState(seed)  # emcee draws from the legacy generator
+        start = emcee.State(proposal.start(settings.n_walkers, random), random_state=random.get_state())
     else:
         start = backend.get_last_sample()
     while True:
-        done, chain = _stop(backend, settings)
-        if chain.draws.size:
+        if backend.iteration:
+            chain = _chain(backend, settings)
             progress(
                 Progress(
                     int(backend.iteration),
                     float(chain.draws.shape[1] / chain.autocorrelation_time.max()),
-                    settings.autocorrelation_times,
+                    float(chain.r_hat.max()),
                     chain.acceptance,
                 )
             )
-        if done:
-            return chain
+            if chain.converged or backend.iteration >= settings.max_steps:
+                return chain
         start = sampler.run_mcmc(start, settings.chunk, skip_initial_state_check=True)
         _checkpoint(backend, path, identity)
 
 
-def _stop(backend: emcee.backends.Backend, settings: Settings) -> tuple[bool, Chain]:
+def _chain(backend: emcee.backends.Backend, settings: Settings) -> Chain:
+    """The draws so far, and whether they suffice."""
     n = backend.iteration
-    if n == 0:
-        empty = np.empty((settings.n_walkers, 0, 1))
-        return False, Chain(empty, empty[..., 0], np.full(1, np.inf), 0, 0.0, False)
-    chain = backend.get_chain()
-    burn, tau = _state(chain)
+    steps = backend.get_chain()
+    burn, tau = _state(steps)
     kept = n - burn
-    draws = np.swapaxes(chain[burn:], 0, 1).copy()
+    draws = np.swapaxes(steps[burn:], 0, 1).copy()
+    r_hat = store.r_hat(draws)
     converged = bool(
         kept >= settings.autocorrelation_times * tau.max()
         and kept * settings.n_walkers / tau.max() >= settings.effective_samples
-        and store.r_hat(draws).max() < settings.r_hat
+        and r_hat.max() < settings.r_hat
     )
-    return converged or n >= settings.max_steps, Chain(
+    return Chain(
         draws,
         backend.get_log_prob(discard=burn).T.copy(),
         tau,
+        r_hat,
         burn,
         float(np.mean(backend.accepted / n)),
         converged,

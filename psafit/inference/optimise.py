@@ -1,19 +1,23 @@
 """Best parameter values by lmfit, from many starts.
 
-Two stages. From quasi-random draws of the prior, least squares on variance-stabilised residuals finds the
-basins of the physical parameters; from each distinct basin, the posterior density of all parameters, scatter
-included, is climbed to its top.
+Three stages. Quasi-random draws of the prior are simulated, and each is judged by its posterior density at the best
+scatter for it. From the best draws that lie apart, least squares on residuals stabilised with that scatter finds the
+basins of the physical parameters. From each distinct basin, the posterior density of all parameters, scatter included,
+is climbed to its top.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import lmfit
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import differential_evolution, minimize
 from scipy.stats import qmc
 
 from psafit.errors import ConvergenceError
@@ -24,10 +28,17 @@ FloatArray = NDArray[np.float64]
 
 # Difference steps in sampling coordinates of order one: cube root of the simulator's relative error (1e-12).
 _STEP = 1e-4
-# Two end points are one minimum when every physical coordinate agrees to this (2 % of a factor e) and the height does.
-_SAME_PLACE, _SAME_HEIGHT = 0.02, 0.05
-# Basins whose least-squares cost is within this factor of the best are climbed; the rest cannot win.
-_PROMISING, _MOST_BASINS = 3.0, 6
+# Two end points are one minimum when every physical coordinate agrees to five times this and the height does.
+_SAME_PLACE, _SAME_HEIGHT = 0.05, 0.5
+# Draws of the prior looked at for every start, and how far apart starts lie (in units of the prior's width).
+_DRAWS_PER_START, _APART = 64, 0.25
+# Basins this far below the best (log posterior, at the best scatter for each) are not climbed; at most so many are.
+_PROMISING, _MOST_BASINS = 40.0, 6
+# Differential evolution: members and generations.
+_CROWD, _GENERATIONS = 48, 60
+# Scatter tried for a prediction: quantiles of each parameter's prior.
+_SCATTER = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985)
+_TAILS = (0.2, 0.8)
 
 
 @dataclass(frozen=True)
@@ -60,7 +71,7 @@ class Optimum:
     covariance : (n_minima, n_dim, n_dim) array
         Inverse curvature at each minimum, in the sampling coordinate (Laplace approximation).
     n_starts : int
-        Starts tried.
+        Starts followed, the best of many more draws of the prior.
     n_failed : int
         Starts that ended where the model cannot be evaluated.
     n_evaluations : int
@@ -101,11 +112,21 @@ def _coordinates(parameters: lmfit.Parameters) -> FloatArray:
     return np.array([p.value for p in parameters.values() if p.expr is None])
 
 
-def gradient(f: Callable[[FloatArray], FloatArray], u: FloatArray) -> FloatArray:
-    """Central differences of a batched function at one point, in one batch; (n_dim, ...)."""
+def _minimize(*arguments: Any, **options: Any) -> lmfit.minimizer.MinimizerResult:
+    with warnings.catch_warnings():
+        # lmfit ends with roots of an inverse curvature that on a flat top is no covariance; we never read them.
+        warnings.filterwarnings("ignore", category=RuntimeWarning, module="lmfit")
+        return lmfit.minimize(*arguments, calc_covar=False, **options)
+
+
+def gradient(f: Callable[[FloatArray], FloatArray], u: FloatArray, bounds: FloatArray) -> FloatArray:
+    """Central differences of a batched function at one point, in one batch, one-sided at a bound; (n_dim, ...)."""
+    u = np.clip(u, bounds[:, 0], bounds[:, 1])
     steps = _STEP * np.eye(u.size)
-    both = f(np.concatenate([u + steps, u - steps]))
-    return (both[: u.size] - both[u.size :]) / (2 * _STEP)
+    above, below = np.minimum(u + steps, bounds[:, 1]), np.maximum(u - steps, bounds[:, 0])
+    both = f(np.concatenate([above, below]))
+    width = np.diag(above - below).reshape(-1, *[1] * (both.ndim - 1))
+    return (both[: u.size] - both[u.size :]) / width
 
 
 def hessian(f: Callable[[FloatArray], FloatArray], u: FloatArray, step: float = 3e-3) -> FloatArray:
@@ -136,11 +157,63 @@ def _inside(problem: Problem, u: FloatArray, margin: float) -> FloatArray:
     return np.clip(u, problem.bounds[:, 0] + margin, problem.bounds[:, 1] - margin)
 
 
+def _scatter(problem: Problem, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Log density of the readings at the best scatter on a grid, its prior included, and that scatter.
+
+    Parameters
+    ----------
+    problem : Problem
+    predicted : (n_sets, n_points) array, um
+
+    Returns
+    -------
+    (n_sets,) array and (n_sets, 3) array of sampling coordinates
+    """
+    n = problem.n_dim - len(noise.PARAMETERS)
+    grid = np.array(np.meshgrid(_SCATTER, _SCATTER, _TAILS)).reshape(3, -1).T
+    u = np.stack([p.prior_quantile(grid[:, i]) for i, p in enumerate(noise.PARAMETERS)], axis=1)
+    values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(noise.PARAMETERS)], axis=1)
+    prior = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(problem.parameters[n:])], axis=0)
+    height = np.empty((len(predicted), len(grid)))
+    for k, one in enumerate(values):
+        scatter = np.broadcast_to(one, (len(predicted), 3))
+        height[:, k] = noise.log_density(problem.observed, predicted, scatter, problem.known_sigma).sum(axis=1)
+    height += prior
+    best = np.argmax(np.where(np.isfinite(height), height, -np.inf), axis=1)
+    return height[np.arange(len(height)), best], u[best]
+
+
+def _screen(problem: Problem, seed: int, n_starts: int) -> tuple[FloatArray, int]:
+    """Starts: the best of many draws of the prior, no two of them close; (n_starts, n_dim), and draws simulated."""
+    power = math.ceil(math.log2(n_starts * _DRAWS_PER_START))
+    quantiles = qmc.Sobol(problem.n_dim, rng=np.random.default_rng(seed)).random_base2(power)
+    draws = problem.prior_transform(np.clip(quantiles, 1e-3, 1 - 1e-3))
+    n = problem.n_dim - len(noise.PARAMETERS)
+    height = problem.log_prior(draws) - np.sum(
+        [p.log_prior(draws[:, n + i]) for i, p in enumerate(problem.parameters[n:])], axis=0
+    )
+    for part in np.array_split(np.arange(len(draws)), math.ceil(len(draws) / 1024)):
+        likelihood, draws[part, n:] = _scatter(problem, problem.predict(draws[part]))
+        height[part] += likelihood
+    width = np.ptp(problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim])), axis=0)[:n]
+    left = np.argsort(np.where(np.isfinite(height), -height, np.inf), kind="stable")
+    chosen: list[int] = []
+    # Far apart first; where that does not yield enough starts, closer.
+    for apart in (_APART, 0.5 * _APART, 0.0):
+        for k in left:
+            if len(chosen) == n_starts:
+                break
+            if k in chosen or not np.isfinite(height[k]):
+                continue
+            if all(np.abs((draws[k, :n] - draws[c, :n]) / width).max() > apart for c in chosen):
+                chosen.append(int(k))
+    return draws[chosen], len(draws)
+
+
 def _basin(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, int]:
-    """Least squares on variance-stabilised residuals: (coordinates, cost, sets simulated)."""
-    relative, absolute = (float(p.to_physical(p.prior_quantile(0.5))) for p in noise.PARAMETERS[:2])
-    n = problem.n_physical
-    medians = problem.prior_transform(np.full(problem.n_dim, 0.5))
+    """Least squares on variance-stabilised residuals: (coordinates, height at the best scatter, sets simulated)."""
+    n = problem.n_dim - len(noise.PARAMETERS)
+    relative, absolute = (float(p.to_physical(u)) for p, u in zip(noise.PARAMETERS[:2], start[n : n + 2], strict=True))
 
     def stabilise(y: FloatArray) -> FloatArray:
         return np.arcsinh(y * relative / absolute) / relative
@@ -148,38 +221,87 @@ def _basin(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, int]
     target = stabilise(problem.observed)
 
     def batch(u: FloatArray) -> FloatArray:
-        full = np.concatenate([u, np.broadcast_to(medians[n:], (len(u), problem.n_dim - n))], axis=1)
+        full = np.concatenate([u, np.broadcast_to(start[n:], (len(u), problem.n_dim - n))], axis=1)
         return stabilise(problem.predict(full)) - target
 
-    result = lmfit.minimize(
+    result = _minimize(
         lambda q: batch(_coordinates(q)[None, :])[0],
         _lmfit_parameters(problem, start[:n], n),
         method="least_squares",
-        jac=lambda q: gradient(batch, _coordinates(q)).T,
+        jac=lambda q: gradient(batch, _coordinates(q), problem.bounds[:n]).T,
         loss="soft_l1",
-        f_scale=5.0,
-        max_nfev=150,
-        ftol=1e-6,
-        xtol=1e-6,
-        calc_covar=False,
+        f_scale=3.0,
+        max_nfev=60,
+        ftol=1e-4,
+        xtol=1e-4,
     )
-    u = _coordinates(result.params)
-    residual = batch(u[None, :])[0]
-    cost = float(np.sum(25.0 * (np.sqrt(1 + (residual / 5.0) ** 2) - 1)))
-    return u, cost, int(result.nfev) * (1 + 2 * n)
+    u = np.concatenate([_coordinates(result.params), start[n:]])
+    likelihood, u[n:] = (x[0] for x in _scatter(problem, problem.predict(u[None, :])))
+    own = float(np.sum([p.log_prior(u[i]) for i, p in enumerate(problem.parameters[:n])]))
+    return u, float(likelihood) + own, int(result.nfev) * (1 + 2 * n) + 1
+
+
+def _widened(problem: Problem, nested: Optimum) -> FloatArray:
+    """The best point of the model without causes as a point of the model with them: strengths neutral, else medians."""
+    u = problem.prior_transform(np.full(problem.n_dim, 0.5))
+    known = dict(zip((p.name for p in replace(problem, terms=()).parameters), nested.best.values, strict=True))
+    for i, p in enumerate(problem.parameters):
+        value = known.get(p.name, p.neutral)
+        if value is not None and p.bounds.lower <= value <= p.bounds.upper:
+            u[i] = p.to_sampling(value)
+    return _inside(problem, u, 1e-3)
+
+
+def _evolve(problem: Problem, crowd: FloatArray, seed: int) -> tuple[FloatArray, int]:
+    """Best of a crowd after some generations of differential evolution, which kinks and narrow ridges do not stop.
+
+    The first separation jumps from one dip of the indentation to another as parameters vary; the posterior has kinks
+    there, at which climbing by gradients ends.
+    """
+    size = min(len(crowd), _CROWD)
+    result = differential_evolution(
+        lambda x: np.nan_to_num(-problem.log_posterior(x.T), nan=1e300, posinf=1e300),
+        list(problem.bounds),
+        init=np.clip(crowd[:size], problem.bounds[:, 0], problem.bounds[:, 1]),
+        strategy="randtobest1bin",
+        maxiter=_GENERATIONS,
+        mutation=(0.4, 0.9),
+        recombination=0.9,
+        tol=1e-4,
+        polish=False,
+        vectorized=True,
+        updating="deferred",
+        rng=np.random.default_rng([seed, 3]),
+    )
+    return np.asarray(result.x), int(result.nfev)
 
 
 def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
     """Top of the posterior near `start`, all parameters free: (coordinates, height, lmfit's result)."""
-    result = lmfit.minimize(
+    result = _minimize(
         lambda q: float(-problem.log_posterior(_coordinates(q)[None, :])[0]),
         _lmfit_parameters(problem, start, problem.n_dim),
         method="bfgs",
-        jac=lambda q: -gradient(problem.log_posterior, _inside(problem, _coordinates(q), 2 * _STEP)),
+        jac=lambda q: -gradient(problem.log_posterior, _coordinates(q), problem.bounds),
         options={"gtol": 1e-4},
-        calc_covar=False,
     )
-    u = _coordinates(result.params)
+    # A simplex goes on where a kink has stopped the gradient.
+    u, here = _coordinates(result.params), float(result.residual[0])
+    simplex = u + 0.02 * np.vstack([np.zeros(u.size), np.eye(u.size)])
+    polished = minimize(
+        lambda v: float(-problem.log_posterior(v[None, :])[0]),
+        u,
+        method="Nelder-Mead",
+        bounds=problem.bounds,
+        options={
+            "initial_simplex": np.clip(simplex, *problem.bounds.T),
+            "maxfev": 60 * u.size,
+            "fatol": 1e-3,
+            "xatol": 1e-3,
+        },
+    )
+    if polished.fun < here:
+        u = np.asarray(polished.x)
     return u, float(problem.log_posterior(u[None, :])[0]), result
 
 
@@ -215,7 +337,7 @@ def optimise(
     n_starts: int = 48,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Optimum:
-    """Search for the top of the posterior from `n_starts` quasi-random draws of the prior.
+    """Search for the top of the posterior from the `n_starts` best of many quasi-random draws of the prior.
 
     Parameters
     ----------
@@ -235,22 +357,29 @@ def optimise(
     ConvergenceError
         If not one start led to a finite posterior.
     """
-    power = max(1, math.ceil(math.log2(n_starts)))
-    quantiles = qmc.Sobol(problem.n_dim, rng=np.random.default_rng(seed)).random_base2(power)[:n_starts]
-    starts = problem.prior_transform(np.clip(quantiles, 1e-3, 1 - 1e-3))
-    medians = problem.prior_transform(np.full(problem.n_dim, 0.5))
+    starts, evaluations = _screen(problem, seed, n_starts)
+    if problem.terms:
+        # The model without its causes lies within it: what fits there is a start here, too.
+        nested = optimise(replace(problem, terms=()), seed=seed, n_starts=max(n_starts // 4, 4))
+        evaluations += nested.n_evaluations
+        starts = np.concatenate([starts[: n_starts - 1], _widened(problem, nested)[None, :]])
     ends: list[tuple[FloatArray, float, int]] = []
-    evaluations = failed = 0
+    failed = n_starts - len(starts)
     for k, start in enumerate(starts):
-        u, cost, used = _basin(problem, start)
+        u, height, used = _basin(problem, start)
         evaluations += used
-        if np.isfinite(cost):
-            ends.append((np.concatenate([u, medians[problem.n_physical :]]), -cost, 1))
+        if np.isfinite(height):
+            ends.append((u, height, 1))
         else:
             failed += 1
         progress(k + 1, n_starts)
-    basins = _merge(ends, problem.n_physical, height=max(1.0, 0.01 * abs(max(e[1] for e in ends)))) if ends else []
-    promising = [b for b in basins if -b[1] <= _PROMISING * -basins[0][1] + 10][:_MOST_BASINS]
+    basins = _merge(ends, problem.n_physical, height=1.0)
+    promising = [b for b in basins if b[1] > basins[0][1] - _PROMISING][:_MOST_BASINS]
+    if problem.terms:
+        crowd = np.array([e[0] for e in sorted(ends, key=lambda e: -e[1])] + list(starts))
+        evolved, used = _evolve(problem, crowd, seed)
+        evaluations += used
+        promising.append((evolved, 0.0, 0))
     tops: list[tuple[FloatArray, float, int]] = []
     report = ""
     for u, _, count in promising:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from psafit.experiment import Experiment, GroupId
 from psafit.inference import noise
 from psafit.parameters import Parameter
 from psafit.physics import baseline
+from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 
 FloatArray = NDArray[np.float64]
@@ -24,18 +25,21 @@ MICRO = 1e6  # um per m: measurements are in um, physics in m
 class Problem:
     """The model against some groups of an experiment.
 
-    Parameter sets are rows in the *sampling coordinate* of each parameter (see `psafit.parameters`), the
-    physical parameters first and the scatter's last.
+    Parameter sets are rows in the *sampling coordinate* of each parameter (see `psafit.parameters`): the baseline's
+    parameters, those of the causes, what each fitted session has for itself, and the scatter's last.
 
     Parameters
     ----------
     experiment : Experiment
     group_ids : tuple of group ids
         The groups the likelihood sees.
+    terms : tuple of Term
+        Causes that extend the baseline.
     """
 
     experiment: Experiment
     group_ids: tuple[GroupId, ...]
+    terms: tuple[Term, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.group_ids:
@@ -45,13 +49,23 @@ class Problem:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Physical parameters, then those of the scatter."""
-        return baseline.PARAMETERS + noise.PARAMETERS
+        """All parameters, in the order of the columns."""
+        own = tuple(p for term in self.terms for p in term.parameters)
+        return baseline.PARAMETERS + own + self._latents + noise.PARAMETERS
+
+    @cached_property
+    def _latents(self) -> tuple[Parameter, ...]:
+        return tuple(
+            replace(term.latent, name=f"{term.latent.name}_{position}", description=f"{term.latent.description}, {g}")
+            for term in self.terms
+            if term.latent
+            for position, g in enumerate(self.group_ids)
+        )
 
     @property
     def n_physical(self) -> int:
-        """Number of physical parameters."""
-        return len(self.parameters) - len(noise.PARAMETERS)
+        """Number of parameters of the baseline and the causes."""
+        return len(self.parameters) - len(self._latents) - len(noise.PARAMETERS)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -102,14 +116,46 @@ class Problem:
         """Sampling coordinates at which each prior holds the fraction `p`; last axis n_dim."""
         return np.stack([q.prior_quantile(p[..., i]) for i, q in enumerate(self.parameters)], axis=-1)
 
-    def predict(self, u: FloatArray, design: Design | None = None) -> FloatArray:
-        """Launch ranges, um; (n_sets, n_points)."""
-        physical = self.to_physical(u)[:, : self.n_physical]
-        return simulate(self.design if design is None else design, physical).launch_range * MICRO
+    def predict(
+        self, u: FloatArray, group_ids: Sequence[GroupId] | None = None, rng: np.random.Generator | None = None
+    ) -> FloatArray:
+        """Launch ranges, um; (n_sets, n_points).
+
+        Parameters
+        ----------
+        u : (n_sets, n_dim) array
+        group_ids : sequence of group ids, optional
+            Which groups to predict; the fitted ones by default.
+        rng : Generator, optional
+            Draws what a session not fitted has for itself from its prior; the prior's median without one.
+        """
+        groups = self.group_ids if group_ids is None else tuple(group_ids)
+        design = self.design if group_ids is None else self.design_of(groups)
+        return simulate(design, self.theta(u, groups, rng), self.terms).launch_range * MICRO
+
+    def theta(self, u: FloatArray, groups: Sequence[GroupId], rng: np.random.Generator | None = None) -> FloatArray:
+        """Physical values of `u` in the columns that the simulator takes for a design of `groups`; see `predict`."""
+        x = self.to_physical(u)
+        if not self._latents:
+            return x[:, : self.n_physical]
+        n = len(baseline.PARAMETERS)
+        blocks, first, latent = [x[:, :n]], n, self.n_physical
+        for term in self.terms:
+            blocks.append(x[:, first : first + len(term.parameters)])
+            first += len(term.parameters)
+            if term.latent:
+                for g in groups:
+                    if g in self.group_ids:
+                        blocks.append(x[:, [latent + self.group_ids.index(g)]])
+                    else:
+                        p = np.full(len(u), 0.5) if rng is None else rng.uniform(size=len(u))
+                        blocks.append(term.latent.to_physical(term.latent.prior_quantile(p))[:, None])
+                latent += len(self.group_ids)
+        return np.concatenate(blocks, axis=1)
 
     def noise_values(self, u: FloatArray) -> FloatArray:
         """The scatter's parameters, as `noise.scale` takes them; (n_sets, 3)."""
-        return self.to_physical(u)[:, self.n_physical :]
+        return self.to_physical(u)[:, self.n_dim - len(noise.PARAMETERS) :]
 
     def log_prior(self, u: FloatArray) -> FloatArray:
         """Log prior density in the sampling coordinate; (n_sets,)."""

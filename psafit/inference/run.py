@@ -2,7 +2,8 @@
 
 The folder holds `experiment/` (a copy of the data the run saw), `fit.json` once the search is done,
 `chain.h5` (the sampler's checkpoint), and at the end `posterior.nc` and `posterior.json`. Each stage that is already
-there is taken from the folder, so an interrupted run goes on where it stopped.
+there is taken from the folder, so an interrupted run goes on where it stopped, and one whose chain gave up
+before it converged draws on.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import json
 import math
 import platform
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -23,9 +24,12 @@ from numpy.typing import NDArray
 import psafit
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment, write_experiment
+from psafit.files import portable_command
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, laplace_covariance, optimise
 from psafit.inference.problem import Problem
+from psafit.physics import terms as catalogue
+from psafit.physics.term import Term
 from psafit.records import (
     Fit,
     MinimumEntry,
@@ -36,6 +40,7 @@ from psafit.records import (
     read_json,
     write_json,
 )
+from psafit.simulate import path_of
 
 FloatArray = NDArray[np.float64]
 
@@ -50,8 +55,8 @@ class Watcher(Protocol):
     def stage(self, name: str) -> None:
         """Begin a stage."""
 
-    def update(self, done: float, total: float, note: str = "") -> None:
-        """Report how far the stage is."""
+    def update(self, done: float, total: float | None, note: str = "") -> None:
+        """Report how far the stage is; `total` is None where nobody can know."""
 
 
 class Silent:
@@ -60,7 +65,7 @@ class Silent:
     def stage(self, name: str) -> None:
         """Do nothing."""
 
-    def update(self, done: float, total: float, note: str = "") -> None:
+    def update(self, done: float, total: float | None, note: str = "") -> None:
         """Do nothing."""
 
 
@@ -81,10 +86,11 @@ def identity_of(problem: Problem, seed: int, settings: emcee_adaptor.Settings, n
         "version": psafit.__version__,
         "fingerprint": problem.experiment.fingerprint,
         "groups": [str(g) for g in problem.group_ids],
+        "terms": [t.id for t in problem.terms],
         "parameters": [(p.name, p.bounds.lower, p.bounds.upper, p.prior.describe()) for p in problem.parameters],
         "seed": seed,
         "n_starts": n_starts,
-        "settings": asdict(settings),
+        "settings": {k: v for k, v in asdict(settings).items() if k != "max_steps"},
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -100,10 +106,12 @@ def fit(
     group_ids: Sequence[GroupId],
     folder: Path,
     *,
+    terms: Sequence[Term] = (),
     seed: int = 1,
     n_starts: int = 48,
     settings: emcee_adaptor.Settings | None = None,
     watcher: Watcher | None = None,
+    command: Sequence[object] = (),
 ) -> Run:
     """Fit the model to some groups, sample its posterior, and say what the data determine.
 
@@ -113,7 +121,10 @@ def fit(
     group_ids : sequence of group ids
         What the likelihood sees.
     folder : Path
-        Run folder; an interrupted run of the same problem there is taken up again.
+        Run folder; an interrupted run of the same problem there is taken up again, and one that has not converged
+        gets `settings.max_steps` more.
+    terms : sequence of Term
+        Causes that extend the baseline.
     seed : int
         Same seed, same result.
     n_starts : int
@@ -121,6 +132,8 @@ def fit(
     settings : Settings, optional
         Of the sampler.
     watcher : Watcher, optional
+    command : sequence
+        Words of the command line to be kept with the result.
 
     Returns
     -------
@@ -133,17 +146,21 @@ def fit(
     """
     settings = settings or emcee_adaptor.Settings()
     watcher = watcher or Silent()
-    problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids))
+    problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
     identity = identity_of(problem, seed, settings, n_starts)
     record = _claim(folder, identity)
     if record is None:
         write_experiment(experiment, folder / "experiment")
         watcher.stage("search")
         optimum = optimise(problem, seed=seed, n_starts=n_starts, progress=watcher.update)
-        record = _record(problem, optimum, identity, seed)
+        record = _record(problem, optimum, identity, seed, command)
         write_json(folder / "fit.json", record)
-    elif (folder / "posterior.json").exists():
-        return load(folder)
+    limit = settings.max_steps
+    if (folder / "posterior.json").exists():
+        finished = load(folder)
+        if finished.summary.converged:
+            return finished
+        limit += finished.summary.n_steps
     # From the record even when fresh: the numbers in the file are the numbers used.
     optimum = _optimum(problem, record)
 
@@ -154,13 +171,16 @@ def fit(
         seed=seed,
         path=folder / "chain.h5",
         identity=identity,
-        settings=settings,
+        settings=replace(settings, max_steps=limit),
         progress=lambda s: watcher.update(
-            min(s.autocorrelation_times, s.wanted),
-            s.wanted,
-            f"{s.steps} steps, {s.autocorrelation_times:.0f} autocorrelation times, acceptance {s.acceptance:.2f}",
+            s.steps,
+            None,
+            f"step {s.steps} of at most {limit}, R-hat {s.r_hat:.3f} (goal {settings.r_hat}),"
+            f" {s.autocorrelation_times:.0f} autocorrelation times (goal {settings.autocorrelation_times:.0f})",
         ),
     )
+    # The summary goes first and comes last: it must never describe other draws than those beside it.
+    (folder / "posterior.json").unlink(missing_ok=True)
     thin = max(1, int(_THIN * chain.autocorrelation_time.min()))
     draws = store.Draws(
         problem.names, problem.to_physical(chain.draws[:, ::thin]), chain.log_posterior[:, ::thin], identity
@@ -197,7 +217,7 @@ def load(folder: Path) -> Run:
         )
     summary = read_json(folder / "posterior.json", PosteriorSummary)
     experiment = read_experiment(folder / "experiment")
-    problem = Problem(experiment, tuple(record.groups))
+    problem = Problem(experiment, tuple(record.groups), catalogue(record.terms))
     draws = store.read(folder / "posterior.nc", problem.names)
     for name, found in (
         ("posterior.json", summary.identity),
@@ -231,15 +251,15 @@ def _claim(folder: Path, identity: str) -> Fit | None:
     return record
 
 
-def _record(problem: Problem, optimum: Optimum, identity: str, seed: int) -> Fit:
+def _record(problem: Problem, optimum: Optimum, identity: str, seed: int, command: Sequence[object]) -> Fit:
     return Fit(
         identity=identity,
         title=problem.experiment.title,
         source=problem.experiment.source,
         fingerprint=problem.experiment.fingerprint,
         groups=list(problem.group_ids),
-        terms=[],
-        engine="closed form",
+        terms=[t.id for t in problem.terms],
+        engine=path_of(problem.terms),
         seed=seed,
         parameters=[
             ParameterEntry(
@@ -257,6 +277,7 @@ def _record(problem: Problem, optimum: Optimum, identity: str, seed: int) -> Fit
         n_evaluations=optimum.n_evaluations,
         lmfit_report=optimum.report,
         versions=versions(),
+        command=portable_command(command),
     )
 
 
@@ -297,7 +318,7 @@ def _summarise(
                 prior_lower=prior_lower,
                 prior_upper=prior_upper,
                 contraction=contraction,
-                r_hat=float(health["r_hat"][i]),
+                r_hat=float(chain.r_hat[i]),
                 ess_bulk=float(health["ess_bulk"][i]),
                 ess_tail=float(health["ess_tail"][i]),
                 autocorrelation_time=float(chain.autocorrelation_time[i]),
@@ -308,16 +329,16 @@ def _summarise(
         )
     kept = chain.draws.shape[1]
     reached = kept / float(chain.autocorrelation_time.max())
-    worst = float(health["r_hat"].max())
-    problems = []
+    message = f"{reached:.0f} autocorrelation times, R-hat at most {chain.r_hat.max():.3f}"
     if not chain.converged:
-        problems.append(f"stopped at {reached:.0f} autocorrelation times")
-    if not worst < 1.5 * settings.r_hat - 0.5:  # thinning costs R-hat a little
-        problems.append(f"R-hat up to {worst:.3f} (limit {settings.r_hat})")
+        message = (
+            f"not converged after {chain.burn_in + kept} steps ({message}; wanted"
+            f" {settings.autocorrelation_times:.0f} and {settings.r_hat}): repeat the command to draw on"
+        )
     return PosteriorSummary(
         identity=identity,
-        converged=not problems,
-        message="; ".join(problems) or f"{reached:.0f} autocorrelation times, R-hat at most {worst:.3f}",
+        converged=chain.converged,
+        message=message,
         n_walkers=chain.draws.shape[0],
         n_steps=chain.burn_in + kept,
         burn_in=chain.burn_in,

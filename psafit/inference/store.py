@@ -6,6 +6,7 @@ that knows the difference.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,13 @@ class Draws:
         return self.values.reshape(-1, self.values.shape[-1])
 
 
+def _arviz() -> Any:
+    with warnings.catch_warnings():  # its import announces the next version once a day, with a path of this machine
+        warnings.simplefilter("ignore", FutureWarning)
+        import arviz
+    return arviz
+
+
 def _is_tree(arviz: Any) -> bool:
     return int(arviz.__version__.split(".")[0]) >= 1
 
@@ -54,7 +62,7 @@ def write(
     constant : mapping of name to (n_points,) array
         Conditions of the fitted readings.
     """
-    import arviz as az
+    az = _arviz()
 
     groups: dict[str, Any] = {
         "posterior": {n: draws.values[..., i] for i, n in enumerate(draws.names)},
@@ -100,14 +108,14 @@ def _each(function: Any, values: FloatArray, **options: Any) -> FloatArray:
 
 def r_hat(values: FloatArray) -> FloatArray:
     """Rank-normalised split R-hat of (n_chains, n_draws, n_dim) draws; (n_dim,)."""
-    import arviz as az
+    az = _arviz()
 
     return _each(az.rhat, values)
 
 
 def diagnostics(values: FloatArray) -> dict[str, FloatArray]:
     """Convergence of (n_chains, n_draws, n_dim) draws: `r_hat`, `ess_bulk`, `ess_tail`, each (n_dim,)."""
-    import arviz as az
+    az = _arviz()
 
     return {
         "r_hat": r_hat(values),

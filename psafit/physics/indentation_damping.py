@@ -66,10 +66,10 @@ TERM = Term(
     ),
     symptom=Symptom(
         "contacts shallower than 1 um lose their damping, deeper ones gain: weak launches, which the damper held back"
-        " at separation, gain most",
+        " at separation, gain most; where little else damps a hard contact, strong square drives lose",
         sign=0,
         frequency="mixed",
-        amplitude="falls",
+        amplitude="mixed",
     ),
     reference="Y. Tsuji, T. Tanaka and T. Ishida, Powder Technol. 71 (1992) 239, doi:10.1016/0032-5910(92)88030-L;"
     " G. Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26 (1987) 1230",

@@ -48,7 +48,7 @@ TERM = Term(
     ),
     symptom=Symptom(
         "at high frequency, where one period moves the ball by less than the stroke, further strikes add speed; at low"
-        " frequency the ball is gone before the tip returns",
+        " frequency the ball is gone before the tip returns, unless a stack with little damping rings and catches it",
         sign=1,
         frequency="grows",
         amplitude="flat",

@@ -31,23 +31,21 @@ from psafit.report.wording import (
     symbol_html,
     unit_text,
     with_unit,
-    without_paths,
 )
 from psafit.simulate.stability import explicit_step_limit
-from psafit.validate import Prediction
+from psafit.validate import FAIR, GOOD, Prediction
 
 FloatArray = NDArray[np.float64]
 REPORT = "report.html"
 
 # The study integrated with this step, s.
 STUDY_STEP = 1e-6
-# As in `validate.verdict`: below the first the group is predicted well, below the second roughly followed.
-GOOD, FAIR = 0.10, 0.30
 _MAX_MINIMA = 8
+_ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limit"}
 _KINDS = {"determined": "good", "bounded above": "warn", "bounded below": "warn", "not determined": "bad"}
 
 
-def write_report(run: Run, validation: Validation, predictions: list[Prediction], *, command: str = "") -> Path:
+def write_report(run: Run, validation: Validation, predictions: list[Prediction]) -> Path:
     """Write `report.html` into the run's folder.
 
     Parameters
@@ -56,8 +54,6 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
     validation : Validation
     predictions : list of Prediction
         Of the same run, in the order of the validation's groups.
-    command : str
-        What the user typed; absolute paths in it are cut to their last part.
 
     Returns
     -------
@@ -98,7 +94,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "lmfit_report": run.fit.lmfit_report,
         "numerics": _numerics(run),
         "data_warnings": run.problem.experiment.warnings,
-        "facts": _facts(run, command),
+        "facts": _facts(run),
         "provenance": {
             "psafit": run.fit.versions.get("psafit", "?"),
             "run": run.folder.name,
@@ -263,7 +259,7 @@ def _parameter_rows(run: Run) -> list[list[Any]]:
             [
                 _name(symbols[s.name], e.description),
                 _value(run, s),
-                with_unit(interval(s.lower, s.upper, spread), e.unit),
+                _ONE_SIDED.get(s.verdict) or with_unit(interval(s.lower, s.upper, spread), e.unit),
                 prior,
                 {"text": s.verdict, "kind": _KINDS[s.verdict]},
                 f"{s.r_hat:.3f}",
@@ -338,6 +334,7 @@ def _score_row(s: GroupScore) -> list[Any]:
         f"{s.crps_um:.2f} µm",
         f"{s.elpd_per_point:.2f}".replace("-", "\N{MINUS SIGN}"),
         p_value(s.pit_p_value),
+        p_value(s.drift_p_value),
     ]
 
 
@@ -349,7 +346,7 @@ def _health(run: Run) -> list[list[Any]]:
     verdict = {"text": "converged" if s.converged else "not converged", "kind": "good" if s.converged else "bad"}
     return [
         ["Verdict", verdict, s.message],
-        ["Walkers", str(s.n_walkers), "emcee: differential evolution and stretch moves"],
+        ["Walkers", str(s.n_walkers), "emcee: differential evolution and independent moves"],
         ["Steps of each walker", f"{s.n_steps}", f"of which {s.burn_in} burn-in"],
         ["Acceptance", percent(s.acceptance), "moves accepted; 20 to 50 % is healthy"],
         ["Length after burn-in", f"{s.autocorrelation_times:.0f}", "autocorrelation times of the slowest parameter"],
@@ -399,7 +396,7 @@ def _explicit_step_limit(run: Run) -> float | None:
     return limit if math.isfinite(limit) else None
 
 
-def _facts(run: Run, command: str) -> list[list[str]]:
+def _facts(run: Run) -> list[list[str]]:
     facts = [
         ["Data", run.fit.title],
         ["Source", run.fit.source or "not given"],
@@ -409,6 +406,6 @@ def _facts(run: Run, command: str) -> list[list[str]]:
         ["Fingerprint of the data (SHA-256)", run.fit.fingerprint],
         ["Versions", ", ".join(f"{name} {version}" for name, version in run.fit.versions.items())],
     ]
-    if command:
-        facts.insert(2, ["Command", without_paths(command)])
+    if run.fit.command:
+        facts.insert(2, ["Command", run.fit.command])
     return facts

@@ -15,7 +15,7 @@ from psafit.inference.run import Run
 from psafit.records import GroupScore
 from psafit.report import figures
 from psafit.report.page import SVG_LIMIT, figure_data_uri
-from psafit.report.wording import count, factor, interval, number, percent, with_unit
+from psafit.report.wording import count, factor, interval, number, percent, typeset, with_unit
 from psafit.validate import Prediction, log_ratio
 
 _MAX_PICTURED = 24
@@ -193,7 +193,7 @@ def marginal_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> list[P
                 f"Prior and posterior density of {m.entry.description}: prior 90 % interval"
                 f" {with_unit(interval(*m.prior_interval), unit)}, posterior {with_unit(interval(*m.interval), unit)};"
                 f" {s.verdict}{', with the profile likelihood' if m.profile else ''}.",
-                f"{m.entry.description[:1].upper()}{m.entry.description[1:]}. {s.text.replace(' um', ' µm')}.",
+                f"{m.entry.description[:1].upper()}{m.entry.description[1:]}. {typeset(s.text)}.",
             )
         )
     return pictures

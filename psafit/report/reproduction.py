@@ -6,6 +6,7 @@ Figures receive results and compute nothing beyond units.
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import HEIGHT, MEASURED, PALETTE, figure_style, new_figure, plain_log_ticks
+from psafit.report.wording import typeset
 from psafit.reproduce import (
     NOT_REPRODUCED,
     ONLY_WITH_STEP,
@@ -30,8 +32,8 @@ FloatArray = NDArray[np.float64]
 
 STUDY: dict[str, Any] = {"color": PALETTE["vermillion"], "zorder": 4}
 CONVERGED: dict[str, Any] = {"color": PALETTE["blue"], "zorder": 4}
+_SHORT = {REPRODUCED: "yes", ONLY_WITH_STEP: "only with its step", NOT_REPRODUCED: "no"}
 _KINDS = {REPRODUCED: "good", ONLY_WITH_STEP: "warn", NOT_REPRODUCED: "bad"}
-_UNITS = {"um": "µm", "us": "µs", "1": ""}
 
 
 def _sweep_figure(sweep: Sweep, study_label: str) -> Figure:
@@ -234,7 +236,31 @@ def _number(value: float, unit: str) -> str:
     if math.isnan(value):
         return "none: overflow"
     digits = {"um": 2, "us": 1, "Hz": 0, "%": 2}.get(unit, 3 if value != round(value) else 0)
-    return f"{value:,.{digits}f} {_UNITS.get(unit, unit)}".replace(",", "\N{THIN SPACE}").strip()
+    return typeset(f"{value:,.{digits}f} {'' if unit == '1' else unit}".replace(",", "\N{THIN SPACE}").strip())
+
+
+def count_text(result: Reproduction) -> str:
+    """How many claims come out, in one sentence."""
+    only, step = result.count(ONLY_WITH_STEP), 1e6 * result.stability.study_step
+    given_back = only + result.count(REPRODUCED)
+    return (
+        f"With its published parameters and its time step of {step:g} µs, the study's scheme gives back {given_back} of"
+        f" {len(result.claims)} published claims, {only} of them only with that step."
+    )
+
+
+def claims_table(result: Reproduction) -> str:
+    """Every claim as aligned text, under the count."""
+    rows = [["claim", "published", "study's step", "converged", "reproduced"]]
+    for c in result.claims:
+        name = textwrap.shorten(c.statement.replace(", sine, 20 V", ""), 52, placeholder=" …")
+        values = [_number(value, c.unit) for value in (c.published, c.study_step, c.converged)]
+        rows.append([typeset(name), *values, _SHORT[c.verdict]])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:4], widths[1:4]), row[4]]) for row in rows
+    ]  # fmt: skip
+    return "\n".join([count_text(result), *lines])
 
 
 def _range(values: FloatArray) -> str:
@@ -246,7 +272,7 @@ def _range(values: FloatArray) -> str:
 
 def _row(claim: Claim) -> list[Any]:
     return [
-        f"{claim.place}: {claim.statement[0].lower()}{claim.statement[1:]}".replace(" um", " µm"),
+        typeset(f"{claim.place}: {claim.statement[0].lower()}{claim.statement[1:]}"),
         _number(claim.published, claim.unit),
         _number(claim.study_step, claim.unit),
         _number(claim.converged, claim.unit),
@@ -296,6 +322,7 @@ def write_reproduction(result: Reproduction, out_path: str | Path, provenance: M
     """
     uris = {name: figure_data_uri(figure) for name, figure in figures(result).items()}
     sine = next((s for s in result.sweeps if s.waveform == "sine"), None)
+    at_readings = None if sine is None else np.isin(sine.frequency, sine.measured_frequency)
     example = next((c for c in result.convergence if c.frequency == 1200.0), result.convergence[0])
     return render(
         "reproduction.html.j2",
@@ -329,13 +356,14 @@ def write_reproduction(result: Reproduction, out_path: str | Path, provenance: M
             [
                 f"{claim.frequency / 1e3:g} kHz",
                 f"{claim.published:.3f}",
-                *(f"{value:.3f}" for value in claim.values),
+                *(typeset(f"{value:.3f}") for value in claim.values),
             ]
             for claim in _definitions(result)
         ],
         number=_number,
+        typeset=typeset,
+        count_text=count_text(result),
         counts={
-            "all": len(result.claims),
             "reproduced": result.count(REPRODUCED),
             "only": result.count(ONLY_WITH_STEP),
             "not": result.count(NOT_REPRODUCED),
@@ -353,5 +381,7 @@ def write_reproduction(result: Reproduction, out_path: str | Path, provenance: M
             "measured": float(sine.measured.max()),
             "exact": float(sine.converged.max()),
             "exact_at": float(sine.frequency[int(np.argmax(sine.converged))]),
+            "exact_measured": float(np.max(sine.converged[at_readings])),
+            "exact_measured_at": float(sine.frequency[at_readings][int(np.argmax(sine.converged[at_readings]))]),
         },
     )

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-import shlex
 from collections.abc import Iterable, Sequence
-from pathlib import PurePosixPath, PureWindowsPath
 from typing import Final
 
 from markupsafe import Markup, escape
@@ -126,16 +124,27 @@ def percent(fraction: float) -> str:
 
 
 def p_value(p: float) -> str:
-    """A probability with the digits that matter."""
+    """A probability with the digits that a thousand simulated groups support."""
     if not math.isfinite(p):
         return "–"
-    return "< 0.0001" if p < 1e-4 else f"{p:.4f}" if p < 0.01 else f"{p:.2f}"
+    return "≤ 0.001" if p <= 1e-3 else f"{p:.3f}" if p < 0.01 else f"{p:.2f}"
 
 
 def factor(log_error: float) -> str:
     """A logarithmic error as a factor."""
     value = math.exp(min(log_error, 700.0))
     return f"{value:.2f}" if 0.1 <= value < 100 else number(value)
+
+
+def typeset(text: str) -> str:
+    """Plain text as a page shows it: units, minus signs and powers of ten.
+
+    >>> typeset("k_c = 3.22e6 N/m, -2 um").replace(NBSP, " ")
+    'k_c = 3.22 × 10⁶ N/m, −2 µm'
+    """
+    text = re.sub(r"(?<=\d)e([+-]?\d+)\b", lambda m: f"{TIMES}{power_of_ten(int(m[1]))}", text)
+    text = re.sub(r"(?<![\w.)])-(?=\d)", "\N{MINUS SIGN}", text)
+    return re.sub(r"\bu([ms])\b", r"µ\1", text)
 
 
 def count(n: int, noun: str) -> str:
@@ -156,25 +165,3 @@ def listed(items: Iterable[object]) -> Markup:
 def groups(ids: Sequence[object]) -> Markup:
     """``group 1``, ``groups 1 and 2``."""
     return Markup("group {}" if len(ids) == 1 else "groups {}").format(listed(ids))
-
-
-_ABSOLUTE = re.compile(r"^(?:[/\\]|~|[A-Za-z]:[/\\])")
-
-
-def without_paths(command: str) -> str:
-    """A command line whose absolute paths are cut to their last part: the page says nothing of the machine."""
-    try:
-        words = shlex.split(command)
-    except ValueError:  # an open quote
-        words = command.split()
-
-    def cut(word: str) -> str:
-        head, equals, tail = word.partition("=")
-        if equals and _ABSOLUTE.match(tail):
-            return f"{head}={cut(tail)}"
-        if not _ABSOLUTE.match(word):
-            return word
-        kind = PureWindowsPath if "\\" in word or word[1:2] == ":" else PurePosixPath
-        return kind(word).name or word
-
-    return shlex.join(cut(word) for word in words)

@@ -86,6 +86,25 @@ def columns(terms: Sequence[Term], n_sessions: int = 1) -> list[str]:
     return names
 
 
+def _own(terms: Sequence[Term], n_sessions: int) -> list[slice]:
+    """Columns of each cause."""
+    first = len(baseline.PARAMETERS)
+    slices = []
+    for term in terms:
+        slices.append(slice(first, first + len(term.parameters) + (n_sessions if term.latent else 0)))
+        first = slices[-1].stop
+    return slices
+
+
+def rig_of(constants: Constants, theta: FloatArray, terms: Sequence[Term] = (), n_sessions: int = 1) -> Setup:
+    """Return the rig's numbers for parameter sets, as the causes leave them."""
+    rig = Setup.of(constants, theta[:, : len(baseline.PARAMETERS)])
+    for term, own in zip(terms, _own(terms, n_sessions), strict=True):
+        if term.setup:
+            rig = term.setup(rig, theta[:, own])
+    return rig
+
+
 def path_of(terms: Sequence[Term]) -> str:
     """Say which path a model takes, for any of its parameters that are not neutral."""
     probe = Setup.of(_ANY_RIG, np.ones((1, 3)))
@@ -146,24 +165,16 @@ def simulate(
     if path not in (None, *PATHS):
         raise ValueError(f"no path {path!r}; there are {' and '.join(PATHS)}")
 
-    constants = design.constants
-    rig = Setup.of(constants, sets[:, :3])
+    own = _own(terms, n_sessions)
+    rig = rig_of(design.constants, sets, terms, n_sessions)
     weight = np.zeros(len(sets))
-    own: list[slice] = []
-    first = len(baseline.PARAMETERS)
     # One bit for each cause whose function acts in contact and is not at its neutral value.
     pattern = np.zeros(len(sets), np.int64)
     for k, term in enumerate(terms):
-        last = first + len(term.parameters) + (n_sessions if term.latent else 0)
-        own.append(slice(first, last))
-        first = last
-        p = sets[:, own[k]]
-        if term.setup:
-            rig = term.setup(rig, p)
         if term.swing_offset:
-            weight = weight + term.swing_offset(p)
+            weight = weight + term.swing_offset(sets[:, own[k]])
         if term.stepped:
-            pattern |= (p[:, 0] != term.strength.neutral).astype(np.int64) << k
+            pattern |= (sets[:, own[k].start] != term.strength.neutral).astype(np.int64) << k
 
     stepped = (pattern != 0) | _needs_steps(rig)
     if path == "closed form" and stepped.any():
@@ -174,10 +185,9 @@ def simulate(
     when, speed, place = np.empty(shape), np.empty(shape), np.full(shape, np.nan)
     status = np.empty(shape, np.int8)
 
-    def step(chosen: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
-        found: tuple[NDArray[Any], ...] = tuple(
-            np.empty((len(chosen), shape[1]), a.dtype) for a in (when, speed, place, status)
-        )
+    def step(chosen: NDArray[np.intp], where: Design) -> tuple[NDArray[Any], ...]:
+        size = (len(chosen), where.n_points)
+        found: tuple[NDArray[Any], ...] = tuple(np.empty(size, a.dtype) for a in (when, speed, place, status))
         for bits in np.unique(pattern[chosen]):
             some = np.flatnonzero(pattern[chosen] == bits)
             active = [(t, 8 * own[k].start) for k, t in enumerate(terms) if bits >> k & 1]
@@ -187,7 +197,7 @@ def simulate(
                     for kind in ("law", "stack_factor", "branch")
                 }
             )
-            result = stepper.separation(design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance)
+            result = stepper.separation(where, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance)
             for target, values in zip(found, result, strict=False):
                 target[some] = values
         return found
@@ -197,14 +207,17 @@ def simulate(
         placed = bool((rig.lean > 0.0).any() or (weight > 0.0).any())
         when[exact], speed[exact], place[exact], status[exact] = closed_form.separation(design, rig.take(exact), placed)
         # A ball that its pendulum draws after the retreating tip is not launched yet: only steps follow it further.
-        back = status[exact] == closed_form.DRAWN_BACK
+        back = status == closed_form.DRAWN_BACK
+        back[stepped] = False
         if back.any():
-            rows = exact[back.any(axis=1)]
-            for target, values in zip((when, speed, place, status), step(rows), strict=True):
-                target[rows] = np.where(back[back.any(axis=1)], values, target[rows])
+            rows, points = np.flatnonzero(back.any(axis=1)), np.flatnonzero(back.any(axis=0))
+            corner = np.ix_(rows, points)
+            whole: tuple[NDArray[Any], ...] = (when, speed, place, status)
+            for target, values in zip(whole, step(rows, design.points(points)), strict=True):
+                target[corner] = np.where(back[corner], values, target[corner])
     rest = np.flatnonzero(stepped)
     if rest.size:
-        when[rest], speed[rest], place[rest], status[rest] = step(rest)
+        when[rest], speed[rest], place[rest], status[rest] = step(rest, design)
 
     losses = [
         (address("deceleration", t.deceleration), 8 * own[k].start) for k, t in enumerate(terms) if t.deceleration

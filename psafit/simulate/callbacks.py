@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from llvmlite import ir  # type: ignore[import-untyped]
 from numba import cfunc, types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -24,7 +23,10 @@ SIGNATURES = {
 @cache
 def _compiled(kind: str, function: Callable[..., Any]) -> Any:
     # error_model: a division by zero yields infinity, as in the engine; nothing can be raised through an address.
-    return cfunc(SIGNATURES[kind], cache=True, error_model="numpy")(function)
+    try:
+        return cfunc(SIGNATURES[kind], cache=True, error_model="numpy")(function)
+    except RuntimeError:  # no place for the cache
+        return cfunc(SIGNATURES[kind], error_model="numpy")(function)
 
 
 def address(kind: str, function: Callable[..., Any]) -> int:
@@ -41,6 +43,7 @@ def _caller(result: Any, n_numbers: int, n_lists: int) -> Any:
         signature = result(where, types.BaseTuple.from_types(flat))
 
         def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+            ir: Any = getattr(cgutils, "ir")  # noqa: B009 - llvmlite's, which numba brings
             double = ir.DoubleType()
             pointer = double.as_pointer()
             out = ir.VoidType() if result == types.void else double

@@ -33,10 +33,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from psafit.physics.term import Setup
+from psafit.simulate.compiled import compiled, prange
 from psafit.simulate.design import SQUARE, Design
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +59,7 @@ _NOISE = 8 * np.finfo(float).eps
 # range within milliseconds to seconds; the horizon, s, only stops a hopeless search. A ball that is pressed on the tip
 # may never leave it: then the drive's periods count.
 HORIZON = 100.0
-HORIZON_PERIODS = 200.0
+HORIZON_PERIODS = 50.0
 
 LAUNCHED, AT_REST, NO_SEPARATION, DRAWN_BACK = 0, 1, 2, 3
 
@@ -127,7 +127,7 @@ def poles(coefficients: FloatArray) -> ComplexArray:
     return _polish(scaled, start) * scale
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _polish(coefficients, start):  # type: ignore[no-untyped-def]
     roots = np.empty((len(start), 4), np.complex128)
     jacobian = np.zeros((4, 4))
@@ -157,7 +157,7 @@ def _polish(coefficients, start):  # type: ignore[no-untyped-def]
     return roots
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _pair(z):  # type: ignore[no-untyped-def]
     """Order four roots so that the first two and the last two belong to real quadratics."""
     is_real = z.imag == 0.0
@@ -173,7 +173,7 @@ def _pair(z):  # type: ignore[no-untyped-def]
     return x + 0j
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _quadratic(p, q):  # type: ignore[no-untyped-def]
     """Roots of s^2 + p s + q without cancellation."""
     discriminant = 0.25 * p * p - q
@@ -252,7 +252,7 @@ def modes(rig: Setup) -> Modes:
     return Modes(pole, lead[:, None] * pole**2 * weight, lead, roots)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _tabulate(place, amplitude, n, table):  # type: ignore[no-untyped-def]
     """What the march needs of each mode, in real numbers, so that no modulus is taken twice."""
     for k in range(n):
@@ -262,7 +262,7 @@ def _tabulate(place, amplitude, n, table):  # type: ignore[no-untyped-def]
         table[k, 4], table[k, 5], table[k, 6] = modulus, modulus * rate**2, modulus * rate**3
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _evaluate(table, n, t):  # type: ignore[no-untyped-def]
     """Value, two derivatives, and the bounds on |d''|, |d'''| from `t` on."""
     d0 = d1 = d2 = b2 = b3 = noise = 0.0
@@ -289,7 +289,7 @@ def _evaluate(table, n, t):  # type: ignore[no-untyped-def]
     return d0, d1, d2, b2, b3, noise
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
     """Largest step found over which the bounds keep the indentation positive."""
     safe = (d1 + math.sqrt(d1 * d1 + 2.0 * b2 * d0)) / b2
@@ -308,7 +308,7 @@ def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
     return safe
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     """Integral of the indentation over [0, t]; expm1 keeps the digits of slow poles."""
     total = 0.0
@@ -324,7 +324,7 @@ def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     """Integral of the integral of the indentation over [0, t]."""
     total = 0.0
@@ -337,7 +337,7 @@ def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
     """First zero of the indentation plus `lift` in (t, end]; infinity where there is none."""
     for _ in range(_MAX_STEPS):
@@ -365,14 +365,14 @@ def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
     return math.nan
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _aside(s, drive):  # type: ignore[no-untyped-def]
     """The pole itself, or one beside the drive's where they coincide."""
     shift = _DETUNE * abs(drive)
     return drive - shift if abs(s - drive) < shift else s
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
     """Time until which the indentation is positive for sure, its first derivative that does not vanish being given."""
     bound = 0.0
@@ -381,7 +381,7 @@ def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
     return (order + 1) * lowest / bound
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _sine(pole, weight, lead, roots, f, volt, phase, lift, horizon, placed, amplitude, place, table):  # type: ignore[no-untyped-def]
     """Separation under a sine: (time, integral of the indentation until then, integral of that)."""
     omega = 2.0 * math.pi * f
@@ -414,7 +414,7 @@ def _sine(pole, weight, lead, roots, f, volt, phase, lift, horizon, placed, ampl
     return t, _impulse(place, amplitude, n, t), twice
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _square(pole, weight, lead, n_roots, f, volt, lift, horizon, placed, amplitude, place, table):  # type: ignore[no-untyped-def]
     """Separation under a square wave: (time, integral of the indentation until then, integral of that)."""
     half = 0.5 / f
@@ -488,8 +488,8 @@ def _launch(  # type: ignore[no-untyped-def]
             status[i, j] = LAUNCHED if speed[i, j] > 0.0 else DRAWN_BACK
 
 
-_launch_serial = njit(cache=True, error_model="numpy")(_launch)
-_launch_parallel = njit(cache=True, parallel=True, error_model="numpy")(_launch)
+_launch_serial = compiled(_launch)
+_launch_parallel = compiled(_launch, parallel=True)
 # Waking the threads costs about as much as this many trajectories.
 _WORTH_THREADS = 300
 # More sets at once leave the cache and gain nothing.

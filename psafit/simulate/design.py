@@ -55,8 +55,13 @@ class Design:
 
     def point(self, index: int) -> Design:
         """One of the conditions, as a design of its own."""
-        one = slice(index, index + 1)
-        return Design(self.constants, self.waveform[one], self.frequency[one], self.amplitude[one], self.group[one])
+        return self.points(np.array([index]))
+
+    def points(self, chosen: NDArray[np.intp]) -> Design:
+        """Some of the conditions."""
+        return Design(
+            self.constants, self.waveform[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
+        )
 
     @classmethod
     def of(cls, constants: Constants, groups: Sequence[Group]) -> Design:

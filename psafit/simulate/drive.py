@@ -15,9 +15,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from psafit.simulate.closed_form import _safe_step
+from psafit.simulate.compiled import compiled
 
 # Places in the record of a piece: beginning, end, the five coefficients with the two rates, and where it stands.
 BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, DIRECTION, HALVES = range(12)
@@ -29,7 +29,7 @@ _ENDED = 512 * np.finfo(float).eps
 _MAX_STEPS = 100_000
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _value(a, b, c, r, G, w, psi, s):  # type: ignore[no-untyped-def]
     value = a + b * s
     if c != 0.0:
@@ -39,7 +39,7 @@ def _value(a, b, c, r, G, w, psi, s):  # type: ignore[no-untyped-def]
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _first_zero(a, b, c, r, G, w, psi, end):  # type: ignore[no-untyped-def]
     """First s > 0 at which a member of the family, positive just after 0, is zero; infinity where none before `end`."""
     if c == 0.0 and G == 0.0:
@@ -73,7 +73,7 @@ def _first_zero(a, b, c, r, G, w, psi, end):  # type: ignore[no-untyped-def]
     return math.inf
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _sign(v0, v1, v2, size0, size1):  # type: ignore[no-untyped-def]
     """Sign just after now of a quantity with these derivatives."""
     if abs(v0) > _ENDED * size0:
@@ -85,7 +85,7 @@ def _sign(v0, v1, v2, size0, size1):  # type: ignore[no-untyped-def]
     return math.copysign(1.0, v2)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def voltage(piece, t):  # type: ignore[no-untyped-def]
     """Voltage at `t`; beyond the piece's end, its formula carried on."""
     return _value(
@@ -94,7 +94,7 @@ def voltage(piece, t):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def first_piece(piece, square, volt, f, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
     """The piece that begins at rest."""
     piece[:] = 0.0
@@ -103,7 +103,7 @@ def first_piece(piece, square, volt, f, phase, lag, inverse_slew, split):  # typ
     next_piece(piece, 0.0, square, volt, f, phase, lag, inverse_slew, split)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
     """Replace a piece by the one after it; `u` is the voltage at its end.
 

@@ -13,15 +13,14 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from psafit.simulate.callbacks import call_deceleration
 from psafit.simulate.closed_form import LAUNCHED
+from psafit.simulate.compiled import compiled
 
 _STEPS = 40
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _slow(x, v, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
     """Rate of the speed along the arc."""
     rate = -g * math.sin(angle + x / length)
@@ -30,7 +29,7 @@ def _slow(x, v, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore[no
     return rate
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _step(x, v, h, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
     """One step of Dormand and Prince's fifth-order method (J. Comp. Appl. Math. 6 (1980) 19)."""
     a1 = _slow(x, v, angle, length, g, loss_at, loss_p, theta_at)
@@ -55,7 +54,7 @@ def _step(x, v, h, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _rise(v, start, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
     """Angle at which a swing with losses turns back; at most a right angle."""
     angle = math.asin(min(max(start / length, -1.0), 1.0))
@@ -84,7 +83,7 @@ def _rise(v, start, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-un
     return angle + x / length
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def swing(speed, place, status, length, g, lean, weight, loss_at, loss_p, theta, out):  # type: ignore[no-untyped-def]
     """Launch ranges, m, (n_sets, n_points), into `out`; zero where the ball was not launched."""
     stride = 8 * theta.shape[1]

@@ -10,15 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from psafit.experiment import Constants
+from psafit.physics.term import Setup
 
 FloatArray = NDArray[np.float64]
 
 
 def contact_matrix(theta: ArrayLike, constants: Constants) -> FloatArray:
     """Matrix of Eq. (14) of the study, (4, 4); `theta` is (3,): k_c (N/m), c_s (N s/m), c_c (N s/m)."""
-    k_c, c_s, c_c = (float(x) for x in np.asarray(theta))
-    m, ball, k_s = constants.m, constants.M, constants.k_s
-    return np.array(
+    return contact_matrix_of(Setup.of(constants, np.asarray(theta, dtype=float)[None, :]))
+
+
+def contact_matrix_of(rig: Setup) -> FloatArray:
+    """Matrix of Eq. (14) for the first parameter set of a rig; a lagging amplifier adds its own rate, (5, 5)."""
+    k_c, c_s, c_c, m, ball, k_s = (float(x[0]) for x in (rig.k_c, rig.c_s, rig.c_c, rig.m, rig.M, rig.k_s))
+    lag = float(rig.lag[0])
+    contact = np.array(
         [
             [0.0, 1.0, 0.0, 0.0],
             [-(k_s + k_c) / m, -(c_s + c_c) / m, k_c / m, c_c / m],
@@ -26,6 +32,13 @@ def contact_matrix(theta: ArrayLike, constants: Constants) -> FloatArray:
             [k_c / ball, c_c / ball, -k_c / ball, -c_c / ball],
         ]
     )
+    if lag == 0.0:
+        return contact
+    whole = np.zeros((5, 5))
+    whole[:4, :4] = contact
+    whole[1, 4] = k_s * float(rig.q[0]) / m
+    whole[4, 4] = -1.0 / lag
+    return whole
 
 
 def rk4_growth(eigenvalue: Any, step: Any) -> Any:

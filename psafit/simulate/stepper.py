@@ -23,7 +23,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from psafit.physics.term import Setup
@@ -42,6 +41,7 @@ from psafit.simulate.collocation import (
     A,
     C,
 )
+from psafit.simulate.compiled import compiled, prange
 from psafit.simulate.design import SQUARE, Design
 
 FloatArray = NDArray[np.float64]
@@ -62,13 +62,19 @@ FREE, PUSH, PULL, BOND = 0, 1, 2, 3
 _FIRST_STEP = 6.0
 # Levels by which a step may grow at once.
 _GROW = 4
+# Disagreement of law and polynomial where the contact ends, as an impulse, admitted in units of a step's error.
+_LAST_FORCE = 0.02
+# The same of the force over the time to the contact's end, below which a step may go across.
+_LAST_IMPULSE = 10.0
 # A swing about zero counts if it is this many times the step's error.
 _RESOLVED = 10.0
+# A ball slower than this, relative to the speed the error was scaled for, is followed again.
+_SLOW = 0.1
 # Launched, but found to be so much slower than the error was scaled for that the run must be repeated.
 _TOO_SLOW = 9
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _solve(matrix, b, n):  # type: ignore[no-untyped-def]
     """Gauss elimination with row exchanges, in place; the solution replaces `b`. False if singular."""
     for k in range(n):
@@ -97,7 +103,7 @@ def _solve(matrix, b, n):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2):  # type: ignore[no-untyped-def]
     """Matrices of steps of length ``2^(level + finest)``."""
     h = 2.0 ** (level + _FINEST)
@@ -111,7 +117,7 @@ def _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2):  # type: ignore[no
     U2[level] = T2[level] + (h * h / ball) * A2
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _split(coefficients, low, high, n):  # type: ignore[no-untyped-def]
     """Halve a polynomial in Bernstein's form (de Casteljau)."""
     for i in range(n + 1):
@@ -123,7 +129,7 @@ def _split(coefficients, low, high, n):  # type: ignore[no-untyped-def]
         low[k] = high[0]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _first_root(coefficients, n, floor, stack):  # type: ignore[no-untyped-def]
     """First place in (0, 1] where a polynomial, not negative at 0, turns negative; 2 where none."""
     negative = False
@@ -175,7 +181,7 @@ def _first_root(coefficients, n, floor, stack):  # type: ignore[no-untyped-def]
             current[i] = stack[len(stack) - 1, i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _only_root(b, n):  # type: ignore[no-untyped-def]
     """The one sign change of a polynomial in Bernstein's form: false position with Newton's help, to the last digit."""
     low, high = 0.0, 1.0
@@ -198,7 +204,7 @@ def _only_root(b, n):  # type: ignore[no-untyped-def]
     return x
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _bernstein(b, n, x):  # type: ignore[no-untyped-def]
     """Value and slope of a polynomial in Bernstein's form (Horner with binomials)."""
     y = 1.0 - x
@@ -238,7 +244,7 @@ def _bernstein(b, n, x):  # type: ignore[no-untyped-def]
     return value, slope * weight * n
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _weights(theta, out):  # type: ignore[no-untyped-def]
     """Integrals from 0 to theta of the nodes' Lagrange polynomials."""
     x = 2.0 * theta - 1.0
@@ -254,7 +260,7 @@ def _weights(theta, out):  # type: ignore[no-untyped-def]
         before, now = now, after
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _force(d, rate, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignore[no-untyped-def]
     """Contact force and its two derivatives."""
     out[0], out[1], out[2] = k_c * d, k_c, 0.0
@@ -264,7 +270,7 @@ def _force(d, rate, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ig
     return out[0] + out[3], out[1] + out[4], out[2] + out[5]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _seat(press, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignore[no-untyped-def]
     """Indentation at rest under a constant press: Newton's method from above on a growing force."""
     d = press / k_c
@@ -281,7 +287,7 @@ def _seat(press, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignor
     return d
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, reference):  # type: ignore[no-untyped-def]
     """Follow one trajectory to the launch.
 
@@ -291,7 +297,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
     gap, lean, bond, pull, cycles = rig[12], rig[13], rig[14], rig[15], rig[16]
     law_at, law_p, factor_at, factor_p, branch_at, branch_p = calls
-    S, T1, T2, U1, U2, made = cache
+    S, T1, T2, U1, U2, G, made, made_linear = cache
     piece, law_out, r, alpha, beta, F, Fd, Fw, acc, d_node, w_node, jac, rhs, bern, stack, wa, mem_z, mem_u, vn = work
     out_at = law_out.ctypes.data
     n_branch, n_factor, n_law = len(branch_at), len(factor_at), len(law_at)
@@ -308,7 +314,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     if lean > 0.0:
         d = _seat(press, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
         x1 = -press / k_s
-        x2 = x1 - d
+        x2 = x1 - d - gap
         regime = PUSH
     elif gap > 0.0 or piece[_drive.SIGN] <= 0.0:
         regime = FREE
@@ -317,6 +323,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     release = -bond / k_c
     separated_once = False
     last_time, last_speed, last_place = math.nan, 0.0, 0.0
+    newton = 0.1 * math.sqrt(tolerance)
     waiting = HORIZON_PERIODS / f
     horizon = max(waiting, min(20.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f
@@ -326,6 +333,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     rate = c_s / m + c_c * (1.0 / m + 1.0 / ball) + math.sqrt((k_s + k_c) / m + k_c / ball)
     level = math.floor(math.log2(min(0.1 / f, _FIRST_STEP / rate))) - _FINEST
     level = min(max(level, 0), _LEVELS - 1)
+    rough = False  # whether the law has spoilt a step across the end of the contact
     carried = False  # whether F holds the force of the step before, ready to be carried on
     previous = level
     new_piece = True
@@ -343,6 +351,9 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         if room < math.inf:
             top = math.ceil(math.log2(room)) - _FINEST
             level = max(min(level, top), 0)
+        if rough and w < 0.0 and d > 0.0 and abs(F[NODES - 1] * d) > _LAST_IMPULSE * tolerance * ball * reference * -w:
+            # Not across the contact's end before what is left of the force no longer matters.
+            level = max(min(level, math.floor(math.log2(-d / w)) - _FINEST), 0)
         if not made[level]:
             _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2)
             made[level] = True
@@ -375,6 +386,21 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 F[i] = 0.0
                 d_node[i], w_node[i] = alpha[i], beta[i]
             kappa = 0.0
+        elif n_law == 0:
+            # A linear law needs no iteration: f = G (k_c alpha + c_c beta).
+            kappa = pull if regime == PULL else 1.0
+            which = 1 if regime == PULL else 0
+            if not made_linear[which, level]:
+                G[which, level] = np.linalg.inv(np.eye(NODES) + kappa * (k_c * u2 + c_c * u1))
+                made_linear[which, level] = True
+            g_ = G[which, level]
+            for i in range(NODES):
+                rhs[i] = k_c * alpha[i] + c_c * beta[i]
+            for i in range(NODES):
+                total = 0.0
+                for j in range(NODES):
+                    total += g_[i, j] * rhs[j]
+                F[i] = total
         else:
             kappa = pull if regime == PULL else 1.0
             if carried:
@@ -416,19 +442,28 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                     size = max(size, abs(F[i]))
                 if not math.isfinite(change):
                     break
-                # Newton squares the error: what is left after a change this small is far below the tolerance.
-                if n_law == 0 or change <= 1e-7 * size or change * h < 1e-5 * tolerance * ball * reference:
+                # Newton squares the error: what is left after a change this small is a hundredth of the tolerance.
+                if change <= newton * size or change * h < 0.01 * tolerance * ball * reference:
                     failed = False
                     break
-            if not failed:
-                for i in range(NODES):
-                    dd, ww = alpha[i], beta[i]
-                    for j in range(NODES):
-                        dd -= kappa * u2[i, j] * F[j]
-                        ww -= kappa * u1[i, j] * F[j]
-                    d_node[i], w_node[i] = dd, ww
+        if fresh and n_law > 0 and regime != FREE and not failed and level > 0:
+            # The same at the beginning of a contact, where a law may have no derivatives either.
+            at_begin = 0.0
+            for j in range(NODES):
+                at_begin += VALUES_TO_BERNSTEIN[0, j] * F[j]
+            law, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
+            if abs(law - at_begin) * h > _LAST_FORCE * tolerance * ball * reference:
+                level = max(level - 2, 0)
+                continue
+        if regime != FREE and not failed:
+            for i in range(NODES):
+                dd, ww = alpha[i], beta[i]
+                for j in range(NODES):
+                    dd -= kappa * u2[i, j] * F[j]
+                    ww -= kappa * u1[i, j] * F[j]
+                d_node[i], w_node[i] = dd, ww
 
-        # Error: the last coefficients of the ball's and the stack's accelerations.
+        # Error: the geometric series that the last two coefficients of ball's and stack's acceleration begin.
         if not failed:
             tail = 0.0
             b1 = b2 = a1 = a2 = 0.0
@@ -446,9 +481,9 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             a1, a2 = abs(a1), abs(a2)
             tail = 0.0
             if b1 > 0.0:
-                tail += b1 * b1 / (b1 + b2)
+                tail += b1 * b1 / max(b2 - b1, 0.1 * b1)
             if a1 > 0.0:
-                tail += a1 * a1 / (a1 + a2)
+                tail += a1 * a1 / max(a2 - a1, 0.1 * a1)
             error = h * tail / (tolerance * reference)
         else:
             error = 1e6
@@ -456,6 +491,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             down = math.ceil(math.log2(error) / (NODES + 1.0) + 0.1)
             level = max(level - min(max(down, 1), 8), 0)
             carried = False
+            rough = rough or (n_law > 0 and w < 0.0 and not failed and d_node[NODES - 1] < 0.0)
             continue
 
         # Events: the first of them cuts the step.
@@ -493,6 +529,22 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 middle, _ = _bernstein(bern, DEGREE, 0.5 * theta)
                 if middle < _RESOLVED * error * tolerance * reference * h + floor:
                     level = max(level - 3, 0)
+                    continue
+            if regime != FREE and n_law > 0:
+                # A law may have no derivatives where the contact ends: the polynomial, carried on past that place, must
+                # still agree with the law there. If not, the place is approached in shorter steps.
+                at_end = w_end = 0.0
+                for j in range(NODES):
+                    basis = 1.0
+                    for k in range(NODES):
+                        if k != j:
+                            basis *= (theta - C[k]) / (C[j] - C[k])
+                    at_end += basis * F[j]
+                    w_end += basis * w_node[j]
+                law, _, _ = _force(threshold, w_end, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
+                if abs(law - at_end) * theta * h > _LAST_FORCE * tolerance * ball * reference and level > 0:
+                    level = max(min(level - 1, math.floor(math.log2(max(theta, 1e-3) * h)) - _FINEST), 0)
+                    carried = False
                     continue
             cut, event = theta, 0
         if pull != 1.0 and regime in (PUSH, PULL):
@@ -587,7 +639,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 d = release
                 regime = FREE
                 if v2 > 0.0:
-                    if abs(v2) < 0.2 * reference and tolerance * reference > 1e-16 * q * volt * f:
+                    if abs(v2) < _SLOW * reference and tolerance * reference > 1e-16 * q * volt * f:
                         return _TOO_SLOW, t, v2, x2, step
                     separated_once = True
                     last_time, last_speed, last_place = t, v2, x2
@@ -601,17 +653,20 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 regime = PULL if start < 0.0 else PUSH
         if separated_once and regime == FREE and t > window:
             return LAUNCHED, last_time, last_speed, last_place, step
-        if not separated_once and t > (waiting if regime == FREE else horizon):
+        if t > (waiting if regime == FREE else horizon):
+            if separated_once:
+                return LAUNCHED, last_time, last_speed, last_place, step
             return NO_SEPARATION, math.nan, 0.0, x2, step
     return NO_SEPARATION, math.nan, 0.0, x2, _MAX_STEPS
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _one_set(rig, theta_at, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
     n = NODES
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
-        np.empty((_LEVELS, n, n)), np.zeros(_LEVELS, np.bool_),
+        np.empty((_LEVELS, n, n)), np.empty((2, _LEVELS, n, n)), np.zeros(_LEVELS, np.bool_),
+        np.zeros((2, _LEVELS), np.bool_),
     )  # fmt: skip
     work = (
         np.empty(_drive.PIECE), np.empty(6), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n),
@@ -623,7 +678,7 @@ def _one_set(rig, theta_at, square, frequency, voltage, calls, tolerance, when, 
             when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
             continue
         # The stack's own fastest speed is the scale, until the ball is found to be much slower.
-        reference = rig[6] * voltage[j] * frequency[j]
+        reference = 0.3 * rig[6] * voltage[j] * frequency[j]
         total = 0
         for _ in range(12):
             outcome, t, v, x, count = _fly(
@@ -646,8 +701,8 @@ def _all_sets(rigs, theta, square, frequency, voltage, calls, tolerance, when, s
         )  # fmt: skip
 
 
-_serial = njit(cache=True, error_model="numpy")(_all_sets)
-_parallel = njit(cache=True, parallel=True, error_model="numpy")(_all_sets)
+_serial = compiled(_all_sets)
+_parallel = compiled(_all_sets, parallel=True)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ class Marginal:
     verdict : str
     profile : sequence of ProfilePoint
     level : float
-        Drop of log likelihood at the 90 % limit.
+        Drop of log likelihood at the ends of the 90 % interval.
     """
 
     entry: ParameterEntry
@@ -150,7 +150,7 @@ def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figur
 
 
 def trace_figure(m: Marginal, values: FloatArray, thinning: int) -> Figure:
-    """Chains of one parameter.
+    """Chains of one parameter; of many walkers those whose medians lie furthest out, where a stuck one would be.
 
     Parameters
     ----------
@@ -160,7 +160,9 @@ def trace_figure(m: Marginal, values: FloatArray, thinning: int) -> Figure:
     thinning : int
         Steps between draws.
     """
-    walkers = values[:: max(1, math.ceil(len(values) / _SHOWN_WALKERS))]
+    medians = np.median(m.coordinate(values), axis=1)
+    furthest = np.argsort(-np.abs(medians - np.median(medians)), kind="stable")
+    walkers = values[furthest[:_SHOWN_WALKERS]]
     stride = max(1, math.ceil(values.shape[1] / _SHOWN_STEPS))
     step = np.arange(0, values.shape[1], stride) * thinning
     with figure_style():
@@ -230,10 +232,10 @@ def _profile_panel(axes: Axes, m: Marginal) -> None:
     top = max(2.2 * m.level, 1.3 * m.level)
     axes.axhspan(-m.level, 0.4, color=PALETTE["green"], alpha=0.10, lw=0, zorder=0)
     axes.axhline(-m.level, color=PALETTE["ink"], lw=1.0, ls="--", zorder=1)
-    axes.plot(value, -drop, color=PALETTE["green"], marker="o", ms=3.8, lw=1.4, zorder=3)
+    axes.plot(value, -drop, color=PALETTE["green"], marker="o", ms=2.2, lw=1.4, zorder=3)
     axes.annotate(
-        "90 % limit", (1, -m.level), (-4, -3), xycoords=("axes fraction", "data"), textcoords="offset points",
-        ha="right", va="top", fontsize=9,
+        "95 %\nlimit" if m.verdict.startswith("bounded") else "90 %\ninterval", (1, -m.level), (4, 0),
+        xycoords=("axes fraction", "data"), textcoords="offset points", va="center", fontsize=9,
     )  # fmt: skip
     low, high = float(value.min()), float(value.max())
     margin = (high / low) ** 0.04 if m.log else 0.04 * (high - low)

@@ -1,0 +1,429 @@
+"""Write docs/causes.md and its figures from the declarations and the simulator.
+
+`--text` leaves the figures alone.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from psafit.experiment import Group, read_experiment
+from psafit.physics import TERMS
+from psafit.physics.term import SLOTS, Term
+from psafit.records import CauseEntry
+from psafit.simulate import Design
+from psafit.simulate.catalogue import declaration
+from psafit.simulate.sensitivity import Alike, Effect, alike, effect, plausible
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "causes.md"
+FIGURES = ROOT / "docs" / "figures" / "causes"
+PSA = read_experiment(ROOT / "experiments" / "psa")
+# What lies between these two comes from the simulator, not from the declarations alone.
+BEGIN, END = "<!-- from the simulator -->", "<!-- end -->"
+# Pairs nearer than this are named and numbered.
+NEAR = 25.0
+
+INTRODUCTION = """\
+# The candidate causes
+
+A *cause* is a piece of physics that the study's model leaves out and that may explain where its predictions fail.
+This page is generated from the causes' own files by `python docs/make_causes.py`; `psafit terms` prints the same.
+
+Every cause sits in a slot of the rig: the **drive** (from the command to the voltage), the **stack** (from the voltage
+to the tip), the **contact** (from the tip to the ball), the **flight** (from the separation to the turn of the swing)
+or the **reading** (from the swing to the number written down). At the neutral value of its first parameter it vanishes
+exactly, and the model is the study's. Bounds say what is possible, the prior what is plausible, and its source why.
+
+Where no cause acts in contact in a way that bends the equations of motion, the launch has a closed form, without any
+time step; otherwise the stepper follows the motion (see [numerics.md](numerics.md)). Either is compared with a scalar
+reference that shares no code with it.
+
+## Adding a cause
+
+Write one file in `psafit/physics/` and add it to the registry in `psafit/physics/__init__.py`: one import, and its
+place in the slot's line. Nothing else changes; the contract in `tests/test_causes.py` takes it up by itself. The
+smallest cause there could be, a contact stiffer than assumed by a factor:
+
+```python
+r\"\"\"A contact stiffer than fitted elsewhere.
+
+.. math:: k_c \\to r\\, k_c.
+
+Why, from where, and what is assumed.
+\"\"\"
+
+from psafit.parameters import Bounds, LogNormal, Parameter
+from psafit.physics.checks import plain_rig
+from psafit.physics.term import Check, Symptom, Term
+
+
+def setup(rig, p):  # for all parameter sets at once: p is (n_sets, n_parameters)
+    \"\"\"Scale the stiffness.\"\"\"
+    return rig.change(k_c=rig.k_c * p[:, 0])
+
+
+def literal(world, p):  # the same for the scalar reference
+    \"\"\"Stiffness ``r k_c``.\"\"\"
+    world.k_c *= p[0]
+
+
+TERM = Term(
+    id="stiffer_contact", slot="contact", title="stiffer contact", equation=r"k_c \\to r\\, k_c",
+    description=__doc__,
+    parameters=(
+        Parameter("stiffer_contact_r", "r", "1", Bounds(0.5, 2.0), LogNormal(1.0, 1.2), "factor on k_c",
+                  "where the prior comes from", neutral=1.0),
+    ),
+    symptom=Symptom("what it does, in words", sign=0, frequency="mixed", amplitude="flat"),
+    reference="a book or a paper",
+    checks=(Check("2 x 0.1425 N/um = 0.285 N/um", lambda: setup(plain_rig(), np.array([[2.0]])).k_c[0], 2.85e5),),
+    literal=literal, setup=setup,
+)
+```
+
+Instead of, or beside, changing a number of the rig (`setup`), a cause may put a function into a slot: `law` (contact
+force), `stack_factor` and `branch` (stroke and hysteresis), `deceleration` and `swing_offset` (flight), `reading`.
+`psafit/physics/term.py` says what each receives and returns.
+"""
+
+NOTATION = """\
+## Notation
+
+$u$ voltage, $V_a$ amplitude, $f$ frequency of the command; $x_1$ tip, $x_2$ ball, $d$ indentation, $v$ speed of the
+ball at separation; $m$, $M$ mass of stack and ball; $k_s$, $c_s$ stiffness and damping of the stack, $k_c$, $c_c$ of
+the contact; $q$ free stroke per volt; $l$ string; $L$ launch range. In the symptom, the trends are those of the size of
+the relative change of the launch range: whether it grows or falls with frequency (0.1-25 kHz) and with voltage (1-20
+V). They hold on three rigs: the study's, a hard contact on a stack with little damping, and one on a damped stack;
+"mixed" where these, or sine and square, differ. `observe` in `psafit/simulate/sensitivity.py` has the definitions and
+computes them; a test compares.
+
+In the figures the baseline has the study's parameters (Table 3) and the cause a strength that its prior expects to be
+exceeded as often as not; percentages are the least and the greatest change of the launch range in each group
+(−100 %: no launch, or next to none).
+"""
+
+
+# --- text -------------------------------------------------------------------------------------------
+
+
+def markdown(body: str) -> str:
+    """Turn the reStructuredText of the declarations, which is little, into GitHub's Markdown."""
+    blocks = []
+    for block in body.split("\n\n"):
+        text = block
+        if block.startswith(".. math::"):
+            lines = [line.strip() for line in block.removeprefix(".. math::").strip().splitlines()]
+            text = "$$\n" + "\n".join(lines) + "\n$$"
+        else:
+            text = re.sub(r":math:`([^`]*)`", lambda m: f"${' '.join(m[1].split())}$", text)
+            text = text.replace("``", "`")
+        blocks.append(text)
+    return "\n\n".join(blocks)
+
+
+def number(x: float) -> str:
+    return f"{x:.4g}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def contents(entries: Sequence[CauseEntry]) -> Iterator[str]:
+    yield "| cause | slot | what | parameters | neutral | simulated by |"
+    yield "|---|---|---|---|---|---|"
+    for e in entries:
+        symbols = ", ".join(f"${p.symbol}$" + (f" ({p.unit})" if p.unit != "1" else "") for p in e.parameters)
+        neutral = number(e.parameters[0].neutral or 0.0)
+        yield f"| [{e.id}](#{e.id}) | {e.slot} | {cell(e.title)} | {symbols} | {neutral} | {e.path} |"
+
+
+def section(e: CauseEntry) -> Iterator[str]:
+    title = e.title if e.title[:1].isupper() else e.title[:1].upper() + e.title[1:]
+    yield f"### {e.id}"
+    yield f"**{title}.** {markdown(e.description)}"
+    table = ["| parameter | | unit | neutral | possible | plausible (prior) |", "|---|---|---|---|---|---|"]
+    parameters = [*e.parameters, *([e.latent] if e.latent else [])]
+    for p in parameters:
+        neutral = "" if p.neutral is None else number(p.neutral)
+        bounds = f"{number(p.bounds[0])} to {number(p.bounds[1])}"
+        each = ", one for each session" if p is e.latent else ""
+        table.append(
+            f"| ${p.symbol}$ | {cell(p.description)}{each} (`{p.name}`) | {p.unit} | {neutral} | {bounds} | {p.prior} |"
+        )
+    yield "\n".join(table)
+    yield "\n".join(f"- *Prior of* ${p.symbol}$: {cell(p.source)}." for p in parameters)
+    s = e.symptom
+    sign = {1: "raises the range", -1: "lowers the range", 0: "may raise or lower the range"}[s.sign]
+    where = "sine and square" if len(s.waveforms) > 1 else f"{s.waveforms[0]} only"
+    yield (
+        f"*Symptom:* {cell(s.text)}. A larger value {sign}; its relative effect with frequency: {s.frequency}; with"
+        f" voltage: {s.amplitude}; {where}."
+    )
+    yield f"![Effect of {e.id} on the six groups](figures/causes/{e.id}.png)"
+    yield f"*Reference:* {cell(e.reference)}."
+    yield "*Checked by hand:*\n\n" + "\n".join(f"- {cell(check)}" for check in e.checks)
+
+
+def likeness() -> Iterator[str]:
+    """What the simulator says of the causes' likeness: not from the declarations."""
+    six, first = six_groups(), first_group()
+    yield "![Which causes look alike](figures/causes/alike.png)"
+    for name, found in (("Group 1 alone", first), ("All six groups", six)):
+        absorbed, idle = (
+            [f"`{id}`" for id, s in zip(found.ids, found.status, strict=True) if s == kind]
+            for kind in ("absorbed", "idle")
+        )
+        yield (
+            f"**{name}.** The refit absorbs {listed(absorbed)}. At a plausible strength too small to be seen:"
+            f" {listed(idle)}."
+        )
+    told = [
+        f"`{id}`" for id, one, all_six in zip(first.ids, first.status, six.status, strict=True)
+        if all_six == "visible" != one
+    ]  # fmt: skip
+    yield f"What the amplitude sweeps and the square waves add: they bring out {listed(told)}, and part most pairs."
+    rows = ["| look alike in group 1 or in all six | group 1 | all six |", "|---|---|---|"]
+    pairs = itertools.combinations(range(len(six.ids)), 2)
+    angles = [(float(six.angle[i, j]), float(first.angle[i, j]), i, j) for i, j in pairs]
+    for all_six, one, i, j in sorted(a for a in angles if a[0] < NEAR or a[1] < NEAR):
+        cells = ["not seen" if np.isnan(a) else f"{a:.0f}°" for a in (one, all_six)]
+        rows.append(f"| `{six.ids[i]}`, `{six.ids[j]}` | {cells[0]} | {cells[1]} |")
+    yield "\n".join(rows)
+
+
+def listed(items: Sequence[str]) -> str:
+    return "nothing" if not items else items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+LIKENESS = """\
+## Which causes look alike
+
+A cause shows only by what a refit of $k_c$, $c_s$ and $c_c$ cannot imitate. For every cause the change of all launch
+ranges, in units of a scatter of 5 % and 0.3 µm, is freed of the baseline's own three directions; the angle between what
+is left of two causes says whether the data could tell them apart: 0° never, 90° easily, given enough of an effect. The
+refit is linear, about the study's parameters, and strengths are plausible ones: a guide to what to measure, not a
+verdict on given data.
+"""
+
+APART = """\
+What stays close with all six groups needs another kind of measurement. A ball that leans by $x_0$ is held back by the
+constant deceleration $g x_0/l$, as by friction $a_f$: `preload` and `flight_friction` differ only by how the ball sits
+before the launch. Lean it on purpose by a known amount, or watch the free swing: its decay shows friction but no lean.
+A frequency sweep at one voltage cannot show what bends the growth with the voltage, nor a single session its own gain.
+`stroke_tolerance` and `swing_drag` scale all ranges alike and `stack_stiffness` acts through its ratio to the damping,
+so that $k_c$, $c_s$ and $c_c$ make up for them: measure the stroke of the free tip with the vibrometer, and how a
+swing decays.
+"""
+
+
+def page(computed: str) -> str:
+    """The whole page; `computed` stands between the marks."""
+    entries = [declaration(t) for t in TERMS]
+    parts = [INTRODUCTION, "## Contents", "\n".join(contents(entries)), NOTATION, LIKENESS]
+    parts += [f"{BEGIN}\n\n{computed}\n\n{END}", APART]
+    for slot in SLOTS:
+        parts.append(f"## {slot.capitalize()}")
+        parts += [text for e in entries if e.slot == slot for text in section(e)]
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+# --- what the simulator says -------------------------------------------------------------------------
+
+
+def first_group() -> Alike:
+    return alike(TERMS, Design.of(PSA.constants, PSA.groups[:1]))
+
+
+def six_groups() -> Alike:
+    return alike(TERMS, Design.of(PSA.constants, PSA.groups))
+
+
+def sweep(group: Group, n: int = 161) -> tuple[np.ndarray[Any, Any], Design, bool]:
+    """A dense sweep over a group's range: its variable, its conditions, and whether the frequency is swept."""
+    f, v = group.frequency_hz, group.amplitude_v
+    by_frequency = bool(np.ptp(f) > 0)
+    x = np.geomspace(f.min(), f.max(), n) if by_frequency else np.linspace(v.min(), v.max(), n)
+    frequency, amplitude = (x, v[0]) if by_frequency else (f[0], x)
+    return x, Design.sweep(PSA.constants, group.waveform, frequency, amplitude), by_frequency
+
+
+def strength_in_words(term: Term) -> str:
+    units = {"m": (1e6, "µm"), "s": (1e6, "µs"), "N": (1e3, "mN"), "s/V": (1e6, "µs/V"), "m/s^2": (1.0, "m/s²")}
+    words = []
+    for p, value in zip(term.parameters, plausible(term), strict=True):
+        factor, unit = units.get(p.unit, (1.0, p.unit))
+        words.append(f"${p.symbol}$ = {float(f'{value * factor:.2g}'):g}" + (f" {unit}" if unit != "1" else ""))
+    return ", ".join(words)
+
+
+def change_in_words(found: Effect) -> str:
+    """The least and the greatest change over one panel."""
+    change = np.expm1(found.log_change[0])
+    low, high = float(change.min()), float(change.max())
+    largest = max(abs(low), abs(high))
+    if largest < 5e-7:
+        return "no change"
+    text = [f"{100 * x:+.0f}" if largest > 0.1 else f"{float(f'{100 * x:.2g}'):+g}" for x in (low, high)]
+    text = ["0" if float(t) == 0 else t.replace("-", "−").replace("e−0", "e−") for t in text]
+    return f"{text[0]} %" if text[0] == text[1] else f"{text[0]} to {text[1]} %"
+
+
+# --- figures ------------------------------------------------------------------------------------------
+
+
+def save(figure: Any, path: Path, colours: int = 64) -> None:
+    """Write a PNG with a palette: flat colours need no more, and it is a third of the size."""
+    from PIL import Image
+
+    raw = io.BytesIO()
+    figure.savefig(raw, dpi=110)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.open(raw).convert("RGB").quantize(colours).save(path, optimize=True)
+
+
+def draw_cause(term: Term) -> None:
+    from matplotlib.figure import Figure
+
+    from psafit.report.style import PALETTE, figure_style, plain_log_ticks
+
+    with figure_style():
+        figure = Figure(figsize=(8.4, 5.1), layout="constrained")
+        grid = figure.subplots(2, 3)
+        for k, (axes, group) in enumerate(zip(grid.flat, PSA.groups, strict=True)):
+            x, design, by_frequency = sweep(group)
+            found = effect(term, design)
+            below = found.neutral
+            with_cause = np.where(found.launch_range[0] > 0, found.launch_range[0], np.nan)
+            line = {"linewidth": 2.0, "solid_capstyle": "butt"}
+            axes.plot(x, below * 1e6, color=PALETTE["sky"], linewidth=3.6, label="baseline")
+            label = f"with {term.id}, {strength_in_words(term)}"
+            if term.latent:
+                axes.plot(x, with_cause * 1e6, color=PALETTE["vermillion"], **line, label=f"{label}, $z$ = ±1")
+                axes.plot(x, below**2 / with_cause * 1e6, color=PALETTE["vermillion"], **line)
+            else:
+                axes.plot(x, with_cause * 1e6, color=PALETTE["vermillion"], **line, label=label)
+            axes.set_yscale("log")
+            top, bottom = 2.2 * below.max() * 1e6, max(0.3 * below.min() * 1e6, 0.06)
+            top = max(top, 1.3 * np.nanmax(with_cause) * 1e6) if np.isfinite(with_cause).any() else top
+            bottom = (
+                min(bottom, max(0.06, 0.8 * np.nanmin(with_cause) * 1e6)) if np.isfinite(with_cause).any() else bottom
+            )
+            axes.set_ylim(bottom, top)
+            axes.set_xlim(x[0], x[-1])
+            missing = np.isnan(with_cause)
+            if missing.any():
+                at = x[missing]
+                axes.plot(
+                    [at[0], at[-1]], [bottom, bottom], color=PALETTE["vermillion"], linewidth=5, clip_on=False,
+                    solid_capstyle="butt",
+                )  # fmt: skip
+                if len(at) > 0.25 * len(x):
+                    middle = np.sqrt(at[0] * at[-1]) if by_frequency else 0.5 * (at[0] + at[-1])
+                    axes.annotate(
+                        "no launch", (middle, bottom), (0, 6), textcoords="offset points", ha="center", fontsize=9,
+                        color=PALETTE["vermillion"],
+                    )  # fmt: skip
+            if by_frequency:
+                axes.set_xscale("log")
+                axes.set_xlabel("Drive frequency (Hz)")
+                what = f"{group.waveform}, {group.amplitude_v[0]:g} V"
+            else:
+                axes.set_xlabel("Drive amplitude (V)")
+                what = f"{group.waveform}, {group.frequency_hz[0] / 1e3:g} kHz"
+            plain_log_ticks(axes, x=by_frequency, y=True)
+            if by_frequency and x[0] < 10:
+                axes.set_xticks([1, 100, 10000])
+            if k % 3 == 0:
+                axes.set_ylabel("Launch range (µm)")
+            axes.set_title(f"{group.id}: {what}", fontsize=10, pad=19)
+            change = change_in_words(found)
+            if term.latent:
+                change = change.replace("+", "±")
+            axes.text(0, 1.035, change, transform=axes.transAxes, fontsize=9.5, color=PALETTE["vermillion"])
+        handles, labels = grid.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=2, fontsize=9.5, frameon=False)
+        save(figure, FIGURES / f"{term.id}.png")
+
+
+def clustered(found: Alike) -> list[int]:
+    """Order of the causes in which neighbours look alike."""
+    from scipy.cluster.hierarchy import leaves_list, linkage, optimal_leaf_ordering
+    from scipy.spatial.distance import squareform
+
+    seen = [i for i, s in enumerate(found.status) if s == "visible"]
+    distance = squareform(found.angle[np.ix_(seen, seen)], checks=False)
+    tree = linkage(distance, "average")
+    return [seen[i] for i in leaves_list(optimal_leaf_ordering(tree, distance))]
+
+
+def draw_alike() -> None:
+    from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    from psafit.report.style import PALETTE, figure_style
+
+    first, six = first_group(), six_groups()
+    order = clustered(six)
+    order += [i for i, s in enumerate(first.status) if s == "visible" and i not in order]
+    n = len(order)
+    colours = LinearSegmentedColormap.from_list("angle", ["#08306b", "#2a7ab9", "#9ecae1", "#eaf2f9", "#ffffff"])
+    with figure_style():
+        figure = Figure(figsize=(10.4, 5.9), layout="constrained")
+        panels = figure.subplots(1, 2)
+        for axes, found, title in zip(panels, (first, six), ("Group 1 alone", "All six groups"), strict=True):
+            angle = found.angle[np.ix_(order, order)]
+            image = axes.imshow(np.ma.masked_invalid(angle), cmap=colours, vmin=0, vmax=90)
+            axes.set_facecolor("#ececec")
+            for i, j in itertools.product(range(n), range(n)):
+                if i != j and angle[i, j] < NEAR:
+                    axes.text(
+                        j, i, f"{angle[i, j]:.0f}", ha="center", va="center", fontsize=8, color="white",
+                        fontweight="bold" if angle[i, j] < 10 else "normal",
+                    )  # fmt: skip
+                if i == j and np.isfinite(angle[i, i]):
+                    axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=PALETTE["grey"], edgecolor="none"))
+            names = [six.ids[i] for i in order]
+            axes.set_xticks(range(n), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=8.5)
+            axes.set_yticks(range(n), names if axes is panels[0] else [""] * n, fontsize=8.5)
+            for label, i in zip(axes.get_xticklabels(), order, strict=True):
+                label.set_color(PALETTE["ink"] if found.status[i] == "visible" else "#9aa1ab")
+            axes.set_xticks(np.arange(n + 1) - 0.5, minor=True)
+            axes.set_yticks(np.arange(n + 1) - 0.5, minor=True)
+            axes.grid(False)
+            axes.grid(which="minor", color="white", linewidth=1.0)
+            axes.tick_params(which="both", length=0)
+            axes.spines[:].set_visible(False)
+            axes.set_title(title)
+        bar = figure.colorbar(image, ax=panels, shrink=0.72, aspect=28, pad=0.015)
+        bar.set_label("Angle after the refit (°): 0 alike, 90 distinct")
+        bar.set_ticks([0, 30, 60, 90])
+        bar.outline.set_visible(False)
+        figure.legend(
+            [Rectangle((0, 0), 1, 1, facecolor="#ececec")], ["absorbed by the refit, or too small to be seen"],
+            loc="outside lower center", fontsize=9.5, frameon=False,
+        )  # fmt: skip
+        save(figure, FIGURES / "alike.png", colours=160)
+
+
+def main() -> int:
+    PAGE.write_text(page("\n\n".join(likeness())), encoding="utf-8")
+    if "--text" not in sys.argv:
+        draw_alike()
+        for term in TERMS:
+            draw_cause(term)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

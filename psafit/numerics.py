@@ -1,0 +1,91 @@
+r"""Whether the predictions of a fit are converged, and what a fixed-step integrator would have needed.
+
+For a fitted model the predictions are repeated with a tolerance tightened by decades. The closed form has no step to
+refine: there the stepper, which shares no formula with it, is refined towards it. Beside that, the largest stable step
+of the classical Runge-Kutta method at the fitted parameters: where it lies below the step that a simulation of such a
+drive commonly takes, its result would be an artefact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.inference.run import Run
+from psafit.records import Numerics, Refinement, write_json
+from psafit.simulate import Design, columns, path_of, rig_of, simulate
+from psafit.simulate.stability import contact_matrix_of, largest_stable_step, rk4_growth
+from psafit.simulate.stepper import TOLERANCE
+
+FloatArray = NDArray[np.float64]
+
+# The finest run stands for the truth of a model without closed form; its own error is a hundredth of the next one's.
+_FINEST = 1e-10
+_TOLERANCES = (1e-2, 1e-3, 1e-4, TOLERANCE, 1e-6, 1e-7)
+# Predictions agree to this, relative: a hundredth of the smallest scatter that readings of such a rig have shown.
+REQUIRED = 1e-5
+# Ranges below this, m, are not told from zero by any reading; their relative error says nothing.
+_FLOOR = 1e-9
+# The fixed step the study took, s: a round microsecond, as many would.
+COMMON_STEP = 1e-6
+
+
+def audit(run: Run, *, n_draws: int = 8) -> Numerics:
+    """Refine the predictions of a fit, at its best minimum and some posterior draws, over all of its experiment.
+
+    Parameters
+    ----------
+    run : Run
+    n_draws : int
+        Posterior draws beside the best minimum, evenly spread over the chains.
+
+    Returns
+    -------
+    Numerics
+        Also written to the run's folder as `numerics.json`.
+    """
+    problem = run.problem
+    experiment, terms = problem.experiment, problem.terms
+    flat = run.draws.flat
+    best = np.array([run.fit.minima[0].values[name] for name in problem.names])
+    values = np.vstack([best, flat[np.linspace(0, len(flat) - 1, min(n_draws, len(flat))).astype(int)]])
+    theta = problem.theta(problem.to_sampling(values), experiment.ids)
+    design = Design.of(experiment.constants, experiment.groups)
+    path = path_of(terms)
+    exact = path == "closed form"
+
+    def ranges(tolerance: float | None) -> FloatArray:
+        if tolerance is None:
+            return simulate(design, theta, terms).launch_range
+        return simulate(design, theta, terms, path="stepper", tolerance=tolerance).launch_range
+
+    reference = ranges(None if exact else _FINEST)
+    refinement = []
+    for tolerance in _TOLERANCES:
+        error = np.abs(ranges(tolerance) - reference) / np.maximum(reference, _FLOOR)
+        refinement.append(Refinement(tolerance, float(error.max()), float(np.median(error))))
+    used = 0.0 if exact else next(r.worst for r in refinement if r.tolerance == TOLERANCE)
+    finest = refinement[-1].worst
+
+    rig = rig_of(experiment.constants, theta[:1], terms, len(experiment.groups))
+    eigenvalues = np.linalg.eigvals(contact_matrix_of(rig)).astype(complex)
+    step = largest_stable_step(eigenvalues)
+    growth = float(rk4_growth(eigenvalues, COMMON_STEP).max())
+    assert theta.shape[1] == len(columns(terms, len(experiment.groups)))
+    result = Numerics(
+        identity=run.fit.identity,
+        engine=path,
+        tolerance=None if exact else TOLERANCE,
+        n_sets=len(theta),
+        n_points=design.n_points,
+        refinement=refinement,
+        error=finest if exact else used,
+        required=REQUIRED,
+        converged=(finest if exact else used) <= REQUIRED,
+        fastest_rate=float(np.abs(eigenvalues).max()),
+        stable_step=float(step),
+        common_step=COMMON_STEP,
+        common_growth=growth,
+    )
+    write_json(run.folder / "numerics.json", result)
+    return result

@@ -1,0 +1,399 @@
+r"""What a cause does to the launch range, and which causes look alike once the baseline has been refitted.
+
+Effects are finite and one-sided: from the neutral value to a plausible strength, not a slope at the neutral value,
+which is zero for some causes (:math:`\sqrt{L^2 + b^2}` at :math:`b = 0`) and infinite for others (`preload`).
+
+Comparisons are made in units of the scatter, with
+
+.. math:: \eta(L) = \frac1r \operatorname{asinh}\frac{r L}{a}, \qquad
+    \frac{\mathrm d\eta}{\mathrm dL} = \frac1{\sqrt{a^2 + r^2 L^2}},
+
+whose differences count standard deviations of a scatter of `r` = 5 % and `a` = 0.3 um in quadrature, for ranges of
+any size, zero included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from psafit.experiment import Constants
+from psafit.parameters import Parameter
+from psafit.physics import baseline
+from psafit.physics.term import Term, Trend
+from psafit.simulate.batch import simulate
+from psafit.simulate.design import Design
+
+FloatArray = NDArray[np.float64]
+Status = Literal["visible", "absorbed", "idle"]
+
+RIGS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
+    {
+        # The only values published for this rig (Table 3): a soft contact on a stack whose damping stands in for
+        # more than friction. They put the peak of the sine sweep and its fall where the readings have them.
+        "study": (1.425e5, 13991.0, 68.0),
+        # What handbooks lead one to expect instead (sources in `psafit.physics.baseline`): steel on ceramic, a soft
+        # PZT with a loss of some per cent, a contact damped to a few per cent.
+        "hard": (3e6, 30.0, 30.0),
+        # Between them: that contact on a damped stack.
+        "damped": (3e6, 3e3, 3.0),
+    }
+)
+"""Places in the space of (k_c in N/m, c_s, c_c in N s/m) that bracket what a fit may find."""
+
+REFERENCE = RIGS["study"]
+"""Where effects are shown unless another place is asked for."""
+
+RELATIVE_SCATTER = 0.05
+ABSOLUTE_SCATTER = 0.3e-6  # m
+# A step of a finite difference, in the sampling coordinate, and the stepper's tolerance that leaves it its digits.
+_STEP = 1e-4
+_TOLERANCE = 1e-9
+
+
+def plausible(term: Term, share: float = 0.5, side: Literal[-1, 1] | None = None) -> FloatArray:
+    """A strength that would surprise nobody.
+
+    Parameters
+    ----------
+    term : Term
+    share : float
+        Of the prior of the cause's strength that lies closer to neutral, in the sampling coordinate.
+    side : {-1, 1}, optional
+        Below or above neutral; by default where the prior has more mass.
+
+    Returns
+    -------
+    (n_parameters,) array
+        The strength, the cause's other parameters at their prior medians; in their units.
+    """
+    values = [float(p.to_physical(p.prior_quantile(0.5))) for p in term.parameters]
+    values[0] = _away(term.strength, share, side)
+    return np.array(values)
+
+
+def _away(p: Parameter, share: float, side: Literal[-1, 1] | None) -> float:
+    assert p.neutral is not None
+    neutral = float(p.to_sampling(p.neutral))
+    mass = p.prior_quantile((np.arange(4000) + 0.5) / 4000) - neutral
+    if side is None:
+        side = 1 if np.mean(mass > 0) >= 0.5 else -1
+    reach = float(np.quantile(np.abs(mass), share))
+    bounds = p.sampling_bounds
+    return float(p.to_physical(min(max(neutral + side * reach, bounds.lower), bounds.upper)))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a cause does to the launch ranges of a design.
+
+    Parameters
+    ----------
+    id : str
+        The cause.
+    values : (n_parameters,) array
+        Its parameters, in their units.
+    neutral : (n_points,) array, m
+        Launch ranges without it.
+    launch_range : (n_directions, n_points) array, m
+        With it. One row; for a cause that every session has for itself, one a session, the others at neutral.
+    """
+
+    id: str
+    values: FloatArray
+    neutral: FloatArray
+    launch_range: FloatArray
+
+    @property
+    def log_change(self) -> FloatArray:
+        """``ln L - ln L_neutral``, (n_directions, n_points).
+
+        Minus infinity where the cause prevents the launch, infinity where there is none without it, NaN where there
+        is none either way.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(self.launch_range) - np.log(self.neutral)
+
+    @property
+    def deviation(self) -> FloatArray:
+        """The same in standard deviations of the scatter, (n_directions, n_points): always finite."""
+        return in_scatter(self.launch_range) - in_scatter(self.neutral)
+
+
+def in_scatter(launch_range: ArrayLike) -> FloatArray:
+    """Map launch ranges (m) to the coordinate in which the scatter has standard deviation 1."""
+    size = RELATIVE_SCATTER * np.asarray(launch_range, dtype=float) / ABSOLUTE_SCATTER
+    return np.asarray(np.arcsinh(size)) / RELATIVE_SCATTER
+
+
+def effect(term: Term, design: Design, theta: ArrayLike = REFERENCE, values: ArrayLike | None = None) -> Effect:
+    """The finite effect of a cause.
+
+    Parameters
+    ----------
+    term : Term
+    design : Design
+    theta : (3,) array
+        The baseline's parameters.
+    values : (n_parameters,) array, optional
+        The cause's parameters; those of `plausible` by default.
+    """
+    base = np.asarray(theta, dtype=float)
+    own = plausible(term) if values is None else np.asarray(values, dtype=float)
+    neutral = simulate(design, base, tolerance=_TOLERANCE).launch_range[0]
+    sets = np.concatenate([base, own])[None, :]
+    if term.latent:
+        # A spread has no effect by itself: each session in turn lies one standard deviation of the latent above.
+        one = float(term.latent.to_physical(term.latent.prior_quantile(0.8413447460685429)))
+        sessions = np.eye(int(design.group.max(initial=0)) + 1) * one
+        sets = np.hstack([np.repeat(sets, len(sessions), axis=0), sessions])
+    found = simulate(design, sets, (term,), tolerance=_TOLERANCE).launch_range
+    return Effect(term.id, own, neutral, found)
+
+
+def derivatives(
+    design: Design, theta: ArrayLike = REFERENCE, terms: Sequence[Term] = (), values: Sequence[ArrayLike] = ()
+) -> FloatArray:
+    r"""Slopes of ``ln L`` by the sampling coordinate of every parameter, at one parameter set.
+
+    Central differences; one-sided at a bound.
+
+    Parameters
+    ----------
+    design : Design
+    theta : (3,) array
+        The baseline's parameters.
+    terms : sequence of Term
+        Causes without a latent parameter.
+    values : sequence of arrays
+        The parameters of each; those of `plausible` by default.
+
+    Returns
+    -------
+    (n_parameters, n_points) array
+        Rows as `columns` names them; zero where nothing is launched.
+    """
+    return _slopes(design, theta, terms, values, logarithmic=True)
+
+
+def _slopes(
+    design: Design, theta: ArrayLike, terms: Sequence[Term], values: Sequence[ArrayLike], logarithmic: bool
+) -> FloatArray:
+    for term in terms:
+        if term.latent:
+            raise ValueError(f"{term.id} has a parameter for every session: take its effect instead")
+    parameters = [*baseline.PARAMETERS, *(p for term in terms for p in term.parameters)]
+    own = [np.asarray(v, dtype=float) for v in values] or [plausible(t) for t in terms]
+    x = np.concatenate([np.asarray(theta, dtype=float), *own])
+    if len(x) != len(parameters):
+        raise ValueError(f"{len(x)} values for {len(parameters)} parameters: {', '.join(p.name for p in parameters)}")
+    sets, widths = [x], []
+    for i, p in enumerate(parameters):
+        u = float(p.to_sampling(x[i]))
+        ends = max(u - _STEP, p.sampling_bounds.lower), min(u + _STEP, p.sampling_bounds.upper)
+        widths.append(ends[1] - ends[0])
+        for end in ends:
+            moved = x.copy()
+            moved[i] = p.to_physical(end)
+            sets.append(moved)
+    found = simulate(design, np.array(sets), terms, tolerance=_TOLERANCE).launch_range
+    slope = (found[2::2] - found[1::2]) / np.array(widths)[:, None]
+    size = found[0] if logarithmic else np.hypot(ABSOLUTE_SCATTER, RELATIVE_SCATTER * found[0])
+    return np.divide(slope, size, out=np.zeros_like(slope), where=size > 0)
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Which causes look alike.
+
+    Parameters
+    ----------
+    ids : tuple of str
+        Causes, in the order given.
+    angle : (n, n) array, degrees
+        Between what is left of two effects after the refit: 0 where one can be had for the other, 90 where they have
+        nothing in common; NaN where one of them leaves nothing. The sign of an effect does not count. Where a cause
+        has several directions (one a session) it is the smallest angle they allow.
+    before, after : (n,) array
+        Size of an effect in standard deviations of the scatter, the root of the summed squares over all points and
+        directions: as it is, and what the refit leaves of it.
+    status : tuple of str
+        "visible"; "absorbed" where the refit leaves less than one standard deviation; "idle" where there was no more
+        than that before.
+    """
+
+    ids: tuple[str, ...]
+    angle: FloatArray
+    before: FloatArray
+    after: FloatArray
+    status: tuple[Status, ...]
+
+
+def alike(
+    terms: Iterable[Term],
+    design: Design,
+    theta: ArrayLike = REFERENCE,
+    *,
+    share: float = 0.5,
+    gain: bool = False,
+) -> Alike:
+    """Compare causes by what a refit of the baseline cannot imitate.
+
+    The refit is linear: the baseline's slopes at `theta` are projected out of every effect. A cause strong enough to
+    bend them is judged by its direction alone.
+
+    Parameters
+    ----------
+    terms : iterable of Term
+    design : Design
+        The readings one has, or may take.
+    theta : (3,) array
+        The baseline's parameters.
+    share : float
+        Strength of the causes; see `plausible`.
+    gain : bool
+        Whether one factor on all readings is free too.
+    """
+    chosen = tuple(terms)
+    fitted = _slopes(design, theta, (), (), logarithmic=False)
+    if gain:
+        size = simulate(design, theta).launch_range
+        fitted = np.vstack([fitted, size / np.hypot(ABSOLUTE_SCATTER, RELATIVE_SCATTER * size)])
+    known = _basis(fitted, 1e-9)
+    before, after, status, left = np.empty(len(chosen)), np.empty(len(chosen)), [], []
+    for i, term in enumerate(chosen):
+        shift = effect(term, design, theta, plausible(term, share)).deviation
+        rest = shift - (shift @ known.T) @ known
+        before[i], after[i] = np.linalg.norm(shift), np.linalg.norm(rest)
+        kind: Status = "idle" if before[i] < 1.0 else "absorbed" if after[i] < 1.0 else "visible"
+        status.append(kind)
+        # A direction is one only if the scatter leaves it visible.
+        left.append(_basis(rest, 1.0, absolute=True) if kind == "visible" else np.empty((0, design.n_points)))
+    angle = np.full((len(chosen), len(chosen)), np.nan)
+    for i, one in enumerate(left):
+        for j, other in enumerate(left):
+            if len(one) and len(other):
+                # The sine keeps small angles' digits, the cosine those near 90 degrees.
+                a, b = (one, other) if len(one) <= len(other) else (other, one)
+                u, c, _ = np.linalg.svd(a @ b.T)
+                nearest = u[:, 0] @ a
+                angle[i, j] = np.degrees(np.arctan2(np.linalg.norm(nearest - (nearest @ b.T) @ b), c[0]))
+    return Alike(tuple(t.id for t in chosen), angle, before, after, tuple(status))
+
+
+def _basis(rows: FloatArray, floor: float, absolute: bool = False) -> FloatArray:
+    """Orthonormal rows that span the given ones, those smaller than `floor` (times the largest) left out."""
+    _, size, directions = np.linalg.svd(rows, full_matrices=False)
+    return directions[size > (floor if absolute else floor * size.max(initial=0.0))]
+
+
+# --- symptoms ---------------------------------------------------------------------------------------
+
+# A launch range below a thousandth of the neutral one, and none at all, count as a thousandth.
+_LEAST = 1e-3
+# Effects, in ln units, below which a cause does nothing.
+_NOTHING = 1e-8
+# Both signs occur if each exceeds this, in ln units and as a part of the largest effect.
+_OTHER_SIGN = 0.01
+_OTHER_PART = 0.05
+_FLAT = 1.1
+# Of the middle third against the outer ones.
+_MONOTONE = 1.02
+
+
+@dataclass(frozen=True)
+class ObservedSymptom:
+    """What `Symptom` declares, as the simulator has it; see `observe`."""
+
+    sign: int
+    frequency: Trend
+    amplitude: Trend
+    waveforms: tuple[str, ...]
+
+
+def observe(term: Term, constants: Constants) -> ObservedSymptom:
+    r"""Work out a cause's symptom, on every rig of `RIGS`.
+
+    The effect is :math:`e = \ln L - \ln L_\mathrm{neutral}`, with sine and square, at 46 frequencies from 100 Hz to 25
+    kHz at 20 V and at 15 voltages from 1 to 20 V at 1.2 and 3 kHz: the ranges of the study's groups. Strengths are
+    those of `plausible`, on both sides of neutral where there are two.
+
+    - `sign`: +1 or -1 if a larger value has one sign of effect throughout; 0 if both occur at that strength or
+      a tenth of it, each beyond 0.01 (0.05 of the largest effect, if that is less).
+    - `frequency`, `amplitude`: within one sweep, "flat" if all :math:`|e|` agree within a factor of 1.1; "grows" or
+      "falls" if the mean :math:`|e|` of the upper third exceeds that of the lower by more than that factor, or the
+      reverse, and the middle third lies between (to 2 %); "mixed" otherwise, or where the sign changes. Over several
+      sweeps, what all of them say, or "mixed". Sweeps in which the cause does nothing are not heard.
+    - `waveforms`: those on which it does something, :math:`|e| > 10^{-8}`.
+    """
+    frequencies = np.geomspace(100.0, 25e3, 46)
+    volts = np.linspace(1.0, 20.0, 15)
+    sides: list[Literal[-1, 1]] = [1] if term.strength.neutral == term.strength.bounds.lower else [1, -1]
+    heard: dict[str, set[Trend]] = {"frequency": set(), "amplitude": set()}
+    signed: list[FloatArray] = []
+    both_signs = False
+    active = set()
+    for theta in RIGS.values():
+        at_rig = []
+        for waveform in ("sine", "square"):
+            sweeps = [("frequency", Design.sweep(constants, waveform, frequencies, 20.0))]
+            sweeps += [("amplitude", Design.sweep(constants, waveform, f, volts)) for f in (1200.0, 3000.0)]
+            for variable, design in sweeps:
+                for side in sides:
+                    strong = plausible(term, side=side)
+                    e = _clipped(effect(term, design, theta, strong))
+                    weak = strong.copy()
+                    p = term.strength
+                    assert p.neutral is not None
+                    near = float(p.to_sampling(p.neutral))
+                    weak[0] = p.to_physical(near + 0.1 * (float(p.to_sampling(strong[0])) - near))
+                    at_rig += [side * e, side * _clipped(effect(term, design, theta, weak))]
+                    if term.latent:  # which lies below neutral as often as above
+                        at_rig.append(-side * e)
+                    if e.any():
+                        active.add(waveform)
+                        heard[variable].add(_trend(e))
+        both_signs |= _has_both_signs(np.concatenate(at_rig))
+        signed += at_rig
+    everything = np.concatenate(signed)
+    sign = 0 if both_signs or _has_both_signs(everything) else int(np.sign(everything[np.argmax(np.abs(everything))]))
+    trends: dict[str, Trend] = {name: said.pop() if len(said) == 1 else "mixed" for name, said in heard.items()}
+    return ObservedSymptom(
+        sign, trends["frequency"], trends["amplitude"], tuple(w for w in ("sine", "square") if w in active)
+    )
+
+
+def _clipped(found: Effect) -> FloatArray:
+    e = np.log(np.maximum(found.launch_range[0], _LEAST * found.neutral) / found.neutral)
+    return np.where(np.abs(e) > _NOTHING, e, 0.0)
+
+
+def _has_both_signs(e: FloatArray) -> bool:
+    limit = min(_OTHER_SIGN, _OTHER_PART * float(np.abs(e).max()))
+    return bool((e > limit).any() and (e < -limit).any())
+
+
+def _trend(e: FloatArray) -> Trend:
+    size = np.abs(e)
+    if _has_both_signs(e):
+        return "mixed"
+    if size.max() <= _FLAT * size.min():
+        return "flat"
+    third = len(e) // 3
+    low, middle, high = (float(part.mean()) for part in (size[:third], size[third:-third], size[-third:]))
+    if high > _FLAT * low and low <= _MONOTONE * middle and middle <= _MONOTONE * high:
+        return "grows"
+    if low > _FLAT * high and high <= _MONOTONE * middle and middle <= _MONOTONE * low:
+        return "falls"
+    return "mixed"
+
+
+__all__ = [
+    "REFERENCE", "RIGS", "Alike", "Effect", "ObservedSymptom", "alike", "derivatives", "effect", "in_scatter",
+    "observe", "plausible",
+]  # fmt: skip

@@ -1,0 +1,175 @@
+"""The stepping path: against the closed form where there is one, smooth in the parameters, and free of side effects."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from numba import get_num_threads, set_num_threads
+
+from psafit.experiment import Constants
+from psafit.parameters import Bounds, Normal, Parameter
+from psafit.physics import baseline, terms
+from psafit.simulate import Design, columns, path_of, simulate, stepper
+from psafit.simulate.literal import literal_launch
+from psafit.simulate.reference import Point
+
+RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
+PUBLISHED = [1.425e5, 13991.0, 68.0]
+FREQUENCIES = np.geomspace(100.0, 2e4, 12)
+
+
+def sweeps() -> Design:
+    sine = Design.sweep(RIG, "sine", FREQUENCIES, 20.0)
+    square = Design.sweep(RIG, "square", FREQUENCIES, 12.0)
+    return Design(
+        RIG,
+        np.concatenate([sine.waveform, square.waveform]),
+        np.concatenate([sine.frequency, square.frequency]),
+        np.concatenate([sine.amplitude, square.amplitude]),
+        np.zeros(24, int),
+    )
+
+
+def prior_draws(n: int, ids: list[str], rng: np.random.Generator) -> np.ndarray:
+    chosen = [*baseline.PARAMETERS, *(p for t in terms(ids) for p in t.parameters)]
+    return np.stack([p.to_physical(p.prior_quantile(rng.uniform(0.02, 0.98, n))) for p in chosen], axis=1)
+
+
+def test_steps_find_the_closed_form() -> None:
+    """Two paths that share no formula, over the prior and a linear cause of every kind."""
+    rng = np.random.default_rng(11)
+    for ids in ([], ["amplifier_lag"], ["preload"], ["modal_mass", "stack_stiffness"], ["adhesion"]):
+        chosen = terms(ids)
+        theta = prior_draws(25, ids, rng)
+        exact = simulate(sweeps(), theta, chosen)
+        stepped = simulate(sweeps(), theta, chosen, path="stepper")
+        assert (exact.engine, stepped.engine) == ("closed form", "stepper")
+        assert (exact.launched == stepped.launched).all()
+        error = np.abs(stepped.launch_range - exact.launch_range) / np.maximum(exact.launch_range, 1e-12)
+        assert np.quantile(error, 0.99) < 1e-7 and error.max() < 1e-5, ids
+
+
+def test_error_falls_with_the_tolerance() -> None:
+    exact = simulate(sweeps(), PUBLISHED).launch_range
+    errors = []
+    for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
+        stepped = simulate(sweeps(), PUBLISHED, path="stepper", tolerance=tolerance).launch_range
+        errors.append(np.abs(stepped / exact - 1).max())
+    assert errors[0] < 1e-4 and errors[-1] < 1e-9
+    assert all(later < earlier for earlier, later in itertools.pairwise(errors))
+
+
+@pytest.mark.parametrize(
+    "ids", [["hertz_exponent"], ["slew_limit", "hunt_crossley", "hysteresis"], ["no_tension"], ["soft_layer"]]
+)
+def test_launch_range_is_smooth_in_the_parameters(ids: list[str]) -> None:
+    """On short lines in parameter space nothing but a polynomial of degree five is left above 1e-6."""
+    rng = np.random.default_rng(4)
+    chosen = terms(ids)
+    parameters = [*baseline.PARAMETERS, *(p for t in chosen for p in t.parameters)]
+    t = np.linspace(-1, 1, 24)
+    basis = np.polynomial.chebyshev.chebvander(t, 5)
+    rest = np.eye(24) - basis @ np.linalg.pinv(basis)
+    jitter = []
+    for _ in range(40):
+        centre = np.array([p.prior_quantile(rng.uniform(0.1, 0.9)) for p in parameters])
+        direction = rng.normal(size=len(parameters))
+        u = centre + 0.005 * t[:, None] * direction / np.linalg.norm(direction)
+        theta = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(parameters)], axis=1)
+        ranges = simulate(sweeps(), theta, chosen).launch_range
+        jitter.append(np.abs(rest @ ranges).max(axis=0) / np.maximum(ranges.min(axis=0), 1e-9))
+    # The few that remain pass a true bifurcation: another dip of the indentation becomes the first to reach zero.
+    assert np.mean(np.array(jitter) > 1e-6) < 0.005, ids
+    assert np.median(jitter) < 1e-8
+
+
+def test_neither_batch_nor_threads_change_a_bit() -> None:
+    ids = ["hertz_exponent", "hysteresis"]
+    theta = prior_draws(9, ids, np.random.default_rng(2))
+    whole = simulate(sweeps(), theta, terms(ids)).launch_range
+    single = np.concatenate([simulate(sweeps(), one, terms(ids)).launch_range for one in theta])
+    assert (whole == single).all()
+    used = get_num_threads()
+    set_num_threads(1)
+    try:
+        assert (simulate(sweeps(), theta, terms(ids)).launch_range == whole).all()
+    finally:
+        set_num_threads(used)
+
+
+def test_choosing_causes_compiles_nothing() -> None:
+    simulate(sweeps(), [*PUBLISHED, 1.5], terms(["hertz_exponent"]))
+    before = [len(f.signatures) for f in (stepper._serial, stepper._parallel)]
+    simulate(sweeps(), [*PUBLISHED, 20.0, 1e-7], terms(["gap", "hunt_crossley"]))
+    simulate(sweeps(), [*PUBLISHED, 0.01], terms(["field_dependent_d33"]))
+    assert [len(f.signatures) for f in (stepper._serial, stepper._parallel)] == before
+
+
+def test_neutral_sets_of_a_batch_take_the_closed_form() -> None:
+    chosen = terms(["hertz_exponent"])
+    both = simulate(sweeps(), [[*PUBLISHED, 1.0], [*PUBLISHED, 1.4]], chosen)
+    assert both.engine == "mixed"
+    assert (both.launch_range[0] == simulate(sweeps(), PUBLISHED).launch_range[0]).all()
+    assert simulate(sweeps(), [*PUBLISHED, 1.0], chosen).engine == "closed form"
+
+
+def test_path_of_a_model() -> None:
+    assert path_of(terms(["amplifier_lag", "preload", "swing_drag", "reading_gain"])) == "closed form"
+    for id in ("slew_limit", "gap", "no_tension", "hertz_exponent", "hysteresis", "repeat_impacts"):
+        assert path_of(terms([id])) == "stepper", id
+
+
+def test_a_tip_that_does_not_reach_the_ball_launches_nothing() -> None:
+    chosen = terms(["gap"])
+    stroke = RIG.q * 20.0
+    far = simulate(Design.sweep(RIG, "sine", [200.0], 20.0), [1e6, 1e3, 30.0, 3 * stroke], chosen)
+    assert not far.launched.any() and (far.launch_range == 0).all() and np.isnan(far.separation_time).all()
+    near = simulate(Design.sweep(RIG, "sine", [200.0], 20.0), [1e6, 1e3, 30.0, 0.5 * stroke], chosen)
+    assert near.launched.all()
+
+
+def test_a_ball_pressed_too_hard_stays() -> None:
+    """Below the drive that outweighs the press there is no separation; both paths say so."""
+    chosen = terms(["preload"])
+    for path in ("closed form", "stepper"):
+        held = simulate(Design.sweep(RIG, "sine", [100.0], 0.01), [1e6, 1e3, 30.0, 4e-3], chosen, path=path)
+        assert not held.launched.any() and held.launch_range[0, 0] == 0.0
+
+
+def test_a_ball_drawn_after_the_tip_is_followed_to_its_launch() -> None:
+    """Separated while moving inwards: the closed form hands over to the steps, which agree with the reference."""
+    chosen = terms(["preload"])
+    found = 0
+    rng = np.random.default_rng(8)
+    for _ in range(400):
+        theta = [float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in baseline.PARAMETERS]
+        x_0, f, volt = float(rng.uniform(1e-4, 2e-3)), float(10 ** rng.uniform(2.5, 4)), float(rng.uniform(0.2, 5))
+        design = Design.sweep(RIG, "sine", [f], volt)
+        result = simulate(design, [*theta, x_0], chosen)
+        if result.engine == "closed form" and result.launched.all() and result.separation_time[0, 0] * f > 1.2:
+            reference = literal_launch(Point("sine", f, volt), theta, [(chosen[0], [x_0])], RIG)
+            assert result.launch_range[0, 0] == pytest.approx(reference.launch_range, rel=1e-6)
+            found += 1
+        if found == 3:
+            return
+    assert found, "no such case drawn"
+
+
+def test_refuses_what_makes_no_sense() -> None:
+    with pytest.raises(ValueError, match="no closed form"):
+        simulate(sweeps(), [*PUBLISHED, 1.5], terms(["hertz_exponent"]), path="closed form")
+    with pytest.raises(ValueError, match="hertz_n"):
+        simulate(sweeps(), PUBLISHED, terms(["hertz_exponent"]))
+    with pytest.raises(ValueError, match="no path"):
+        simulate(sweeps(), PUBLISHED, path="fast")
+    assert columns(terms(["reading_gain"]), 2)[-2:] == ["reading_gain_z_0", "reading_gain_z_1"]
+
+
+def test_linear_coordinates_are_in_units_of_the_prior() -> None:
+    p = Parameter("tau", "t", "s", Bounds(0.0, 1e-2), Normal(0.0, 1e-4), "", "", neutral=0.0)
+    assert p.to_sampling(2e-4) == pytest.approx(2.0)
+    assert p.to_physical(p.sampling_bounds.upper) == 1e-2
+    u = np.linspace(0, 100, 200_001)
+    assert np.trapezoid(np.exp(p.log_prior(u)), u) == pytest.approx(1.0, rel=1e-6)
