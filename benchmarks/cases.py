@@ -103,6 +103,11 @@ class Case:
         chosen = [usable[k % len(usable)] for k in range(self.n_sample)]
         return [(i, int(rng.choice(np.flatnonzero(launched[i])))) for i in chosen]
 
+    @property
+    def size(self) -> int:
+        """Number of trajectories of the whole batch."""
+        return len(self.theta) * self.design.n_points
+
     @cached_property
     def trajectories(self) -> list[peers.Trajectory]:
         """The sample as the peers take it."""

@@ -68,7 +68,7 @@ def pieces(square: bool, volt: float, f: float, inverse_slew: float, turns: bool
             many = math.floor((omega * (end - begin) + psi - 0.5 * math.pi) / math.pi)
             cuts += [float(begin + ((k + 0.5) * math.pi - psi) / omega) for k in range(first, many + 1)]
         for a, b in zip(cuts, [*cuts[1:], float(end)], strict=True):
-            if b > a:
+            if b > a * (1.0 + 1e-12):
                 ahead = omega * (a - float(begin)) + psi
                 found.append(Piece(a, b, offset + slope * (a - float(begin)), slope, swing, omega, ahead))
         if end >= until:

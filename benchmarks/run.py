@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -220,77 +221,81 @@ def loosest(run: Callable[[float], np.ndarray], tolerances: tuple[float, ...]) -
     return None
 
 
-NONLINEAR = {"hertz_exponent": ("hertz_exponent",), "slew + Hunt-Crossley + hysteresis":
-             ("slew_limit", "hunt_crossley", "hysteresis")}  # fmt: skip
+NONLINEAR = {
+    "hertz_exponent": ("hertz_exponent",),
+    "slew_limit + hunt_crossley + hysteresis": ("slew_limit", "hunt_crossley", "hysteresis"),
+}
 
 
 def nonlinear(rows: list[dict[str, object]]) -> None:
     for title, names in NONLINEAR.items():
-        case = Case(names)
-        n, sample = case.tight.launch_range.size, case.trajectories
         with one_core():
-            found = loosest(lambda x, case=case: case.errors(case.run(x)), OURS)  # type: ignore[misc]
-            if found is None:
-                raise ConvergenceError("accuracy of the stepper", reached=1.0, required=ACCURACY)
-            loose, errors = found
-            print(f"    {title}: tight stepper and literal reference differ by {case.reference_gap():.0e} at most")
-            print(f"    psafit at tolerance {loose:g}: {quality(errors)}")
-            print(f"    psafit at its default tolerance {TOLERANCE:g}: {quality(case.errors(case.run(TOLERANCE)))}")
-            contest: dict[str, tuple[str, Callable[[], object]]] = {}
-
-            def lsoda_all(rtol: float, absolute: float, sample: Any = sample) -> np.ndarray:
-                return np.array([peers.scipy_launch(RIG, one, "LSODA", rtol, absolute) for one in sample])
-
-            tried = []
-            for absolute in (1e-3, 1e-5):
-                reached = loosest(lambda x, a=absolute, c=case: c.peer_errors(lsoda_all(x, a)), THEIRS)  # type: ignore[misc]
-                if reached:
-                    cost = min(seconds(lambda a=absolute, x=reached[0]: lsoda_all(x, a)) for _ in range(3))  # type: ignore[misc]
-                    tried.append((cost, reached[0], absolute, reached[1]))
-            _, rtol, absolute, errors = min(tried, key=lambda t: t[0])
-            print(f"    SciPy LSODA at rtol {rtol:g}, atol {absolute:g} rtol x scale: {quality(errors)}")
-            contest["SciPy LSODA"] = "at least 500", lambda r=rtol, a=absolute: lsoda_all(r, a)  # type: ignore[misc]
-            contest |= _diffrax(case)
-            if len(contest) == 1:
-                rows.append(row(f"{title}: against diffrax: not installed", float("nan"), "at least 30", None))
-            works = [lambda x=loose: case.run(x), lambda: case.run(TOLERANCE), *(work for _, work in contest.values())]  # type: ignore[misc]
-            times = in_turns(works, 7)
-        ours, default = times[:, 0] / n, times[:, 1] / n
-        print("    us a trajectory: psafit {} ({}), at its default tolerance {} ({})".format(
-            *(f"{x:.3g}" if isinstance(x, float) else x for x in (*spread(1e6 * ours), *spread(1e6 * default)))
-        ))  # fmt: skip
-        for k, (peer, (target, _)) in enumerate(contest.items()):
-            theirs = times[:, 2 + k] / len(sample)
-            ratio, within = spread(theirs / ours)
-            plain, plainly = spread(theirs / default)
-            cost, about = spread(1e3 * theirs)
-            print(f"    {peer}: {cost:.3g} ms a trajectory ({about}); {ratio:.0f} times ours ({within}), at our default"
-                  f" tolerance {plain:.0f} times ({plainly})")  # fmt: skip
-            rows.append(row(f"{title}: times faster than {peer}, 95 % of errors below 1e-5",
-                            ratio, target, ratio >= float(target.split()[-1])))  # fmt: skip
+            _versus_peers(rows, title, Case(names))
 
 
-def _diffrax(case: Case) -> dict[str, tuple[str, Callable[[], object]]]:
-    """The fastest of diffrax's methods on a case's sample."""
-    try:
-        best_one: tuple[float, str, float, Any, np.ndarray] | None = None
-        for solver in ("Kvaerno5", "Kvaerno4", "Tsit5"):
+def _versus_peers(rows: list[dict[str, object]], title: str, case: Case) -> None:
+    found = loosest(lambda x: case.errors(case.run(x)), OURS)
+    if found is None:
+        raise ConvergenceError("accuracy of the stepper", reached=1.0, required=ACCURACY)
+    loose, errors = found
+    print(f"    {title}: tight stepper and literal reference differ by {case.reference_gap():.0e} at most")
+    print(f"    psafit at tolerance {loose:g}: {quality(errors)}")
+    print(f"    psafit at its default tolerance {TOLERANCE:g}: {quality(case.errors(case.run(TOLERANCE)))}")
+    contest = {"SciPy LSODA": (500, _lsoda(case)), **{name: (30, work) for name, work in _diffrax(case).items()}}
+    if len(contest) == 1:
+        rows.append(row(f"{title}: against diffrax: not installed", float("nan"), "at least 30", None))
+    times = in_turns(
+        [partial(case.run, loose), partial(case.run, TOLERANCE), *(work for _, work in contest.values())], 7
+    )
+    ours, default = times[:, 0] / case.size, times[:, 1] / case.size
+    (cost, about), (more, wide) = spread(1e6 * ours), spread(1e6 * default)
+    print(f"    psafit: {cost:.3g} us a trajectory ({about}), at its default tolerance {more:.3g} ({wide})")
+    for k, (peer, (target, _)) in enumerate(contest.items()):
+        theirs = times[:, 2 + k] / len(case.sample)
+        (cost, about), (ratio, within), (plain, plainly) = (
+            spread(x) for x in (1e3 * theirs, theirs / ours, theirs / default)
+        )
+        print(f"    {peer}: {cost:.3g} ms a trajectory ({about}), {within} times ours;"
+              f" at our default tolerance {plain:.0f} times ({plainly})")  # fmt: skip
+        rows.append(row(f"{title}: times faster than {peer}, 95 % of errors below 1e-5",
+                        ratio, f"at least {target}", ratio >= target))  # fmt: skip
+
+
+def _lsoda(case: Case) -> Callable[[], np.ndarray]:
+    """SciPy's LSODA on a case's sample, at its best choice of tolerances."""
+
+    def run(rtol: float, absolute: float) -> np.ndarray:
+        return np.array([peers.scipy_launch(RIG, one, "LSODA", rtol, absolute) for one in case.trajectories])
+
+    tried = []
+    for absolute in (1e-3, 1e-5):
+        reached = loosest(lambda x, a=absolute: case.peer_errors(run(x, a)), THEIRS)  # type: ignore[misc]
+        if reached:
+            cost = min(seconds(partial(run, reached[0], absolute)) for _ in range(3))
+            tried.append((cost, reached[0], absolute, reached[1]))
+    _, rtol, absolute, errors = min(tried, key=lambda t: t[0])
+    print(f"    SciPy LSODA at rtol {rtol:g}, atol {absolute:g} rtol times the scale: {quality(errors)}")
+    return partial(run, rtol, absolute)
+
+
+def _diffrax(case: Case) -> dict[str, Callable[[], np.ndarray]]:
+    """The fastest of diffrax's methods on a case's sample; nothing where diffrax is not installed."""
+    tried = []
+    for solver in ("Kvaerno5", "Kvaerno4", "Tsit5"):
+        try:
             batch = peers.Diffrax(RIG, case.trajectories, solver, LANES)
-            reached = loosest(lambda x, b=batch: case.peer_errors(b(x)), THEIRS)  # type: ignore[misc]
-            if reached is None:
-                print(f"    diffrax {solver}: does not reach the accuracy")
-                continue
-            cost = min(seconds(lambda b=batch, x=reached[0]: b(x)) for _ in range(3))  # type: ignore[misc]
-            print(f"    diffrax {solver} at rtol {reached[0]:g}: {1e3 * cost / len(case.sample):.3g} ms a trajectory;"
-                  f" {quality(reached[1])}")  # fmt: skip
-            if best_one is None or cost < best_one[0]:
-                best_one = cost, solver, reached[0], batch, reached[1]
-    except ImportError:
-        return {}
-    if best_one is None:
-        return {}
-    _, solver, rtol, batch, _ = best_one
-    return {f"diffrax {solver}": ("at least 30", lambda: batch(rtol))}
+        except ImportError:
+            return {}
+        reached = loosest(lambda x, b=batch: case.peer_errors(b(x)), THEIRS)  # type: ignore[misc]
+        if reached is None:
+            print(f"    diffrax {solver}: does not reach the accuracy")
+            continue
+        rtol, errors = reached
+        cost = min(seconds(partial(batch, rtol)) for _ in range(3))
+        print(f"    diffrax {solver} at rtol {rtol:g}: {1e3 * cost / len(case.sample):.3g} ms a trajectory;"
+              f" {quality(errors)}")  # fmt: skip
+        tried.append((cost, f"diffrax {solver}", partial(batch, rtol)))
+    return dict([min(tried, key=lambda t: t[0])[1:]]) if tried else {}
 
 
 def threads(rows: list[dict[str, object]]) -> None:
@@ -311,7 +316,8 @@ def threads(rows: list[dict[str, object]]) -> None:
     times = in_turns([on(1), on(2)], 15)
     ratio, within = spread(times[:, 0] / times[:, 1])
     print(
-        f"    1 thread {1e3 * np.median(times[:, 0]):.0f} ms, 2 threads {1e3 * np.median(times[:, 1]):.0f} ms ({within})"
+        f"    1 thread {1e3 * np.median(times[:, 0]):.0f} ms, 2 threads {1e3 * np.median(times[:, 1]):.0f} ms;"
+        f" ratio {within}"
     )
     rows.append(row(what, ratio, "at least 1.8", ratio >= 1.8))
 
@@ -332,8 +338,8 @@ def likelihood(rows: list[dict[str, object]]) -> None:
                 )  # fmt: skip
             cost[cores] = np.median(1e3 * times / len(sets), axis=0), spread(times[:, 0] / times[:, 1])
             (single, batch), (gain, within) = cost[cores]
-            print(f"    {title}, {cores}: one set {single:.3g} ms, of a batch of 64 {batch:.3g} ms a set: {gain:.2f} times"
-                  f" cheaper ({within})")  # fmt: skip
+            print(f"    {title}, {cores}: one set {single:.3g} ms, of a batch of 64 {batch:.3g} ms a set:"
+                  f" {gain:.2f} times cheaper ({within})")  # fmt: skip
         single, (gain, _) = float(cost["one core"][0][0]), cost["all cores"][1]
         rows.append(row(f"one likelihood of the study's 288 points, {title}, one set, ms",
                         single, f"below {limit:g}", single < limit))  # fmt: skip

@@ -1,4 +1,4 @@
-"""Error against time per trajectory, ours beside the peers', for four models; drawn as docs/figures/work_precision.png."""
+"""Error against time per trajectory under four models, psafit and its peers: docs/figures/work_precision.png."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def measure() -> dict[str, dict[str, Curve]]:
     found: dict[str, dict[str, Curve]] = {}
     for title, names in MODELS.items():
         case = Case(names, n_sets=_SETS, points=_points(), everywhere=True)
-        n, many = case.tight.launch_range.size, case.trajectories
-        exact = case.literal.reshape(case.tight.launch_range.shape)
+        n, many = case.size, case.trajectories
+        exact = case.literal.reshape(case.theta.shape[0], -1)
 
         def ours(tolerance: float, path: str | None = None, case: Case = case, exact: np.ndarray = exact) -> np.ndarray:
             speed = case.speed(tolerance, path)
@@ -139,10 +139,10 @@ def draw(found: dict[str, dict[str, Curve]], path: Path) -> None:
                 )  # fmt: skip
             axes.set_title(title)
             axes.axvline(1e-5, color=PALETTE["grey"], linewidth=0.8, linestyle=(0, (4, 4)))
-        axes.set_xlim(3e0, 3e-16)
+        axes.set_xlim(1e-1, 1e-15)
         for axes in panels[1]:
-            axes.set_xlabel("relative error of the launch range, 95 % quantile")
+            axes.set_xlabel("relative error of the launch range (95 % quantile), smaller to the right")
         for axes in panels[:, 0]:
             axes.set_ylabel("time per trajectory, µs, one core")
-        figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=4)
+        figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=4, fontsize=10)
         figure.savefig(path, dpi=150, metadata={"Software": None})

@@ -61,6 +61,8 @@ r\"\"\"A contact stiffer than fitted elsewhere.
 Why, from where, and what is assumed.
 \"\"\"
 
+import numpy as np
+
 from psafit.parameters import Bounds, LogNormal, Parameter
 from psafit.physics.checks import plain_rig
 from psafit.physics.term import Check, Symptom, Term
@@ -77,16 +79,28 @@ def literal(world, p):  # the same for the scalar reference
 
 
 TERM = Term(
-    id="stiffer_contact", slot="contact", title="stiffer contact", equation=r"k_c \\to r\\, k_c",
+    id="stiffer_contact",
+    slot="contact",
+    title="stiffer contact",
+    equation=r"k_c \\to r\\, k_c",
     description=__doc__,
     parameters=(
-        Parameter("stiffer_contact_r", "r", "1", Bounds(0.5, 2.0), LogNormal(1.0, 1.2), "factor on k_c",
-                  "where the prior comes from", neutral=1.0),
+        Parameter(
+            "stiffer_contact_r",
+            "r",
+            "1",
+            Bounds(0.5, 2.0),
+            LogNormal(1.0, 1.2),
+            "factor on k_c",
+            "where the prior comes from",
+            neutral=1.0,
+        ),
     ),
     symptom=Symptom("what it does, in words", sign=0, frequency="mixed", amplitude="flat"),
     reference="a book or a paper",
     checks=(Check("2 x 0.1425 N/um = 0.285 N/um", lambda: setup(plain_rig(), np.array([[2.0]])).k_c[0], 2.85e5),),
-    literal=literal, setup=setup,
+    literal=literal,
+    setup=setup,
 )
 ```
 
@@ -107,7 +121,7 @@ V). They hold on three rigs: the study's, a hard contact on a stack with little 
 computes them; a test compares.
 
 In the figures the baseline has the study's parameters (Table 3) and the cause a strength that its prior expects to be
-exceeded as often as not; percentages are the least and the greatest change of the launch range in each group
+exceeded as often as not; above each panel stand the least and the greatest change of the launch range in each group
 (−100 %: no launch, or next to none).
 """
 
@@ -273,9 +287,21 @@ def change_in_words(found: Effect) -> str:
     largest = max(abs(low), abs(high))
     if largest < 5e-7:
         return "no change"
-    text = [f"{100 * x:+.0f}" if largest > 0.1 else f"{float(f'{100 * x:.2g}'):+g}" for x in (low, high)]
-    text = ["0" if float(t) == 0 else t.replace("-", "−").replace("e−0", "e−") for t in text]
-    return f"{text[0]} %" if text[0] == text[1] else f"{text[0]} to {text[1]} %"
+
+    def words(x: float) -> str:
+        if abs(x) < 1e-3 * largest:
+            return "0"
+        if x >= 3.0:
+            return f"×{float(f'{1 + x:.2g}'):g}"
+        percent = f"{100 * x:+.0f}" if largest > 0.1 else f"{float(f'{100 * x:.2g}'):+g}"
+        return percent.replace("-", "−") + " %"
+
+    ends = [words(low), words(high)]
+    if ends[0] == ends[1]:
+        return ends[0]
+    if ends[0].endswith(" %") and ends[1].endswith(" %"):
+        ends[0] = ends[0].removesuffix(" %")
+    return f"{ends[0]} to {ends[1]}"
 
 
 # --- figures ------------------------------------------------------------------------------------------
@@ -293,6 +319,7 @@ def save(figure: Any, path: Path, colours: int = 64) -> None:
 
 def draw_cause(term: Term) -> None:
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator
 
     from psafit.report.style import PALETTE, figure_style, plain_log_ticks
 
@@ -341,6 +368,8 @@ def draw_cause(term: Term) -> None:
                 axes.set_xlabel("Drive amplitude (V)")
                 what = f"{group.waveform}, {group.frequency_hz[0] / 1e3:g} kHz"
             plain_log_ticks(axes, x=by_frequency, y=True)
+            if top < 60 * bottom:
+                axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             if by_frequency and x[0] < 10:
                 axes.set_xticks([1, 100, 10000])
             if k % 3 == 0:

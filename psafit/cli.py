@@ -190,7 +190,7 @@ def simulate(
 @click.option("--terms", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder; fits/<experiment>-group<id> by default.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
-@click.option("--starts", type=click.IntRange(1, 4096), default=48, show_default=True, help="Starts of the search.")
+@click.option("--starts", type=click.IntRange(1, 4096), default=32, show_default=True, help="Starts of the search.")
 @click.option("--no-report", is_flag=True, help="Stop after the posterior: no validation, no report.")
 @QUIET
 @JSON
@@ -232,12 +232,13 @@ def fit(
         result = running.fit(data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=show, command=command)
         if not no_report:
             show.stage("validate")
+            from psafit.numerics import audit
             from psafit.report.fit import write_report
             from psafit.validate import validate as check_predictions
 
             validation, predictions = check_predictions(result)
             show.stage("report")
-            page = write_report(result, validation, predictions)
+            page = write_report(result, validation, predictions, audit(result))
     _write(json_file, {"fit": result.fit, "posterior": result.summary})
     if not quiet:
         best = result.fit.minima[0]
@@ -277,11 +278,12 @@ def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
 def report(run: Path, quiet: bool) -> int:
     """Write a run's report.html again."""
     from psafit.inference.run import load
+    from psafit.numerics import audit
     from psafit.report.fit import write_report
     from psafit.validate import validate as check_predictions
 
     finished = load(run)
-    page = write_report(finished, *check_predictions(finished))
+    page = write_report(finished, *check_predictions(finished), audit(finished))
     if not quiet:
         click.echo(f"report: {page}")
     return DONE

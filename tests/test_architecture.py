@@ -23,7 +23,7 @@ FLOORS = (
     {"physics"},
     {"simulate"},
     {"inference"},
-    {"validate", "reproduce"},
+    {"validate", "numerics", "reproduce"},
     {"diagnose"},
     {"challenge"},
     {"report"},

@@ -76,8 +76,8 @@ def fitted(known_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 def test_fit_writes_the_run_folder(fitted: Path) -> None:
     assert {p.name for p in fitted.iterdir()} == {
-        "fit.json", "posterior.nc", "posterior.json", "validation.json", "predictions.csv", "report.html", "chain.h5",
-        "experiment",
+        "fit.json", "posterior.nc", "posterior.json", "numerics.json", "validation.json", "predictions.csv",
+        "report.html", "chain.h5", "experiment",
     }  # fmt: skip
     assert json.loads((fitted / "fit.json").read_text())["schema"] == 1
 

@@ -294,7 +294,7 @@ def test_bond_stretches_the_contact(bond: float) -> None:
 
 
 def test_preload_indents_a_hertzian_contact_statically() -> None:
-    # Under a microscopic voltage the ball rests for 200 periods: the force of the start is that of the equilibrium.
+    # Under a microscopic voltage the ball rests throughout: the force of the start is that of the equilibrium.
     w = world()
     w.lean = 2e-3
     w.elastic = lambda d, rate: w.k_c * d * abs(d / 1e-6) ** 0.5

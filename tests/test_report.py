@@ -22,10 +22,12 @@ from psafit.inference.store import Draws
 from psafit.records import (
     Fit,
     MinimumEntry,
+    Numerics,
     ParameterEntry,
     ParameterSummary,
     PosteriorSummary,
     ProfilePoint,
+    Refinement,
     Validation,
     plain,
 )
@@ -149,9 +151,18 @@ def make_validation(run: Run, predictions: list[Prediction]) -> Validation:
     return Validation(run.fit.identity, 240, 7, scores, mean, {str(p.group.id): p.pit.tolist() for p in predictions})
 
 
+def make_numerics(run: Run) -> Numerics:
+    best = run.fit.minima[0].values
+    limit = explicit_step_limit(CONSTANTS, [best[name] for name in ("k_c", "c_s", "c_c")])
+    steps = [Refinement(1e-3, 2e-4, 1e-6), Refinement(1e-5, 3.1e-7, 1e-9)]
+    return Numerics(
+        run.fit.identity, run.fit.engine, None, 9, 240, steps, 3.1e-7, 1e-5, True, 2.8e6, limit, 1e-6, 1.035
+    )  # fmt: skip
+
+
 def build(run: Run) -> Path:
     predictions = make_predictions(run)
-    return write_report(run, make_validation(run, predictions), predictions)
+    return write_report(run, make_validation(run, predictions), predictions, make_numerics(run))
 
 
 # Reading the page back -------------------------------------------------------------------------------------------
@@ -325,18 +336,25 @@ def test_without_held_out_group(unhappy_page):
     assert "Fit of groups 4, one and nil: Made-up rig" in text
 
 
-def test_step_limit_of_the_study_is_shown(page, monkeypatch):
-    best = page.run.fit.minima[0].values
-    limit = explicit_step_limit(CONSTANTS, [best[name] for name in ("k_c", "c_s", "c_c")])
-    assert f"stable up to {1e6 * limit:.4g} µs" in page.reader.text
-    monkeypatch.setattr(fit, "_explicit_step_limit", lambda run: 0.5e-6)
-    shown = fit._numerics(page.run)
+def test_numerics_are_shown(page):
+    numerics = make_numerics(page.run)
+    text = page.reader.text
+    assert f"step of {1e6 * numerics.stable_step:.4g} µs" in text
+    assert "the two methods agree to 3.1 × 10⁻⁷" in text.replace("\N{NO-BREAK SPACE}", " ")
+    shown = fit._numerics(replace(numerics, stable_step=0.5e-6))
     assert (shown["limit_us"], shown["ratio"], shown["stable"]) == ("0.5", "2", False)
 
 
-def test_no_step_limit_for_a_model_the_study_had_not(page):
+def test_unconverged_numerics_are_a_warning(page, tmp_path):
+    run = make_run(tmp_path)
+    predictions = make_predictions(run)
+    numerics = replace(make_numerics(run), engine="stepper", tolerance=1e-5, error=2e-3, converged=False)
+    written = write_report(run, make_validation(run, predictions), predictions, numerics).read_text("utf-8")
+    assert "The predictions are not converged" in written and "(used)" in written
+
+
+def test_causes_are_named(page):
     run = replace(page.run, fit=replace(page.run.fit, terms=["hysteresis"]))
-    assert fit._numerics(run)["limit_us"] is None
     fitted = [fit.Shown(score(p), p, figures.sweep_of(p.group)) for p in make_predictions(run)]
     assert "extended by hysteresis" in fit._what_was_fitted(run, fitted)
 

@@ -63,6 +63,11 @@ class Settings:
     r_hat: float = 1.01
     max_steps: int = 40_000
 
+    @classmethod
+    def of(cls, problem: Problem) -> Settings:
+        """Twice the walkers where causes add parameters: moves between walkers need a crowd in every direction."""
+        return cls(n_walkers=32 if problem.n_dim <= 6 else 64)
+
 
 @dataclass(frozen=True)
 class Chain:
@@ -230,10 +235,11 @@ def sample(
         vectorize=True,
         backend=backend,
         moves=[
-            (emcee.moves.DEMove(), 0.2),
-            (emcee.moves.DEMove(gamma0=1.0), 0.1),
-            (emcee.moves.KDEMove(), 0.4),
-            (emcee.moves.MHMove(proposal.move), 0.3),
+            (emcee.moves.DEMove(), 0.3),
+            (emcee.moves.DEMove(gamma0=1.0), 0.05),
+            (emcee.moves.DESnookerMove(), 0.1),
+            (emcee.moves.KDEMove(), 0.3),
+            (emcee.moves.MHMove(proposal.move), 0.25),
         ],
     )
     if backend.iteration == 0:

@@ -334,7 +334,7 @@ def optimise(
     problem: Problem,
     *,
     seed: int,
-    n_starts: int = 48,
+    n_starts: int = 32,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Optimum:
     """Search for the top of the posterior from the `n_starts` best of many quasi-random draws of the prior.

@@ -108,7 +108,7 @@ def fit(
     *,
     terms: Sequence[Term] = (),
     seed: int = 1,
-    n_starts: int = 48,
+    n_starts: int = 32,
     settings: emcee_adaptor.Settings | None = None,
     watcher: Watcher | None = None,
     command: Sequence[object] = (),
@@ -130,7 +130,7 @@ def fit(
     n_starts : int
         Starts of the search.
     settings : Settings, optional
-        Of the sampler.
+        Of the sampler; `Settings.of` the problem by default.
     watcher : Watcher, optional
     command : sequence
         Words of the command line to be kept with the result.
@@ -144,9 +144,9 @@ def fit(
     InputError
         If a group is unknown, or the folder belongs to another run or cannot be written.
     """
-    settings = settings or emcee_adaptor.Settings()
-    watcher = watcher or Silent()
     problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
+    settings = settings or emcee_adaptor.Settings.of(problem)
+    watcher = watcher or Silent()
     identity = identity_of(problem, seed, settings, n_starts)
     record = _claim(folder, identity)
     if record is None:

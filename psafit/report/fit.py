@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from psafit.inference.identify import limits
 from psafit.inference.run import Run
-from psafit.records import GroupScore, ParameterSummary, Validation
+from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
 from psafit.report import figures, fit_pictures
 from psafit.report.fit_pictures import Shown
 from psafit.report.page import render
@@ -32,20 +32,18 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
-from psafit.simulate.stability import explicit_step_limit
 from psafit.validate import FAIR, GOOD, Prediction
 
 FloatArray = NDArray[np.float64]
 REPORT = "report.html"
 
 # The study integrated with this step, s.
-STUDY_STEP = 1e-6
 _MAX_MINIMA = 8
 _ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limit"}
 _KINDS = {"determined": "good", "bounded above": "warn", "bounded below": "warn", "not determined": "bad"}
 
 
-def write_report(run: Run, validation: Validation, predictions: list[Prediction]) -> Path:
+def write_report(run: Run, validation: Validation, predictions: list[Prediction], numerics: Numerics) -> Path:
     """Write `report.html` into the run's folder.
 
     Parameters
@@ -92,7 +90,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "traces": fit_pictures.trace_pictures(run, marginals),
         "priors": _prior_rows(run),
         "lmfit_report": run.fit.lmfit_report,
-        "numerics": _numerics(run),
+        "numerics": _numerics(numerics),
         "data_warnings": run.problem.experiment.warnings,
         "facts": _facts(run),
         "provenance": {
@@ -375,25 +373,35 @@ def _prior_rows(run: Run) -> list[list[Any]]:
 # Numerics and provenance ----------------------------------------------------------------------------------------
 
 
-def _numerics(run: Run) -> dict[str, Any]:
-    limit = _explicit_step_limit(run)
+def _short(value: float) -> str:
+    """Two digits."""
+    return exact(float(f"{value:.1e}"))
+
+
+def _numerics(n: Numerics) -> dict[str, Any]:
     return {
-        "engine": run.fit.engine,
-        "exact": run.fit.engine == "closed form",
-        "limit_us": None if limit is None else f"{1e6 * limit:.4g}",
-        "study_us": f"{1e6 * STUDY_STEP:g}",
-        "ratio": None if limit is None else f"{STUDY_STEP / limit:.3g}",
-        "stable": limit is not None and limit >= STUDY_STEP,
+        "engine": n.engine,
+        "exact": n.engine == "closed form",
+        "converged": n.converged,
+        "error": _short(n.error),
+        "required": _short(n.required),
+        "n_sets": n.n_sets,
+        "n_points": n.n_points,
+        "rows": [
+            [
+                _short(r.tolerance) + (" (used)" if r.tolerance == n.tolerance else ""),
+                _short(r.worst),
+                _short(r.median),
+            ]
+            for r in n.refinement
+        ],
+        "rate": _short(n.fastest_rate),
+        "limit_us": f"{1e6 * n.stable_step:.4g}",
+        "common_us": f"{1e6 * n.common_step:g}",
+        "growth": f"{n.common_growth:.4g}",
+        "ratio": f"{n.common_step / n.stable_step:.3g}",
+        "stable": n.stable_step >= n.common_step,
     }
-
-
-def _explicit_step_limit(run: Run) -> float | None:
-    """Largest stable step of the study's integrator at the best optimum, s; None where the study had no such model."""
-    if run.fit.terms:
-        return None
-    best = run.fit.minima[0].values
-    limit = explicit_step_limit(run.problem.experiment.constants, [best[name] for name in ("k_c", "c_s", "c_c")])
-    return limit if math.isfinite(limit) else None
 
 
 def _facts(run: Run) -> list[list[str]]:

@@ -185,9 +185,8 @@ def simulate(
     when, speed, place = np.empty(shape), np.empty(shape), np.full(shape, np.nan)
     status = np.empty(shape, np.int8)
 
-    def step(chosen: NDArray[np.intp], where: Design) -> tuple[NDArray[Any], ...]:
-        size = (len(chosen), where.n_points)
-        found: tuple[NDArray[Any], ...] = tuple(np.empty(size, a.dtype) for a in (when, speed, place, status))
+    def step(chosen: NDArray[np.intp], wanted: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
+        found: tuple[NDArray[Any], ...] = tuple(np.empty(wanted.shape, a.dtype) for a in (when, speed, place, status))
         for bits in np.unique(pattern[chosen]):
             some = np.flatnonzero(pattern[chosen] == bits)
             active = [(t, 8 * own[k].start) for k, t in enumerate(terms) if bits >> k & 1]
@@ -197,7 +196,9 @@ def simulate(
                     for kind in ("law", "stack_factor", "branch")
                 }
             )
-            result = stepper.separation(where, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance)
+            result = stepper.separation(
+                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some]
+            )
             for target, values in zip(found, result, strict=False):
                 target[some] = values
         return found
@@ -209,15 +210,15 @@ def simulate(
         # A ball that its pendulum draws after the retreating tip is not launched yet: only steps follow it further.
         back = status == closed_form.DRAWN_BACK
         back[stepped] = False
-        if back.any():
-            rows, points = np.flatnonzero(back.any(axis=1)), np.flatnonzero(back.any(axis=0))
-            corner = np.ix_(rows, points)
+        rows = np.flatnonzero(back.any(axis=1))
+        if rows.size:
             whole: tuple[NDArray[Any], ...] = (when, speed, place, status)
-            for target, values in zip(whole, step(rows, design.points(points)), strict=True):
-                target[corner] = np.where(back[corner], values, target[corner])
+            for target, values in zip(whole, step(rows, back[rows]), strict=True):
+                target[rows] = np.where(back[rows], values, target[rows])
     rest = np.flatnonzero(stepped)
     if rest.size:
-        when[rest], speed[rest], place[rest], status[rest] = step(rest, design)
+        every = np.ones((rest.size, shape[1]), bool)
+        when[rest], speed[rest], place[rest], status[rest] = step(rest, every)
 
     losses = [
         (address("deceleration", t.deceleration), 8 * own[k].start) for k, t in enumerate(terms) if t.deceleration

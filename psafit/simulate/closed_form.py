@@ -59,7 +59,7 @@ _NOISE = 8 * np.finfo(float).eps
 # range within milliseconds to seconds; the horizon, s, only stops a hopeless search. A ball that is pressed on the tip
 # may never leave it: then the drive's periods count.
 HORIZON = 100.0
-HORIZON_PERIODS = 50.0
+HORIZON_PERIODS = 20.0
 
 LAUNCHED, AT_REST, NO_SEPARATION, DRAWN_BACK = 0, 1, 2, 3
 

@@ -130,11 +130,13 @@ def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # t
     limited = inverse_slew > 0.0
     top = 1.0 / inverse_slew if limited else math.inf
     ahead = now - u
+    # What a rounding of the time is worth in volts, at the largest rate.
+    loose = _ENDED * (volt + top * t) if limited else 0.0
     if lag > 0.0:
         edge = top * lag
         r = 1.0 / lag
         growing = math.copysign(1.0, ahead) * (rate - ahead * r)  # of |ahead| while lagging
-        near = abs(abs(ahead) - edge) <= _ENDED * volt
+        near = abs(abs(ahead) - edge) <= loose
         if not limited or (growing <= 0.0 if near else abs(ahead) < edge):
             shift = math.atan(w * lag)
             G, phi = swing * math.cos(shift), psi - shift
@@ -151,7 +153,7 @@ def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # t
             end = min(end, _first_zero(side * (command - u) - edge, -top, 0.0, 0.0, side * swing, w, psi, end))
             a, b, c, r, G = u, side * top, 0.0, 0.0, 0.0
     elif limited:
-        met = abs(ahead) <= _ENDED * volt
+        met = abs(ahead) <= loose
         fits = abs(rate) < top * (1.0 - 1e-13) or (abs(rate) <= top * (1.0 + 1e-13) and rate * bend <= 0.0)
         if met and fits:
             if w * abs(swing) > top:

@@ -43,7 +43,7 @@ from psafit.simulate.reference import Point
 FloatArray = NDArray[np.float64]
 Outcome = Literal["launched", "no launch"]
 
-MAX_PERIODS = 50
+MAX_PERIODS = 20
 _MAX_STEPS = 400_000
 _EPS = float(np.finfo(float).eps)
 _TINY = 1e-290

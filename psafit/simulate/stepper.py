@@ -661,7 +661,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
 
 
 @compiled
-def _one_set(rig, theta_at, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _one_set(rig, theta_at, wanted, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
     n = NODES
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
@@ -674,7 +674,7 @@ def _one_set(rig, theta_at, square, frequency, voltage, calls, tolerance, when, 
         np.empty((50, n + 3)), np.empty(n), np.empty(_MOST_BRANCHES), np.empty(_MOST_BRANCHES), np.empty(n),
     )  # fmt: skip
     for j in range(len(frequency)):
-        if voltage[j] == 0.0:
+        if voltage[j] == 0.0 or not wanted[j]:
             when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
             continue
         # The stack's own fastest speed is the scale, until the ball is found to be much slower.
@@ -691,12 +691,12 @@ def _one_set(rig, theta_at, square, frequency, voltage, calls, tolerance, when, 
         when[j], speed[j], place[j], status[j], steps[j] = t, v, x, outcome, total
 
 
-def _all_sets(rigs, theta, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _all_sets(rigs, theta, wanted, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
     for i in prange(len(theta)):
         _one_set(
-            rigs[i], first + i * stride, square, frequency, voltage, calls, tolerance,
+            rigs[i], first + i * stride, wanted[i], square, frequency, voltage, calls, tolerance,
             when[i], speed[i], place[i], status[i], steps[i],
         )  # fmt: skip
 
@@ -720,7 +720,12 @@ class Calls:
 
 
 def separation(
-    design: Design, rig: Setup, theta: FloatArray, calls: Calls, tolerance: float = TOLERANCE
+    design: Design,
+    rig: Setup,
+    theta: FloatArray,
+    calls: Calls,
+    tolerance: float = TOLERANCE,
+    wanted: NDArray[np.bool_] | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], NDArray[np.int64]]:
     """Time (s), ball speed (m/s) and place (m) at the launch, what happened, and steps taken; (n_sets, n_points).
 
@@ -735,6 +740,8 @@ def separation(
         At most eight causes with a `branch`.
     tolerance : float
         Error admitted in one step, relative to the ball's speed.
+    wanted : (n_sets, n_points) bool array, optional
+        Which trajectories to follow; all of them by default.
     """
     shape = (len(theta), design.n_points)
     found = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, np.int64))
@@ -742,7 +749,8 @@ def separation(
         raise ValueError(f"{len(calls.branch)} causes with a memory; at most {_MOST_BRANCHES}")
     run = _parallel if len(theta) > 1 and found[0].size > _WORTH_THREADS else _serial
     run(
-        rig.stack(), np.ascontiguousarray(theta), design.waveform == SQUARE, design.frequency, design.amplitude,
+        rig.stack(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
+        design.waveform == SQUARE, design.frequency, design.amplitude,
         calls.arrays(), tolerance, *found,
     )  # fmt: skip
     return found  # type: ignore[return-value]
