@@ -14,6 +14,9 @@ ARGS     ?=
 UV       ?= uv
 UPGRADE  ?=
 
+# Threads of the linear algebra library only wait for each other on our small matrices.
+export OPENBLAS_NUM_THREADS ?= 1
+
 SHELL       := /bin/bash
 MAKEFLAGS   += --no-print-directory
 .DEFAULT_GOAL := help

@@ -213,7 +213,7 @@ def quality(errors: np.ndarray) -> str:
 
 
 def loosest(run: Callable[[float], np.ndarray], tolerances: tuple[float, ...]) -> tuple[float, np.ndarray] | None:
-    """The loosest tolerance from which on 95 % of the errors that `run` returns are below the accuracy asked for."""
+    """The first tolerance tried at which 95 % of the errors that `run` returns are below the accuracy asked for."""
     for tolerance in tolerances:
         errors = run(tolerance)
         if np.quantile(errors, 0.95) <= ACCURACY:
@@ -347,9 +347,12 @@ def likelihood(rows: list[dict[str, object]]) -> None:
                         gain, "at least 3", gain >= 3))  # fmt: skip
 
 
+SEARCHES = ("preload", "hertz_exponent", "amplifier_lag")
+
+
 def search(rows: list[dict[str, object]]) -> None:
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-    for name in ("preload", "hertz_exponent", "amplifier_lag"):
+    for name in SEARCHES:
         of: Problem = cases.problem(name, groups=(1,))
         of.log_posterior(cases.draws(of, 8, 1))
         heights, times = [], []

@@ -134,10 +134,11 @@ def test_no_voltage_no_launch() -> None:
     assert (result.launch_range == 0).all() and not result.launched.any()
 
 
-def test_horizon_ends_a_contact_without_separation() -> None:
-    result = simulate(point("sine", 1200.0), PUBLISHED, horizon=1e-5)
-    assert not result.launched[0, 0] and result.launch_range[0, 0] == 0
-    assert np.isnan(result.separation_time[0, 0]) or np.isinf(result.separation_time[0, 0])
+def test_a_pressed_ball_that_never_separates_ends_the_search() -> None:
+    rig = Setup.of(RIG, PUBLISHED[None, :]).change(lean=np.array([4e-3]))
+    for waveform in ("sine", "square"):
+        when, speed, _, status = closed_form.separation(point(waveform, 100.0, 0.01), rig)
+        assert np.isnan(when[0, 0]) and speed[0, 0] == 0.0 and status[0, 0] == closed_form.NO_SEPARATION
 
 
 def test_batch_equals_single_sets_and_any_number_of_threads() -> None:
@@ -215,4 +216,4 @@ def test_impossible_parameters_are_refused(theta: np.ndarray) -> None:
 
 def test_contact_without_launch_says_so() -> None:
     with pytest.raises(ValueError, match="no launch at 1200 Hz"):
-        contact(point("sine", 1200.0), PUBLISHED, horizon=1e-6)
+        contact(point("sine", 1200.0, 0.0), PUBLISHED)

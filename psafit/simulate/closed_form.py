@@ -491,7 +491,7 @@ def _launch(  # type: ignore[no-untyped-def]
 _launch_serial = compiled(_launch)
 _launch_parallel = compiled(_launch, parallel=True)
 # Waking the threads costs about as much as this many trajectories.
-_WORTH_THREADS = 300
+_WORTH_THREADS = 1000
 # More sets at once leave the cache and gain nothing.
 _BATCH = 512
 

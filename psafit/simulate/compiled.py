@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 from numba import njit, prange
@@ -31,6 +32,11 @@ def compiled(function: Callable[..., Any] | None = None, *, parallel: bool = Fal
     """
     if function is None:
         return lambda inner: compiled(inner, parallel=parallel)
+    if parallel:
+        # The cache's file bears the function's name: the threaded twin needs one of its own.
+        twin = FunctionType(function.__code__, function.__globals__, f"{function.__name__}_parallel")
+        twin.__qualname__, twin.__module__ = twin.__name__, function.__module__
+        function = twin
     try:
         dispatcher = njit(cache=True, parallel=parallel, error_model="numpy")(function)
     except RuntimeError:  # no place for the cache
