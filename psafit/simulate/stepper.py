@@ -661,25 +661,6 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
 
 
 @compiled
-def _guess(rig, square, f, volt):  # type: ignore[no-untyped-def]
-    """Speed of a ball on two springs in series under the drive, roughly: the scale of the error until the true one.
-
-    A fraction of the free stroke times the natural rate, less off resonance, and less where damping holds the stack.
-    """
-    k_c, c_s, c_c, ball, k_s, q, inverse_slew = rig[0], rig[1], rig[2], rig[4], rig[5], rig[6], rig[11]
-    omega = 2.0 * math.pi * f
-    series = k_c * k_s / (k_c + k_s)
-    natural = math.sqrt(series / ball)
-    natural = math.sqrt(series / ball + c_c / ball * max(omega, natural))
-    x = omega / natural
-    shape = min(1.0, 1.0 / x) if square else min(x, 1.0 / x)
-    if inverse_slew > 0.0:
-        volt = min(volt, 0.25 / (inverse_slew * f))
-    slow = max(omega, natural) * c_s / k_s
-    return 0.3 * q * volt * natural * shape / math.sqrt(1.0 + slow * slow)
-
-
-@compiled
 def _one_set(rig, theta_at, wanted, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
     n = NODES
     cache = (
@@ -696,7 +677,8 @@ def _one_set(rig, theta_at, wanted, square, frequency, voltage, calls, tolerance
         if voltage[j] == 0.0 or not wanted[j]:
             when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
             continue
-        reference = _guess(rig, square[j], frequency[j], voltage[j])
+        # The stack's own fastest speed is the scale, until the ball is found to be much slower.
+        reference = 0.3 * rig[6] * voltage[j] * frequency[j]
         total = 0
         for _ in range(12):
             outcome, t, v, x, count = _fly(
