@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import difflib
 import itertools
 import os
 import re
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,18 +30,81 @@ for _library in ("OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 DONE, CHECK_FAILED, BAD_INPUT = 0, 1, 2
-EXPERIMENT = click.argument("experiment", metavar="EXP", type=click.Path(path_type=Path))
-RUN = click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
-QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
-JSON = click.option(
-    "--json", "json_file", metavar="FILE", type=click.Path(path_type=Path), help="Write the result to FILE as JSON."
+RUN_FILES = (
+    "fit.json",
+    "chain.h5",
+    "posterior.nc",
+    "posterior.json",
+    "validation.json",
+    "predictions.csv",
+    "numerics.json",
+    "report.html",
+    "diagnosis.json",
 )
+
+
+class Place(click.Path):
+    """A path, and what the command does with it: "input", "file" or "folder" (to be written)."""
+
+    def __init__(self, role: str) -> None:
+        super().__init__(path_type=Path)
+        self.role = role
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Refuse an empty path, which would mean the folder one is in: more likely a shell variable is not set."""
+        if value == "":
+            self.fail("the path is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class Command(click.Command):
+    """A command that checks its options and places before it does anything."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Refuse an option that is given twice, of which click would drop the first."""
+        _, _, order = self.make_parser(ctx).parse_args(list(args))
+        for param, n in Counter(order).items():
+            if n > 1 and isinstance(param, click.Option) and not (param.multiple or param.is_flag):
+                joined = f", its values joined by commas: {param.opts[0]} 1,2" if param.name == "group" else ""
+                raise InputError(f"{param.opts[0]} is given {n} times", f"give it once{joined}")
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Refuse outputs that cannot be written or would overwrite an input, then run."""
+        from psafit.files import ensure_writable
+
+        places = [
+            (p.type.role, p.opts[0], ctx.params[p.name])
+            for p in self.params
+            if p.name and isinstance(p.type, Place) and ctx.params.get(p.name) is not None
+        ]
+        inputs = [path for role, _, path in places if role == "input"]
+        for role, option, path in places:
+            if role != "input":
+                ensure_writable(path, option, folder=role == "folder", inputs=inputs)
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:  # click would print an empty line
+            raise click.Abort from error
+
+
+class Group(click.Group):
+    """A group of such commands."""
+
+    command_class = Command
+
+
+EXPERIMENT = click.argument("experiment", metavar="EXP", type=Place("input"))
+RUN = click.argument("run", metavar="RUN", type=Place("input"))
+QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+JSON = click.option("--json", "json_file", metavar="FILE", type=Place("file"), help="Write the result to FILE as JSON.")
 
 
 def main() -> None:
     """Run the command; turn what psafit raises on purpose into one line and an exit code."""
     try:
         code = commands.main(standalone_mode=False, prog_name="psafit")
+        sys.stdout.flush()  # a full disk is told of here, not at the interpreter's end
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         code = DONE
@@ -54,15 +120,27 @@ def main() -> None:
         click.echo(f"psafit: {error}", err=True)
         code = CHECK_FAILED
     except (KeyboardInterrupt, click.Abort):
-        click.echo("psafit: interrupted; repeat the same command to go on where it stopped", err=True)
+        typed = "\n" if sys.stderr.isatty() else ""  # the terminal shows ^C
+        click.echo(f"{typed}psafit: interrupted; repeat the same command to go on where it stopped", err=True)
         code = BAD_INPUT
     except BrokenPipeError:
-        sys.stderr.close()
+        _discard_output()
         code = DONE
+    except OSError as error:
+        _discard_output()
+        where = f"{error.filename}: " if error.filename else ""
+        click.echo(f"psafit: {where}{error.strerror or error}; make room, or write elsewhere", err=True)
+        code = BAD_INPUT
     sys.exit(code if isinstance(code, int) else DONE)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+def _discard_output() -> None:
+    """Let the interpreter end without complaint about output that nobody takes."""
+    with suppress(OSError):  # no descriptor where somebody has replaced it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(psafit.__version__, prog_name="psafit")
 def commands() -> None:
     """Fit contact-impact drives, and find what the simulation gets wrong."""
@@ -101,8 +179,8 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
 @EXPERIMENT
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
 @click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
-@click.option("--run", type=click.Path(path_type=Path), help="Take model and posterior medians of this run instead.")
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file; standard output by default.")
+@click.option("--run", type=Place("input"), help="Take model and posterior medians of this run instead.")
+@click.option("--out", type=Place("file"), help="CSV file; standard output by default.")
 @QUIET
 @JSON
 def simulate(
@@ -146,7 +224,10 @@ def simulate(
                 columns.append(f"{term.latent.name}_{id}")
     unknown = sorted(set(_assignments(values)) - set(columns))
     if unknown:
-        raise InputError(f"no parameter {unknown[0]}", f"choose from {', '.join(columns)}")
+        close = [c for c in columns if c.casefold() == unknown[0].casefold()]
+        close = close or difflib.get_close_matches(unknown[0], columns, n=2)
+        remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(columns)}"
+        raise InputError(f"no parameter {unknown[0]}", remedy)
     theta = []
     for name in columns:
         parameter, usual = wanted[name]
@@ -188,7 +269,7 @@ def simulate(
 @EXPERIMENT
 @click.option("--group", "group", required=True, metavar="ID[,ID...]", help="Group or groups to fit.")
 @click.option("--terms", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
-@click.option("--out", type=click.Path(path_type=Path), help="Run folder; fits/<experiment>-group<id> by default.")
+@click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
 @click.option("--starts", type=click.IntRange(1, 4096), default=32, show_default=True, help="Starts of the search.")
 @click.option("--no-report", is_flag=True, help="Stop after the posterior: no validation, no report.")
@@ -220,6 +301,8 @@ def fit(
     chosen = _terms(terms)
     name = f"{experiment.resolve().name}-group{'-'.join(str(i) for i in ids)}"
     folder = out or Path("fits") / "-".join([name, *(t.id for t in chosen)])
+    if json_file is not None and json_file.name in RUN_FILES and json_file.resolve().parent == folder.resolve():
+        raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
     if not quiet:
         for warning in data.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -247,12 +330,14 @@ def fit(
             f"{len(result.fit.minima)} {minima} from {_count(result.fit.n_starts, 'start')};"
             f" the best was found {_count(best.starts, 'time')}"
         )
+        if result.fit.n_missed:
+            click.echo("the sampler found a better minimum than the search: more --starts are advisable")
         for p in result.summary.parameters:
             click.echo(f"  {p.text}")
         click.echo(f"posterior: {result.summary.message}")
         if not no_report:
             _print_scores(validation)
-            click.echo(f"report: {page}")
+            click.echo(f"report: {click.format_filename(page)}")
     return DONE if result.summary.converged else CHECK_FAILED
 
 
@@ -285,13 +370,13 @@ def report(run: Path, quiet: bool) -> int:
     finished = load(run)
     page = write_report(finished, *check_predictions(finished), audit(finished))
     if not quiet:
-        click.echo(f"report: {page}")
+        click.echo(f"report: {click.format_filename(page)}")
     return DONE
 
 
 @commands.command()
-@click.argument("experiment", metavar="[EXP]", type=click.Path(path_type=Path), default=Path("experiments/psa"))
-@click.option("--out", type=click.Path(path_type=Path), default=Path("fits/reproduction"), show_default=True)
+@click.argument("experiment", metavar="[EXP]", type=Place("input"), default=Path("experiments/psa"))
+@click.option("--out", type=Place("folder"), default=Path("fits/reproduction"), show_default=True)
 @QUIET
 @JSON
 def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) -> int:
@@ -315,7 +400,7 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
     _write(json_file, result.to_dict())
     if not quiet:
         click.echo(claims_table(result))
-        click.echo(f"report: {page}")
+        click.echo(f"report: {click.format_filename(page)}")
     return DONE
 
 
@@ -401,11 +486,13 @@ def _terms(text: str) -> tuple[Term, ...]:
 
 
 def _assignments(values: tuple[str, ...]) -> dict[str, float]:
-    given = {}
+    given: dict[str, float] = {}
     for text in values:
-        name, _, number = text.partition("=")
+        name, _, number = (part.strip() for part in text.partition("="))
+        if name in given:
+            raise InputError(f"--set gives {name} twice", "give each parameter once")
         try:
-            given[name.strip()] = float(number)
+            given[name] = float(number)
         except ValueError:
             raise InputError(f"--set {text!r} is not NAME=VALUE", "write for example --set k_c=1.4e5") from None
     return given

@@ -2,45 +2,142 @@
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import os
 import re
 import shlex
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from psafit.errors import InputError
 
+_TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
+_ELSEWHERE = "choose a place that can be written and has room"
+
+
+@contextmanager
+def _explained(path: Path, remedy: str = _ELSEWHERE) -> Iterator[None]:
+    """Turn what the operating system says of a file into one line."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be written ({reason})", remedy, file=path) from error
+
+
+def _takes_bytes_as_they_come(path: Path) -> bool:
+    """Whether it is a device or a pipe, which nothing may replace."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Hand out a temporary file beside `path`, and move it there in one step when the block ends well.
+
+    A link stays: what it points to is replaced.
 
     Raises
     ------
     InputError
         If the folder cannot be made or the file not be written.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        with temporary.open("rb") as f:
-            os.fsync(f.fileno())  # the rename must not reach the disk before the content
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"cannot be written ({error.strerror or error})", "choose a writable folder with --out", file=path
-        ) from error
-    finally:
-        with suppress(OSError):  # where the folder cannot be, neither can the file
-            temporary.unlink()
+    with _explained(path):
+        target = Path(os.path.realpath(path))
+        if target.exists() and not target.is_file():
+            raise InputError("is not a file", "give the name of a file", file=path)
+        temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            with temporary.open("rb") as f:
+                os.fsync(f.fileno())  # the rename must not reach the disk before the content
+            temporary.replace(target)
+        finally:
+            with suppress(OSError):  # where the folder cannot be, neither can the file
+                temporary.unlink()
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file in one step, so that no reader ever sees half of it."""
+    """Write a file in one step, so that no reader ever sees half of it; a device or a pipe is written directly."""
+    if _takes_bytes_as_they_come(path):
+        with _explained(path):
+            path.write_bytes(content)
+        return
     with replacing(path) as temporary:
         temporary.write_bytes(content)
+
+
+def is_temporary(path: Path) -> bool:
+    """Whether a killed `replacing` left it."""
+    return _TEMPORARY.fullmatch(path.name) is not None and path.is_file()
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove what a killed `replacing` left in a folder of ours."""
+    for path in folder.iterdir():
+        if is_temporary(path):
+            path.unlink()
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    try:
+        with path.open("rb") as f:
+            return hashlib.file_digest(f, "sha256").hexdigest()
+    except FileNotFoundError as error:
+        raise InputError("is missing", "give the folder of a finished run of psafit fit", file=path) from error
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", "check its permissions", file=path) from error
+
+
+def ensure_writable(path: Path, option: str, *, folder: bool = False, inputs: Iterable[Path] = ()) -> None:
+    """Refuse an output before any work is done for it.
+
+    Parameters
+    ----------
+    path : Path
+    option : str
+        That named it, for the message.
+    folder : bool
+        Whether a folder is meant; it must have nothing in common with an input.
+    inputs : iterable of Path
+        Files and folders that are read; no file of theirs is replaced.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written, is of the wrong kind, or would overwrite an input.
+    """
+    remedy = f"choose another place with {option}"
+    with _explained(path, f"choose a writable place with {option}"):
+        real = Path(os.path.realpath(path))
+        read = [Path(os.path.realpath(i)) for i in inputs]
+        if folder:
+            if real.exists() and not real.is_dir():
+                raise InputError("is a file", remedy, file=path)
+            if any(real.is_relative_to(i) or i.is_relative_to(real) for i in read):
+                raise InputError("lies in the input, or the input in it", remedy, file=path)
+        elif real.is_dir():
+            raise InputError("is a folder", f"give a file with {option}", file=path)
+        elif _takes_bytes_as_they_come(path):
+            if not os.access(path, os.W_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+            return
+        elif real.exists() and any(real.is_relative_to(i) for i in read):
+            raise InputError("is a file of the input", remedy, file=path)
+        place = real if folder else real.parent
+        while not place.exists():
+            place = place.parent
+        with tempfile.TemporaryFile(dir=place):
+            pass
+
+
+def encodable(text: str) -> str:
+    """Text that UTF-8 can hold: a file name that is no UTF-8 has surrogates in it."""
+    return re.sub(r"[\ud800-\udfff]", "\N{REPLACEMENT CHARACTER}", text)
 
 
 _ABSOLUTE = re.compile(r"^(?:[/\\]|~|[A-Za-z]:[/\\])")
@@ -58,4 +155,4 @@ def portable_command(words: Iterable[object]) -> str:
         kind = PureWindowsPath if "\\" in word or word[1:2] == ":" else PurePosixPath
         return kind(word).name or word
 
-    return shlex.join(cut(str(word)) for word in words)
+    return encodable(shlex.join(cut(str(word)) for word in words))

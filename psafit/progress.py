@@ -15,6 +15,7 @@ from psafit.inference.run import Silent, Watcher
 TITLES = {
     "search": "search for minima (lmfit)",
     "sample": "sample the posterior (emcee)",
+    "climb": "climb to a minimum that the search missed (lmfit)",
     "profile": "profile the likelihood",
     "validate": "validate on all groups",
     "reproduce": "recompute the study",

@@ -1,14 +1,17 @@
 """The frozen results of each stage, and how they are stored.
 
 Files are JSON with a schema number, written in one step. Numbers that are not finite become null, so that any
-JSON reader can read them.
+JSON reader can read them. The records that a later stage builds on carry a SHA-256 of their own content, checked when
+they are read.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
+import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +21,7 @@ import numpy as np
 
 from psafit.errors import InputError
 from psafit.experiment import GroupId
-from psafit.files import write_atomically
+from psafit.files import encodable, write_atomically
 
 SCHEMA = 1
 Record = TypeVar("Record")
@@ -133,6 +136,10 @@ class Fit:
     minima : list of MinimumEntry
         Best first.
     n_starts, n_failed, n_evaluations : int
+    n_missed : int
+        Minima that the search had missed and the sampler found; they count no starts.
+    sampler : dict
+        Its settings.
     lmfit_report : str
     versions : dict
         Of Python and the libraries that matter.
@@ -154,6 +161,8 @@ class Fit:
     n_starts: int
     n_failed: int
     n_evaluations: int
+    n_missed: int
+    sampler: dict[str, int | float]
     lmfit_report: str
     versions: dict[str, str]
     command: str
@@ -210,7 +219,10 @@ class ParameterSummary:
 
 @dataclass(frozen=True)
 class PosteriorSummary:
-    """`posterior.json`: the sampler's health and the parameter table; the draws are in `posterior.nc`."""
+    """`posterior.json`: the sampler's health and the parameter table; the draws are in `posterior.nc`.
+
+    `files` holds the SHA-256 of what it belongs to, `fit.json` and `posterior.nc`.
+    """
 
     identity: str
     converged: bool
@@ -222,6 +234,7 @@ class PosteriorSummary:
     acceptance: float
     autocorrelation_times: float
     parameters: list[ParameterSummary]
+    files: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -308,6 +321,8 @@ class GroupScore:
         Whether the probability integral transforms are uniform.
     drift_p_value : float
         Whether neighbours in the sweep err alike more than they should.
+    informative : bool
+        Whether a prediction can fail here: the drive is on, and some readings are above zero. Others enter no mean.
     verdict : str
         One plain sentence.
     """
@@ -324,12 +339,16 @@ class GroupScore:
     elpd_per_point: float
     pit_p_value: float
     drift_p_value: float
+    informative: bool
     verdict: str
 
 
 @dataclass(frozen=True)
 class Validation:
-    """`validation.json`: the posterior predictive against every group; the table is in `predictions.csv`."""
+    """`validation.json`: the posterior predictive against every group; the table is in `predictions.csv`.
+
+    `holdout_log_rmse` is the mean over the informative groups that were held out, None without any.
+    """
 
     identity: str
     n_draws: int
@@ -344,7 +363,7 @@ def plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {encodable(str(k)): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
@@ -353,20 +372,42 @@ def plain(value: Any) -> Any:
         return plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
+    return encodable(value) if isinstance(value, str) else value
+
+
+def _restored(kind: Any, value: Any) -> Any:
+    """What was stored as null where a number was not finite, as NaN."""
+    if value is None and kind is float:
+        return math.nan
+    inner = typing.get_args(kind)
+    if isinstance(value, list) and typing.get_origin(kind) is list:
+        return [_restored(inner[0], v) for v in value]
+    if isinstance(value, dict) and dataclasses.is_dataclass(kind):
+        kinds = typing.get_type_hints(kind)
+        return {k: _restored(kinds.get(k), v) for k, v in value.items()}
     return value
 
 
-def write_json(path: Path, record: Any) -> None:
-    """Write a record as JSON with its schema number, in one step; a list has no place for the number."""
+def _seal(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps({**content, "sha256": None}, sort_keys=True).encode()).hexdigest()
+
+
+def write_json(path: Path, record: Any, *, sealed: bool = False) -> None:
+    """Write a record as JSON with its schema number, in one step; a list has no place for the number.
+
+    A sealed one holds its own SHA-256, so that `read_json` can tell whether somebody has changed it.
+    """
     content = plain(record)
     if isinstance(content, dict):
         content = {"schema": SCHEMA, **content}
+        if sealed:
+            content["sha256"] = _seal(content)
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(path, (text + "\n").encode())
 
 
-def read_json(path: Path, kind: type[Record]) -> Record:
-    """Read a record back; `InputError` where the file is missing, foreign or damaged."""
+def read_json(path: Path, kind: type[Record], *, sealed: bool = False) -> Record:
+    """Read a record back; `InputError` where the file is missing, foreign, damaged or, if sealed, changed."""
     try:
         content = json.loads(path.read_bytes().decode("utf-8"))
     except FileNotFoundError as error:
@@ -380,7 +421,7 @@ def read_json(path: Path, kind: type[Record]) -> Record:
     from pydantic import TypeAdapter, ValidationError  # slow to import, and only readers need it
 
     try:
-        return TypeAdapter(kind).validate_python(content)
+        record = TypeAdapter(kind).validate_python(_restored(kind, content))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
@@ -389,3 +430,6 @@ def read_json(path: Path, kind: type[Record]) -> Record:
             "run psafit fit again with this version",
             file=path,
         ) from error
+    if sealed and content.get("sha256") != _seal(content):
+        raise InputError("was changed after psafit wrote it", "remove the folder and run psafit fit again", file=path)
+    return record

@@ -52,6 +52,8 @@ GOOD, FAIR = 0.15, 0.30
 _ONE_SIGN = 0.70
 # Of every test; it is run once a group.
 _LEVEL = 0.01
+# Readings above zero without which a group tells nothing, and readings without which a band cannot be judged.
+_FEWEST, _FEWEST_FOR_BAND = 3, 5
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ def _p_values(group: Group, pit: FloatArray, readings: FloatArray) -> tuple[floa
     # Readings of exactly zero pile up at one value and have no uniform transform.
     sweep = np.lexsort((group.amplitude_v, group.frequency_hz))
     sweep = sweep[group.launch_range_um[sweep] > 0]
-    if sweep.size < 3:
+    if sweep.size < _FEWEST:
         return math.nan, math.nan
     n = len(readings)
     simulated = (np.argsort(np.argsort(readings[:, sweep], axis=0), axis=0) + 0.5) / n
@@ -210,10 +212,20 @@ def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[P
     return result
 
 
+def _silence(group: Group) -> str:
+    """Why a group cannot tell a good prediction from a bad one; empty where it can."""
+    if not group.amplitude_v.any():
+        return "nothing drives it"
+    few = np.count_nonzero(group.launch_range_um) < _FEWEST
+    return f"fewer than {_FEWEST} of its readings are above zero" if few else ""
+
+
 def score(prediction: Prediction) -> GroupScore:
     """Scores of one group."""
     measured = prediction.group.launch_range_um
     error = log_ratio(prediction.median, measured)
+    silence = _silence(prediction.group)
+    told = f"says nothing of the model: {silence}; left out of every mean" if silence else ""
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
     return GroupScore(
@@ -229,7 +241,8 @@ def score(prediction: Prediction) -> GroupScore:
         elpd_per_point=float(np.mean(prediction.log_density)),
         pit_p_value=prediction.pit_p_value,
         drift_p_value=prediction.drift_p_value,
-        verdict=verdict(error, float(np.mean(inside_90)), prediction.pit_p_value, prediction.drift_p_value),
+        informative=not silence,
+        verdict=told or verdict(error, float(np.mean(inside_90)), prediction.pit_p_value, prediction.drift_p_value),
     )
 
 
@@ -253,6 +266,8 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     rmse, n = _root_mean_square(error), error.size
     size = "predicted well" if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
     parts = [f"{size}, typically off by ×{math.exp(rmse):.2f}, {_direction(error)}"]
+    if n < _FEWEST_FOR_BAND:
+        return f"{parts[0]}; too few readings to judge its band"
     # Two standard deviations of a binomial count around 90 %.
     slack = 2 * math.sqrt(0.9 * 0.1 / n)
     too_narrow = coverage < 0.9 - slack
@@ -280,7 +295,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
     """
     predictions = predict(run, n_draws=n_draws)
     scores = [score(p) for p in predictions]
-    held_out = [s.log_rmse for s in scores if s.role == "holdout"]
+    held_out = [s.log_rmse for s in scores if s.role == "holdout" and s.informative]
     record = Validation(
         identity=run.fit.identity,
         n_draws=min(n_draws, len(run.draws.flat)),

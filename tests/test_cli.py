@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -51,6 +52,8 @@ def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> No
     for bad, words in (
         (values[:4], "no value for c_c"),
         ([*values, "--set", "c_x=1"], "no parameter c_x"),
+        (["--set", "K_c=1e5"], "no parameter K_c; did you mean k_c?"),
+        ([*values, "--set", "k_c=2e5"], "--set gives k_c twice"),
         ([*values[:5], "c_c=-3"], "impossible"),
         ([*values[:5], "c_c=nan"], "impossible"),
         ([*values[:5], "c_c"], "not NAME=VALUE"),
@@ -161,7 +164,20 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
         (["report", "EXP"], "fit.json: is missing"),
         (["frobnicate"], "No such command"),
         (["check", "EXP", "--wrong"], "No such option"),
-        (["check", "EXP", "--json", "UNDER"], "cannot be written"),
+        (["check", "EXP", "--json", "UNDER"], "choose a writable place with --json"),
+        (["fit", "EXP", "--group", "1", "--json", "UNDER"], "choose a writable place with --json"),
+        (["fit", "EXP", "--group", "1", "--group", "2"], "--group is given 2 times; give it once"),
+        (["check", "EXP", "--json", "a", "--json", "b"], "--json is given 2 times"),
+        (["check", "EXP", "--json", ""], "the path is empty"),
+        (["check", "EXP", "--json", "."], "is a folder"),
+        (["check", ""], "the path is empty"),
+        (["fit", "EXP", "--group", "1", "--out", ""], "the path is empty"),
+        (["simulate", "EXP", "--out", ""], "the path is empty"),
+        (["check", "EXP", "--json", "TOML"], "is a file of the input"),
+        (["simulate", "EXP", "--out", "TOML"], "is a file of the input"),
+        (["fit", "EXP", "--group", "1", "--out", "WITHIN"], "lies in the input"),
+        (["fit", "EXP", "--group", "1", "--out", "AROUND"], "the input in it"),
+        (["fit", "EXP", "--group", "1", "--out", "run", "--json", "run/fit.json"], "is a file of the run itself"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(  # type: ignore[no-untyped-def]
@@ -170,11 +186,43 @@ def test_bad_input_is_one_line_and_exit_2(  # type: ignore[no-untyped-def]
     blocked = tmp_path / "file"
     blocked.write_text("x")
     places = {"EXP": known_folder, "BLOCKED": blocked, "UNDER": blocked / "below"}
+    places |= {"TOML": known_folder / "experiment.toml", "WITHIN": known_folder / "run", "AROUND": known_folder.parent}
+    before = {p.name: p.read_bytes() for p in known_folder.iterdir()}
     monkeypatch.chdir(tmp_path)
     assert run(monkeypatch, *(places.get(a, a) for a in arguments)) == 2
     said = capsys.readouterr()
     assert words in said.err and said.err.count("\n") == 1 and "Traceback" not in said.err
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+    assert {p.name: p.read_bytes() for p in known_folder.iterdir()} == before
+
+
+def test_a_link_stays_and_a_device_is_not_replaced(known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / "link").symlink_to(tmp_path / "real.json")
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    for name in ("link", "pipe"):
+        assert run(monkeypatch, "check", known_folder, "--quiet", "--json", tmp_path / name) == 0
+    assert json.loads(os.read(reader, 1 << 16))["n_points"] == 62
+    os.close(reader)
+    assert (tmp_path / "link").is_symlink() and json.loads((tmp_path / "real.json").read_text())["n_points"] == 62
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["link", "pipe", "real.json"]
+
+
+def test_a_name_that_is_no_utf_8(known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    odd = tmp_path / os.fsdecode(b"rig-\xff")
+    shutil.copytree(known_folder, odd)
+    toml = odd / "experiment.toml"
+    toml.write_text("\n".join(toml.read_text("utf-8").splitlines()[1:]), "utf-8")  # no title: the folder's name is it
+    assert run(monkeypatch, "check", odd, "--quiet", "--json", tmp_path / "c.json") == 0
+    assert json.loads((tmp_path / "c.json").read_text("utf-8"))["folder"].endswith("rig-\N{REPLACEMENT CHARACTER}")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full device")
+def test_a_full_disk_is_one_line(known_folder: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-m", "psafit", "check", known_folder], stdout=full,
+                              stderr=subprocess.PIPE, text=True, timeout=100, check=False)  # fmt: skip
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "No space left" in done.stderr
 
 
 def test_progress_in_a_log_says_what_is_awaited(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -197,7 +245,8 @@ def test_interrupt_is_one_line(known_folder: Path, tmp_path: Path, monkeypatch, 
 
     monkeypatch.setattr(running, "optimise", interrupted)
     assert run(monkeypatch, "fit", known_folder, "--group", "1", "--out", tmp_path / "o") == 2
-    assert "repeat the same command to go on" in capsys.readouterr().err
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 2 and "repeat the same command to go on" in said[1]  # below the stage's line
 
 
 def test_help_lists_every_command(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

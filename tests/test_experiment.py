@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, definition, describe, fingerprint, read_experiment, table
-from psafit.experiment.records import REQUIRED_COLUMNS
+from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
 
 HEADER = "frequency_hz,amplitude_v,launch_range_um\n"
 CSV = HEADER + "1200,1,0.44\n1200,2,0.37\n1200,20,76.00\n"
@@ -279,6 +279,16 @@ def test_bad_definition(tmp_path: Path, case: str) -> None:
     assert words in str(error)
 
 
+@pytest.mark.parametrize("name", definition.LIMITS)
+def test_a_constant_beyond_its_limits_is_refused(tmp_path: Path, name: str) -> None:
+    for number, value in enumerate((1e-300, 1e300)):
+        lines = [f"{name} = {value}" if line.startswith(f"{name} = ") else line for line in TOML.splitlines()]
+        error = refusal(write(tmp_path / str(number), "\n".join(lines)))
+        assert error.line == lines.index(f"{name} = {value}") + 1
+        low, high = definition.LIMITS[name]
+        assert f"constant {name} = {value:g} is beyond the limits {low:g} to {high:g}" in str(error)
+
+
 def test_line_counts_past_a_multi_line_string(tmp_path: Path) -> None:
     toml = TOML.replace('"a notebook"', '"""page 1\n[constants]\ng = 1\n"""').replace("9.81", "-1")
     assert refusal(write(tmp_path, toml)).line == 13
@@ -381,6 +391,10 @@ BAD_CSV: dict[str, tuple[str | bytes, int, str]] = {
     "negative frequency": (CSV + "-5,20,1\n", 5, "frequency_hz '-5' is not positive"),
     "zero sigma": (SIGMA + "1,1,1,0\n", 2, "sigma_um '0' is not positive"),
     "negative sigma": (SIGMA + "1,1,1,1\n1,1,1,-1\n", 3, "sigma_um '-1' is not positive"),
+    "absurd frequency": (CSV + "1e150,20,1\n", 5, "frequency_hz '1e150' is beyond the limits 0.001 to 1e+09"),
+    "absurd amplitude": (CSV + "1200,1e308,1\n", 5, "amplitude_v '1e308' is beyond the limits"),
+    "absurd range": (CSV + "1200,20,1e300\n", 5, "launch_range_um '1e300' is beyond the limits"),
+    "absurd sigma": (SIGMA + "1,1,1,1e200\n", 2, "sigma_um '1e200' is beyond the limits"),
     "short row": (CSV + "1200,20\n", 5, "2 cells in the row, 3 in the header"),
     "long row": (CSV + "1200,20,1,\n", 5, "4 cells in the row, 3 in the header"),
     "thousands, bare": (CSV + "1,200,20,1\n", 5, "no thousands separators"),
@@ -505,27 +519,25 @@ FUZZ = settings(
     max_examples=100,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-positive = st.floats(1e-300, 1e300)
-non_negative = st.just(0.0) | positive
+
+
+def within(name: str) -> st.SearchStrategy[float]:
+    return st.floats(*(definition.LIMITS | table.LIMITS)[name])
+
+
 ids = st.integers(0, 999_999_999) | st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}", fullmatch=True)
 
 
 @st.composite
 def columns(draw: st.DrawFn) -> dict[str, list[float]]:
     n = draw(st.integers(1, 6))
-    result = {
-        "frequency_hz": draw(st.lists(positive, min_size=n, max_size=n)),
-        "amplitude_v": draw(st.lists(non_negative, min_size=n, max_size=n)),
-        "launch_range_um": draw(st.lists(non_negative, min_size=n, max_size=n)),
-    }
-    if draw(st.booleans()):
-        result["sigma_um"] = draw(st.lists(positive, min_size=n, max_size=n))
-    return result
+    names = (*REQUIRED_COLUMNS, *(OPTIONAL_COLUMNS if draw(st.booleans()) else ()))
+    return {name: draw(st.lists(within(name), min_size=n, max_size=n)) for name in names}
 
 
 @FUZZ
 @given(
-    constants=st.lists(positive, min_size=6, max_size=6),
+    constants=st.tuples(*(within(name) for name in ("M", "m", "q", "l", "k_s", "g"))),
     groups=st.lists(
         st.tuples(ids, st.sampled_from(["sine", "square"]), columns()),
         min_size=1,
@@ -535,7 +547,7 @@ def columns(draw: st.DrawFn) -> dict[str, list[float]]:
 )
 def test_round_trip(
     tmp_path_factory: pytest.TempPathFactory,
-    constants: list[float],
+    constants: tuple[float, ...],
     groups: list[tuple[int | str, str, dict[str, list[float]]]],
 ) -> None:
     """Valid data, written and read, come back to the last bit."""

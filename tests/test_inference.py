@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import emcee
 import h5py
@@ -14,14 +18,14 @@ import pytest
 from conftest import TRUTH, measure
 from scipy import stats
 
-from psafit.errors import InputError
+from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.inference import emcee_adaptor, identify, noise, store
 from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.optimise import Minimum, Optimum, hessian, laplace_covariance, optimise
 from psafit.inference.problem import Problem
-from psafit.records import ProfilePoint
+from psafit.records import Fit, ProfilePoint, read_json, write_json
 
 QUICK = Settings(n_walkers=24, r_hat=1.03, max_steps=6000)
 SHORT = Settings(n_walkers=16, chunk=40, max_steps=80)
@@ -95,6 +99,15 @@ def test_search_finds_the_truth_from_any_seed(problem: Problem) -> None:
         covariance = laplace_covariance(problem, problem.to_sampling(optimum.best.values))
         assert (np.linalg.eigvalsh(covariance) > 0).all()
     assert "ln_k_c" in optimum.report
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_model_that_cannot_be_evaluated_ends_the_search_in_one_line(
+    known: Experiment, monkeypatch: pytest.MonkeyPatch, value: float
+) -> None:
+    monkeypatch.setattr(Problem, "predict", lambda self, u, *a: np.full((len(u), self.observed.size), value))
+    with np.errstate(all="ignore"), pytest.raises(ConvergenceError, match="finite posterior"):
+        optimise(Problem(known, (1,)), seed=1, n_starts=3)
 
 
 def test_a_flat_top_makes_no_noise() -> None:
@@ -188,6 +201,27 @@ def test_proposal_draws_the_density_it_claims() -> None:
     assert np.abs((counted - expected) / np.sqrt(expected + 1)).max() < 5
 
 
+def test_ctrl_c_ends_a_chain_between_steps_without_a_traceback(tmp_path: Path, capfd, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    hills, calls = TwoHills(), []
+    likelihood = hills.log_posterior
+
+    def interrupted(u: np.ndarray) -> np.ndarray:
+        calls.append(len(u))
+        if len(calls) > 5:
+            os.kill(os.getpid(), signal.SIGINT)
+        return likelihood(u)
+
+    monkeypatch.setattr(hills, "log_posterior", interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        emcee_adaptor.sample(
+            hills, hills.optimum(0.0, -1.0), seed=1, path=tmp_path / "c.h5", identity="x",
+            settings=Settings(n_walkers=20, max_steps=500),
+        )  # type: ignore[arg-type]  # fmt: skip
+    assert signal.getsignal(signal.SIGINT) is before
+    assert len(calls) < 20 and capfd.readouterr() == ("", "")
+
+
 def test_modes_get_their_own_weights_and_a_stuck_walker_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hills = TwoHills()
     begin = np.random.default_rng(0).standard_normal((20, 2))
@@ -230,6 +264,50 @@ def test_repeating_an_unconverged_run_draws_on(
     assert more.fit == at_once.fit and np.array_equal(more.draws.values, at_once.draws.values)
 
 
+def test_a_minimum_that_the_search_missed_is_added(
+    known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = Problem(known, (1,))
+    true = optimise(problem, seed=1, n_starts=6)
+    wrong = problem.to_sampling(true.best.values)
+    wrong[:3] += [1.5, -1.0, 1.0]
+    found = Minimum(problem.to_physical(wrong), float(problem.log_posterior(wrong[None])[0]), 3)
+    assert found.log_posterior < true.best.log_posterior - 10
+    poor = Optimum((found,), laplace_covariance(problem, wrong)[None], 3, 0, 10, "lmfit")
+    monkeypatch.setattr(running, "optimise", lambda *a, **k: poor)
+    monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
+    arguments: dict[str, Any] = {"seed": 2, "n_starts": 3, "settings": replace(SHORT, max_steps=400)}
+    run = running.fit(known, [1], tmp_path / "a", **arguments)
+    best = run.fit.minima[0]
+    assert run.fit.n_missed >= 1 and best.starts == 0 and run.fit.minima[-1].starts == 3
+    assert best.log_posterior > true.best.log_posterior - 1 and run.draws.log_posterior.max() <= best.log_posterior + 1
+    assert read_json(tmp_path / "a" / "fit.json", Fit, sealed=True) == run.fit
+    # Killed where it hurts most, between the chain and the record, it comes to the same.
+    written = running.write_json
+
+    def killed(path: Path, record: Any, **options: Any) -> None:
+        if isinstance(record, Fit) and record.n_missed:
+            raise KeyboardInterrupt
+        written(path, record, **options)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(running, "write_json", killed)
+        running.fit(known, [1], tmp_path / "b", **arguments)
+    again = running.fit(known, [1], tmp_path / "b", **arguments)
+    assert again.fit == run.fit and np.array_equal(again.draws.values, run.draws.values)
+
+
+def test_many_readings_are_stored_thinned(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
+    monkeypatch.setattr(running, "_LIKELIHOODS", 30 * 16 * 4)
+    run = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=SHORT)
+    with h5py.File(tmp_path / "a" / "posterior.nc") as f:
+        stored = f["log_likelihood/launch_range_um"]
+        assert stored.dtype == np.float32 and stored.shape[0] == 16 and stored.size <= 30 * 16 * 4
+        u = run.problem.to_sampling(run.draws.values[:, 0])
+        assert stored[:, 0] == pytest.approx(run.problem.pointwise_log_likelihood(u), rel=1e-5)
+
+
 def test_a_run_killed_between_stages_goes_on(
     known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -265,6 +343,32 @@ def test_repeating_a_finished_run_changes_nothing(finished: running.Run, known: 
     assert {p.name: p.read_bytes() for p in finished.folder.iterdir() if p.is_file()} == before
 
 
+def _edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    content = json.loads(path.read_text("utf-8"))
+    change(content)
+    path.write_text(json.dumps(content), "utf-8")
+
+
+EDITS: dict[str, Callable[[dict[str, Any]], object]] = {
+    "fit.json groups": lambda c: c.update(groups=[1]),
+    "fit.json group's type": lambda c: c.update(groups=["1", "2"]),
+    "fit.json seed": lambda c: c.update(seed=-1),
+    "fit.json engine": lambda c: c.update(engine="stepper"),
+    "fit.json terms": lambda c: c.update(terms=["gap"]),
+    "fit.json no minima": lambda c: c.update(minima=[]),
+    "fit.json minimum": lambda c: c["minima"][0]["values"].pop("k_c"),
+    "fit.json value": lambda c: c["minima"][0]["values"].update(k_c=1.0),
+    "fit.json parameters": lambda c: c.update(parameters=[]),
+    "fit.json symbol": lambda c: c["parameters"][0].update(symbol="{"),
+    "fit.json n_physical": lambda c: c.update(n_physical=0),
+    "fit.json no seal": lambda c: c.pop("sha256"),
+    "posterior.json parameter": lambda c: c["parameters"].pop(0),
+    "posterior.json name": lambda c: c["parameters"][0].update(name="x"),
+    "posterior.json verdict": lambda c: c["parameters"][0].update(verdict="certain"),
+    "posterior.json median": lambda c: c["parameters"][0].update(median=None),
+}
+
+
 def _break(folder: Path, how: str) -> None:
     if how == "foreign json":
         (folder / "fit.json").write_text('{"hello": 1}')
@@ -274,6 +378,11 @@ def _break(folder: Path, how: str) -> None:
         content = json.loads((folder / "posterior.json").read_text())
         content["n_steps"] = "many"
         (folder / "posterior.json").write_text(json.dumps(content))
+    elif how in EDITS:
+        _edit(folder / how.split()[0], EDITS[how])
+    elif how == "scaled draws":
+        with h5py.File(folder / "posterior.nc", "r+") as f:
+            f["posterior/k_c"][...] *= 3
     elif how == "no draws":
         (folder / "posterior.nc").unlink()
     elif how == "corrupt draws":
@@ -294,7 +403,7 @@ def _break(folder: Path, how: str) -> None:
 @pytest.mark.parametrize(
     "how",
     ["foreign json", "truncated json", "wrong type", "no draws", "corrupt draws", "foreign draws", "changed data",
-     "swapped draws"],
+     "swapped draws", "scaled draws", *EDITS],
 )  # fmt: skip
 def test_a_damaged_run_folder_gets_one_line(finished: running.Run, tmp_path: Path, how: str) -> None:
     folder = tmp_path / "damaged"
@@ -303,6 +412,64 @@ def test_a_damaged_run_folder_gets_one_line(finished: running.Run, tmp_path: Pat
     with pytest.raises(InputError) as caught:
         running.load(folder)
     assert "\n" not in str(caught.value) and caught.value.file is not None and caught.value.remedy
+
+
+def test_a_record_from_another_run_is_told(finished: running.Run, tmp_path: Path) -> None:
+    """Well-formed and sealed, but not of these data, or not what its own identity says."""
+    for number, (change, words) in enumerate((
+        ({"fingerprint": "0" * 64}, "was changed after the fit"),
+        ({"parameters": finished.fit.parameters[1:]}, r"is of another version of psafit \(priors differ\)"),
+        ({"groups": [1]}, "contradicts itself"),
+        ({"seed": 5}, "contradicts itself"),
+        ({"n_starts": 5}, "contradicts itself"),
+    )):  # fmt: skip
+        folder = tmp_path / str(number)
+        shutil.copytree(finished.folder, folder)
+        write_json(folder / "fit.json", replace(finished.fit, **change), sealed=True)
+        files = finished.summary.files | {"fit.json": running.sha256(folder / "fit.json")}
+        write_json(folder / "posterior.json", replace(finished.summary, files=files), sealed=True)
+        with pytest.raises(InputError, match=words):
+            running.load(folder)
+
+
+def test_what_is_not_a_number_reads_back_as_such(finished: running.Run, tmp_path: Path) -> None:
+    first = replace(finished.summary.parameters[0], ess_tail=float("nan"))
+    write_json(tmp_path / "p.json", replace(finished.summary, parameters=[first]))
+    assert np.isnan(read_json(tmp_path / "p.json", type(finished.summary)).parameters[0].ess_tail)
+
+
+def test_only_an_interrupted_run_of_ours_goes_on_in_a_folder_without_a_fit(
+    known: Experiment, known_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
+    arguments: dict[str, Any] = {"seed": 2, "n_starts": 3, "settings": SHORT}
+    shutil.copytree(known_folder, tmp_path / "mine" / "experiment")
+    before = {p.name: p.read_bytes() for p in (tmp_path / "mine" / "experiment").iterdir()}
+    with pytest.raises(InputError, match="already holds other files"):
+        running.fit(known, [1], tmp_path / "mine", **arguments)
+    assert {p.name: p.read_bytes() for p in (tmp_path / "mine" / "experiment").iterdir()} == before
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(running, "optimise", lambda *a, **k: (_ for _ in ()).throw(KeyboardInterrupt))
+        running.fit(known, [1], tmp_path / "cut", **arguments)
+    (tmp_path / "cut" / ".fit.json.123.tmp").write_text("{")
+    with pytest.raises(InputError, match="holds another run, interrupted"):
+        running.fit(known, [2], tmp_path / "cut", **arguments)
+    running.fit(known, [1], tmp_path / "cut", **arguments)
+    assert not [p for p in (tmp_path / "cut").iterdir() if p.name.startswith(".")]
+    (tmp_path / "killed").mkdir()
+    (tmp_path / "killed" / ".fit.json.123.tmp").write_text("{")
+    running.fit(known, [1], tmp_path / "killed", **arguments)
+
+
+def test_a_refusal_says_what_differs(known: Experiment, finished: running.Run) -> None:
+    for change, words in (
+        ({"seed": 5}, "seed"), ({"n_starts": 5}, "starts"), ({"settings": SHORT}, "sampler settings"),
+    ):  # fmt: skip
+        arguments: dict[str, Any] = {"seed": 4, "n_starts": 12, "settings": QUICK} | change
+        with pytest.raises(InputError, match=rf"\(what differs: {words}\)"):
+            running.fit(known, [1, 2], finished.folder, **arguments)
+    with pytest.raises(InputError, match=r"\(what differs: groups\)"):
+        running.fit(known, [1], finished.folder, seed=4, n_starts=12, settings=QUICK)
 
 
 def test_folders_of_others_are_left_alone(known: Experiment, finished: running.Run, tmp_path: Path) -> None:
@@ -326,6 +493,39 @@ def test_a_foreign_checkpoint_is_refused(problem: Problem, tmp_path: Path) -> No
     emcee_adaptor.sample(problem, optimum, seed=1, path=path, identity="a", settings=SHORT)
     with pytest.raises(InputError, match="belongs to another run"):
         emcee_adaptor.sample(problem, optimum, seed=1, path=path, identity="b", settings=SHORT)
+
+
+@pytest.mark.parametrize("how", ["no random state", "bad random state", "wider", "short", "nan"])
+def test_a_damaged_checkpoint_is_refused(how: str, tmp_path: Path) -> None:
+    hills = TwoHills()
+
+    def sample(steps: int) -> None:
+        emcee_adaptor.sample(
+            hills, hills.optimum(0.0, -1.0), seed=1, path=tmp_path / "c.h5", identity="x",
+            settings=Settings(n_walkers=20, chunk=10, max_steps=steps),
+        )  # type: ignore[arg-type]  # fmt: skip
+
+    sample(20)
+    with h5py.File(tmp_path / "c.h5", "r+") as f:
+        group = f["psafit"]
+        if how.endswith("random state"):
+            for key in [k for k in group.attrs if k.startswith("random_state")]:
+                del group.attrs[key]
+            if how.startswith("bad"):
+                group.attrs["random_state_0"] = "dice"
+        elif how == "wider":
+            group.attrs["ndim"] = 3
+            wide = np.zeros((20, 20, 3))
+            del group["chain"]
+            group["chain"] = wide
+        elif how == "short":
+            cut = group["log_prob"][:10]
+            del group["log_prob"]
+            group["log_prob"] = cut
+        else:
+            group["chain"][3, 2, 0] = np.nan
+    with pytest.raises(InputError, match="not a chain written by psafit, or damaged"):
+        sample(40)
 
 
 def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) -> None:

@@ -107,13 +107,14 @@ def make_run(
         ],
         n_physical=problem.n_physical,
         minima=[MinimumEntry(best, -12.5, 9), MinimumEntry({k: 2 * v for k, v in best.items()}, -20.25, 3)],
-        n_starts=12, n_failed=0, n_evaluations=345, lmfit_report="[[Fit Statistics]]\n  <made up>",
+        n_starts=12, n_failed=0, n_evaluations=345, n_missed=0, sampler={},
+        lmfit_report="[[Fit Statistics]]\n  <made up>",
         versions={"psafit": "0.1.0", "python": "3.11.7"},
         command="psafit fit experiments/made-up --group 1 --seed 7",
     )  # fmt: skip
     message = "40 autocorrelation times, R-hat at most 1.009"
     message = message if converged else f"not converged after 90 steps ({message}): repeat the command to draw on"
-    summary = PosteriorSummary("ab" * 32, converged, message, n_chains, 90, 10, 2, 0.31, 40.0, summaries)
+    summary = PosteriorSummary("ab" * 32, converged, message, n_chains, 90, 10, 2, 0.31, 40.0, summaries, {})
     folder.mkdir(parents=True, exist_ok=True)
     return Run(folder, problem, record, summary, draws)
 
@@ -146,7 +147,7 @@ def make_predictions(run: Run) -> list[Prediction]:
 
 def make_validation(run: Run, predictions: list[Prediction]) -> Validation:
     scores = [score(p) for p in predictions]
-    unseen = [s.log_rmse for s in scores if s.role == "holdout"]
+    unseen = [s.log_rmse for s in scores if s.role == "holdout" and s.informative]
     mean = float(np.mean(unseen)) if unseen else None
     return Validation(run.fit.identity, 240, 7, scores, mean, {str(p.group.id): p.pit.tolist() for p in predictions})
 
@@ -445,8 +446,20 @@ def test_residual_axis_is_common_and_holds_every_error(tmp_path):
     assert "×1" in labels and len(labels) >= 3
 
 
+def test_groups_that_cannot_tell_are_not_told_of(tmp_path):
+    loud, silent = sweep_groups()[0], make_group("off", [100.0, 300.0, 900.0], 0.0, [0.0, 0.1, 0.0])
+    run = make_run(tmp_path, (loud, silent, replace(loud, id=3)))
+    validation = make_validation(run, make_predictions(run))
+    assert "predicts group 3: typically" in fit._what_it_predicts(validation)
+    run = make_run(tmp_path, (loud, silent))
+    validation = make_validation(run, make_predictions(run))
+    assert validation.holdout_log_rmse is None
+    assert "no group that could tell, so nothing is left" in fit._what_it_predicts(validation)
+    assert len(fit._tiles(validation)) == 2
+
+
 def test_very_many_groups(tmp_path):
-    groups = [make_group(i, [100.0, 1000.0], 5.0, [2.0, 3.0 + i]) for i in range(60)]
+    groups = [make_group(i, [100.0, 300.0, 1000.0], 5.0, [2.0, 2.5, 3.0 + i]) for i in range(60)]
     run = make_run(tmp_path, groups, (0, 1, 2))
     predictions = make_predictions(run)
     scores = make_validation(run, predictions).groups

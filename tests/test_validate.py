@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,37 @@ def test_many_small_errors_against_few_large_ones() -> None:
     """The mean must not contradict the count."""
     said = validate.verdict(np.append(np.full(90, 0.05), np.full(10, -3.0)), 0.9, 0.5, 0.5)
     assert "mostly too large;" in said and "on average" not in said
+
+
+def test_a_group_that_cannot_tell_enters_no_mean(checked) -> None:  # type: ignore[no-untyped-def]
+    run, _, predictions = checked
+    held_out = predictions[1].group
+    for silent, why in (
+        (replace(held_out, amplitude_v=np.zeros(held_out.n_points)), "nothing drives it"),
+        (replace(held_out, launch_range_um=np.eye(1, held_out.n_points)[0]), "fewer than 3 of its readings"),
+    ):
+        score = validate.score(replace(predictions[1], group=silent))
+        assert not score.informative and why in score.verdict and "left out of every mean" in score.verdict
+    groups = (*run.problem.experiment.groups[:2], replace(held_out, id=9, amplitude_v=np.zeros(held_out.n_points)))
+    problem = replace(run.problem, experiment=replace(run.problem.experiment, groups=groups))
+    record, _ = validate.validate(replace(run, problem=problem, folder=run.folder.parent / "silent"))
+    assert [s.informative for s in record.groups] == [True, True, False]
+    assert record.holdout_log_rmse == record.groups[1].log_rmse
+
+
+def test_no_word_of_the_band_of_a_few_readings() -> None:
+    said = validate.verdict(np.full(4, 0.05), 1.0, 1e-3, 1e-3)
+    assert said.endswith("too few readings to judge its band") and "honest" not in said
+
+
+def test_a_validation_without_p_values_reads_back(checked, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    from psafit.records import Validation, read_json, write_json
+
+    _, record, _ = checked
+    without = replace(record.groups[0], pit_p_value=math.nan, drift_p_value=math.nan)
+    write_json(tmp_path / "v.json", replace(record, groups=[without], holdout_log_rmse=None))
+    again = read_json(tmp_path / "v.json", Validation)
+    assert math.isnan(again.groups[0].pit_p_value) and again.holdout_log_rmse is None
 
 
 def simulated(rng: np.random.Generator, n: int, shared: float, memory: float) -> np.ndarray:

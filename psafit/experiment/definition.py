@@ -16,6 +16,15 @@ from psafit.experiment.text import listed, one_line, read_text, shown
 
 MAX_TOML_BYTES = 1024 * 1024
 MAX_ID = 999_999_999
+# Hard limits of each constant, SI: far beyond any rig; a wrong unit is only warned of.
+LIMITS = {
+    "M": (1e-9, 1e6),
+    "m": (1e-9, 1e6),
+    "q": (1e-15, 1e3),
+    "l": (1e-6, 1e6),
+    "k_s": (1e-3, 1e15),
+    "g": (1e-3, 1e6),
+}
 
 
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]#]+?)\s*\]")
@@ -118,7 +127,7 @@ class Definition:
         value = self.data.get(key, default)
         if not isinstance(value, str):
             raise self.error(f"{key} is not text", f'write {key} = "..."', key)
-        return one_line(value) or default
+        return one_line(value) or one_line(default)
 
     def constants(self) -> Constants:
         """The rig's constants, checked."""
@@ -147,6 +156,14 @@ class Definition:
             if not (math.isfinite(values[name]) and values[name] > 0):
                 raise self.error(
                     f"constant {name} = {values[name]:g} is not positive and finite",
+                    "give its value in SI units",
+                    "constants",
+                    name,
+                )
+            low, high = LIMITS[name]
+            if not low <= values[name] <= high:
+                raise self.error(
+                    f"constant {name} = {values[name]:g} is beyond the limits {low:g} to {high:g}",
                     "give its value in SI units",
                     "constants",
                     name,

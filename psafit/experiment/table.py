@@ -18,6 +18,14 @@ MAX_ROWS = 1_000_000
 MAX_CSV_BYTES = 128 * 1024 * 1024
 
 
+# Hard limits of each column, far beyond any rig, within which nothing overflows; a wrong unit is only warned of.
+LIMITS = {
+    "frequency_hz": (1e-3, 1e9),
+    "amplitude_v": (0.0, 1e6),
+    "launch_range_um": (0.0, 1e9),
+    "sigma_um": (1e-9, 1e9),
+}
+
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
@@ -106,6 +114,11 @@ def _number(cell: str, name: str, file: Path, line: int) -> float:
             raise error(f"{shown(cell)} is not positive", "correct the value or delete the row")
         if value < 0:
             raise error(f"{shown(cell)} is negative", "correct the value or delete the row")
+        low, high = LIMITS[name]
+        if not low <= value <= high:
+            raise error(
+                f"{shown(cell)} is beyond the limits {low:g} to {high:g}", "correct the value or delete the row"
+            )
         return value
     if not cell:
         raise error("is empty", "enter the value or delete the row")

@@ -10,10 +10,15 @@ the moves are independent draws from a fixed density that reaches everywhere: se
 
 from __future__ import annotations
 
+import math
+import signal
+import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 import emcee
 import h5py
@@ -88,6 +93,10 @@ class Chain:
         Mean fraction of moves accepted.
     converged : bool
         Whether the stopping rule was met.
+    highest : (n_dim,) array
+        The draw of highest posterior, burn-in included.
+    height : float
+        Its log posterior.
     """
 
     draws: FloatArray
@@ -97,6 +106,8 @@ class Chain:
     burn_in: int
     acceptance: float
     converged: bool
+    highest: FloatArray
+    height: float
 
 
 @dataclass(frozen=True)
@@ -186,6 +197,30 @@ def _state(chain: FloatArray) -> tuple[int, FloatArray]:
     return burn, autocorrelation_time(np.swapaxes(chain[burn:], 0, 1))
 
 
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], None]]:
+    """Put Ctrl-C off until the function handed out is called: emcee prints a traceback of what interrupts it."""
+    asked: list[int] = []
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+
+    def stop_if_asked() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    previous = signal.getsignal(signal.SIGINT)
+    # Only the main thread is interrupted, and a process in the background is not.
+    ours = threading.current_thread() is threading.main_thread() and callable(previous)
+    if ours:
+        signal.signal(signal.SIGINT, ask)
+    try:
+        yield stop_if_asked
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, previous)
+
+
 def sample(
     problem: Problem,
     optimum: Optimum,
@@ -195,6 +230,7 @@ def sample(
     identity: str,
     settings: Settings | None = None,
     progress: Callable[[Progress], None] = lambda state: None,
+    ceiling: float = math.inf,
 ) -> Chain:
     """Draw from the posterior, going on from the checkpoint at `path` where there is one.
 
@@ -211,6 +247,8 @@ def sample(
     settings : Settings, optional
     progress : callable
         Called with a `Progress` after every chunk.
+    ceiling : float
+        A log posterior: a chain that has been higher is handed back as it is.
 
     Returns
     -------
@@ -224,7 +262,7 @@ def sample(
     settings = settings or Settings()
     backend = emcee.backends.Backend()
     if path.exists():
-        _resume(backend, path, identity)
+        _resume(backend, path, identity, (settings.n_walkers, problem.n_dim))
     else:
         backend.reset(settings.n_walkers, problem.n_dim)
     proposal = Proposal(problem, optimum)
@@ -247,21 +285,25 @@ def sample(
         start = emcee.State(proposal.start(settings.n_walkers, random), random_state=random.get_state())
     else:
         start = backend.get_last_sample()
-    while True:
-        if backend.iteration:
-            chain = _chain(backend, settings)
-            progress(
-                Progress(
-                    int(backend.iteration),
-                    float(chain.draws.shape[1] / chain.autocorrelation_time.max()),
-                    float(chain.r_hat.max()),
-                    chain.acceptance,
+    with _interruptible() as stop_if_asked:
+        while True:
+            if backend.iteration:
+                chain = _chain(backend, settings)
+                progress(
+                    Progress(
+                        int(backend.iteration),
+                        float(chain.draws.shape[1] / chain.autocorrelation_time.max()),
+                        float(chain.r_hat.max()),
+                        chain.acceptance,
+                    )
                 )
-            )
-            if chain.converged or backend.iteration >= settings.max_steps:
-                return chain
-        start = sampler.run_mcmc(start, settings.chunk, skip_initial_state_check=True)
-        _checkpoint(backend, path, identity)
+                if chain.converged or backend.iteration >= settings.max_steps or chain.height > ceiling:
+                    return chain
+            for state in sampler.sample(start, iterations=settings.chunk, skip_initial_state_check=True):
+                start = state
+                stop_if_asked()
+            _checkpoint(backend, path, identity)
+            stop_if_asked()
 
 
 def _chain(backend: emcee.backends.Backend, settings: Settings) -> Chain:
@@ -271,6 +313,8 @@ def _chain(backend: emcee.backends.Backend, settings: Settings) -> Chain:
     burn, tau = _state(steps)
     kept = n - burn
     draws = np.swapaxes(steps[burn:], 0, 1).copy()
+    heights = backend.get_log_prob()
+    top = np.unravel_index(np.argmax(heights), heights.shape)
     r_hat = store.r_hat(draws)
     converged = bool(
         kept >= settings.autocorrelation_times * tau.max()
@@ -279,12 +323,14 @@ def _chain(backend: emcee.backends.Backend, settings: Settings) -> Chain:
     )
     return Chain(
         draws,
-        backend.get_log_prob(discard=burn).T.copy(),
+        heights[burn:].T.copy(),
         tau,
         r_hat,
         burn,
         float(np.mean(backend.accepted / n)),
         converged,
+        steps[top].copy(),
+        float(heights[top]),
     )
 
 
@@ -305,17 +351,23 @@ def _checkpoint(backend: emcee.backends.Backend, path: Path, identity: str) -> N
                 group.attrs[f"random_state_{i}"] = part
 
 
-def _resume(backend: emcee.backends.Backend, path: Path, identity: str) -> None:
-    """Fill an empty back-end from a checkpoint of the same run."""
+def _resume(backend: emcee.backends.Backend, path: Path, identity: str, shape: tuple[int, int]) -> None:
+    """Fill an empty back-end from a checkpoint of the same run; `shape` is (n_walkers, n_dim)."""
     try:
         with h5py.File(path, "r") as f:
             found = str(f.attrs["identity"])
         stored = emcee.backends.HDFBackend(str(path), name=_GROUP, read_only=True)
-        backend.reset(*stored.shape)
+        backend.reset(*shape)
         backend.chain, backend.log_prob = stored.get_chain(), stored.get_log_prob()
         backend.accepted, backend.iteration = stored.accepted, int(stored.iteration)
         backend.random_state = tuple(stored.random_state)
-    except (OSError, KeyError, ValueError, RuntimeError, AttributeError) as error:
+        np.random.RandomState().set_state(backend.random_state)  # raises where it is none
+        wanted = (backend.iteration, *shape)
+        if backend.iteration and (backend.chain.shape, backend.log_prob.shape) != (wanted, wanted[:2]):
+            raise ValueError(f"a chain of shape {backend.chain.shape}")
+        if not (np.isfinite(backend.chain).all() and np.isfinite(backend.log_prob).all()):
+            raise ValueError("values that are not finite")
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError) as error:
         raise InputError(
             "not a chain written by psafit, or damaged", "remove it or choose another --out", file=path
         ) from error

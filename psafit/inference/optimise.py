@@ -39,6 +39,8 @@ _CROWD, _GENERATIONS = 48, 60
 # Scatter tried for a prediction: quantiles of each parameter's prior.
 _SCATTER = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985)
 _TAILS = (0.2, 0.8)
+# What stands for a residual or a height that is not finite: worse than any, and its square still a number.
+_WORST = 1e12
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,10 @@ class Optimum:
     def best(self) -> Minimum:
         """The highest of them."""
         return self.minima[0]
+
+
+def _finite(x: FloatArray) -> FloatArray:
+    return np.nan_to_num(x, nan=_WORST, posinf=_WORST, neginf=-_WORST)
 
 
 def _lmfit_parameters(problem: Problem, u: FloatArray, n: int) -> lmfit.Parameters:
@@ -222,7 +228,7 @@ def _basin(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, int]
 
     def batch(u: FloatArray) -> FloatArray:
         full = np.concatenate([u, np.broadcast_to(start[n:], (len(u), problem.n_dim - n))], axis=1)
-        return stabilise(problem.predict(full)) - target
+        return _finite(stabilise(problem.predict(full)) - target)
 
     result = _minimize(
         lambda q: batch(_coordinates(q)[None, :])[0],
@@ -260,7 +266,7 @@ def _evolve(problem: Problem, crowd: FloatArray, seed: int) -> tuple[FloatArray,
     """
     size = min(len(crowd), _CROWD)
     result = differential_evolution(
-        lambda x: np.nan_to_num(-problem.log_posterior(x.T), nan=1e300, posinf=1e300),
+        lambda x: _finite(-problem.log_posterior(x.T)),
         list(problem.bounds),
         init=np.clip(crowd[:size], problem.bounds[:, 0], problem.bounds[:, 1]),
         strategy="randtobest1bin",
@@ -278,18 +284,22 @@ def _evolve(problem: Problem, crowd: FloatArray, seed: int) -> tuple[FloatArray,
 
 def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
     """Top of the posterior near `start`, all parameters free: (coordinates, height, lmfit's result)."""
+
+    def depth(rows: FloatArray) -> FloatArray:
+        return _finite(-problem.log_posterior(rows))
+
     result = _minimize(
-        lambda q: float(-problem.log_posterior(_coordinates(q)[None, :])[0]),
+        lambda q: float(depth(_coordinates(q)[None, :])[0]),
         _lmfit_parameters(problem, start, problem.n_dim),
         method="bfgs",
-        jac=lambda q: -gradient(problem.log_posterior, _coordinates(q), problem.bounds),
+        jac=lambda q: gradient(depth, _coordinates(q), problem.bounds),
         options={"gtol": 1e-4},
     )
     # A simplex goes on where a kink has stopped the gradient.
     u, here = _coordinates(result.params), float(result.residual[0])
     simplex = u + 0.02 * np.vstack([np.zeros(u.size), np.eye(u.size)])
     polished = minimize(
-        lambda v: float(-problem.log_posterior(v[None, :])[0]),
+        lambda v: float(depth(v[None, :])[0]),
         u,
         method="Nelder-Mead",
         bounds=problem.bounds,
@@ -373,6 +383,8 @@ def optimise(
         else:
             failed += 1
         progress(k + 1, n_starts)
+    if not ends:
+        raise ConvergenceError("search for a starting point with finite posterior", reached=0, required=1)
     basins = _merge(ends, problem.n_physical, height=1.0)
     promising = [b for b in basins if b[1] > basins[0][1] - _PROMISING][:_MOST_BASINS]
     if problem.terms:
@@ -396,3 +408,31 @@ def optimise(
     minima = tuple(Minimum(problem.to_physical(u), value, count) for u, value, count in distinct)
     covariance = np.stack([laplace_covariance(problem, u) for u, _, _ in distinct])
     return Optimum(minima, covariance, n_starts, failed, evaluations, report)
+
+
+def improve(problem: Problem, optimum: Optimum, start: FloatArray) -> Optimum:
+    """Put the top that lies above `start` before the minima found, all of which are lower than `start`.
+
+    Parameters
+    ----------
+    problem : Problem
+    optimum : Optimum
+    start : (n_dim,) array
+        Sampling coordinates.
+
+    Returns
+    -------
+    Optimum
+        The new minimum counts no starts.
+    """
+    top, value, result = climb(problem, start)
+    height = float(problem.log_posterior(start[None, :])[0])
+    if not value > height:
+        top, value = start, height
+    return replace(
+        optimum,
+        minima=(Minimum(problem.to_physical(top), value, 0), *optimum.minima),
+        covariance=np.concatenate([laplace_covariance(problem, top)[None], optimum.covariance]),
+        n_evaluations=optimum.n_evaluations + int(result.nfev) * (1 + 2 * problem.n_dim),
+        report=_report(problem, top, result),
+    )

@@ -3,7 +3,8 @@
 The folder holds `experiment/` (a copy of the data the run saw), `fit.json` once the search is done,
 `chain.h5` (the sampler's checkpoint), and at the end `posterior.nc` and `posterior.json`. Each stage that is already
 there is taken from the folder, so an interrupted run goes on where it stopped, and one whose chain gave up
-before it converged draws on.
+before it converged draws on. A chain that finds a better minimum than the search ends; the minimum is added, and
+sampling begins again. The records carry checksums: what somebody has changed is not taken for a result.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ import importlib.metadata
 import json
 import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,9 @@ from numpy.typing import NDArray
 import psafit
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment, write_experiment
-from psafit.files import portable_command
+from psafit.files import is_temporary, portable_command, remove_temporaries, sha256, write_atomically
 from psafit.inference import emcee_adaptor, identify, store
-from psafit.inference.optimise import Minimum, Optimum, laplace_covariance, optimise
+from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term
@@ -46,6 +47,16 @@ FloatArray = NDArray[np.float64]
 
 # Draws kept in posterior.nc, in units of the autocorrelation time: denser adds bytes, not information.
 _THIN = 0.5
+# Log likelihoods kept for comparisons of models (32 MB): every draw's where the readings are few.
+_LIKELIHOODS = 2**23
+# A chain this much higher than the best minimum (nats) shows that the search has missed one. Sampling begins again at
+# most so many times.
+_MISSED, _RESTARTS = 1.0, 5
+# In a folder whose search is not done yet, with the run's identity.
+_MARKER = ".psafit-run"
+# What posterior.json vouches for.
+_SIGNED = ("fit.json", "posterior.nc")
+_AGAIN = "remove the folder and run psafit fit again"
 LIBRARIES = ("numpy", "scipy", "numba", "lmfit", "emcee", "arviz", "h5py", "pandas")
 
 
@@ -80,19 +91,47 @@ class Run:
     draws: store.Draws
 
 
-def identity_of(problem: Problem, seed: int, settings: emcee_adaptor.Settings, n_starts: int) -> str:
-    """SHA-256 over everything that determines a run's result."""
-    content = {
-        "version": psafit.__version__,
-        "fingerprint": problem.experiment.fingerprint,
+def _sampler(settings: emcee_adaptor.Settings) -> dict[str, int | float]:
+    """The settings that determine a chain; where it gives up is none of them."""
+    return {k: v for k, v in asdict(settings).items() if k != "max_steps"}
+
+
+def _determinants(
+    problem: Problem, seed: int, n_starts: int, sampler: Mapping[str, float], version: str = psafit.__version__
+) -> dict[str, Any]:
+    """Everything that determines a run's result, each under the word a user knows it by."""
+    return {
+        "data": problem.experiment.fingerprint,
         "groups": [str(g) for g in problem.group_ids],
         "terms": [t.id for t in problem.terms],
-        "parameters": [(p.name, p.bounds.lower, p.bounds.upper, p.prior.describe()) for p in problem.parameters],
+        "priors": [[p.name, p.bounds.lower, p.bounds.upper, p.prior.describe()] for p in problem.parameters],
         "seed": seed,
-        "n_starts": n_starts,
-        "settings": {k: v for k, v in asdict(settings).items() if k != "max_steps"},
+        "starts": n_starts,
+        "sampler settings": dict(sampler),
+        "version": version,
     }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _recorded(record: Fit) -> dict[str, Any]:
+    """The same, as a record holds it."""
+    return {
+        "data": record.fingerprint,
+        "groups": [str(g) for g in record.groups],
+        "terms": record.terms,
+        "priors": [[e.name, e.lower, e.upper, e.prior] for e in record.parameters],
+        "seed": record.seed,
+        "starts": record.n_starts,
+        "sampler settings": record.sampler,
+        "version": record.versions.get("psafit"),
+    }
+
+
+def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    return ", ".join(word for word in one if one[word] != other[word])
+
+
+def _identity(determinants: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(determinants, sort_keys=True).encode()).hexdigest()
 
 
 def versions() -> dict[str, str]:
@@ -147,53 +186,74 @@ def fit(
     problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
     settings = settings or emcee_adaptor.Settings.of(problem)
     watcher = watcher or Silent()
-    identity = identity_of(problem, seed, settings, n_starts)
-    record = _claim(folder, identity)
+    determinants = _determinants(problem, seed, n_starts, _sampler(settings))
+    identity = _identity(determinants)
+    record = _claim(folder, determinants)
     if record is None:
         write_experiment(experiment, folder / "experiment")
         watcher.stage("search")
         optimum = optimise(problem, seed=seed, n_starts=n_starts, progress=watcher.update)
-        record = _record(problem, optimum, identity, seed, command)
-        write_json(folder / "fit.json", record)
+        record = _record(problem, optimum, identity, seed, settings, command)
+        write_json(folder / "fit.json", record, sealed=True)
+    (folder / _MARKER).unlink(missing_ok=True)
     limit = settings.max_steps
     if (folder / "posterior.json").exists():
         finished = load(folder)
         if finished.summary.converged:
             return finished
         limit += finished.summary.n_steps
-    # From the record even when fresh: the numbers in the file are the numbers used.
-    optimum = _optimum(problem, record)
 
-    watcher.stage("sample")
-    chain = emcee_adaptor.sample(
-        problem,
-        optimum,
-        seed=seed,
-        path=folder / "chain.h5",
-        identity=identity,
-        settings=replace(settings, max_steps=limit),
-        progress=lambda s: watcher.update(
-            s.steps,
-            None,
-            f"step {s.steps} of at most {limit}, R-hat {s.r_hat:.3f} (goal {settings.r_hat}),"
-            f" {s.autocorrelation_times:.0f} autocorrelation times (goal {settings.autocorrelation_times:.0f})",
-        ),
-    )
-    # The summary goes first and comes last: it must never describe other draws than those beside it.
-    (folder / "posterior.json").unlink(missing_ok=True)
+    while True:
+        # From the record even when fresh: the numbers in the file are the numbers used.
+        optimum = _optimum(problem, record)
+        ceiling = optimum.best.log_posterior + _MISSED if record.n_missed < _RESTARTS else math.inf
+        watcher.stage("sample")
+        chain = emcee_adaptor.sample(
+            problem,
+            optimum,
+            seed=seed,
+            path=folder / "chain.h5",
+            identity=identity,
+            settings=replace(settings, max_steps=limit),
+            progress=_teller(watcher, settings, limit),
+            ceiling=ceiling,
+        )
+        # The summary goes first and comes last: it must never describe other draws than those beside it.
+        (folder / "posterior.json").unlink(missing_ok=True)
+        if chain.height <= ceiling:
+            break
+        watcher.stage("climb")
+        optimum = improve(problem, optimum, chain.highest)
+        # The record comes last: killed before, the same chain is drawn again and finds the same.
+        (folder / "chain.h5").unlink()
+        record = replace(
+            record,
+            minima=_entries(problem, optimum),
+            n_evaluations=optimum.n_evaluations,
+            n_missed=record.n_missed + 1,
+            lmfit_report=optimum.report,
+        )
+        write_json(folder / "fit.json", record, sealed=True)
+        limit = settings.max_steps
     thin = max(1, int(_THIN * chain.autocorrelation_time.min()))
     draws = store.Draws(
         problem.names, problem.to_physical(chain.draws[:, ::thin]), chain.log_posterior[:, ::thin], identity
     )
     flat = problem.to_sampling(draws.flat)
+    n_walkers, n_kept = draws.values.shape[:2]
+    every = math.ceil(len(flat) * problem.observed.size / _LIKELIHOODS)
+    rows = flat.reshape(n_walkers, n_kept, -1)[:, ::every].reshape(-1, problem.n_dim)
     log_likelihood = np.concatenate(
-        [problem.pointwise_log_likelihood(part) for part in np.array_split(flat, math.ceil(len(flat) / 2048))]
+        [
+            problem.pointwise_log_likelihood(part).astype(np.float32)
+            for part in np.array_split(rows, math.ceil(len(rows) / 2048))
+        ]
     )
     design = problem.design
     store.write(
         folder / "posterior.nc",
         draws,
-        log_likelihood.reshape(*draws.values.shape[:2], -1),
+        log_likelihood.reshape(n_walkers, -1, problem.observed.size),
         problem.observed,
         {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "square": design.waveform},
     )
@@ -201,8 +261,9 @@ def fit(
     watcher.stage("profile")
     top = flat[np.argmax(draws.log_posterior)]
     profiles = identify.profiles(problem, top, watcher.update)
-    summary = _summarise(problem, chain, draws, thin, profiles, identity, settings)
-    write_json(folder / "posterior.json", summary)
+    files = {name: sha256(folder / name) for name in _SIGNED}
+    summary = _summarise(problem, chain, draws, thin, profiles, record, settings, files)
+    write_json(folder / "posterior.json", summary, sealed=True)
     return Run(folder, problem, record, summary, draws)
 
 
@@ -210,48 +271,81 @@ def load(folder: Path) -> Run:
     """Read a finished run; `InputError` where the folder is none, foreign, damaged or interrupted."""
     if not folder.is_dir():
         raise InputError("is not a run folder", "give a folder that psafit fit has written", file=folder)
-    record = read_json(folder / "fit.json", Fit)
+    record = read_json(folder / "fit.json", Fit, sealed=True)
     if not (folder / "posterior.json").exists():
         raise InputError(
             "holds an interrupted run", "repeat the same psafit fit command: it goes on where it stopped", file=folder
         )
-    summary = read_json(folder / "posterior.json", PosteriorSummary)
+    summary = read_json(folder / "posterior.json", PosteriorSummary, sealed=True)
+    if summary.identity != record.identity:
+        raise InputError("belongs to another run than fit.json", _AGAIN, file=folder / "posterior.json")
+    for name in _SIGNED:
+        if sha256(folder / name) != summary.files.get(name):
+            raise InputError("was changed after the fit", _AGAIN, file=folder / name)
     experiment = read_experiment(folder / "experiment")
     problem = Problem(experiment, tuple(record.groups), catalogue(record.terms))
-    draws = store.read(folder / "posterior.nc", problem.names)
-    for name, found in (
-        ("posterior.json", summary.identity),
-        ("posterior.nc", draws.identity),
-    ):
-        if found != record.identity:
-            raise InputError("belongs to another run than fit.json", "run psafit fit again", file=folder / name)
-    if experiment.fingerprint != record.fingerprint:
-        raise InputError("was changed after the fit", "run psafit fit again", file=folder / "experiment")
-    return Run(folder, problem, record, summary, draws)
+    found = _recorded(record)
+    expected = _determinants(problem, record.seed, record.n_starts, record.sampler, found["version"])
+    if differing := _differing(expected, found):
+        if "data" in differing:
+            raise InputError("was changed after the fit", _AGAIN, file=folder / "experiment")
+        raise InputError(f"is of another version of psafit ({differing} differ)", _AGAIN, file=folder / "fit.json")
+    if _identity(found) != record.identity or [p.name for p in summary.parameters] != list(problem.names):
+        raise InputError("contradicts itself", _AGAIN, file=folder / "fit.json")
+    return Run(folder, problem, record, summary, store.read(folder / "posterior.nc", problem.names))
 
 
-def _claim(folder: Path, identity: str) -> Fit | None:
-    """The folder's fit if it is of this very run, None if it is free; anything else is refused."""
+def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
+    """The folder's fit if it is of this very run, None if it is free and now ours; anything else is refused."""
+    identity, marker = _identity(determinants), folder / _MARKER
+    another = "choose another --out, or remove the folder to start over"
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file", "choose another --out", file=folder)
-    if not (folder / "fit.json").exists():
-        foreign = [p.name for p in folder.iterdir()] if folder.is_dir() else []
-        if set(foreign) - {"experiment"}:
-            raise InputError(
-                f"already holds other files ({sorted(foreign)[0]})", "choose an empty folder with --out", file=folder
-            )
-        return None
-    record = read_json(folder / "fit.json", Fit)
-    if record.identity != identity:
-        raise InputError(
-            "holds another run (other data, groups, terms, seed or version)",
-            "choose another --out, or remove the folder to start over",
-            file=folder,
-        )
+    record = None
+    if (folder / "fit.json").exists():
+        record = read_json(folder / "fit.json", Fit, sealed=True)
+        if record.identity != identity:
+            differing = _differing(determinants, _recorded(record)) or "something"
+            raise InputError(f"holds another run (what differs: {differing})", another, file=folder)
+    elif marker.exists():
+        if marker.read_bytes() != identity.encode():
+            raise InputError("holds another run, interrupted in its search", another, file=folder)
+    else:
+        foreign = sorted(p.name for p in folder.iterdir() if not is_temporary(p)) if folder.exists() else []
+        if foreign:
+            what = f"already holds other files ({foreign[0]})"
+            raise InputError(what, "choose an empty folder with --out", file=folder)
+        write_atomically(marker, identity.encode())
+    for part in (folder, folder / "experiment"):
+        if part.is_dir():
+            remove_temporaries(part)
     return record
 
 
-def _record(problem: Problem, optimum: Optimum, identity: str, seed: int, command: Sequence[object]) -> Fit:
+def _entries(problem: Problem, optimum: Optimum) -> list[MinimumEntry]:
+    return [
+        MinimumEntry(dict(zip(problem.names, m.values.tolist(), strict=True)), m.log_posterior, m.starts)
+        for m in optimum.minima
+    ]
+
+
+def _teller(watcher: Watcher, settings: emcee_adaptor.Settings, limit: int) -> Callable[[emcee_adaptor.Progress], None]:
+    return lambda s: watcher.update(
+        s.steps,
+        None,
+        f"step {s.steps} of at most {limit}, R-hat {s.r_hat:.3f} (goal {settings.r_hat}),"
+        f" {s.autocorrelation_times:.0f} autocorrelation times (goal {settings.autocorrelation_times:.0f})",
+    )
+
+
+def _record(
+    problem: Problem,
+    optimum: Optimum,
+    identity: str,
+    seed: int,
+    settings: emcee_adaptor.Settings,
+    command: Sequence[object],
+) -> Fit:
     return Fit(
         identity=identity,
         title=problem.experiment.title,
@@ -268,13 +362,12 @@ def _record(problem: Problem, optimum: Optimum, identity: str, seed: int, comman
             for p in problem.parameters
         ],
         n_physical=problem.n_physical,
-        minima=[
-            MinimumEntry(dict(zip(problem.names, m.values.tolist(), strict=True)), m.log_posterior, m.starts)
-            for m in optimum.minima
-        ],
+        minima=_entries(problem, optimum),
         n_starts=optimum.n_starts,
         n_failed=optimum.n_failed,
         n_evaluations=optimum.n_evaluations,
+        n_missed=0,
+        sampler=_sampler(settings),
         lmfit_report=optimum.report,
         versions=versions(),
         command=portable_command(command),
@@ -295,8 +388,9 @@ def _summarise(
     draws: store.Draws,
     thin: int,
     profiles: list[list[ProfilePoint]],
-    identity: str,
+    record: Fit,
     settings: emcee_adaptor.Settings,
+    files: dict[str, str],
 ) -> PosteriorSummary:
     health = store.diagnostics(draws.values)
     quantiles = np.quantile(draws.flat, [0.05, 0.5, 0.95], axis=0)
@@ -336,7 +430,7 @@ def _summarise(
             f" {settings.autocorrelation_times:.0f} and {settings.r_hat}): repeat the command to draw on"
         )
     return PosteriorSummary(
-        identity=identity,
+        identity=record.identity,
         converged=chain.converged,
         message=message,
         n_walkers=chain.draws.shape[0],
@@ -346,4 +440,5 @@ def _summarise(
         acceptance=chain.acceptance,
         autocorrelation_times=reached,
         parameters=entries,
+        files=files,
     )

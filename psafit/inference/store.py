@@ -56,8 +56,8 @@ def write(
     ----------
     path : Path
     draws : Draws
-    log_likelihood : (n_chains, n_draws, n_points) array
-        Of every fitted reading.
+    log_likelihood : (n_chains, n, n_points) array
+        Of every fitted reading; of fewer draws, evenly spaced, where the readings are many.
     observed : (n_points,) array, um
     constant : mapping of name to (n_points,) array
         Conditions of the fitted readings.
@@ -75,7 +75,11 @@ def write(
         "coords": {"reading": np.arange(observed.size)},
         "dims": {name: ["reading"] for name in ("launch_range_um", *constant)},
     }
-    data = az.from_dict(groups, **layout) if _is_tree(az) else az.from_dict(**groups, **layout)
+    with warnings.catch_warnings():  # ArviZ takes many short chains for a transposed array
+        warnings.filterwarnings("ignore", message="More chains", category=UserWarning)
+        data = az.from_dict(groups, **layout) if _is_tree(az) else az.from_dict(**groups, **layout)
+    for part in data.subtree if _is_tree(az) else (data[name] for name in data.groups()):
+        part.attrs.pop("created_at", None)  # the same draws are the same file
     data.attrs["psafit_identity"] = draws.identity
     with replacing(path) as temporary:
         data.to_netcdf(str(temporary), engine="h5netcdf")

@@ -130,13 +130,14 @@ def _what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
 
 
 def _what_it_predicts(validation: Validation) -> Markup:
-    unseen = [s for s in validation.groups if s.role == "holdout"]
-    seen = [s for s in validation.groups if s.role == "fit"]
+    unseen, seen = _telling(validation, "holdout"), _telling(validation, "fit")
     if not unseen:
+        held_out = any(s.role == "holdout" for s in validation.groups)
+        why = "no group that could tell" if held_out else "no group; every one was fitted"
         return Markup(
-            "<strong>Never seen:</strong> no group; every one was fitted, so nothing is left to test the prediction on."
+            "<strong>Never seen:</strong> {}, so nothing is left to test the prediction on."
             " The fitted readings themselves are typically off by {}."
-        ).format(listed(f"×{factor(s.log_rmse)} (group {s.group})" for s in seen))
+        ).format(why, listed(f"×{factor(s.log_rmse)} (group {s.group})" for s in seen))
     mean = validation.holdout_log_rmse
     assert mean is not None  # there are groups it is the mean of
     readings = sum(s.n_points for s in unseen)
@@ -163,6 +164,13 @@ def _what_it_predicts(validation: Validation) -> Markup:
     ).format(
         how, which, factor(mean), spread, factor(_mean_log_rmse(seen)), percent(_coverage(unseen)), readings
     )  # fmt: skip
+
+
+def _telling(validation: Validation, role: str) -> list[GroupScore]:
+    """The groups of a role that enter means; all of them where none tells anything."""
+    scores = [s for s in validation.groups if s.role == role]
+    telling = [s for s in scores if s.informative]
+    return telling if telling or role == "holdout" else scores
 
 
 def _mean_log_rmse(scores: Sequence[GroupScore]) -> float:
@@ -204,8 +212,7 @@ def _what_is_implausible(run: Run) -> list[Markup]:
 
 
 def _tiles(validation: Validation) -> list[dict[str, str]]:
-    seen = [s for s in validation.groups if s.role == "fit"]
-    unseen = [s for s in validation.groups if s.role == "holdout"]
+    unseen, seen = _telling(validation, "holdout"), _telling(validation, "fit")
     tiles = [{"value": f"×{factor(_mean_log_rmse(seen))}", "label": "typical factor, fitted readings"}]
     if unseen:
         tiles.append({"value": f"×{factor(_mean_log_rmse(unseen))}", "label": "typical factor, unseen groups"})
@@ -302,7 +309,9 @@ def _minima(run: Run) -> dict[str, Any]:
             f" The next best lies {gap:.1f} lower in log posterior, so its density is smaller by a factor of"
             f" {number(math.exp(min(gap, 600.0)))}."
         )
-    if best.starts < 3 < fit.n_starts:
+    if fit.n_missed:
+        text += f" The search had missed {count(fit.n_missed, 'better one')}, which the sampler then found."
+    elif best.starts < 3 < fit.n_starts:
         text += " So few starts found the best that a better one may have been missed."
     return {
         "text": text,
@@ -398,7 +407,7 @@ def _numerics(n: Numerics) -> dict[str, Any]:
         "rate": _short(n.fastest_rate),
         "limit_us": f"{1e6 * n.stable_step:.4g}",
         "common_us": f"{1e6 * n.common_step:g}",
-        "growth": f"{n.common_growth:.4g}",
+        "growth": _short(n.common_growth),
         "ratio": f"{n.common_step / n.stable_step:.3g}",
         "stable": n.stable_step >= n.common_step,
     }

@@ -13,7 +13,7 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from psafit.files import write_atomically
+from psafit.files import encodable, write_atomically
 
 SVG_LIMIT = 120_000
 """Largest SVG, in bytes, that is put into a page; larger ones go in as PNG."""
@@ -64,7 +64,7 @@ def render(template: str, out_path: str | Path, **context: Any) -> Path:
     """
     out_path = Path(out_path)
     text = _environment().get_template(template).render({"provenance": {}, **context})
-    write_atomically(out_path, text.encode("utf-8"))
+    write_atomically(out_path, encodable(text).encode("utf-8"))
     return out_path
 
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from psafit.experiment import Constants, Group
 
 SINE, SQUARE = 0, 1
+_WAVEFORMS = {"sine": SINE, "square": SQUARE}
+MAX_FREQUENCY = 1e9  # Hz; no stack follows
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,11 @@ class Design:
     amplitude : (n_points,) array, V
     group : (n_points,) int array
         Session of each point, numbered from 0; causes that act per session use it.
+
+    Raises
+    ------
+    ValueError
+        If the arrays differ in length, or one holds an impossible value; the message names it.
     """
 
     constants: Constants
@@ -47,6 +54,13 @@ class Design:
                 raise ValueError(f"{name} has shape {array.shape}, expected ({self.n_points},)")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        for name, sound, wanted in (
+            ("waveform", np.isin(self.waveform, (SINE, SQUARE)), f"{SINE} (sine) or {SQUARE} (square)"),
+            ("frequency", (self.frequency > 0) & (self.frequency <= MAX_FREQUENCY), f"in (0, {MAX_FREQUENCY:g}] Hz"),
+            ("amplitude", (self.amplitude >= 0) & np.isfinite(self.amplitude), "finite and not negative (V)"),
+        ):
+            if not sound.all():
+                raise ValueError(f"{name} must be {wanted}, got {getattr(self, name)[~sound][0]}")
 
     @property
     def n_points(self) -> int:
@@ -69,7 +83,7 @@ class Design:
         sizes = [g.frequency_hz.size for g in groups]
         return cls(
             constants,
-            np.repeat([SQUARE if g.waveform == "square" else SINE for g in groups], sizes),
+            np.repeat([_WAVEFORMS[g.waveform] for g in groups], sizes),
             np.concatenate([g.frequency_hz for g in groups]),
             np.concatenate([g.amplitude_v for g in groups]),
             np.repeat(np.arange(len(groups)), sizes),
@@ -79,5 +93,6 @@ class Design:
     def sweep(cls, constants: Constants, waveform: str, frequency: object, amplitude: object) -> Design:
         """One sweep; `frequency` (Hz) and `amplitude` (V) broadcast against each other."""
         f, v = np.broadcast_arrays(np.atleast_1d(np.asarray(frequency, float)), np.asarray(amplitude, float))
-        code = SQUARE if waveform == "square" else SINE
-        return cls(constants, np.full(f.size, code), f, v, np.zeros(f.size, np.int64))
+        if waveform not in _WAVEFORMS:
+            raise ValueError(f"waveform must be one of {', '.join(_WAVEFORMS)}, got {waveform!r}")
+        return cls(constants, np.full(f.size, _WAVEFORMS[waveform]), f, v, np.zeros(f.size, np.int64))
