@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from psafit.inference.run import Run
 from psafit.records import Numerics, Refinement, write_json
-from psafit.simulate import Design, columns, path_of, rig_of, simulate
+from psafit.simulate import path_of, rig_of, simulate
 from psafit.simulate.stability import contact_matrix_of, largest_stable_step, rk4_growth
 from psafit.simulate.stepper import TOLERANCE
 
@@ -50,7 +50,7 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
     best = np.array([run.fit.minima[0].values[name] for name in problem.names])
     values = np.vstack([best, flat[np.linspace(0, len(flat) - 1, min(n_draws, len(flat))).astype(int)]])
     theta = problem.theta(problem.to_sampling(values), experiment.ids)
-    design = Design.of(experiment.constants, experiment.groups)
+    design = problem.design_of(experiment.ids)
     path = path_of(terms)
     exact = path == "closed form"
 
@@ -71,7 +71,6 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
     eigenvalues = np.linalg.eigvals(contact_matrix_of(rig)).astype(complex)
     step = largest_stable_step(eigenvalues)
     growth = float(rk4_growth(eigenvalues, COMMON_STEP).max())
-    assert theta.shape[1] == len(columns(terms, len(experiment.groups)))
     result = Numerics(
         identity=run.fit.identity,
         engine=path,

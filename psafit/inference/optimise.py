@@ -175,7 +175,7 @@ def _scatter(problem: Problem, predicted: FloatArray) -> tuple[FloatArray, Float
     -------
     (n_sets,) array and (n_sets, 3) array of sampling coordinates
     """
-    n = problem.n_dim - len(noise.PARAMETERS)
+    n = problem.n_model
     grid = np.array(np.meshgrid(_SCATTER, _SCATTER, _TAILS)).reshape(3, -1).T
     u = np.stack([p.prior_quantile(grid[:, i]) for i, p in enumerate(noise.PARAMETERS)], axis=1)
     values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(noise.PARAMETERS)], axis=1)
@@ -194,7 +194,7 @@ def _screen(problem: Problem, seed: int, n_starts: int) -> tuple[FloatArray, int
     power = math.ceil(math.log2(n_starts * _DRAWS_PER_START))
     quantiles = qmc.Sobol(problem.n_dim, rng=np.random.default_rng(seed)).random_base2(power)
     draws = problem.prior_transform(np.clip(quantiles, 1e-3, 1 - 1e-3))
-    n = problem.n_dim - len(noise.PARAMETERS)
+    n = problem.n_model
     height = problem.log_prior(draws) - np.sum(
         [p.log_prior(draws[:, n + i]) for i, p in enumerate(problem.parameters[n:])], axis=0
     )
@@ -218,7 +218,7 @@ def _screen(problem: Problem, seed: int, n_starts: int) -> tuple[FloatArray, int
 
 def _basin(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, int]:
     """Least squares on variance-stabilised residuals: (coordinates, height at the best scatter, sets simulated)."""
-    n = problem.n_dim - len(noise.PARAMETERS)
+    n = problem.n_model
     relative, absolute = (float(p.to_physical(u)) for p, u in zip(noise.PARAMETERS[:2], start[n : n + 2], strict=True))
 
     def stabilise(y: FloatArray) -> FloatArray:

@@ -65,7 +65,12 @@ class Problem:
     @property
     def n_physical(self) -> int:
         """Number of parameters of the baseline and the causes."""
-        return len(self.parameters) - len(self._latents) - len(noise.PARAMETERS)
+        return self.n_model - len(self._latents)
+
+    @property
+    def n_model(self) -> int:
+        """Number of parameters that the prediction depends on: all but the scatter's."""
+        return self.n_dim - len(noise.PARAMETERS)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -155,7 +160,7 @@ class Problem:
 
     def noise_values(self, u: FloatArray) -> FloatArray:
         """The scatter's parameters, as `noise.scale` takes them; (n_sets, 3)."""
-        return self.to_physical(u)[:, self.n_dim - len(noise.PARAMETERS) :]
+        return self.to_physical(u)[:, self.n_model :]
 
     def log_prior(self, u: FloatArray) -> FloatArray:
         """Log prior density in the sampling coordinate; (n_sets,)."""

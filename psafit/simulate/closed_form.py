@@ -431,7 +431,7 @@ def _square(pole, weight, lead, n_roots, f, volt, lift, horizon, placed, amplitu
     sign = -2.0 * volt
     while True:
         _tabulate(place, amplitude, n, table)
-        # Too little motion in this half period says nothing of the next: the lift counts as unknown there.
+        # Infinity, whether there is no zero or too little motion for one, ends this half period only.
         t = _march(table, n, t, half, rising, lift)
         span = half if math.isinf(t) else t
         if placed:
