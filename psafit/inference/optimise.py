@@ -1,28 +1,31 @@
 """Best parameter values by lmfit, from many starts.
 
 Three stages. Quasi-random draws of the prior are simulated, and each is judged by its posterior density at the best
-scatter for it. From the best draws that lie apart, least squares on residuals stabilised with that scatter finds the
-basins of the physical parameters. From each distinct basin, the posterior density of all parameters, scatter included,
-is climbed to its top.
+scatter for it. From the best draws that lie apart, all at once, Fisher scoring climbs the posterior of all parameters,
+scatter included (`psafit.inference.ascent`). Each distinct top is polished by lmfit: a gradient's climb, and a simplex
+where a kink has stopped it.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import lmfit
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import differential_evolution, minimize
+from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from psafit.errors import ConvergenceError
 from psafit.inference import noise
+from psafit.inference.ascent import ascend
 from psafit.inference.problem import Problem
+from psafit.physics import baseline
 
 FloatArray = NDArray[np.float64]
 
@@ -31,11 +34,13 @@ _STEP = 1e-4
 # Two end points are one minimum when every physical coordinate agrees to five times this and the height does.
 _SAME_PLACE, _SAME_HEIGHT = 0.05, 0.5
 # Draws of the prior looked at for every start, and how far apart starts lie (in units of the prior's width).
-_DRAWS_PER_START, _APART = 64, 0.25
-# Basins this far below the best (log posterior, at the best scatter for each) are not climbed; at most so many are.
-_PROMISING, _MOST_BASINS = 40.0, 6
-# Differential evolution: members and generations.
-_CROWD, _GENERATIONS = 48, 60
+_DRAWS_PER_START, _APART = 32, 0.25
+# Iterations after which the lower half of the starts is given up, and iterations for the rest.
+_TRIAL, _REST = 6, 60
+# Tops this far below the best (nats) are not polished; at most so many are.
+_PROMISING, _MOST_BASINS = 20.0, 3
+# Quantiles of a strength's prior at which a smaller model's optimum is a start for a larger one.
+_STRENGTHS = (0.05, 0.25, 0.5, 0.75, 0.95)
 # Scatter tried for a prediction: quantiles of each parameter's prior.
 _SCATTER = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985)
 _TAILS = (0.2, 0.8)
@@ -195,6 +200,11 @@ def _screen(problem: Problem, seed: int, n_starts: int) -> tuple[FloatArray, int
     quantiles = qmc.Sobol(problem.n_dim, rng=np.random.default_rng(seed)).random_base2(power)
     draws = problem.prior_transform(np.clip(quantiles, 1e-3, 1 - 1e-3))
     n = problem.n_model
+    # Data may want a cause where its prior hardly goes: half of the draws of each such parameter span its bounds.
+    for i in range(len(baseline.PARAMETERS), problem.n_physical):
+        q, (low, high) = quantiles[:, i], problem.bounds[i]
+        prior = problem.parameters[i].prior_quantile(np.clip(2 * q, 1e-3, 1 - 1e-3))
+        draws[:, i] = np.where(q < 0.5, prior, low + np.clip(2 * q - 1, 1e-3, 1 - 1e-3) * (high - low))
     height = problem.log_prior(draws) - np.sum(
         [p.log_prior(draws[:, n + i]) for i, p in enumerate(problem.parameters[n:])], axis=0
     )
@@ -203,6 +213,18 @@ def _screen(problem: Problem, seed: int, n_starts: int) -> tuple[FloatArray, int
         height[part] += likelihood
     width = np.ptp(problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim])), axis=0)[:n]
     left = np.argsort(np.where(np.isfinite(height), -height, np.inf), kind="stable")
+    if problem.terms:
+        # A cause's far end has its best draws, too, though nearer ones look better until all else is fitted to them.
+        strengths = [problem.names.index(t.strength.name) for t in problem.terms]
+        low, width_of = problem.bounds[strengths, 0], np.ptp(problem.bounds[strengths], axis=1)
+        quarter = np.minimum(((draws[:, strengths] - low) / width_of * 4).astype(int), 3)
+        rank: Counter[tuple[int, ...]] = Counter()
+        place = np.empty(len(draws), int)
+        for k in left:
+            place[k] = rank[tuple(quarter[k])]
+            rank[tuple(quarter[k])] += 1
+        half = np.argsort(place[left], kind="stable")
+        left = np.array([k for pair in zip(left, left[half], strict=True) for k in pair])
     chosen: list[int] = []
     # Far apart first; where that does not yield enough starts, closer.
     for apart in (_APART, 0.5 * _APART, 0.0):
@@ -216,70 +238,41 @@ def _screen(problem: Problem, seed: int, n_starts: int) -> tuple[FloatArray, int
     return draws[chosen], len(draws)
 
 
-def _basin(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, int]:
-    """Least squares on variance-stabilised residuals: (coordinates, height at the best scatter, sets simulated)."""
-    n = problem.n_model
-    relative, absolute = (float(p.to_physical(u)) for p, u in zip(noise.PARAMETERS[:2], start[n : n + 2], strict=True))
+def widened(problem: Problem, nested: FloatArray, names: Sequence[str]) -> FloatArray:
+    """A point of a model as points of one with more causes.
 
-    def stabilise(y: FloatArray) -> FloatArray:
-        return np.arcsinh(y * relative / absolute) / relative
+    Parameters
+    ----------
+    problem : Problem
+        The larger model.
+    nested : array
+        Values of the smaller one, in the parameters' units.
+    names : sequence of str
+        Its parameters.
 
-    target = stabilise(problem.observed)
-
-    def batch(u: FloatArray) -> FloatArray:
-        full = np.concatenate([u, np.broadcast_to(start[n:], (len(u), problem.n_dim - n))], axis=1)
-        return _finite(stabilise(problem.predict(full)) - target)
-
-    result = _minimize(
-        lambda q: batch(_coordinates(q)[None, :])[0],
-        _lmfit_parameters(problem, start[:n], n),
-        method="least_squares",
-        jac=lambda q: gradient(batch, _coordinates(q), problem.bounds[:n]).T,
-        loss="soft_l1",
-        f_scale=3.0,
-        max_nfev=60,
-        ftol=1e-4,
-        xtol=1e-4,
-    )
-    u = np.concatenate([_coordinates(result.params), start[n:]])
-    likelihood, u[n:] = (x[0] for x in _scatter(problem, problem.predict(u[None, :])))
-    own = float(np.sum([p.log_prior(u[i]) for i, p in enumerate(problem.parameters[:n])]))
-    return u, float(likelihood) + own, int(result.nfev) * (1 + 2 * n) + 1
-
-
-def _widened(problem: Problem, nested: Optimum) -> FloatArray:
-    """The best point of the model without causes as a point of the model with them: strengths neutral, else medians."""
+    Returns
+    -------
+    (n, n_dim) array
+        Sampling coordinates: first with what is new at neutral values, where it has any, else at the prior's median;
+        then with each new strength in turn at quantiles of its prior.
+    """
+    known = dict(zip(names, nested, strict=True))
     u = problem.prior_transform(np.full(problem.n_dim, 0.5))
-    known = dict(zip((p.name for p in replace(problem, terms=()).parameters), nested.best.values, strict=True))
     for i, p in enumerate(problem.parameters):
         value = known.get(p.name, p.neutral)
         if value is not None and p.bounds.lower <= value <= p.bounds.upper:
             u[i] = p.to_sampling(value)
-    return _inside(problem, u, 1e-3)
-
-
-def _evolve(problem: Problem, crowd: FloatArray, seed: int) -> tuple[FloatArray, int]:
-    """Best of a crowd after some generations of differential evolution, which kinks and narrow ridges do not stop.
-
-    The first separation jumps from one dip of the indentation to another as parameters vary; the posterior has kinks
-    there, at which climbing by gradients ends.
-    """
-    size = min(len(crowd), _CROWD)
-    result = differential_evolution(
-        lambda x: _finite(-problem.log_posterior(x.T)),
-        list(problem.bounds),
-        init=np.clip(crowd[:size], problem.bounds[:, 0], problem.bounds[:, 1]),
-        strategy="randtobest1bin",
-        maxiter=_GENERATIONS,
-        mutation=(0.4, 0.9),
-        recombination=0.9,
-        tol=1e-4,
-        polish=False,
-        vectorized=True,
-        updating="deferred",
-        rng=np.random.default_rng([seed, 3]),
-    )
-    return np.asarray(result.x), int(result.nfev)
+    rows = [u]
+    for term in problem.terms:
+        if term.strength.name not in known:
+            i = problem.names.index(term.strength.name)
+            own = [problem.names.index(p.name) for p in term.parameters[1:]]
+            for q in _STRENGTHS:
+                row = u.copy()
+                row[own] = [problem.parameters[j].prior_quantile(0.5) for j in own]
+                row[i] = term.strength.prior_quantile(q)
+                rows.append(row)
+    return _inside(problem, np.array(rows), 1e-3)
 
 
 def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
@@ -370,28 +363,20 @@ def optimise(
     starts, evaluations = _screen(problem, seed, n_starts)
     if problem.terms:
         # The model without its causes lies within it: what fits there is a start here, too.
-        nested = optimise(replace(problem, terms=()), seed=seed, n_starts=max(n_starts // 4, 4))
+        plain = replace(problem, terms=())
+        nested = optimise(plain, seed=seed, n_starts=max(n_starts // 4, 4))
         evaluations += nested.n_evaluations
-        starts = np.concatenate([starts[: n_starts - 1], _widened(problem, nested)[None, :]])
-    ends: list[tuple[FloatArray, float, int]] = []
-    failed = n_starts - len(starts)
-    for k, start in enumerate(starts):
-        u, height, used = _basin(problem, start)
-        evaluations += used
-        if np.isfinite(height):
-            ends.append((u, height, 1))
-        else:
-            failed += 1
-        progress(k + 1, n_starts)
+        inner = widened(problem, nested.best.values, plain.names)[:n_starts]
+        starts = np.concatenate([starts[: n_starts - len(inner)], inner])
+    climbed = ascend(problem, starts, schedule=((_TRIAL, max(n_starts // 2, 1)), (_REST, n_starts)), progress=progress)
+    evaluations += climbed.n_sets
+    found = np.isfinite(climbed.height)
+    ends = [(u, float(h), 1) for u, h in zip(climbed.u[found], climbed.height[found], strict=True)]
+    failed = n_starts - len(starts) + int((~found).sum())
     if not ends:
         raise ConvergenceError("search for a starting point with finite posterior", reached=0, required=1)
     basins = _merge(ends, problem.n_physical, height=1.0)
     promising = [b for b in basins if b[1] > basins[0][1] - _PROMISING][:_MOST_BASINS]
-    if problem.terms:
-        crowd = np.array([e[0] for e in sorted(ends, key=lambda e: -e[1])] + list(starts))
-        evolved, used = _evolve(problem, crowd, seed)
-        evaluations += used
-        promising.append((evolved, 0.0, 0))
     tops: list[tuple[FloatArray, float, int]] = []
     report = ""
     for u, _, count in promising:

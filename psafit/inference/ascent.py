@@ -1,0 +1,308 @@
+r"""Climb many log posteriors at once, by Fisher scoring.
+
+A ladder of models, each with many starts, and a bootstrap with hundreds of refits, need the same thing: many
+climbs of the same kind, whose simulations go through the simulator as one batch. `optimise` finds the best optimum of
+one problem with care; this finds a good one of many problems fast, and says how far it came.
+
+With :math:`z = (y - L)/s` and Student's scatter (`psafit.inference.noise`), the expected curvature is
+
+.. math:: \sum_i \frac{\nu+1}{\nu+3} \frac{\partial L_i \partial L_i^T}{s_i^2}
+    + \frac{2\nu}{\nu+3}\, \partial\ln s_i\, \partial\ln s_i^T - \partial^2 \ln p(\theta)
+
+(K. L. Lange, R. J. A. Little and J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881), which is positive whatever the
+residuals are. Steps are damped as Levenberg and Marquardt do, each climb by its own factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.inference import noise
+from psafit.inference.problem import Problem
+
+FloatArray = NDArray[np.float64]
+
+# Forward differences: far above the jitter of the stepping path (1e-6), far below the width of any posterior.
+_STEP = 1e-3
+_NOISE_STEP = 1e-4
+# Dampings tried at once in every iteration, as factors on a climb's own.
+_DAMPINGS = np.array([0.1, 1.0, 30.0])
+_LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e8
+# A climb stands still when it has gained less than this (nats) twice in a row.
+_STILL = 2e-3
+# Damping at which a climb that finds no way up gives up, and the expansion's reach in ``ln L``.
+_STUCK, _FARTHEST = 1e4, 2.0
+# Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
+_LONGEST = 2.0
+
+
+@dataclass(frozen=True)
+class Ascent:
+    """Where climbs ended; the first axis counts them.
+
+    Parameters
+    ----------
+    u : (n, n_dim) array
+        Sampling coordinates.
+    height : (n,) array
+        Log posterior there.
+    predicted : (n, n_points) array, um
+        Launch ranges there.
+    n_sets : int
+        Parameter sets simulated for it.
+    """
+
+    u: FloatArray
+    height: FloatArray
+    predicted: FloatArray
+    n_sets: int
+
+    @property
+    def best(self) -> int:
+        """Index of the highest."""
+        return int(np.argmax(self.height))
+
+
+def heights(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
+    """Log posteriors of predictions that are known already; minus infinity outside the bounds. Shape (n,)."""
+    likelihood = noise.log_density(observed, predicted, problem.noise_values(u), problem.known_sigma).sum(axis=1)
+    value = problem.log_prior(u) + likelihood
+    return np.where(np.isfinite(value), value, -np.inf)
+
+
+def slopes(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
+    """Derivatives of the launch ranges by the sampling coordinates of the model, um; (n, n_model, n_points).
+
+    Parameters
+    ----------
+    problem : Problem
+    u : (n, n_dim) array
+    predicted : (n, n_points) array, um
+        Launch ranges at `u`.
+    """
+    n, k = len(u), problem.n_model
+    step = np.where(u[:, :k] + _STEP > problem.bounds[:k, 1], -_STEP, _STEP)
+    moved = np.repeat(u[:, None, :], k, axis=1)
+    moved[:, np.arange(k), np.arange(k)] += step
+    found = problem.predict(moved.reshape(n * k, -1)).reshape(n, k, -1)
+    return (found - predicted[:, None, :]) / step[:, :, None]
+
+
+def _prior_slopes(problem: Problem, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First derivative, and negative second, of the log prior by each coordinate; (n, n_dim) each."""
+    h = 1e-3
+    inside = np.clip(u, problem.bounds[:, 0] + h, problem.bounds[:, 1] - h)
+    first, second = np.empty_like(u), np.empty_like(u)
+    for i, p in enumerate(problem.parameters):
+        low, mid, high = (p.log_prior(inside[:, i] + d) for d in (-h, 0.0, h))
+        # Where the point was moved inside, a normal prior's slope goes on linearly.
+        second[:, i] = np.maximum((2 * mid - low - high) / h**2, 0.0)
+        first[:, i] = (high - low) / (2 * h) - second[:, i] * (u[:, i] - inside[:, i])
+    return first, second
+
+
+def expansion(
+    problem: Problem, u: FloatArray, predicted: FloatArray, slope: FloatArray, observed: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient, (n, n_dim), and expected curvature, (n, n_dim, n_dim), of the log posterior."""
+    n, k, d = len(u), problem.n_model, problem.n_dim
+    values = problem.noise_values(u)
+    relative, nu = values[:, :1], values[:, 2:3]
+    s = noise.scale(predicted, values, problem.known_sigma)
+    z = (observed - predicted) / s
+    pull = (nu + 1) * z / (nu + z * z)
+    # d ln s by every coordinate: the ranges move it through the relative scatter.
+    by_range = relative**2 * predicted / s**2
+    log_scale = np.empty((n, d - 1, s.shape[1]))
+    log_scale[:, :k] = slope * by_range[:, None, :]
+    log_scale[:, k] = (relative * predicted / s) ** 2
+    log_scale[:, k + 1] = (values[:, 1:2] / s) ** 2
+    location = slope / s[:, None, :]
+    gradient = np.empty((n, d))
+    gradient[:, : d - 1] = np.einsum("nkp,np->nk", log_scale, z * pull - 1)
+    gradient[:, :k] += np.einsum("nkp,np->nk", location, pull)
+    curvature = np.zeros((n, d, d))
+    curvature[:, : d - 1, : d - 1] = (2 * nu / (nu + 3))[:, :, None] * np.einsum("nip,njp->nij", log_scale, log_scale)
+    curvature[:, :k, :k] += ((nu + 1) / (nu + 3))[:, :, None] * np.einsum("nip,njp->nij", location, location)
+    # The degrees of freedom: the readings' own scores, whose squares stand for the curvature.
+    ends = []
+    for sign in (1, -1):
+        moved = values.copy()
+        moved[:, 2] *= np.exp(sign * _NOISE_STEP)
+        ends.append(noise.log_density(observed, predicted, moved, problem.known_sigma))
+    tails = (ends[0] - ends[1]) / (2 * _NOISE_STEP)
+    gradient[:, -1] = tails.sum(axis=1)
+    curvature[:, -1, -1] = np.square(tails).sum(axis=1)
+    first, second = _prior_slopes(problem, u)
+    gradient += first
+    curvature[:, np.arange(d), np.arange(d)] += second
+    return gradient, curvature
+
+
+def _steps(
+    problem: Problem, u: FloatArray, gradient: FloatArray, curvature: FloatArray, damping: FloatArray
+) -> FloatArray:
+    """Points tried next; (n, n_dampings, n_dim). A coordinate held by its bound stays there."""
+    low, high = problem.bounds[:, 0], problem.bounds[:, 1]
+    held = ((u <= low) & (gradient <= 0)) | ((u >= high) & (gradient >= 0))
+    g = np.where(held, 0.0, gradient)
+    a = np.where(held[:, :, None] | held[:, None, :], 0.0, curvature)
+    d = u.shape[1]
+    diagonal = np.maximum(np.einsum("nii->ni", curvature), 1e-3)
+    levels = damping[:, None] * _DAMPINGS
+    matrix = np.repeat(a[:, None], len(_DAMPINGS), axis=1)
+    matrix[:, :, np.arange(d), np.arange(d)] += (
+        levels[:, :, None] * diagonal[:, None, :] + np.where(held, 1.0, 1e-9)[:, None, :]
+    )
+    step = np.linalg.solve(matrix, np.repeat(g[:, None, :, None], len(_DAMPINGS), axis=1))[..., 0]
+    longest = np.abs(step).max(axis=2, keepdims=True)
+    step *= np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))
+    return np.clip(u[:, None, :] + step, low, high)
+
+
+Predict = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
+"""Launch ranges, um, of rows of coordinates; the second argument says which climb each row belongs to."""
+
+
+def _climb(
+    problem: Problem,
+    starts: FloatArray,
+    target: FloatArray,
+    predict: Predict,
+    slope: Callable[[FloatArray, FloatArray], FloatArray],
+    schedule: tuple[tuple[int, int], ...],
+    progress: Callable[[int, int], None],
+) -> Ascent:
+    u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
+    n_dim = u.shape[1]
+    who = np.arange(len(u))
+    predicted = predict(u, who)
+    height = heights(problem, u, predicted, target)
+    damping = np.full(len(u), 1e-2)
+    still = np.where(np.isfinite(height), 0, 9)
+    n_sets = len(u)
+    done, total = 0, sum(iterations for iterations, _ in schedule)
+    for iterations, survivors in schedule:
+        for k in range(iterations):
+            progress(done + k, total)
+            live = np.flatnonzero(still < 2)
+            if not live.size:
+                break
+            slopes_here = slope(u[live], predicted[live])
+            gradient, curvature = expansion(problem, u[live], predicted[live], slopes_here, target[live])
+            usable = np.isfinite(gradient).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
+            still[live[~usable]] = 9
+            live, gradient, curvature = live[usable], gradient[usable], curvature[usable]
+            if not live.size:
+                break
+            rows = _steps(problem, u[live], gradient, curvature, damping[live]).reshape(-1, n_dim)
+            found = predict(rows, np.repeat(who[live], len(_DAMPINGS)))
+            n_sets += live.size * problem.n_model + len(rows)
+            value = heights(problem, rows, found, np.repeat(target[live], len(_DAMPINGS), axis=0))
+            value, rows, found = (a.reshape(live.size, len(_DAMPINGS), *a.shape[1:]) for a in (value, rows, found))
+            best = np.argmax(value, axis=1)
+            pick = np.arange(live.size)
+            gain = value[pick, best] - height[live]
+            better = gain > 0
+            factor = np.where(better, _DAMPINGS[best], 10 * _DAMPINGS[-1])
+            damping[live] = np.clip(damping[live] * factor, _LEAST_DAMPING, _MOST_DAMPING)
+            slow = (gain < _STILL) & (better | (damping[live] > _STUCK))
+            still[live] = np.where(slow, still[live] + 1, 0)
+            up = live[better]
+            u[up], height[up] = rows[better, best[better]], value[better, best[better]]
+            predicted[up] = found[better, best[better]]
+        done += iterations
+        if survivors < len(u):
+            kept = np.sort(np.argsort(-height, kind="stable")[:survivors])
+            u, height, predicted, damping, target = (a[kept] for a in (u, height, predicted, damping, target))
+            still, who = still[kept], who[kept]
+    progress(total, total)
+    return Ascent(u, height, predicted, n_sets)
+
+
+def ascend(
+    problem: Problem,
+    starts: FloatArray,
+    observed: FloatArray | None = None,
+    *,
+    schedule: tuple[tuple[int, int], ...] = ((40, 10**9),),
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Ascent:
+    """Climb from every start.
+
+    Parameters
+    ----------
+    problem : Problem
+    starts : (n, n_dim) array
+        Sampling coordinates, within the bounds.
+    observed : (n_points,) or (n, n_points) array, um, optional
+        Readings, where each climb has its own; the problem's by default.
+    schedule : tuple of (int, int)
+        Iterations, and how many of the highest climbs go on after them. Climbs that were left behind are not in the
+        result.
+    progress : callable
+        Called with (iterations done, iterations at most).
+
+    Returns
+    -------
+    Ascent
+    """
+    starts = np.atleast_2d(starts)
+    target = np.broadcast_to(problem.observed if observed is None else observed, (len(starts), problem.observed.size))
+
+    def slope(u: FloatArray, here: FloatArray) -> FloatArray:
+        return slopes(problem, u, here)
+
+    return _climb(problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, progress)
+
+
+def ascend_linearly(
+    problem: Problem,
+    at: FloatArray,
+    predicted: FloatArray,
+    slope: FloatArray,
+    observed: FloatArray | None = None,
+    *,
+    iterations: int = 25,
+) -> Ascent:
+    """Climb in models that are replaced by their logarithmic expansion, which costs no simulation.
+
+    Each climb has its own: ``ln L(u) = ln L(at) + (u - at) . slope / L``, held within a factor of e^2.
+
+    Parameters
+    ----------
+    problem : Problem
+        Parameters, priors and scatter.
+    at : (n_dim,) array
+        Where the slopes were taken, and where the climbs begin.
+    predicted : (n, n_points) array, um
+        Launch ranges of each model there.
+    slope : (n_model, n_points) array
+        Derivatives of ``ln L`` by the sampling coordinates of the model.
+    observed : (n_points,) or (n, n_points) array, um, optional
+
+    Returns
+    -------
+    Ascent
+        Its ranges are those of the expansion; `n_sets` counts none.
+    """
+    n = len(predicted)
+    target = np.broadcast_to(problem.observed if observed is None else observed, (n, problem.observed.size))
+    k = problem.n_model
+
+    def shift(u: FloatArray) -> FloatArray:
+        return (u[:, :k] - at[:k]) @ slope
+
+    def predict(u: FloatArray, who: NDArray[np.intp]) -> FloatArray:
+        return predicted[who] * np.exp(np.clip(shift(u), -_FARTHEST, _FARTHEST))
+
+    def slopes_of(u: FloatArray, here: FloatArray) -> FloatArray:
+        return (here * (np.abs(shift(u)) < _FARTHEST))[:, None, :] * slope
+
+    starts = np.repeat(at[None, :], n, axis=0)
+    result = _climb(problem, starts, target, predict, slopes_of, ((iterations, n),), lambda done, total: None)
+    return replace(result, n_sets=0)
