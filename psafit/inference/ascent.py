@@ -15,7 +15,7 @@ residuals are. Steps are damped as Levenberg and Marquardt do, each climb by its
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,11 +144,16 @@ def expansion(
 
 
 def _steps(
-    problem: Problem, u: FloatArray, gradient: FloatArray, curvature: FloatArray, damping: FloatArray
+    problem: Problem,
+    u: FloatArray,
+    gradient: FloatArray,
+    curvature: FloatArray,
+    damping: FloatArray,
+    frozen: NDArray[np.bool_],
 ) -> FloatArray:
-    """Points tried next; (n, n_dampings, n_dim). A coordinate held by its bound stays there."""
+    """Points tried next; (n, n_dampings, n_dim). A coordinate held by its bound, or frozen, stays there."""
     low, high = problem.bounds[:, 0], problem.bounds[:, 1]
-    held = ((u <= low) & (gradient <= 0)) | ((u >= high) & (gradient >= 0))
+    held = frozen | ((u <= low) & (gradient <= 0)) | ((u >= high) & (gradient >= 0))
     g = np.where(held, 0.0, gradient)
     a = np.where(held[:, :, None] | held[:, None, :], 0.0, curvature)
     d = u.shape[1]
@@ -173,9 +178,10 @@ def _climb(
     starts: FloatArray,
     target: FloatArray,
     predict: Predict,
-    slope: Callable[[FloatArray, FloatArray], FloatArray],
+    slope: Callable[[FloatArray, FloatArray, NDArray[np.intp]], FloatArray],
     schedule: tuple[tuple[int, int], ...],
-    progress: Callable[[int, int], None],
+    frozen: NDArray[np.bool_],
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Ascent:
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
     n_dim = u.shape[1]
@@ -192,14 +198,14 @@ def _climb(
             live = np.flatnonzero(still < 2)
             if not live.size:
                 break
-            slopes_here = slope(u[live], predicted[live])
+            slopes_here = slope(u[live], predicted[live], who[live])
             gradient, curvature = expansion(problem, u[live], predicted[live], slopes_here, target[live])
             usable = np.isfinite(gradient).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
             still[live[~usable]] = 9
             live, gradient, curvature = live[usable], gradient[usable], curvature[usable]
             if not live.size:
                 break
-            rows = _steps(problem, u[live], gradient, curvature, damping[live]).reshape(-1, n_dim)
+            rows = _steps(problem, u[live], gradient, curvature, damping[live], frozen).reshape(-1, n_dim)
             found = predict(rows, np.repeat(who[live], len(_DAMPINGS)))
             n_sets += live.size * problem.n_model + len(rows)
             value = heights(problem, rows, found, np.repeat(target[live], len(_DAMPINGS), axis=0))
@@ -254,10 +260,11 @@ def ascend(
     starts = np.atleast_2d(starts)
     target = np.broadcast_to(problem.observed if observed is None else observed, (len(starts), problem.observed.size))
 
-    def slope(u: FloatArray, here: FloatArray) -> FloatArray:
+    def slope(u: FloatArray, here: FloatArray, who: NDArray[np.intp]) -> FloatArray:
         return slopes(problem, u, here)
 
-    return _climb(problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, progress)
+    free = np.zeros(problem.n_dim, bool)
+    return _climb(problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, free, progress)
 
 
 def ascend_linearly(
@@ -267,42 +274,46 @@ def ascend_linearly(
     slope: FloatArray,
     observed: FloatArray | None = None,
     *,
+    frozen: Sequence[int] = (),
     iterations: int = 25,
 ) -> Ascent:
     """Climb in models that are replaced by their logarithmic expansion, which costs no simulation.
 
-    Each climb has its own: ``ln L(u) = ln L(at) + (u - at) . slope / L``, held within a factor of e^2.
+    Each climb has its own: ``ln L(u) = ln L(at) + (u - at) . slope``, held within a factor of e^2.
 
     Parameters
     ----------
     problem : Problem
         Parameters, priors and scatter.
-    at : (n_dim,) array
-        Where the slopes were taken, and where the climbs begin.
+    at : (n, n_dim) array
+        Where the climbs begin, and where the slopes were taken.
     predicted : (n, n_points) array, um
-        Launch ranges of each model there.
-    slope : (n_model, n_points) array
+        Launch ranges there.
+    slope : (n, n_model, n_points) array, or (n_model, n_points) for all
         Derivatives of ``ln L`` by the sampling coordinates of the model.
     observed : (n_points,) or (n, n_points) array, um, optional
+        Readings; the problem's by default.
+    frozen : sequence of int
+        Coordinates that stay where they are.
+    iterations : int
 
     Returns
     -------
     Ascent
-        Its ranges are those of the expansion; `n_sets` counts none.
+        Its ranges are those of the expansion; no sets are simulated.
     """
-    n = len(predicted)
-    target = np.broadcast_to(problem.observed if observed is None else observed, (n, problem.observed.size))
-    k = problem.n_model
-
-    def shift(u: FloatArray) -> FloatArray:
-        return (u[:, :k] - at[:k]) @ slope
+    n, k = len(predicted), problem.n_model
+    slope = np.broadcast_to(slope, (n, k, predicted.shape[1]))
+    target = np.broadcast_to(problem.observed if observed is None else observed, predicted.shape)
 
     def predict(u: FloatArray, who: NDArray[np.intp]) -> FloatArray:
-        return predicted[who] * np.exp(np.clip(shift(u), -_FARTHEST, _FARTHEST))
+        change = np.matmul((u[:, None, :k] - at[who][:, None, :k]), slope[who])[:, 0]
+        return predicted[who] * np.exp(np.clip(change, -_FARTHEST, _FARTHEST))
 
-    def slopes_of(u: FloatArray, here: FloatArray) -> FloatArray:
-        return (here * (np.abs(shift(u)) < _FARTHEST))[:, None, :] * slope
+    def slopes_of(u: FloatArray, here: FloatArray, who: NDArray[np.intp]) -> FloatArray:
+        return here[:, None, :] * slope[who]
 
-    starts = np.repeat(at[None, :], n, axis=0)
-    result = _climb(problem, starts, target, predict, slopes_of, ((iterations, n),), lambda done, total: None)
+    mask = np.zeros(problem.n_dim, bool)
+    mask[list(frozen)] = True
+    result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask)
     return replace(result, n_sets=0)

@@ -194,9 +194,9 @@ def _scatter(problem: Problem, predicted: FloatArray) -> tuple[FloatArray, Float
     return height[np.arange(len(height)), best], u[best]
 
 
-def _screen(problem: Problem, seed: int, n_starts: int) -> tuple[FloatArray, int]:
+def starts_of(problem: Problem, seed: int, n_starts: int, n_draws: int) -> tuple[FloatArray, int]:
     """Starts: the best of many draws of the prior, no two of them close; (n_starts, n_dim), and draws simulated."""
-    power = math.ceil(math.log2(n_starts * _DRAWS_PER_START))
+    power = math.ceil(math.log2(n_draws))
     quantiles = qmc.Sobol(problem.n_dim, rng=np.random.default_rng(seed)).random_base2(power)
     draws = problem.prior_transform(np.clip(quantiles, 1e-3, 1 - 1e-3))
     n = problem.n_model
@@ -360,7 +360,7 @@ def optimise(
     ConvergenceError
         If not one start led to a finite posterior.
     """
-    starts, evaluations = _screen(problem, seed, n_starts)
+    starts, evaluations = starts_of(problem, seed, n_starts, n_starts * _DRAWS_PER_START)
     if problem.terms:
         # The model without its causes lies within it: what fits there is a start here, too.
         plain = replace(problem, terms=())

@@ -1,0 +1,149 @@
+"""What was hidden, sealed: the answer's hash is committed before the data are written."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from psafit.errors import InputError
+from psafit.experiment import Experiment, GroupId, read_experiment
+from psafit.files import write_atomically
+from psafit.records import read_json, write_json
+
+ANSWER, COMMITMENT, EXPERIMENT = "answer.json", "commitment.txt", "experiment"
+Kind = Literal["nothing", "one", "two", "outside"]
+KINDS: tuple[Kind, ...] = ("nothing", "one", "two", "outside")
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect acts.
+
+    Parameters
+    ----------
+    group : group id
+    variable : {"frequency", "amplitude"}, optional
+        None: in the whole group.
+    lower, upper : float, Hz or V, optional
+        None: without an end on that side.
+    """
+
+    group: GroupId
+    variable: Literal["frequency", "amplitude"] | None = None
+    lower: float | None = None
+    upper: float | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """`answer.json`: the truth behind a challenge.
+
+    Parameters
+    ----------
+    version : str
+        Of psafit.
+    seed : int
+    kind : {"nothing", "one", "two", "outside"}
+    terms : list of str
+        Causes of the catalogue that act.
+    parameters : dict
+        True values of the baseline's and the causes' parameters, in their units; what every session has for itself is
+        numbered by the group's id.
+    scatter : dict
+        ``sigma_rel`` (1), ``sigma_abs`` (um), ``nu`` (None: normal).
+    asked_nats : float, optional
+        Oracle gain asked for, of each cause alone.
+    expected_nats : dict
+        What the search for the strength expected of each cause alone; empty where strengths were drawn.
+    reached : bool
+        Whether every cause could be made as strong as asked for.
+    share : dict
+        For each cause, the part of its prior that lies closer to neutral.
+    outside : str, optional
+        Name of an effect outside the catalogue.
+    where : str
+        Where that acts, in words.
+    places : list of Place
+    design : {"given", "drawn"}
+    redraws : int
+        True models drawn besides that launched too little, or in which a cause could not be as strong as asked for.
+    true_um : list of float, um
+        Ranges before scatter and rounding, group after group.
+    fingerprint : str
+        Of the experiment that belongs to this answer.
+    """
+
+    version: str
+    seed: int
+    kind: Kind
+    terms: list[str]
+    parameters: dict[str, float]
+    scatter: dict[str, float | None]
+    asked_nats: float | None
+    expected_nats: dict[str, float]
+    reached: bool
+    share: dict[str, float]
+    outside: str | None
+    where: str
+    places: list[Place]
+    design: Literal["given", "drawn"]
+    redraws: int
+    true_um: list[float]
+    fingerprint: str
+
+
+def seal(answer: Answer, folder: Path) -> str:
+    """Write the answer and commit to it.
+
+    Returns
+    -------
+    str
+        SHA-256 of the answer's bytes, as `commitment.txt` holds it.
+    """
+    write_json(folder / ANSWER, answer)
+    digest = hashlib.sha256((folder / ANSWER).read_bytes()).hexdigest()
+    # As `sha256sum --check` reads it.
+    write_atomically(folder / COMMITMENT, f"{digest}  {ANSWER}\n".encode())
+    return digest
+
+
+def read_record(path: Path, kind: type[Record], remedy: str) -> Record:
+    """Read a record of this package; `InputError` with this remedy where it is missing, foreign or damaged."""
+    try:
+        return read_json(path, kind)
+    except InputError as error:
+        raise InputError(error.what, remedy, file=path) from error
+
+
+def unseal(folder: Path) -> tuple[Experiment, Answer]:
+    """Read a challenge back, and hold the answer against its commitment and against the data.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, or the answer is not the one committed to, or belongs to other data.
+    """
+    remedy = "make the challenge again with psafit challenge make"
+    answer_file, commitment = folder / ANSWER, folder / COMMITMENT
+    try:
+        words = commitment.read_text("utf-8").split()
+        digest = hashlib.sha256(answer_file.read_bytes()).hexdigest()
+    except FileNotFoundError as error:
+        raise InputError("is missing", "give a folder that psafit challenge make wrote", file=error.filename) from error
+    except (OSError, ValueError) as error:
+        raise InputError("cannot be read", remedy, file=commitment) from error
+    if words != [digest, ANSWER]:
+        raise InputError("is not the answer that was committed to", remedy, file=answer_file)
+    answer = read_record(answer_file, Answer, remedy)
+    experiment = read_experiment(folder / EXPERIMENT)
+    if experiment.fingerprint != answer.fingerprint:
+        raise InputError("holds other data than the answer belongs to", remedy, file=folder / EXPERIMENT)
+    return experiment, answer
+
+
+__all__ = [
+    "ANSWER", "COMMITMENT", "EXPERIMENT", "KINDS", "Answer", "Kind", "Place", "read_record", "seal", "unseal",
+]  # fmt: skip

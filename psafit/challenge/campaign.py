@@ -1,0 +1,448 @@
+"""Many challenges: a plan, and its results, one file a data set.
+
+A data set is made, diagnosed and put before the oracle in a temporary folder; what is kept is its `Result`, written in
+one step. Whatever has a result is not run again, so that an interrupted campaign goes on where it stopped. Results do
+not depend on the number of workers or on their order.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import math
+import multiprocessing
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import joblib
+import numpy as np
+
+import psafit
+from psafit.challenge.answer import EXPERIMENT, Answer, Kind, read_record, unseal
+from psafit.challenge.hide import Outside, make
+from psafit.challenge.oracle import Oracle, consult
+from psafit.errors import InputError, PsafitError
+from psafit.experiment import Experiment, read_experiment
+from psafit.files import remove_temporaries
+from psafit.physics import TERMS
+from psafit.records import plain, write_json
+
+Diagnose = Callable[..., object]
+"""``diagnose(experiment, group_ids, folder, quick=True, seed=seed)`` writes `diagnosis.json` into `folder`."""
+
+CAMPAIGN, RESULTS, DIAGNOSIS = "campaign.json", "results", "diagnosis.json"
+LEVELS: Mapping[str, float] = {"weak": 10.0, "medium": 30.0, "strong": 100.0}
+"""Oracle gains asked for, nats."""
+
+NOTHING = 60
+PAIRS = 24
+_OUTSIDE_EACH = 3
+# Of each cause and strength, so that the campaign reaches 200 data sets.
+_EACH = 2
+# Each cause of a pair, alone.
+_PAIR_NATS = 60.0
+# Every so many data sets have a design of their own.
+_DRAWN_DESIGN = 4
+# Rivals are looked for where a miss would count.
+RIVALS_FROM_NATS = 25.0
+_KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
+_AGAIN = "remove it, and run the campaign again"
+
+
+@dataclass(frozen=True)
+class Spec:
+    """One data set of a campaign.
+
+    Parameters
+    ----------
+    id : str
+        Name of its result file.
+    seed : int
+    kind : {"nothing", "one", "two", "outside"}
+    terms : list of str
+    outside : str, optional
+        Name of the effect outside the catalogue.
+    level : str
+        "weak", "medium", "strong"; empty where no strength is asked for.
+    nats : float, optional
+        Oracle gain asked of each cause alone.
+    design : {"given", "drawn"}
+    """
+
+    id: str
+    seed: int
+    kind: Kind
+    terms: list[str]
+    outside: str | None
+    level: str
+    nats: float | None
+    design: Literal["given", "drawn"]
+
+
+@dataclass(frozen=True)
+class Result:
+    """`results/<id>.json`: truth, oracle and verdict of one data set.
+
+    Parameters
+    ----------
+    spec : Spec
+    version : str
+        Of psafit.
+    status : {"done", "failed"}
+        A failed one has no diagnosis, counts as a miss and is tried again.
+    message : str
+        Why it failed.
+    answer : Answer
+    oracle : Oracle
+    diagnosis : dict
+        ``verdict``, ``named``, ``alternatives``, ``causes`` and ``misfit`` of `diagnosis.json`.
+    seconds : dict
+        Wall time of ``make``, ``oracle`` and ``diagnose``.
+    """
+
+    spec: Spec
+    version: str
+    status: Literal["done", "failed"]
+    message: str
+    answer: Answer
+    oracle: Oracle
+    diagnosis: dict[str, Any]
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """`campaign.json`: what is run.
+
+    Parameters
+    ----------
+    version : str
+        Of psafit.
+    command : str
+    design : str
+        Fingerprint of the experiment whose conditions are simulated.
+    specs : list of Spec
+    """
+
+    version: str
+    command: str
+    design: str
+    specs: list[Spec]
+
+
+def plan(
+    seed: int,
+    *,
+    outside: Sequence[str] = (),
+    terms: Sequence[str] | None = None,
+    each: int = _EACH,
+    nothing: int = NOTHING,
+    pairs: int = PAIRS,
+    outside_each: int = _OUTSIDE_EACH,
+) -> list[Spec]:
+    """List the data sets of a campaign: every cause at three strengths, pairs, outside effects, and nothing.
+
+    Parameters
+    ----------
+    seed : int
+        Two campaigns of different seeds have no data set in common.
+    outside : sequence of str
+        Names of effects outside the catalogue.
+    terms : sequence of str, optional
+        The causes; the whole catalogue by default.
+    each : int
+        Data sets of every cause and strength.
+    nothing, pairs : int
+        Data sets with nothing hidden, and with two causes.
+    outside_each : int
+        Data sets of every outside effect.
+
+    Returns
+    -------
+    list of Spec
+        In an order that mixes the kinds, so that a campaign cut short is a fair part of the whole.
+    """
+    ids = [t.id for t in TERMS] if terms is None else list(terms)
+    rng = np.random.default_rng([seed, 10])
+    wanted: list[tuple[Kind, list[str], str | None, str, float | None]] = []
+    for _ in range(each):
+        wanted += [("one", [i], None, level, nats) for i in ids for level, nats in LEVELS.items()]
+    wanted += [("nothing", [], None, "", None)] * nothing
+    for _ in range(pairs if len(ids) > 1 else 0):
+        both = sorted(int(i) for i in rng.choice(len(ids), size=2, replace=False))
+        wanted.append(("two", [ids[i] for i in both], None, "", _PAIR_NATS))
+    wanted += [("outside", [], name, "", None) for name in outside for _ in range(outside_each)]
+    # Seeds before the shuffle: the same data set whatever else is planned of its kind later in the list.
+    seeds = [int(np.random.default_rng([seed, 11, k]).integers(2**32)) for k in range(len(wanted))]
+    specs = []
+    for k, ((kind, causes, effect, level, nats), own) in enumerate(zip(wanted, seeds, strict=True)):
+        label = "-".join([*causes, *([effect] if effect else []), *([level] if level else [])]) or "nothing"
+        design: Literal["given", "drawn"] = "drawn" if own % _DRAWN_DESIGN == 0 else "given"
+        specs.append(Spec(f"{k:04d}-{label}", own, kind, causes, effect, level, nats, design))
+    return [specs[int(i)] for i in rng.permutation(len(specs))]
+
+
+def solve(
+    spec: Spec,
+    design_of: Experiment,
+    diagnose: Diagnose | None = None,
+    outside: Sequence[Outside] = (),
+    *,
+    shielded: bool = False,
+) -> Result:
+    """Make one data set, diagnose it, and ask the oracle.
+
+    Parameters
+    ----------
+    spec : Spec
+    design_of : Experiment
+        Whose conditions are simulated, unless the design is drawn.
+    diagnose : callable, optional
+        See `Diagnose`; `psafit.diagnose.diagnose` by default.
+    outside : sequence of Outside
+        The effects that specs name.
+    shielded : bool
+        Whether this process leaves Ctrl-C to the one that started it.
+
+    Returns
+    -------
+    Result
+        Failed where the diagnosis says so on purpose (`PsafitError`) or breaks its contract; anything else it raises
+        is a bug, and goes on.
+    """
+    own_process = multiprocessing.parent_process() is not None
+    if shielded and own_process and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if diagnose is None:
+        from psafit.diagnose import diagnose as own  # type: ignore[attr-defined,unused-ignore]
+
+        diagnose = own
+    effects = {effect.name: effect for effect in outside}
+    if spec.outside is not None and spec.outside not in effects:
+        raise InputError(f"{spec.id}: no outside effect {spec.outside}", "pass it to the campaign")
+    with tempfile.TemporaryDirectory(prefix="psafit-challenge-") as name:
+        folder = Path(name)
+        begun = time.monotonic()
+        made = make(
+            spec.seed,
+            folder,
+            design_of=design_of if spec.design == "given" else None,
+            kind=spec.kind,
+            terms=None if spec.outside else spec.terms,
+            outside=effects[spec.outside] if spec.outside else None,
+            strength=spec.nats,
+        )
+        seconds = {"make": time.monotonic() - begun}
+        # As anybody would read it: nothing reaches the diagnosis but the folder.
+        experiment = read_experiment(folder / EXPERIMENT)
+        begun = time.monotonic()
+        status: Literal["done", "failed"] = "done"
+        message = ""
+        diagnosis: dict[str, Any] = {}
+        try:
+            diagnose(experiment, experiment.ids, folder / "diagnosis", quick=True, seed=spec.seed % 2**31)
+            diagnosis = read_diagnosis(folder / "diagnosis" / DIAGNOSIS)
+        except PsafitError as error:
+            status, message = "failed", str(error).replace(name, "")
+        seconds["diagnose"] = time.monotonic() - begun
+    oracle = consult(experiment, made.answer, seed=1, rivals_from=RIVALS_FROM_NATS)
+    seconds["oracle"] = oracle.seconds
+    return Result(spec, psafit.__version__, status, message, made.answer, oracle, diagnosis, seconds)
+
+
+def read_diagnosis(file: Path) -> dict[str, Any]:
+    """Read what the score needs of a `diagnosis.json`, and check that it keeps the contract.
+
+    Raises
+    ------
+    InputError
+        If it is missing, damaged, or lacks a key.
+    """
+    remedy = "run psafit diagnose again"
+    try:
+        content = json.loads(file.read_bytes())
+    except FileNotFoundError as error:
+        raise InputError("is missing", remedy, file=file) from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError("is damaged: not readable as JSON", remedy, file=file) from error
+    verdicts = ("adequate", "explained", "ambiguous", "unexplained")
+    lists = ("named", "alternatives", "causes")
+    if (
+        not isinstance(content, dict)
+        or content.get("verdict") not in verdicts
+        or not all(isinstance(content.get(key), list) for key in lists)
+        or not all(isinstance(cause, dict) and isinstance(cause.get("terms"), list) for cause in content["causes"])
+        or not all(isinstance(ids, list) for ids in content["alternatives"])
+        or not isinstance(content.get("misfit", {}), dict)
+    ):
+        raise InputError("is no diagnosis of schema 1", remedy, file=file)
+    return {key: content.get(key, {}) for key in _KEPT}
+
+
+def run(
+    specs: Sequence[Spec],
+    folder: Path,
+    *,
+    design_of: Experiment,
+    diagnose: Diagnose | None = None,
+    outside: Sequence[Outside] = (),
+    jobs: int = 2,
+    scheduler: str | None = None,
+    command: str = "",
+    progress: Callable[[int, int, str], None] = lambda done, total, note: None,
+) -> list[Result]:
+    """Run what has no result yet.
+
+    Parameters
+    ----------
+    specs : sequence of Spec
+    folder : Path
+        Receives `campaign.json` and `results/`.
+    design_of : Experiment
+    diagnose : callable, optional
+        See `Diagnose`.
+    outside : sequence of Outside
+    jobs : int
+        Processes of this machine.
+    scheduler : str, optional
+        Address of a Dask scheduler that shares the work out instead (extra ``psafit[cluster]``).
+    command : str
+        Kept in `campaign.json`.
+    progress : callable
+        Called with (data sets done, data sets in all, name of the last).
+
+    Returns
+    -------
+    list of Result
+        Of all specs, in their order.
+
+    Raises
+    ------
+    InputError
+        If the folder holds another campaign, or a result is damaged.
+    """
+    campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs))
+    _claim(folder, campaign)
+    results = folder / RESULTS
+    results.mkdir(parents=True, exist_ok=True)
+    remove_temporaries(results)
+    done = {spec.id: found for spec in specs if (found := _finished(results, spec)) is not None}
+    left = [spec for spec in specs if spec.id not in done]
+    progress(len(done), len(specs), "")
+    if left:
+        with _workers(jobs, scheduler) as (n_jobs, shielded):
+            calls = (
+                joblib.delayed(solve)(spec, design_of, diagnose, tuple(outside), shielded=shielded) for spec in left
+            )
+            # One at a time to each worker: what is not begun is not lost.
+            parallel = joblib.Parallel(
+                n_jobs=n_jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
+            )
+            for result in parallel(calls):
+                write_json(results / f"{result.spec.id}.json", result)
+                done[result.spec.id] = result
+                progress(len(done), len(specs), result.spec.id)
+    # Read back, so that a fresh result and one of an earlier run are the same to the last digit.
+    return load(folder)[1]
+
+
+def judge(folder: Path, diagnosis: Path) -> Result:
+    """Put one diagnosis of a challenge beside the sealed answer.
+
+    Parameters
+    ----------
+    folder : Path
+        Of `psafit challenge make`.
+    diagnosis : Path
+        `diagnosis.json`.
+
+    Returns
+    -------
+    Result
+        Its time of diagnosis is NaN.
+
+    Raises
+    ------
+    InputError
+        If the answer is not the one committed to, or a file cannot be used.
+    """
+    experiment, answer = unseal(folder)
+    found = read_diagnosis(diagnosis)
+    oracle = consult(experiment, answer, seed=1, rivals_from=RIVALS_FROM_NATS)
+    spec = Spec(
+        "challenge", answer.seed, answer.kind, answer.terms, answer.outside, "", answer.asked_nats, answer.design
+    )
+    return Result(spec, psafit.__version__, "done", "", answer, oracle, found, {"diagnose": math.nan})
+
+
+def load(folder: Path) -> tuple[Campaign, list[Result]]:
+    """Read a campaign and the results it has so far, in the order of its plan."""
+    campaign = read_record(folder / CAMPAIGN, Campaign, "give the folder of psafit challenge run")
+    results = []
+    for spec in campaign.specs:
+        file = folder / RESULTS / f"{spec.id}.json"
+        if file.exists():
+            results.append(_read(file, spec))
+    return campaign, results
+
+
+def content_hash(result: Result) -> str:
+    """SHA-256 of everything in a result but wall times: equal wherever and beside whatever it was computed."""
+    content = plain(result)
+    del content["seconds"], content["oracle"]["seconds"]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _read(file: Path, spec: Spec) -> Result:
+    result = read_record(file, Result, _AGAIN)
+    if plain(result.spec) != plain(spec):
+        raise InputError("is of another data set than the campaign plans", _AGAIN, file=file)
+    return result
+
+
+def _finished(results: Path, spec: Spec) -> Result | None:
+    file = results / f"{spec.id}.json"
+    if not file.exists():
+        return None
+    result = _read(file, spec)
+    return result if result.status == "done" else None
+
+
+def _claim(folder: Path, campaign: Campaign) -> None:
+    """Write the plan, or see that the one which is there is the same."""
+    file = folder / CAMPAIGN
+    if file.exists():
+        there = read_record(file, Campaign, "choose another folder")
+        mine, theirs = plain(campaign), plain(there)
+        for key in ("version", "design", "specs"):
+            if mine[key] != theirs[key]:
+                raise InputError(
+                    f"plans another campaign (its {key} differ)", "choose another folder with --out", file=file
+                )
+        return
+    write_json(file, campaign)
+
+
+@contextmanager
+def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[int, bool]]:
+    """Who computes: number of processes for joblib, and whether they are ours to shield from Ctrl-C."""
+    if scheduler is None:
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=1 if jobs > 1 else None):
+            yield jobs, jobs > 1
+        return
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
+    try:
+        # joblib brings its own link to Dask, and calls it by this address.
+        with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=60):
+            yield -1, False
+    except OSError as error:
+        raise InputError(f"no Dask scheduler answers at {scheduler} ({error})", "check --scheduler") from error

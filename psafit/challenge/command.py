@@ -1,0 +1,195 @@
+"""`psafit challenge`: thin, and lazy like the command line it hangs on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place
+from psafit.errors import InputError
+
+_SEED = click.option("--seed", type=click.IntRange(0, 2**32 - 1), required=True, help="Everything is drawn from it.")
+_JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes.")
+_DESIGN = click.option(
+    "--experiment",
+    type=Place("input"),
+    default=Path("experiments/psa"),
+    show_default=True,
+    help="Whose conditions are simulated.",
+)
+
+
+@click.group(cls=Group)
+def challenge() -> None:
+    """Hide effects in simulated data, and measure how well a diagnosis finds them."""
+
+
+@challenge.command()
+@_SEED
+@click.option("--out", type=Place("folder"), required=True, help="Receives experiment/, answer.json, commitment.txt.")
+@_DESIGN
+@click.option("--drawn-design", is_flag=True, help="Conditions of a random design instead.")
+@click.option("--kind", type=click.Choice(["nothing", "one", "two"]), help="What to hide; drawn by default.")
+@click.option("--terms", "ids", default=None, metavar="ID[,ID]", help="Causes to hide; drawn by default.")
+@click.option("--strength", type=float, metavar="NATS", help="Oracle gain of each cause; drawn from priors by default.")
+@_JOBS
+@QUIET
+@JSON
+def make(
+    seed: int,
+    out: Path,
+    experiment: Path,
+    drawn_design: bool,
+    kind: Any,
+    ids: str | None,
+    strength: float | None,
+    jobs: int,
+    quiet: bool,
+    json_file: Path | None,
+) -> int:
+    """Write an experiment with something hidden in it, and the sealed answer.
+
+    What --json writes, and what is printed, does not give the answer away.
+    """
+    from psafit.challenge.hide import make as hide
+    from psafit.experiment import read_experiment
+
+    chosen = None if ids is None else [i.strip() for i in ids.split(",")]
+    if chosen is not None and not all(chosen):
+        raise InputError(f"--terms {ids!r} is not a list of causes", "write for example --terms amplifier_lag,gap")
+    design = None if drawn_design else read_experiment(experiment)
+    made = hide(seed, out, design_of=design, kind=kind, terms=chosen, strength=strength, jobs=jobs)
+    content = {
+        "experiment": str(made.folder / "experiment"),
+        "answer": str(made.folder / "answer.json"),
+        "commitment": made.commitment,
+        "fingerprint": made.experiment.fingerprint,
+    }
+    _write(json_file, content)
+    if not quiet:
+        click.echo(f"experiment: {click.format_filename(content['experiment'])}")
+        click.echo(f"sealed answer, SHA-256 {made.commitment}")
+    return DONE
+
+
+@challenge.command()
+@_SEED
+@click.option("--out", type=Place("folder"), required=True, help="Receives the results; an interrupted one goes on.")
+@_DESIGN
+@click.option("--terms", "ids", default=None, metavar="ID[,ID...]", help="Causes to hide; all by default.")
+@click.option("--each", type=click.IntRange(0), default=2, show_default=True, help="Of every cause and strength.")
+@click.option("--nothing", type=click.IntRange(0), default=60, show_default=True, help="With nothing hidden.")
+@click.option("--pairs", type=click.IntRange(0), default=24, show_default=True, help="With two causes.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out (psafit[cluster]).")
+@_JOBS
+@QUIET
+@JSON
+def run(
+    seed: int,
+    out: Path,
+    experiment: Path,
+    ids: str | None,
+    each: int,
+    nothing: int,
+    pairs: int,
+    scheduler: str | None,
+    jobs: int,
+    quiet: bool,
+    json_file: Path | None,
+) -> int:
+    """Run a campaign: make, diagnose and judge many data sets.
+
+    Repeat the same command to go on where it stopped.
+    """
+    from psafit.challenge.campaign import plan
+    from psafit.challenge.campaign import run as run_campaign
+    from psafit.experiment import read_experiment
+    from psafit.files import portable_command
+    from psafit.physics import terms as catalogue
+
+    data = read_experiment(experiment)
+    chosen = None if ids is None else [t.id for t in catalogue(i.strip() for i in ids.split(","))]
+    specs = plan(seed, terms=chosen, each=each, nothing=nothing, pairs=pairs)
+    if not specs:
+        raise InputError("the campaign is empty", "ask for some data sets with --each, --nothing or --pairs")
+    words: list[object] = ["psafit", "challenge", "run", "--seed", seed, "--out", out, "--experiment", experiment]
+    words += ["--each", each, "--nothing", nothing, "--pairs", pairs]
+    words += ["--terms", ids] if ids else []
+    words += ["--scheduler", scheduler] if scheduler else []
+
+    def told(done: int, total: int, note: str) -> None:
+        if not quiet:
+            click.echo(f"{done} of {total} data sets {note}".rstrip(), err=True)
+
+    results = run_campaign(
+        specs,
+        out,
+        design_of=data,
+        jobs=jobs,
+        scheduler=scheduler,
+        command=portable_command(words),
+        progress=told,
+    )
+    failed = [r for r in results if r.status == "failed"]
+    _write(json_file, {"n": len(results), "failed": {r.spec.id: r.message for r in failed}})
+    if not quiet:
+        for r in failed:
+            click.echo(f"failed: {r.spec.id}: {r.message}", err=True)
+        click.echo(f"results: {click.format_filename(out)}")
+    return CHECK_FAILED if failed else DONE
+
+
+@challenge.command()
+@click.argument("folder", metavar="FOLDER", type=Place("input"))
+@click.option("--diagnosis", type=Place("input"), help="diagnosis.json, where FOLDER is of challenge make.")
+@click.option("--out", type=Place("file"), help="HTML page; FOLDER/score.html by default for a campaign.")
+@QUIET
+@JSON
+def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, json_file: Path | None) -> int:
+    """Score a campaign, or one diagnosis of a challenge.
+
+    Ends with 1 where a target is missed.
+    """
+    from psafit.challenge.campaign import CAMPAIGN, judge, load
+    from psafit.challenge.page import write_page
+    from psafit.challenge.score import score as judge_all
+    from psafit.records import write_json
+
+    if diagnosis is None:
+        campaign, results = load(folder)
+        if not results:
+            raise InputError("has no result yet", "run psafit challenge run", file=folder / CAMPAIGN)
+        found = judge_all(results)
+        provenance = {"Version": campaign.version, "Command": campaign.command, "Data sets": f"{len(results)}"}
+        provenance["Planned"] = f"{len(campaign.specs)}"
+        page: Path | None = write_page(found, out or folder / "score.html", provenance)
+        write_json(folder / "score.json", found)
+    else:
+        found = judge_all([judge(folder, diagnosis)])
+        page = write_page(found, out, {}) if out else None
+    _write(json_file, found)
+    if not quiet:
+        if diagnosis is None:
+            for t in found.targets:
+                verdict = {True: "holds", False: "misses", None: "not asked"}[t.holds]
+                value = "-" if t.value is None else f"{100 * t.value:.0f} %"
+                click.echo(f"{verdict:9}  {value:>5}  ({t.target}, {t.rate.k} of {t.rate.n})  {t.what}")
+        else:
+            row = found.rows[0]
+            click.echo(f"hidden: {row.truth}, {row.gain:.1f} nats; verdict {row.verdict}, named {row.named}")
+            click.echo(f"truth {'in' if row.in_set else 'not in'} the reported set")
+        if page is not None:
+            click.echo(f"page: {click.format_filename(page)}")
+    return CHECK_FAILED if diagnosis is None and any(t.holds is False for t in found.targets) else DONE
+
+
+def _write(json_file: Path | None, record: Any) -> None:
+    if json_file is not None:
+        from psafit.records import write_json
+
+        write_json(json_file, record)
+
+
+__all__ = ["challenge"]

@@ -1,0 +1,422 @@
+"""Hide an effect: draw a true model, simulate a design with the literal reference, scatter, write, seal.
+
+Nothing in the experiment folder tells what was hidden. Everything is drawn from the seed, in streams of their own, so
+that one seed gives the same bytes however the work is shared out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+import psafit
+from psafit.challenge import strength as strengths
+from psafit.challenge.answer import ANSWER, COMMITMENT, EXPERIMENT, KINDS, Answer, Kind, Place, seal
+from psafit.errors import ConvergenceError, InputError
+from psafit.experiment import Constants, Experiment, Group, GroupId, Waveform, fingerprint, write_experiment
+from psafit.physics import TERMS, baseline
+from psafit.physics import terms as catalogue
+from psafit.physics.term import Term, World
+from psafit.simulate import Design
+from psafit.simulate.literal import launch_in, literal_world
+from psafit.simulate.reference import Point
+
+FloatArray = NDArray[np.float64]
+Edit = Callable[[World, Point], None]
+Parameters = Mapping[str, float]
+
+# A reading has two decimals of a micrometre.
+_DECIMALS = 2
+# Scatter: median, and the factor that one standard deviation means.
+_RELATIVE, _ABSOLUTE_UM = (0.05, 1.25), (0.05, 1.5)
+_MOST_REDRAWS = 200
+# Before all readings are simulated, one in so many says whether a true model launches.
+_SAMPLE = 12
+# True models tried for one in which the causes can be as strong as asked for; then the best of them is taken.
+_PATIENCE = 5
+# How often nothing, one or two causes are hidden where no kind is asked for.
+_ODDS = (0.25, 0.5, 0.25)
+_CHUNK = 16
+# The literal reference's own; the readings keep two decimals.
+_RTOL = 1e-12
+# Streams of random numbers.
+_DESIGN, _TRUTH, _SCATTER, _OUTSIDE, _KIND = range(5)
+
+# The rig of the study, from which drawn designs depart.
+_RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
+
+
+class Simulator(Protocol):
+    """The true model of one challenge, for effects that change the rig itself."""
+
+    def __call__(self, edit: Edit) -> FloatArray:
+        """Ranges, um, (n_points,), with ``edit(world, point)`` applied to the rig of every reading."""
+
+
+@dataclass(frozen=True)
+class Outside:
+    """An effect that is not in the catalogue.
+
+    Parameters
+    ----------
+    name : str
+    apply : callable
+        ``apply(experiment, true_um, simulate, rng)`` returns the ranges, um, (n_points,), and the places in which it
+        acts. `experiment` has the design, its readings are the true ranges; `simulate` is a `Simulator`. A function of
+        a module, so that other processes find it.
+    where : str
+        In words.
+    """
+
+    name: str
+    apply: Callable[[Experiment, FloatArray, Simulator, np.random.Generator], tuple[FloatArray, Sequence[Place]]]
+    where: str
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """What `make` wrote.
+
+    Parameters
+    ----------
+    folder : Path
+    experiment : Experiment
+    answer : Answer
+    commitment : str
+        SHA-256 of `answer.json`.
+    """
+
+    folder: Path
+    experiment: Experiment
+    answer: Answer
+    commitment: str
+
+
+def make(
+    seed: int,
+    folder: Path,
+    *,
+    design_of: Experiment | None = None,
+    kind: Kind | None = None,
+    terms: Sequence[str] | None = None,
+    outside: Outside | None = None,
+    strength: float | None = None,
+    nu: float | None = None,
+    jobs: int = 1,
+) -> Challenge:
+    """Draw a true model and write `experiment/`, `answer.json` and `commitment.txt`.
+
+    Parameters
+    ----------
+    seed : int
+    folder : Path
+        Made if needed; must not hold a challenge.
+    design_of : Experiment, optional
+        Whose conditions are simulated; a drawn design of similar size without it.
+    kind : {"nothing", "one", "two", "outside"}, optional
+        Drawn if neither this nor `terms` nor `outside` is given.
+    terms : sequence of str, optional
+        The causes to hide; drawn from the catalogue by default.
+    outside : Outside, optional
+    strength : float, nats, optional
+        Oracle gain asked of each cause alone; strengths are drawn from their priors without it.
+    nu : float, optional
+        Degrees of freedom of Student's scatter; normal by default.
+    jobs : int
+        Processes that simulate.
+
+    Returns
+    -------
+    Challenge
+
+    Raises
+    ------
+    InputError
+        If the request contradicts itself, or the folder holds a challenge.
+    ConvergenceError
+        If no true model launches in most readings.
+    """
+    kind, chosen = _request(seed, kind, terms, outside)
+    if strength is not None and not (np.isfinite(strength) and strength > 0):
+        raise InputError(f"a gain of {strength:g} nats cannot be asked for", "give a number above 0")
+    for name in (ANSWER, COMMITMENT, EXPERIMENT):
+        if (folder / name).exists():
+            raise InputError("is there already", "choose an empty folder", file=folder / name)
+    blank = _drawn_design(np.random.default_rng([seed, _DESIGN])) if design_of is None else design_of
+    design = Design.of(blank.constants, blank.groups)
+    rng = np.random.default_rng([seed, _TRUTH])
+    scatter: dict[str, float | None] = {
+        "sigma_rel": _log_normal(rng, *_RELATIVE),
+        "sigma_abs": _log_normal(rng, *_ABSOLUTE_UM),
+        "nu": nu,
+    }
+    weak: list[_Truth] = []
+    for redraws in range(_MOST_REDRAWS):  # noqa: B007
+        truth = _draw(rng, chosen, design, blank.ids, scatter, strength)
+        if truth is None:
+            continue
+        if not truth.reached:
+            weak.append(truth)
+            if len(weak) < _PATIENCE:
+                continue
+            truth = max(weak, key=lambda t: min(t.expected.values()))
+        true_um = simulate_literally(design, truth.parameters, chosen, blank.ids, jobs=jobs)
+        if strengths.enough(true_um):
+            break
+    else:
+        raise ConvergenceError("search for a true model that launches", reached=0.0, required=0.5)
+    where = ""
+    places: list[Place] = []
+    if outside is not None:
+        true_um, places = _outside(outside, blank, truth.parameters, chosen, true_um, seed, jobs)
+        where = outside.where
+    noise = np.random.default_rng([seed, _SCATTER])
+    read = _read(true_um, scatter, noise)
+    experiment = _with_readings(blank, read, folder / EXPERIMENT)
+    answer = Answer(
+        version=psafit.__version__,
+        seed=seed,
+        kind=kind,
+        terms=[t.id for t in chosen],
+        parameters=dict(truth.parameters),
+        scatter=scatter,
+        asked_nats=strength if chosen else None,
+        expected_nats=truth.expected,
+        reached=truth.reached,
+        share=truth.share,
+        outside=None if outside is None else outside.name,
+        where=where,
+        places=places,
+        design="drawn" if design_of is None else "given",
+        redraws=redraws,
+        true_um=true_um.tolist(),
+        fingerprint=experiment.fingerprint,
+    )
+    commitment = seal(answer, folder)
+    write_experiment(experiment, folder / EXPERIMENT)
+    return Challenge(folder, experiment, answer, commitment)
+
+
+def _request(
+    seed: int, kind: Kind | None, ids: Sequence[str] | None, outside: Outside | None
+) -> tuple[Kind, tuple[Term, ...]]:
+    """What is to be hidden; the causes in the registry's order."""
+    if kind is not None and kind not in KINDS:
+        raise InputError(f"there is no kind {kind!r}", f"choose from {', '.join(KINDS)}")
+    if ids and outside is not None:
+        raise InputError("an outside effect and causes of the catalogue are asked for", "choose one of them")
+    if (kind == "outside") != (outside is not None) and (kind is not None or outside is None):
+        raise InputError(
+            f"kind {kind} and {'no' if outside is None else 'an'} outside effect do not go together",
+            "effects outside the catalogue are passed to psafit.challenge.hide.make by tests",
+        )
+    if outside is not None:
+        return "outside", ()
+    rng = np.random.default_rng([seed, _KIND])
+    named: Kind | None = None
+    if ids is not None:
+        if len(ids) > 2:
+            raise InputError(f"{len(ids)} causes are asked for", "hide at most two")
+        named = ("nothing", "one", "two")[len(ids)]
+        if kind is not None and kind != named:
+            raise InputError(f"kind {kind} does not fit {len(ids)} causes", f"leave it out, or ask for {named}")
+    drawn: Kind = KINDS[int(rng.choice(3, p=_ODDS))]
+    wanted = named or kind or drawn
+    if ids is None:
+        picked = rng.choice(len(TERMS), size=KINDS.index(wanted), replace=False)
+        ids = [TERMS[int(i)].id for i in picked]
+    return wanted, catalogue(ids)
+
+
+@dataclass(frozen=True)
+class _Truth:
+    parameters: dict[str, float]
+    expected: dict[str, float]
+    share: dict[str, float]
+    reached: bool
+
+
+def _draw(
+    rng: np.random.Generator,
+    chosen: Sequence[Term],
+    design: Design,
+    ids: Sequence[GroupId],
+    scatter: Mapping[str, float | None],
+    nats: float | None,
+) -> _Truth | None:
+    """A true model; None where the baseline itself does not launch."""
+    values = {p.name: float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in baseline.PARAMETERS}
+    # Everything is drawn before anything is rejected: as many numbers for every try.
+    others: list[list[float]] = []
+    sides: list[strengths.Side] = []
+    first = []
+    for term in chosen:
+        first.append(float(term.strength.to_physical(term.strength.prior_quantile(rng.uniform()))))
+        sides.append(strengths.side_of(term, rng))
+        own = [float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in term.parameters[1:]]
+        if term.latent:
+            z = term.latent.prior_quantile(rng.uniform(size=len(ids)))
+            own += [float(x) for x in term.latent.to_physical(z)]
+        others.append(own)
+    sample = np.unique(np.linspace(0, design.n_points - 1, max(design.n_points // _SAMPLE, 8)).astype(int))
+    if not strengths.enough(simulate_literally(design, values, (), ids, points=sample)):
+        return None
+    theta = np.array(list(values.values()))
+    expected: dict[str, float] = {}
+    share: dict[str, float] = {}
+    reached = True
+    for term, own, side, drawn in zip(chosen, others, sides, first, strict=True):
+        if nats is None:
+            value = drawn
+        else:
+            found = strengths.find(term, side, np.array(own), theta, design, scatter, nats)
+            value, expected[term.id] = found.value, found.nats
+            reached = reached and found.reached
+        share[term.id] = strengths.share_of(term, value)
+        names = [p.name for p in term.parameters]
+        names += [f"{term.latent.name}_{g}" for g in ids] if term.latent else []
+        values.update(zip(names, [value, *own], strict=True))
+    if chosen and not strengths.enough(simulate_literally(design, values, chosen, ids, points=sample)):
+        return None
+    return _Truth(values, expected, share, reached)
+
+
+def simulate_literally(
+    design: Design,
+    parameters: Parameters,
+    terms: Sequence[Term],
+    ids: Sequence[GroupId],
+    *,
+    edit: Edit | None = None,
+    points: NDArray[np.intp] | None = None,
+    jobs: int = 1,
+) -> FloatArray:
+    """Ranges by the scalar reference, which shares no code with the simulator that diagnoses.
+
+    Parameters
+    ----------
+    design : Design
+    parameters : mapping
+        Values as `Answer.parameters` has them.
+    terms : sequence of Term
+        In the registry's order.
+    ids : sequence of group ids
+        Of the design's sessions.
+    edit : callable, optional
+        ``edit(world, point)``: a last change of the rig of every reading.
+    points : (n,) int array, optional
+        Which readings; all by default.
+    jobs : int
+        Processes.
+
+    Returns
+    -------
+    (n,) array, um
+    """
+    chosen = np.arange(design.n_points) if points is None else points
+    work = (design, dict(parameters), tuple(terms), tuple(ids), edit)
+    if jobs == 1:
+        return _some(*work, chosen)
+    parts = np.array_split(chosen, max(len(chosen) // _CHUNK, 1))
+    done = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_some)(*work, part) for part in parts)
+    return np.concatenate(done)
+
+
+def _some(
+    design: Design,
+    parameters: Parameters,
+    terms: Sequence[Term],
+    ids: Sequence[GroupId],
+    edit: Edit | None,
+    points: NDArray[np.intp],
+) -> FloatArray:
+    theta = [parameters[p.name] for p in baseline.PARAMETERS]
+    found = np.empty(len(points))
+    for k, i in enumerate(points):
+        group = int(design.group[i])
+        waveform: Waveform = "square" if design.waveform[i] else "sine"
+        point = Point(waveform, float(design.frequency[i]), float(design.amplitude[i]))
+        causes = []
+        for term in terms:
+            own = [parameters[p.name] for p in term.parameters]
+            own += [parameters[f"{term.latent.name}_{ids[group]}"]] if term.latent else []
+            causes.append((term, own))
+        world = literal_world(theta, causes, design.constants)
+        if edit is not None:
+            edit(world, point)
+        found[k] = launch_in(world, point, group=group, rtol=_RTOL).launch_range * 1e6
+    return found
+
+
+def _outside(
+    effect: Outside,
+    blank: Experiment,
+    parameters: Parameters,
+    terms: Sequence[Term],
+    true_um: FloatArray,
+    seed: int,
+    jobs: int,
+) -> tuple[FloatArray, list[Place]]:
+    design = Design.of(blank.constants, blank.groups)
+
+    def simulator(edit: Edit) -> FloatArray:
+        return simulate_literally(design, parameters, terms, blank.ids, edit=edit, jobs=jobs)
+
+    rng = np.random.default_rng([seed, _OUTSIDE])
+    given = _with_readings(blank, true_um, blank.folder)
+    changed, places = effect.apply(given, true_um.copy(), simulator, rng)
+    changed = np.asarray(changed, dtype=float)
+    if changed.shape != true_um.shape or not (np.isfinite(changed).all() and (changed >= 0).all()):
+        raise ValueError(f"{effect.name}: ranges must be finite, not negative, and of shape {true_um.shape}")
+    return changed, list(places)
+
+
+def _read(true_um: FloatArray, scatter: Mapping[str, float | None], rng: np.random.Generator) -> FloatArray:
+    """One reading of every range, as an instrument shows it: rounded, and never below zero."""
+    s = np.hypot(float(scatter["sigma_rel"] or 0.0) * true_um, float(scatter["sigma_abs"] or 0.0))
+    nu = scatter["nu"]
+    z = rng.standard_normal(true_um.size) if nu is None else rng.standard_t(nu, true_um.size)
+    return np.maximum(np.round(true_um + s * z, _DECIMALS), 0.0) + 0.0  # no negative zero
+
+
+def _with_readings(blank: Experiment, um: FloatArray, folder: Path) -> Experiment:
+    """The design with readings; titles and file names that say nothing."""
+    groups = []
+    ends = np.cumsum([g.n_points for g in blank.groups])
+    for number, (g, values) in enumerate(zip(blank.groups, np.split(um, ends[:-1]), strict=True), 1):
+        groups.append(Group(g.id, g.waveform, f"group{number}.csv", g.frequency_hz, g.amplitude_v, values))
+    mark = fingerprint(blank.constants, groups)
+    return Experiment("Challenge", "simulated", blank.constants, tuple(groups), folder, mark)
+
+
+def _log_normal(rng: np.random.Generator, median: float, factor: float) -> float:
+    return float(median * factor ** rng.standard_normal())
+
+
+def _drawn_design(rng: np.random.Generator) -> Experiment:
+    """Four to seven sweeps of a rig like the study's, 200 to 350 readings in all."""
+    ball, string = _RIG.M * 1.5 ** rng.uniform(-1, 1), _RIG.l * 1.5 ** rng.uniform(-1, 1)
+    constants = Constants(M=float(f"{ball:.3g}"), m=_RIG.m, q=_RIG.q, l=float(f"{string:.3g}"), k_s=_RIG.k_s, g=_RIG.g)
+    n_groups = int(rng.integers(4, 8))
+    groups = []
+    for number in range(1, n_groups + 1):
+        n = int(rng.integers(200, 351)) // n_groups
+        waveform: Waveform = "square" if rng.uniform() < 0.35 else "sine"
+        if number == 1 or rng.uniform() < 0.5:
+            low, high = rng.uniform(50.0, 400.0), rng.uniform(5e3, 25e3)
+            f = np.round(np.geomspace(low, high, n), 0)
+            v = np.full(n, float(rng.choice([10.0, 15.0, 20.0])))
+        else:
+            f = np.full(n, float(round(rng.uniform(500.0, 4000.0), -2)))
+            v = np.round(np.linspace(rng.uniform(1.0, 5.0), 20.0, n), 2)
+        groups.append(Group(number, waveform, f"group{number}.csv", f, v, np.zeros(n)))
+    return Experiment("Challenge", "simulated", constants, tuple(groups), Path(), fingerprint(constants, groups))
+
+
+__all__ = ["Challenge", "Edit", "Outside", "Simulator", "make", "simulate_literally"]

@@ -1,0 +1,237 @@
+r"""What somebody who knows the answer can see: the oracle's gain.
+
+.. math:: \ln p(y \mid \hat\theta_\mathrm{true}) - \ln p(y \mid \hat\theta_\mathrm{baseline}) \text{ in nats.}
+
+All groups count. Both models are fitted to the top of their *posterior*, since the prior keeps the directions that the
+data leave open (tails of the scatter, what every session has for itself) where they can be; what is compared is the
+*likelihood* there. The priors of the cause stay out of it: they say how plausible it is, not how much the data hold.
+
+The baseline is searched for from many starts and from the truth. The true model starts from the truth, from which its
+top is never far. Of an effect outside the catalogue no model can be fitted: its ranges are known, and only the
+scatter is.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, minimize
+
+from psafit.challenge.answer import Answer
+from psafit.experiment import Experiment, Group, fingerprint
+from psafit.inference import noise
+from psafit.inference.optimise import climb, gradient, optimise
+from psafit.inference.problem import Problem
+from psafit.physics import TERMS
+from psafit.physics import terms as catalogue
+from psafit.physics.term import Term
+from psafit.simulate.sensitivity import plausible
+
+FloatArray = NDArray[np.float64]
+
+_STARTS = 8
+# A rival this close to the truth, nats of ranges without scatter, cannot be told from it by anybody.
+CONFUSABLE_NATS = 3.0
+# A rival starts weak, from where least squares find their way, and as strong as it plausibly is.
+_RIVAL_SHARES = (0.05, 0.5)
+_RIVAL_STEPS = 20
+_INSIDE = 1e-3
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """What the data hold.
+
+    Parameters
+    ----------
+    gain : float
+        Of the truth over the baseline, nats; never below 0 where the baseline is a case of the truth.
+    without : dict
+        Gain of the truth over the truth without one of its causes, nats; for more than one cause.
+    fitted : dict
+        Parameters of the true model at its top; empty for an effect outside the catalogue.
+    confusable : list of str, optional
+        Causes that come within 3 nats of the truth on ranges without scatter, so that no diagnosis can be asked to
+        tell them apart; None where nobody looked. Each was found at work: what is not listed may still be confusable.
+    seconds : float
+    """
+
+    gain: float
+    without: dict[str, float]
+    fitted: dict[str, float]
+    confusable: list[str] | None
+    seconds: float
+
+
+def consult(experiment: Experiment, answer: Answer, *, seed: int, rivals_from: float | None = None) -> Oracle:
+    """Measure the oracle's gain of a challenge.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    answer : Answer
+    seed : int
+        Of the search for the baseline's top.
+    rivals_from : float, nats, optional
+        Gain from which to look for causes that nobody can tell from the truth (one cause only); never by default.
+    """
+    begun = time.monotonic()
+    plain = Problem(experiment, experiment.ids)
+    terms = catalogue(answer.terms)
+    best = optimise(plain, seed=seed, n_starts=_STARTS).best
+    tops = [plain.to_sampling(best.values), climb(plain, _truth(plain, answer))[0]]
+    heights = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
+    base = tops[int(np.argmax(heights))]
+    base_likelihood = _likelihood(plain, base)
+    without: dict[str, float] = {}
+    fitted: dict[str, float] = {}
+    confusable: list[str] | None = None
+    if answer.outside is not None:
+        gain = _known_ranges(plain, np.array(answer.true_um), _truth(plain, answer)) - base_likelihood
+    elif not terms:
+        gain = 0.0
+    else:
+        problem = Problem(experiment, experiment.ids, terms)
+        top = climb(problem, _truth(problem, answer))[0]
+        reached = _likelihood(problem, top)
+        # A weak cause may leave the truth's own neighbourhood below the baseline, which is a case of it.
+        gain = max(reached - base_likelihood, 0.0)
+        fitted = dict(zip(problem.names, problem.to_physical(top).tolist(), strict=True))
+        if len(terms) > 1:
+            for term in terms:
+                rest = Problem(experiment, experiment.ids, tuple(t for t in terms if t is not term))
+                lower = climb(rest, _truth(rest, answer))[0]
+                # The baseline is a case of it, too.
+                without[term.id] = max(reached - max(_likelihood(rest, lower), base_likelihood), 0.0)
+        elif rivals_from is not None and gain >= rivals_from:
+            confusable = find_rivals(experiment, answer)
+    return Oracle(gain, without, fitted, confusable, time.monotonic() - begun)
+
+
+def _truth(problem: Problem, answer: Answer) -> FloatArray:
+    """The truth as a point of a model, (n_dim,), a little inside its bounds."""
+    values: dict[str, float] = dict(answer.parameters)
+    for name in ("sigma_rel", "sigma_abs", "nu"):
+        given = answer.scatter[name]
+        values[name] = 60.0 if given is None else given  # normal, for all that can be seen
+    x = [values[p.name] for p in problem.parameters[: problem.n_physical]]
+    # What sessions have for themselves is numbered by position in a problem, by group in an answer.
+    for term in problem.terms:
+        x += [values[f"{term.latent.name}_{g}"] for g in problem.group_ids] if term.latent else []
+    x += [values[p.name] for p in noise.PARAMETERS]
+    u = problem.to_sampling(np.array(x)[None, :])[0]
+    return np.clip(u, problem.bounds[:, 0] + _INSIDE, problem.bounds[:, 1] - _INSIDE)
+
+
+def _likelihood(problem: Problem, u: FloatArray) -> float:
+    return float(problem.log_likelihood(u[None, :])[0])
+
+
+def _known_ranges(problem: Problem, true_um: FloatArray, start: FloatArray) -> float:
+    """Log likelihood of known ranges, at the scatter of the highest posterior."""
+    n = problem.n_model
+    bounds = problem.bounds[n:]
+
+    def likelihood(v: FloatArray) -> float:
+        values = np.array([[float(p.to_physical(x)) for p, x in zip(noise.PARAMETERS, v, strict=True)]])
+        return float(noise.log_density(problem.observed, true_um[None, :], values, problem.known_sigma).sum())
+
+    def depth(v: FloatArray) -> float:
+        prior = sum(float(p.log_prior(x)) for p, x in zip(noise.PARAMETERS, v, strict=True))
+        return -(likelihood(v) + prior)
+
+    found = minimize(depth, start[n:], method="Nelder-Mead", bounds=bounds, options={"fatol": 1e-3, "xatol": 1e-3})
+    return likelihood(np.asarray(found.x))
+
+
+def find_rivals(experiment: Experiment, answer: Answer, among: Sequence[Term] = TERMS) -> list[str]:
+    """Causes that imitate the truth on this design to within `CONFUSABLE_NATS`.
+
+    Each is fitted, with the baseline, to the true ranges without scatter, by least squares in standard deviations of
+    the true scatter, from some strengths on both sides of neutral.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    answer : Answer
+        Of one cause.
+    among : sequence of Term
+
+    Returns
+    -------
+    list of str
+        Identifiers; the true cause is not among them.
+    """
+    exact = _without_scatter(experiment, answer)
+    relative, absolute = float(answer.scatter["sigma_rel"] or 0.0), float(answer.scatter["sigma_abs"] or 0.0)
+
+    def stabilise(um: FloatArray) -> FloatArray:
+        return np.asarray(np.arcsinh(um * relative / absolute) / relative)
+
+    target = stabilise(np.array(answer.true_um))
+    found = []
+    for term in among:
+        if term.id in answer.terms:
+            continue
+        problem = Problem(exact, exact.ids, (term,))
+        if any(_distance(problem, start, stabilise, target) < CONFUSABLE_NATS for start in _starts(problem, answer)):
+            found.append(term.id)
+    return found
+
+
+def _without_scatter(experiment: Experiment, answer: Answer) -> Experiment:
+    ends = np.cumsum([g.n_points for g in experiment.groups])
+    parts = np.split(np.array(answer.true_um), ends[:-1])
+    groups: tuple[Group, ...] = tuple(
+        replace(g, launch_range_um=um) for g, um in zip(experiment.groups, parts, strict=True)
+    )
+    return replace(experiment, groups=groups, fingerprint=fingerprint(experiment.constants, groups))
+
+
+def _starts(problem: Problem, answer: Answer) -> list[FloatArray]:
+    """The true baseline with the rival at some strengths, on every side of neutral it has."""
+    (term,) = problem.terms
+    p = term.strength
+    sides = [side for side, end in ((1, p.bounds.upper), (-1, p.bounds.lower)) if end != p.neutral]
+    u = problem.prior_transform(np.full(problem.n_dim, 0.5))
+    n = len(problem.parameters[: problem.n_physical]) - len(term.parameters)
+    for i, q in enumerate(problem.parameters[:n]):
+        u[i] = float(q.to_sampling(answer.parameters[q.name]))
+    starts = []
+    for side, share in itertools.product(sides, _RIVAL_SHARES):
+        v = u.copy()
+        own = plausible(term, share, 1 if side > 0 else -1)
+        v[n : n + len(own)] = [float(q.to_sampling(x)) for q, x in zip(term.parameters, own, strict=True)]
+        starts.append(np.clip(v, problem.bounds[:, 0] + _INSIDE, problem.bounds[:, 1] - _INSIDE))
+    return starts
+
+
+def _distance(
+    problem: Problem, start: FloatArray, stabilise: Callable[[FloatArray], FloatArray], target: FloatArray
+) -> float:
+    """What an oracle would lose with this model, nats."""
+    n = problem.n_model
+    bounds = problem.bounds[:n]
+    rest = start[n:]
+
+    def residual(u: FloatArray) -> FloatArray:
+        rows = np.concatenate([u, np.broadcast_to(rest, (len(u), rest.size))], axis=1)
+        misfit = np.nan_to_num(stabilise(problem.predict(rows)) - target, nan=1e6, posinf=1e6, neginf=-1e6)
+        # What a session has for itself is standard normal: a rival does not have it for nothing.
+        return np.concatenate([misfit, u[:, problem.n_physical :]], axis=1)
+
+    found = least_squares(
+        lambda u: residual(u[None, :])[0],
+        start[:n],
+        jac=lambda u: gradient(residual, u, bounds).T,
+        bounds=(bounds[:, 0], bounds[:, 1]),
+        max_nfev=_RIVAL_STEPS,
+        ftol=1e-3,
+        xtol=1e-3,
+    )
+    return 0.5 * target.size * float(np.log1p(2.0 * found.cost / target.size))

@@ -1,0 +1,199 @@
+"""The challenge page: how far the verdicts can be trusted. Results in, page out; nothing here computes a result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from psafit.challenge.score import GainBin, ProbabilityBin, Rate, Recovery, Score
+from psafit.files import encodable, write_atomically
+from psafit.report.page import figure_data_uri
+from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
+
+_TEMPLATE = "challenge.html.j2"
+
+
+def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | None = None) -> Path:
+    """Write the page of a score.
+
+    Parameters
+    ----------
+    score : Score
+    out_path : Path
+        The HTML file.
+    provenance : mapping of str to str, optional
+        Footer: version, command and the like.
+    """
+    with figure_style():
+        drawn = {"gain": _gain_figure(score.by_gain), "reliability": _reliability_figure(score.reliability)}
+        if score.confusion:
+            drawn["confusion"] = _confusion_figure(score.confusion)
+        if score.recovery:
+            drawn["recovery"] = _recovery_figure(score.recovery)
+    text = (
+        _environment()
+        .get_template(_TEMPLATE)
+        .render(
+            provenance=dict(provenance or {}),
+            score=score,
+            uris={name: figure_data_uri(figure) for name, figure in drawn.items()},
+            targets=[
+                [
+                    t.what,
+                    t.target,
+                    _percent(t.value),
+                    _interval(t.rate),
+                    f"{t.rate.k} of {t.rate.n}",
+                    {"text": _HOLDS[t.holds], "kind": _KINDS[t.holds]},
+                ]
+                for t in score.targets
+            ],
+            gains=[
+                [
+                    f"{b.lower:g} or more" if b.upper is None else f"{b.lower:g}-{b.upper:g}",
+                    str(b.named.n),
+                    *(f"{_percent(r.share)} ({_interval(r)})" for r in (b.detected, b.named, b.in_set)),
+                ]
+                for b in score.by_gain
+            ],
+            outside=[[name, ", ".join(f"{v}: {n}" for v, n in said.items())] for name, said in score.outside.items()],
+            misses=[
+                [r.id, r.truth, f"{r.gain:.0f}", r.verdict, r.named, "yes" if r.in_set else "no", str(r.seed)]
+                for r in score.rows
+                if _missed(r.kind, r.verdict, r.exact, r.located, r.gain)
+            ],
+            percent=_percent,
+            interval=_interval,
+        )
+    )
+    write_atomically(out_path, encodable(text).encode())
+    return out_path
+
+
+_HOLDS = {True: "holds", False: "misses", None: "not asked"}
+_KINDS = {True: "good", False: "bad", None: "warn"}
+
+
+def _missed(kind: str, verdict: str, exact: bool, located: bool, gain: float) -> bool:
+    if kind == "nothing":
+        return verdict != "adequate"
+    if gain < 25:
+        return False
+    return not (verdict == "unexplained" or located) if kind == "outside" else not exact
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.0f} %"
+
+
+def _interval(r: Rate) -> str:
+    return "-" if r.lower is None or r.upper is None else f"{100 * r.lower:.0f}-{100 * r.upper:.0f} %"
+
+
+def _environment() -> jinja2.Environment:
+    """The report's templates and look, and this package's own page."""
+    from importlib import resources
+
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(
+            [
+                jinja2.PackageLoader("psafit.challenge", "templates"),
+                jinja2.PackageLoader("psafit.report", "templates"),
+            ]
+        ),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    css = resources.files("psafit.report").joinpath("templates/style.css").read_text("utf-8")
+    environment.globals["style_css"] = Markup(css)
+    return environment
+
+
+def _bars(axes: Axes, x: Sequence[float], rates: Sequence[Rate], color: str, label: str, marker: str) -> None:
+    """Rates with their intervals."""
+    for at, r in zip(x, rates, strict=True):
+        if r.lower is not None and r.upper is not None:
+            axes.plot([at, at], [r.lower, r.upper], color=color, lw=1.3, alpha=0.6)
+    shown = [(at, r.share) for at, r in zip(x, rates, strict=True) if r.share is not None]
+    axes.plot([at for at, _ in shown], [y for _, y in shown], marker=marker, color=color, ms=5.5, lw=1.2, label=label)
+
+
+def _gain_figure(bins: Sequence[GainBin]) -> Figure:
+    figure, (axes,) = new_figure()
+    x = np.arange(len(bins), dtype=float)
+    kinds: tuple[tuple[str, Callable[[GainBin], Rate], str, str], ...] = (
+        ("something is wrong", lambda b: b.detected, "blue", "o"),
+        ("truth in the set", lambda b: b.in_set, "green", "s"),
+        ("truth named alone", lambda b: b.named, "vermillion", "^"),
+    )
+    for k, (label, pick, color, marker) in enumerate(kinds):
+        _bars(axes, list(x + 0.14 * (k - 1)), [pick(b) for b in bins], PALETTE[color], label, marker)
+    names = [f"≥{b.lower:g}" if b.upper is None else f"{b.lower:g}-{b.upper:g}" for b in bins]
+    axes.set_xticks(list(x), [f"{name}\n(n={b.named.n})" for name, b in zip(names, bins, strict=True)], fontsize=8)
+    axes.set_ylim(-0.03, 1.03)
+    axes.set_xlabel("Oracle gain (nats)")
+    axes.set_ylabel("Share of data sets")
+    axes.set_title("One cause hidden")
+    axes.legend(loc="best")
+    return figure
+
+
+def _reliability_figure(bins: Sequence[ProbabilityBin]) -> Figure:
+    figure, (axes,) = new_figure()
+    axes.plot([0, 1], [0, 1], color=PALETTE["grey"], lw=1.0, ls="--", label="perfect")
+    filled = [b for b in bins if b.mean is not None]
+    _bars(axes, [b.mean or 0.0 for b in filled], [b.right for b in filled], PALETTE["blue"], "found", "o")
+    for b in filled:
+        where = (b.mean or 0.0, b.right.share or 0.0)
+        axes.annotate(f"{b.right.n}", where, (6, -10), textcoords="offset points", fontsize=8.5)
+    axes.set_xlim(-0.03, 1.03)
+    axes.set_ylim(-0.03, 1.03)
+    axes.set_xlabel("Printed probability")
+    axes.set_ylabel("Share that was the truth")
+    axes.set_title("Reliability of the probabilities")
+    axes.legend(loc="upper left")
+    return figure
+
+
+def _confusion_figure(table: Mapping[str, Mapping[str, int]]) -> Figure:
+    truths = list(table)
+    said = sorted({name for row in table.values() for name in row}, key=lambda n: (n not in truths, n))
+    counts = np.array([[table[t].get(s, 0) for s in said] for t in truths], dtype=float)
+    share = counts / counts.sum(axis=1, keepdims=True)
+    figure, (axes,) = new_figure(width=WIDE, height=1.8 + 0.22 * len(truths))
+    axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
+    for i, j in zip(*np.nonzero(counts), strict=True):
+        axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=8, color=PALETTE["ink"])
+    axes.set_xticks(range(len(said)), said, rotation=60, ha="right", fontsize=8)
+    axes.set_yticks(range(len(truths)), truths, fontsize=8)
+    axes.grid(visible=False)
+    axes.set_xlabel("Named")
+    axes.set_ylabel("Hidden")
+    return figure
+
+
+def _recovery_figure(recovery: Sequence[Recovery]) -> Figure:
+    figure, (axes,) = new_figure(height=1.4 + 0.2 * len(recovery))
+    rows = np.arange(len(recovery))
+    for row, r in zip(rows, recovery, strict=True):
+        if r.covered.lower is not None and r.covered.upper is not None:
+            axes.plot([r.covered.lower, r.covered.upper], [row, row], color=PALETTE["blue"], lw=1.4, alpha=0.6)
+    axes.plot([r.covered.share or 0.0 for r in recovery], rows, "o", color=PALETTE["blue"], ms=5)
+    axes.axvline(0.9, color=PALETTE["grey"], lw=1.0, ls="--")
+    axes.set_yticks(list(rows), [r.name for r in recovery], fontsize=8)
+    axes.set_ylim(len(recovery) - 0.5, -0.5)
+    axes.set_xlim(-0.03, 1.03)
+    axes.set_xlabel("Intervals that hold the truth")
+    axes.set_title("Parameters of named causes")
+    return figure
+
+
+__all__ = ["write_page"]

@@ -1,0 +1,435 @@
+"""How well a campaign's verdicts agree with what was hidden.
+
+The *reported set* of a diagnosis is what it named and each of its alternatives. Intervals of rates are exact binomial
+(Clopper and Pearson), 95 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta
+
+from psafit.challenge.answer import Place
+from psafit.challenge.campaign import Result
+from psafit.challenge.oracle import CONFUSABLE_NATS
+
+Ids = frozenset[str]
+
+SEEN_NATS = 25.0
+"""An oracle gain from which a miss counts."""
+
+# Of two causes, each must add so much beside the other to be asked for.
+SEEN_BESIDE_NATS = 10.0
+GAIN_EDGES = (0.0, 5.0, 10.0, 25.0, 50.0, 100.0, math.inf)
+PROBABILITY_EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
+# Of what a diagnosis points at, so much must lie where an outside effect acts.
+_LOCATED = 0.5
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A share of data sets: `k` of `n`, with its interval; None without any."""
+
+    k: int
+    n: int
+    share: float | None
+    lower: float | None
+    upper: float | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """The verdict on one data set.
+
+    Parameters
+    ----------
+    id, kind, level, design : str
+    truth : str
+        Causes joined by " + ", "nothing", or the name of an outside effect.
+    gain : float
+        Of the oracle, nats.
+    verdict : str
+        Of the diagnosis; "failed" without one.
+    named : str
+        Causes joined by " + ", or "nothing".
+    in_set : bool
+        Whether the truth is in the reported set.
+    exact : bool
+        Whether exactly the truth is named.
+    located : bool
+        Of an outside effect: whether the misfit points where it acts.
+    confusable : list of str
+        Causes that nobody can tell from the truth here.
+    set_size : int
+    probability : float, optional
+        Printed for exactly the truth.
+    seconds : float
+        Of the diagnosis.
+    seed : int
+        Replays the data set.
+    """
+
+    id: str
+    kind: str
+    level: str
+    design: str
+    truth: str
+    gain: float
+    verdict: str
+    named: str
+    in_set: bool
+    exact: bool
+    located: bool
+    confusable: list[str]
+    set_size: int
+    probability: float | None
+    seconds: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class GainBin:
+    """Rates of single causes whose oracle gain lies in [lower, upper) nats."""
+
+    lower: float
+    upper: float | None
+    detected: Rate
+    named: Rate
+    in_set: Rate
+
+
+@dataclass(frozen=True)
+class ProbabilityBin:
+    """Printed probabilities in [lower, upper) and how often they were right.
+
+    `holds`: the mean lies within the interval that would contain it in all bins at once 95 times of 100.
+    """
+
+    lower: float
+    upper: float
+    mean: float | None
+    right: Rate
+    holds: bool
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """One parameter of causes that were named exactly.
+
+    `error` is the median of (reported median - truth)/(half the width of the interval).
+    """
+
+    name: str
+    covered: Rate
+    error: float | None
+
+
+@dataclass(frozen=True)
+class Target:
+    """One line of the table of targets; `holds` is None where no data set asks for it."""
+
+    what: str
+    value: float | None
+    target: str
+    holds: bool | None
+    rate: Rate
+
+
+@dataclass(frozen=True)
+class Score:
+    """`score.json`.
+
+    Parameters
+    ----------
+    n, n_failed : int
+        Data sets, and those without a diagnosis.
+    targets : list of Target
+    false_alarms : Rate
+        Of data sets with nothing hidden.
+    by_gain : list of GainBin
+    confusion : dict
+        Truth, then what was named, then how often; single causes of 25 nats or more, nothing, and outside effects.
+    set_size : dict
+        Size of the reported set, then how often; single causes of 25 nats or more.
+    reliability : list of ProbabilityBin
+    recovery : list of Recovery
+    coverage : Rate
+        Of all intervals of parameters of causes that were named exactly.
+    outside : dict
+        Effect, then verdict (or "located"), then how often.
+    seconds : dict
+        ``median`` and ``p90`` of the time of one diagnosis.
+    rows : list of Row
+    """
+
+    n: int
+    n_failed: int
+    targets: list[Target]
+    false_alarms: Rate
+    by_gain: list[GainBin]
+    confusion: dict[str, dict[str, int]]
+    set_size: dict[str, int]
+    reliability: list[ProbabilityBin]
+    recovery: list[Recovery]
+    coverage: Rate
+    outside: dict[str, dict[str, int]]
+    seconds: dict[str, float | None]
+    rows: list[Row]
+
+
+def rate(hits: Iterable[bool], confidence: float = 0.95) -> Rate:
+    """Share of hits with its exact binomial interval."""
+    listed = list(hits)
+    k, n = sum(listed), len(listed)
+    if n == 0:
+        return Rate(0, 0, None, None, None)
+    tail = 0.5 * (1.0 - confidence)
+    lower = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
+    upper = 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
+    return Rate(k, n, k / n, lower, upper)
+
+
+def reported_set(diagnosis: dict[str, Any]) -> set[Ids]:
+    """What a diagnosis named and each of its alternatives; nothing at all is a member if it says so."""
+    if not diagnosis:
+        return set()
+    found = {frozenset(ids) for ids in diagnosis["alternatives"]}
+    if diagnosis["named"] or diagnosis["verdict"] == "adequate":
+        found.add(frozenset(diagnosis["named"]))
+    return found
+
+
+def located(diagnosis: dict[str, Any], places: Sequence[Place]) -> bool:
+    """Whether at least half of what the misfit points at lies where the effect acts."""
+    pointed = (diagnosis.get("misfit") or {}).get("where") or []
+    hits = [any(_within(where, place) for place in places) for where in pointed]
+    return bool(hits) and sum(hits) >= _LOCATED * len(hits)
+
+
+def _within(where: dict[str, Any], place: Place) -> bool:
+    if str(where.get("group")) != str(place.group):
+        return False
+    if place.variable is None:
+        return True
+    low, high = where.get("from"), where.get("to")
+    if where.get("variable") != place.variable or low is None or high is None:
+        return False
+    left = max(low, -math.inf if place.lower is None else place.lower)
+    right = min(high, math.inf if place.upper is None else place.upper)
+    if right < left:
+        return False
+    if low <= 0 or high <= low:  # a single condition: it lies inside
+        return high <= low or (right - left) >= _LOCATED * (high - low)
+    return math.log(right / left) >= _LOCATED * math.log(high / low)
+
+
+def _label(ids: Iterable[str]) -> str:
+    return " + ".join(sorted(ids)) or "nothing"
+
+
+def _row(result: Result) -> Row:
+    truth = frozenset(result.answer.terms)
+    diagnosis = result.diagnosis
+    outside = result.spec.kind == "outside"
+    members = reported_set(diagnosis)
+    verdict = diagnosis["verdict"] if diagnosis else "failed"
+    printed = [c.get("probability") for c in diagnosis.get("causes", []) if frozenset(c["terms"]) == truth]
+    exact = not outside and bool(diagnosis) and verdict != "unexplained" and frozenset(diagnosis["named"]) == truth
+    return Row(
+        id=result.spec.id,
+        kind=result.spec.kind,
+        level=result.spec.level,
+        design=result.spec.design,
+        truth=result.answer.outside or _label(truth),
+        gain=result.oracle.gain,
+        verdict=verdict,
+        named=_label(diagnosis["named"]) if diagnosis else "failed",
+        in_set=not outside and truth in members,
+        exact=exact,
+        located=outside and located(diagnosis, result.answer.places),
+        confusable=list(result.oracle.confusable or []),
+        set_size=len(members),
+        probability=printed[0] if printed and not outside else None,
+        seconds=result.seconds["diagnose"],
+        seed=result.spec.seed,
+    )
+
+
+def score(results: Sequence[Result]) -> Score:
+    """Judge the verdicts of a campaign, or of any part of it.
+
+    Parameters
+    ----------
+    results : sequence of Result
+
+    Returns
+    -------
+    Score
+    """
+    rows = [_row(r) for r in results]
+    single = [row for row in rows if row.kind == "one"]
+    seen = [row for row in single if row.gain >= SEEN_NATS]
+    nothing = [row for row in rows if row.kind == "nothing"]
+    outside = [row for row in rows if row.kind == "outside"]
+    outside_seen = [row for row in outside if row.gain >= SEEN_NATS]
+    alarms = rate(row.verdict != "adequate" for row in nothing)
+    reliability = _reliability(results)
+    recovery, coverage = _recovery(results)
+    targets = [
+        _at_least("single cause of 25 nats or more: truth within the reported set", 0.95, (r.in_set for r in seen)),
+        _at_least(
+            "the same, not provably confusable: truth named by itself, or first of an ambiguous set",
+            0.85,
+            (r.exact for r in seen if not r.confusable),
+        ),
+        Target(
+            "nothing hidden: verdict other than adequate",
+            alarms.share,
+            "at most 5 %",
+            None if alarms.share is None else alarms.share <= 0.05,
+            alarms,
+        ),
+        _at_least(
+            "outside effect of 25 nats or more: unexplained, or located right",
+            0.85,
+            (
+                r.verdict == "unexplained" or (r.verdict not in ("adequate", "failed") and r.located)
+                for r in outside_seen
+            ),
+        ),
+        _reliable(reliability),
+        _at_least(
+            "two causes that both can be seen: both named, or both within the set",
+            0.70,
+            (_both(r) for r in results if _both_seen(r)),
+        ),
+    ]
+    seconds = [row.seconds for row in rows if row.verdict != "failed"]
+    return Score(
+        n=len(rows),
+        n_failed=sum(row.verdict == "failed" for row in rows),
+        targets=targets,
+        false_alarms=alarms,
+        by_gain=_by_gain(single),
+        confusion=_table((row.truth, row.named) for row in [*seen, *nothing, *outside_seen]),
+        set_size={str(k): n for k, n in sorted(Counter(row.set_size for row in seen).items())},
+        reliability=reliability,
+        recovery=recovery,
+        coverage=coverage,
+        outside=_table(
+            (row.truth, said) for row in outside_seen for said in (row.verdict, *(["located"] if row.located else []))
+        ),
+        seconds={
+            "median": float(np.median(seconds)) if seconds else None,
+            "p90": float(np.quantile(seconds, 0.9)) if seconds else None,
+        },
+        rows=rows,
+    )
+
+
+def _at_least(what: str, least: float, hits: Iterable[bool]) -> Target:
+    found = rate(hits)
+    holds = None if found.share is None else found.share >= least
+    return Target(what, found.share, f"at least {100 * least:g} %", holds, found)
+
+
+def _both_seen(result: Result) -> bool:
+    beside = result.oracle.without.values()
+    return (
+        result.spec.kind == "two" and result.oracle.gain >= SEEN_NATS and min(beside, default=0.0) >= SEEN_BESIDE_NATS
+    )
+
+
+def _both(result: Result) -> bool:
+    truth = frozenset(result.answer.terms)
+    return any(truth <= member for member in reported_set(result.diagnosis))
+
+
+def _by_gain(single: Sequence[Row]) -> list[GainBin]:
+    bins = []
+    for low, high in pairwise(GAIN_EDGES):
+        inside = [row for row in single if low <= row.gain < high]
+        bins.append(
+            GainBin(
+                low,
+                high if math.isfinite(high) else None,
+                rate(row.verdict not in ("adequate", "failed") for row in inside),
+                rate(row.exact for row in inside),
+                rate(row.in_set for row in inside),
+            )
+        )
+    return bins
+
+
+def _table(pairs: Iterable[tuple[str, str]]) -> dict[str, dict[str, int]]:
+    table: dict[str, dict[str, int]] = {}
+    for (truth, said), n in sorted(Counter(pairs).items()):
+        table.setdefault(truth, {})[said] = n
+    return table
+
+
+def _reliability(results: Sequence[Result]) -> list[ProbabilityBin]:
+    """Every printed probability against whether its set of causes is exactly the truth."""
+    printed: list[tuple[float, bool]] = []
+    for result in results:
+        if result.spec.kind == "outside":
+            continue  # none of the candidates can be right, and the probabilities are conditional on one being so
+        truth = frozenset(result.answer.terms)
+        for cause in result.diagnosis.get("causes", []):
+            p = cause.get("probability")
+            if isinstance(p, int | float) and math.isfinite(p):
+                printed.append((float(p), frozenset(cause["terms"]) == truth))
+    pairs = list(pairwise(PROBABILITY_EDGES))
+    bins = []
+    for low, high in pairs:
+        inside = [(p, hit) for p, hit in printed if low <= p < high or (high == 1.0 and p >= 1.0)]
+        mean = float(np.mean([p for p, _ in inside])) if inside else None
+        wide = rate((hit for _, hit in inside), 1.0 - 0.05 / len(pairs))
+        holds = mean is None or (wide.lower or 0.0) <= mean <= (1.0 if wide.upper is None else wide.upper)
+        bins.append(ProbabilityBin(low, high, mean, rate(hit for _, hit in inside), holds))
+    return bins
+
+
+def _reliable(bins: Sequence[ProbabilityBin]) -> Target:
+    filled = [b for b in bins if b.right.n]
+    good = rate(b.holds for b in filled)
+    holds = all(b.holds for b in filled) if filled else None
+    return Target(
+        "printed probabilities: bins within sampling error of the diagonal", good.share, "all of them", holds, good
+    )
+
+
+def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
+    """Intervals of the leading candidate's parameters, where it is exactly the truth."""
+    found: dict[str, list[tuple[bool, float]]] = {}
+    for result in results:
+        causes = result.diagnosis.get("causes") or [{"terms": [], "parameters": {}}]
+        truth = frozenset(result.answer.terms)
+        named = frozenset(result.diagnosis.get("named", []))
+        if not truth or named != truth or frozenset(causes[0]["terms"]) != truth:
+            continue
+        for name, told in (causes[0].get("parameters") or {}).items():
+            true = result.answer.parameters.get(name)
+            if true is None or not isinstance(told, dict) or not {"median", "lower", "upper"} <= told.keys():
+                continue
+            half = 0.5 * (told["upper"] - told["lower"])
+            error = (told["median"] - true) / half if half > 0 else math.nan
+            found.setdefault(name, []).append((told["lower"] <= true <= told["upper"], error))
+    recovery = []
+    for name, pairs in sorted(found.items()):
+        errors = [e for _, e in pairs if math.isfinite(e)]
+        recovery.append(Recovery(name, rate(hit for hit, _ in pairs), float(np.median(errors)) if errors else None))
+    return recovery, rate(hit for pairs in found.values() for hit, _ in pairs)
+
+
+__all__ = [
+    "CONFUSABLE_NATS", "SEEN_BESIDE_NATS", "SEEN_NATS", "GainBin", "ProbabilityBin", "Rate", "Recovery", "Row", "Score",
+    "Target", "located", "rate", "reported_set", "score",
+]  # fmt: skip

@@ -1,0 +1,225 @@
+r"""The ladder: from every cause alone to combinations of up to four, and a probability for each model.
+
+1. The baseline is fitted; every cause is screened by expansion (`psafit.diagnose.screening`) and then fitted in
+   earnest, alone: expansions at a badly wrong fit may mislead.
+2. From the best models so far (the beam) each of the most promising further causes is added, and the larger model
+   fitted. This goes on while a larger model gains more than it costs, up to four causes.
+3. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
+   them and the prior probabilities below.
+
+*Prior over models.* The number of causes that matter is 0 to 4 with weights 0.4, 0.36, 0.16, 0.06, 0.02, shared equally by
+all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one cause, and each further cause
+is about as surprising as the first. Models that were not fitted are counted with the evidence that the expansion
+gives them, so that a leader is not certain only because its rivals were not tried.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from psafit.diagnose.candidate import Candidate, Weighed, fit, weigh
+from psafit.diagnose.screening import Screened, extended, screen
+from psafit.inference.problem import Problem
+from psafit.physics.term import Term
+
+FloatArray = NDArray[np.float64]
+Ids = tuple[str, ...]
+
+SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.02)
+"""Prior probability of 0, 1, 2, 3, 4 causes."""
+
+MOST_CAUSES = 4
+# Models kept at each size, and causes tried on each of them.
+_BEAM, _TRIED = 3, 6
+# A model this far below the best (nats of evidence and prior) is not grown, weighed, or named.
+_HOPELESS = 14.0
+_WEIGHED = 8
+_DRAWS_BASELINE, _DRAWS_CAUSE, _DRAWS_PAIR = 1024, 256, 128
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """What the search found.
+
+    Parameters
+    ----------
+    candidates : tuple of Candidate
+        Every model fitted, most probable first.
+    probability : dict
+        Of each set of causes fitted, by identifiers; with what was not fitted they sum to one.
+    unfitted : dict
+        Probability that the expansion gives to models that were not fitted.
+    log_evidence : dict
+    weighed : dict
+        Posterior draws and evidence of those models that were weighed; the others have Laplace's.
+    screened : tuple of Screened
+        The causes beside the baseline.
+    """
+
+    candidates: tuple[Candidate, ...]
+    probability: dict[Ids, float]
+    unfitted: dict[Ids, float]
+    log_evidence: dict[Ids, float]
+    weighed: dict[Ids, Weighed]
+    screened: tuple[Screened, ...]
+
+    def of(self, ids: Ids) -> Candidate:
+        """The candidate with these causes."""
+        return next(c for c in self.candidates if c.ids == ids)
+
+    @property
+    def baseline(self) -> Candidate:
+        """The model without causes."""
+        return self.of(())
+
+    @property
+    def leader(self) -> Candidate:
+        """The most probable model."""
+        return self.candidates[0]
+
+    def gain(self, ids: Ids) -> float:
+        """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""
+        return self.of(ids).log_likelihood - self.baseline.log_likelihood
+
+
+def log_prior(n_causes: int, n_catalogue: int) -> float:
+    """Log prior probability of one model with so many causes out of a catalogue."""
+    weights = SIZE_WEIGHTS[: min(n_catalogue, MOST_CAUSES) + 1]
+    return math.log(weights[n_causes] / sum(weights) / math.comb(n_catalogue, n_causes))
+
+
+def climb(
+    problem: Problem,
+    catalogue: Sequence[Term],
+    *,
+    seed: int,
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    check: Callable[[], None] = lambda: None,
+) -> Ladder:
+    """Search the catalogue for what explains the readings.
+
+    Parameters
+    ----------
+    problem : Problem
+        The readings, with no cause.
+    catalogue : sequence of Term
+    seed : int
+    progress : callable
+        Called with (what, models done, models of this rung).
+
+    Returns
+    -------
+    Ladder
+    """
+    n = len(catalogue)
+    fitted: dict[Ids, Candidate] = {}
+    screenings: dict[Ids, tuple[Screened, ...]] = {}
+    baseline = fit(problem, (), seed=seed, draws=_DRAWS_BASELINE, most=16)
+    fitted[()] = baseline
+    screenings[()] = tuple(screen(baseline, catalogue))
+    for k, found in enumerate(screenings[()]):
+        progress(found.term.id, k, n)
+        larger = extended(problem, found.term, catalogue)
+        one = fit(larger, (baseline,), seed=seed, extra=found.starts, draws=_DRAWS_CAUSE)
+        fitted[one.ids] = one
+
+    def worth(c: Candidate) -> float:
+        return c.laplace + log_prior(len(c.terms), n)
+
+    def best() -> float:
+        return max(worth(c) for c in fitted.values())
+
+    for size in range(1, min(MOST_CAUSES, n)):
+        parents = sorted((c for c in fitted.values() if len(c.terms) == size), key=worth, reverse=True)[:_BEAM]
+        parents = [c for c in parents if worth(c) > best() - _HOPELESS]
+        wanted: dict[Ids, tuple[Problem, list[Candidate], list[FloatArray]]] = {}
+        for parent in parents:
+            progress(f"{' + '.join(parent.ids)}: what else", 0, 1)
+            screenings[parent.ids] = tuple(screen(parent, catalogue))
+            for found in _promising(screenings[parent.ids], fitted, worth, parent):
+                larger = extended(parent.problem, found.term, catalogue)
+                ids = tuple(t.id for t in larger.terms)
+                entry = wanted.setdefault(ids, (larger, [], []))
+                entry[1].append(parent)
+                entry[2].append(found.starts)
+        before = best()
+        for k, (ids, (larger, nested, starts)) in enumerate(wanted.items()):
+            progress(" + ".join(ids), k, len(wanted))
+            singles = [fitted[(t.id,)] for t in larger.terms if (t.id,) in fitted and size > 1]
+            extra = np.vstack(starts)
+            fitted[ids] = fit(larger, [*nested, *singles][:4], seed=seed, extra=extra, draws=_DRAWS_PAIR, most=6)
+        if not wanted or best() < before + 0.5:
+            break
+
+    order = sorted(fitted.values(), key=worth, reverse=True)
+    evidence = {c.ids: c.laplace for c in order}
+    weighed: dict[Ids, Weighed] = {}
+    finalists = [c for c in order if worth(c) > best() - _HOPELESS][:_WEIGHED]
+    if baseline not in finalists:
+        finalists.append(baseline)
+    for k, c in enumerate(finalists):
+        progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
+        weighed[c.ids] = weigh(c, seed=seed)
+        evidence[c.ids] = weighed[c.ids].log_evidence
+    return rank(fitted.values(), evidence, weighed, screenings, n)
+
+
+def _promising(
+    screened: Iterable[Screened],
+    fitted: dict[Ids, Candidate],
+    worth: Callable[[Candidate], float],
+    parent: Candidate,
+) -> list[Screened]:
+    """Causes to add to a model: the best by expansion, and the best of those that explain most alone."""
+    by_bayes = sorted(screened, key=lambda s: -s.log_bayes)
+    alone = sorted(by_bayes, key=lambda s: -worth(fitted[(s.term.id,)]))
+    chosen = by_bayes[: _TRIED - 2]
+    for found in alone:
+        if len(chosen) >= _TRIED:
+            break
+        if found not in chosen:
+            chosen.append(found)
+    return chosen
+
+
+def rank(
+    fitted: Iterable[Candidate],
+    evidence: dict[Ids, float],
+    weighed: dict[Ids, Weighed],
+    screenings: dict[Ids, tuple[Screened, ...]],
+    n_catalogue: int,
+) -> Ladder:
+    """Posterior probabilities of the models."""
+    candidates = list(fitted)
+    known = {c.ids for c in candidates}
+    mass = {c.ids: evidence[c.ids] + log_prior(len(c.terms), n_catalogue) for c in candidates}
+    guessed: dict[Ids, float] = {}
+    for ids, screened in screenings.items():
+        for found in screened:
+            larger = tuple(sorted((*ids, found.term.id)))
+            if any(set(larger) == set(k) for k in known) or len(larger) > MOST_CAUSES:
+                continue
+            value = evidence[ids] + found.log_bayes + log_prior(len(larger), n_catalogue)
+            guessed[larger] = max(value, guessed.get(larger, -math.inf))
+    total = float(logsumexp([*mass.values(), *guessed.values()]))
+    probability = {ids: math.exp(m - total) for ids, m in mass.items()}
+    candidates.sort(key=lambda c: -mass[c.ids])
+    return Ladder(
+        candidates=tuple(candidates),
+        probability=probability,
+        unfitted={ids: math.exp(m - total) for ids, m in guessed.items()},
+        log_evidence=evidence,
+        weighed=weighed,
+        screened=screenings[()],
+    )
+
+
+def on_groups(problem: Problem, group_ids: Sequence[int | str]) -> Problem:
+    """The same model on other groups of the experiment."""
+    return replace(problem, group_ids=tuple(group_ids))

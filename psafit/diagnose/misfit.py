@@ -1,0 +1,433 @@
+r"""Is anything wrong? Tests of a fitted model against its own simulated data, refitted.
+
+Residuals are normal scores :math:`e = \Phi^{-1}(F(y))` of the readings under the fitted scatter. Statistics look for
+what a sound fit leaves at random: order along each sweep (runs, lag one, windows), levels of groups and of waveforms,
+trends against every covariate, the directions in which any cause of the catalogue would move the ranges, the spread
+of groups and of sizes, single readings, and readings taken twice. None has a law from a table, since residuals of a
+fit are not independent: data are simulated from the fit, refitted, and give every statistic its own law.
+
+The family has one p-value: every statistic is expressed in units of its own law (how far above the median, against
+the distance from the median to the 95 % point), the largest is the family's, and its rank among the same quantity
+of the simulated data is the p-value. A statistic counts as significant by itself when it exceeds the family's 95 % point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from psafit.diagnose.candidate import Candidate
+from psafit.experiment import GroupId
+from psafit.inference import noise
+from psafit.inference.ascent import ascend, ascend_linearly
+from psafit.inference.problem import Problem
+from psafit.physics.term import Term
+from psafit.simulate import Design
+from psafit.validate import log_ratio
+
+FloatArray = NDArray[np.float64]
+
+ALPHA = 0.02
+"""Level of the family: a false alarm in fifty sound models."""
+
+# Strengths at which causes give directions, as quantiles of their priors.
+_DIRECTIONS = (0.1, 0.4, 0.75, 0.95)
+_WINDOWS = (3, 5, 9, 17, 33)
+_CLIP = 6.0
+# A point is odd beyond this score (normal law: once in 15,000 readings).
+_ODD = 4.0
+_FEWEST = 5
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """One look at the residuals.
+
+    Parameters
+    ----------
+    name : str
+        What it looks at, in words.
+    kind : {"mean", "spread", "point", "replicate"}
+        What it would show wrong: the physics, the law of the scatter, single readings, or the sessions.
+    group : group id, optional
+        Where it looks; None for all.
+    value : float
+    excess : float
+        In units of its own law: 0 at the median, 1 at the 95 % point.
+    p_value : float
+        By itself.
+    significant : bool
+        Beyond the 95 % point of the largest of all.
+    """
+
+    name: str
+    kind: str
+    group: GroupId | None
+    value: float
+    excess: float
+    p_value: float
+    significant: bool
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stretch of a sweep that the model misses.
+
+    Parameters
+    ----------
+    group : group id
+    variable : {"frequency", "amplitude"}
+        What the sweep varies.
+    lower, upper : float, Hz or V
+    log_bias : float
+        Mean of ln(predicted/measured) there.
+    score : float
+        Sum of the normal scores over the root of their number.
+    p_value : float
+        Share of simulated data sets with such a stretch anywhere.
+    """
+
+    group: GroupId
+    variable: str
+    lower: float
+    upper: float
+    log_bias: float
+    score: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """What the tests say of one fitted model.
+
+    Parameters
+    ----------
+    p_value : float
+        Of the family.
+    statistics : tuple of Statistic
+        Most striking first.
+    places : tuple of Place
+    character : str
+        "none", "physics", "scatter", "group", "points" or "sessions".
+    odd_groups : tuple of group ids
+        The group whose removal leaves nothing wrong, if there is one.
+    odd_points : tuple of (group id, int)
+        Readings (numbered in the group from 0) beyond four standard deviations.
+    scores : (n_points,) array
+        The residuals.
+    n_simulated : int
+    refit : {"exact", "expansion"}
+        How simulated data were refitted.
+    """
+
+    p_value: float
+    statistics: tuple[Statistic, ...]
+    places: tuple[Place, ...]
+    character: str
+    odd_groups: tuple[GroupId, ...]
+    odd_points: tuple[tuple[GroupId, int], ...]
+    scores: FloatArray
+    n_simulated: int
+    refit: str
+
+    @property
+    def wrong(self) -> bool:
+        """Whether anything is."""
+        return self.p_value < ALPHA
+
+
+def normal_scores(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
+    """Normal scores of readings under fits; (n_sets, n_points)."""
+    values = problem.noise_values(u)
+    s = noise.scale(predicted, values, problem.known_sigma)
+    z, nu = (observed - predicted) / s, values[:, 2:3]
+    # The probability integral loses its digits in the tails; there the score grows with the log density instead.
+    p = noise.cumulative(observed, predicted, values, problem.known_sigma)
+    body = ndtri(np.clip(p, 1e-12, 1 - 1e-12))
+    tail = np.sign(z) * np.sqrt((nu + 1) * np.log1p(z * z / nu))
+    return np.clip(np.where(np.abs(body) < 5, body, tail), -_CLIP, _CLIP)
+
+
+def sweeps(problem: Problem) -> list[tuple[GroupId, str, NDArray[np.intp]]]:
+    """Each group's id, the variable it sweeps, and its rows of the design in the order of the sweep."""
+    design = problem.design
+    result = []
+    for k, group_id in enumerate(problem.group_ids):
+        rows = np.flatnonzero(design.group == k)
+        f, v = np.log(design.frequency[rows]), np.log(np.maximum(design.amplitude[rows], 1e-9))
+        by_amplitude = np.ptp(v) > np.ptp(f)
+        order = np.lexsort((f, v)) if by_amplitude else np.lexsort((v, f))
+        result.append((group_id, "amplitude" if by_amplitude else "frequency", rows[order]))
+    return result
+
+
+def examine(
+    candidate: Candidate,
+    catalogue: Sequence[Term],
+    *,
+    seed: int,
+    n_simulated: int = 299,
+    exact: bool | None = None,
+    influence: bool = True,
+) -> Misfit:
+    """Test a fitted model.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    catalogue : sequence of Term
+        Causes whose directions are looked at.
+    seed : int
+    n_simulated : int
+        Data sets simulated from the fit.
+    exact : bool, optional
+        Whether they are refitted with the model itself and not with its expansion; by default where the model has a
+        closed form.
+    influence : bool
+        Whether to ask if one group or a few readings are all that is wrong.
+    """
+    problem = candidate.problem
+    u = candidate.modes[0]
+    rng = np.random.default_rng([seed, 7])
+    if exact is None:
+        from psafit.simulate import path_of
+
+        exact = path_of(candidate.terms) == "closed form"
+    predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
+    scatter = np.repeat(problem.noise_values(u[None, :]), n_simulated, axis=0)
+    # An instrument does not show ranges below zero.
+    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(candidate.predicted > 0, candidate.slope / candidate.predicted, 0.0)
+    starts = np.repeat(u[None, :], n_simulated, axis=0)
+    if exact:
+        refit = ascend(problem, starts, fake, schedule=((8, n_simulated),))
+    else:
+        refit = ascend_linearly(problem, starts, np.maximum(predicted, 1e-9), relative, fake, iterations=8)
+    observed = normal_scores(problem, u[None, :], candidate.predicted[None, :], problem.observed)
+    simulated = normal_scores(problem, refit.u, refit.predicted, fake)
+    directions = _directions(candidate, catalogue)
+    looked = _look(problem, np.vstack([observed, simulated]), candidate.predicted, directions)
+    names = list(looked)
+    table = np.array([looked[name] for name in names])  # (n_statistics, 1 + n)
+    null = table[:, 1:]
+    middle = np.median(null, axis=1, keepdims=True)
+    reach = np.maximum(np.quantile(null, 0.95, axis=1, keepdims=True) - middle, 1e-9)
+    excess = (table - middle) / reach
+    largest = excess.max(axis=0)
+    p_value = float((1 + np.sum(largest[1:] >= largest[0])) / (1 + n_simulated))
+    bar = float(np.quantile(largest[1:], 0.95))
+    statistics = [
+        Statistic(
+            name[0], name[1], name[2], float(table[k, 0]), float(excess[k, 0]),
+            float((1 + np.sum(null[k] >= table[k, 0])) / (1 + n_simulated)), bool(excess[k, 0] > bar),
+        )
+        for k, name in enumerate(names)
+    ]  # fmt: skip
+    statistics.sort(key=lambda s: -s.excess)
+    places = _places(problem, observed[0], simulated, candidate.predicted)
+    odd_points = tuple(
+        (group_id, int(np.flatnonzero(np.flatnonzero(problem.design.group == k) == row)[0]))
+        for k, group_id in enumerate(problem.group_ids)
+        for row in np.flatnonzero((problem.design.group == k) & (np.abs(observed[0]) > _ODD))
+    )
+    character, odd_groups = "none", ()
+    if p_value < ALPHA:
+        character, odd_groups = _character(candidate, catalogue, statistics, seed, n_simulated, influence, odd_points)
+    return Misfit(
+        p_value, tuple(statistics), places, character, odd_groups, odd_points, observed[0], n_simulated,
+        "exact" if exact else "expansion",
+    )  # fmt: skip
+
+
+def _directions(candidate: Candidate, catalogue: Sequence[Term]) -> dict[str, FloatArray]:
+    """Unit directions, (n, n_points), in which each cause moves the whitened ranges, the fit's own projected out."""
+    problem = candidate.problem
+    s = noise.scale(candidate.predicted[None, :], problem.noise_values(candidate.modes[:1]), problem.known_sigma)[0]
+    known = candidate.slope / s
+    basis, _ = np.linalg.qr(known[np.linalg.norm(known, axis=1) > 1e-9].T)
+    result = {}
+    for term in catalogue:
+        if term in candidate.terms or term.latent:
+            continue
+        large = replace(problem, terms=(*problem.terms, term))
+        names = {name: i for i, name in enumerate(large.names)}
+        at = large.prior_transform(np.full(large.n_dim, 0.5))
+        at[[names[n] for n in problem.names]] = candidate.modes[0]
+        rows = np.repeat(at[None, :], len(_DIRECTIONS), axis=0)
+        rows[:, names[term.strength.name]] = term.strength.prior_quantile(np.array(_DIRECTIONS))
+        effect = np.clip((large.predict(rows) - candidate.predicted) / s, -20, 20)
+        effect -= (effect @ basis) @ basis.T
+        size = np.linalg.norm(effect, axis=1)
+        if (size > 0.3).any():
+            result[term.id] = effect[size > 0.3] / size[size > 0.3, None]
+    return result
+
+
+Key = tuple[str, str, GroupId | None]
+
+
+def _look(
+    problem: Problem, e: FloatArray, predicted: FloatArray, directions: dict[str, FloatArray]
+) -> dict[Key, FloatArray]:
+    """Every statistic of every row of `e`, larger for worse; each (n_sets,)."""
+    found: dict[Key, FloatArray] = {}
+    design = problem.design
+    scans = []
+    for group_id, variable, rows in sweeps(problem):
+        x = e[:, rows]
+        n = rows.size
+        if n < _FEWEST:
+            continue
+        found["level", "mean", group_id] = np.abs(x.sum(axis=1)) / math.sqrt(n)
+        found[f"neighbours along the {variable}", "mean", group_id] = (x[:, 1:] * x[:, :-1]).sum(axis=1) / math.sqrt(n)
+        signs = (x > 0).astype(int)
+        found[f"runs along the {variable}", "mean", group_id] = -np.abs(np.diff(signs, axis=1)).sum(axis=1) / math.sqrt(
+            n
+        )
+        scan = np.abs(_windows(x)[0]).max(axis=1)
+        found[f"stretches of {variable}", "mean", group_id] = scan
+        scans.append(scan)
+        found["spread", "spread", group_id] = np.abs(np.log(np.mean(x**2, axis=1) + 0.05))
+    if scans:
+        found["stretches of any sweep", "mean", None] = np.max(scans, axis=0)
+    order = np.concatenate([rows for _, _, rows in sweeps(problem)])
+    x = e[:, order]
+    same = design.group[order][1:] == design.group[order][:-1]
+    found["neighbours in all sweeps", "mean", None] = (x[:, 1:] * x[:, :-1])[:, same].sum(axis=1) / math.sqrt(
+        max(same.sum(), 1)
+    )
+    covariates = {
+        "frequency": np.log(design.frequency),
+        "amplitude": np.log(np.maximum(design.amplitude, 1e-9)),
+        "predicted size": np.log(predicted + 0.05),
+        "waveform": design.waveform.astype(float),
+        "order in the file": np.concatenate(
+            [np.linspace(-1, 1, max((design.group == k).sum(), 1)) for k in range(len(problem.group_ids))]
+        ),
+    }
+    n = e.shape[1]
+    for name, value in covariates.items():
+        if np.ptp(value) < 1e-9:
+            continue
+        t = 2 * (value - value.min()) / np.ptp(value) - 1
+        degree = 1 if name == "waveform" else min(5, len(np.unique(value)) - 1)
+        basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(t, degree))
+        found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis[:, 1:]).sum(axis=1))
+        # Bins see what a polynomial does not: a step, a spike.
+        if degree > 1:
+            edges = np.quantile(t, np.linspace(0, 1, 13))
+            where = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, 11)
+            bins = np.array([(where == b) / math.sqrt(max((where == b).sum(), 1)) for b in range(12)])
+            found[f"bins of {name}", "mean", None] = np.sqrt(np.square(e @ bins.T).sum(axis=1))
+    size = np.log(predicted + 0.05)
+    size = (size - size.mean()) / max(float(size.std()), 1e-9)
+    square = np.minimum(e**2, 9.0)
+    found["spread against predicted size", "spread", None] = np.abs(
+        (square - square.mean(axis=1, keepdims=True)) @ size
+    ) / (math.sqrt(n))
+    found["tails", "spread", None] = np.abs(np.mean(np.minimum(np.abs(e), 4.0) ** 4, axis=1) - 3.0)
+    found["largest residual", "point", None] = np.abs(e).max(axis=1)
+    for id, unit in directions.items():
+        found[f"direction of {id}", "mean", None] = (e @ unit.T).max(axis=1)
+    repeated = _repeated(design)
+    if repeated:
+        total = np.zeros(len(e))
+        for rows in repeated:
+            y = e[:, rows]
+            total += np.square(y - y.mean(axis=1, keepdims=True)).sum(axis=1)
+        found["one condition in two sessions", "replicate", None] = np.sqrt(total)
+    return found
+
+
+def _repeated(design: Design) -> list[NDArray[np.intp]]:
+    """Rows of conditions that were measured in more than one session."""
+    seen: dict[tuple[float, float, int], list[int]] = {}
+    for i in range(design.n_points):
+        key = (float(design.frequency[i]), float(design.amplitude[i]), int(design.waveform[i]))
+        seen.setdefault(key, []).append(i)
+    return [np.array(rows) for rows in seen.values() if len(set(design.group[rows].tolist())) > 1]
+
+
+def _windows(x: FloatArray) -> tuple[FloatArray, list[tuple[int, int]]]:
+    """Standardised sums over windows of some lengths; (n_sets, n_windows), and the windows as (begin, end)."""
+    n = x.shape[1]
+    total = np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
+    columns, spans = [], []
+    for width in [w for w in _WINDOWS if w < n] + [n]:
+        columns.append((total[:, width:] - total[:, :-width]) / math.sqrt(width))
+        spans += [(k, k + width) for k in range(n - width + 1)]
+    return np.concatenate(columns, axis=1), spans
+
+
+def _places(problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray) -> tuple[Place, ...]:
+    """Stretches that stand out from those of the simulated data, the strongest of each that overlap."""
+    design = problem.design
+    ordered = [s for s in sweeps(problem) if s[2].size >= _FEWEST]
+    if not ordered:
+        return ()
+    null = np.max([np.abs(_windows(simulated[:, rows])[0]).max(axis=1) for _, _, rows in ordered], axis=0)
+    bar = float(np.quantile(null, 0.95))
+    error = log_ratio(predicted, problem.observed)
+    places = []
+    for group_id, variable, rows in ordered:
+        score, spans = _windows(e[None, rows])
+        left = [(abs(float(z)), float(z), a, b) for z, (a, b) in zip(score[0], spans, strict=True) if abs(z) > bar]
+        while left:
+            _, z, a, b = max(left)
+            values = (design.amplitude if variable == "amplitude" else design.frequency)[rows]
+            places.append(
+                Place(
+                    group_id, variable, float(values[a]), float(values[b - 1]), float(error[rows[a:b]].mean()), z,
+                    float((1 + np.sum(null >= abs(z))) / (1 + len(null))),
+                )
+            )  # fmt: skip
+            left = [w for w in left if w[3] <= a or w[2] >= b]
+    return tuple(sorted(places, key=lambda p: -abs(p.score)))
+
+
+def _character(
+    candidate: Candidate,
+    catalogue: Sequence[Term],
+    statistics: Sequence[Statistic],
+    seed: int,
+    n_simulated: int,
+    influence: bool,
+    odd_points: tuple[tuple[GroupId, int], ...],
+) -> tuple[str, tuple[GroupId, ...]]:
+    """Say what kind of thing is wrong; see `Misfit`."""
+    kinds = {s.kind for s in statistics if s.significant}
+    problem = candidate.problem
+    if influence and "mean" in kinds and len(problem.group_ids) > 2:
+        suspects = {s.group for s in statistics if s.significant and s.group is not None}
+        clean = []
+        for group_id in sorted(suspects, key=str)[:6]:
+            others = replace(problem, group_ids=tuple(g for g in problem.group_ids if g != group_id))
+            without = _refitted(others, candidate)
+            p = examine(without, catalogue, seed=seed, n_simulated=n_simulated, influence=False).p_value
+            if p > 0.1:
+                clean.append((p, group_id))
+        if clean:
+            return "group", (max(clean, key=lambda c: c[0])[1],)
+    if "mean" in kinds:
+        return "physics", ()
+    if "replicate" in kinds:
+        return "sessions", ()
+    if kinds == {"point"} or (kinds <= {"point", "spread"} and 0 < len(odd_points) <= 3):
+        return "points", ()
+    return "scatter", ()
+
+
+def _refitted(problem: Problem, like: Candidate) -> Candidate:
+    """The same model on fewer groups, climbed from where it was."""
+    from psafit.diagnose.candidate import settle
+    from psafit.inference.optimise import widened
+
+    starts = np.vstack([widened(problem, like.problem.to_physical(u), like.problem.names)[:1] for u in like.modes])
+    end = ascend(problem, starts)
+    return settle(problem, end, end.n_sets)

@@ -1,0 +1,147 @@
+r"""What each cause could add to a fitted model: score tests at finite strengths, by expansion of the fit.
+
+At quantiles :math:`q` of a cause's prior its launch ranges are simulated at the fitted parameters; everything else,
+scatter included, is then refitted in the expansion of the model, which costs no simulation. The gains :math:`\Delta_q`
+in log posterior give the three answers of a score test at once: the best of them the statistic, the place where it lies
+the expected strength, and their mean over the prior,
+
+.. math:: B \approx \frac1Q \sum_q e^{\Delta_q},
+
+the evidence that the cause would add (quantiles of a prior are equally likely under it). Slopes at the neutral value
+would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, that of `preload` infinite, and a boundary makes the
+law of the usual statistic a mixture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from psafit.diagnose.candidate import Candidate
+from psafit.inference import noise
+from psafit.inference.ascent import ascend_linearly
+from psafit.inference.problem import Problem
+from psafit.physics.term import Term
+from psafit.simulate.sensitivity import plausible
+
+FloatArray = NDArray[np.float64]
+
+_QUANTILES = (0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
+_ITERATIONS = 12
+# Whitened size of a plausible effect, after the refit, below which a cause could not have been seen: power of one half
+# for a gain of two and a half standard deviations.
+_VISIBLE = 2.5
+# Gain (nats) from which a cause counts as present in the table: 2 ln 20, one in twenty of a causes' list of twenty.
+_PRESENT = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """What one cause could add to a fitted model.
+
+    Parameters
+    ----------
+    term : Term
+    strength : (n,) array
+        Values tried, in the parameter's unit.
+    gain : (n,) array, nats
+        Of the log posterior, after a refit in the expansion; the strength's own prior is left out.
+    log_bayes : float
+        Evidence it would add.
+    visible : float
+        Size of the effect of a plausible strength (the prior's median) beside a refit of everything else, in standard
+        deviations of the fitted scatter.
+    starts : (n, n_dim) array
+        Where the refits ended: sampling coordinates of the larger model.
+    """
+
+    term: Term
+    strength: FloatArray
+    gain: FloatArray
+    log_bayes: float
+    visible: float
+    starts: FloatArray
+
+    @property
+    def best(self) -> int:
+        """Index of the most promising strength."""
+        return int(np.argmax(self.gain))
+
+    @property
+    def verdict(self) -> str:
+        """In words: "present", "not present", or "could not have been seen"."""
+        if self.gain[self.best] >= _PRESENT and self.log_bayes > 0:
+            return "present"
+        return "not present" if self.visible >= _VISIBLE else "could not have been seen"
+
+
+def extended(problem: Problem, term: Term, catalogue: Sequence[Term]) -> Problem:
+    """The problem with one more cause, in the catalogue's order: the same model whichever cause came first."""
+    return replace(problem, terms=tuple(t for t in catalogue if t in (*problem.terms, term)))
+
+
+def screen(candidate: Candidate, catalogue: Sequence[Term]) -> list[Screened]:
+    """Screen the causes that a fitted model does not have yet, in the catalogue's order."""
+    return [_screen(candidate, term, catalogue) for term in catalogue if term not in candidate.terms]
+
+
+def _screen(candidate: Candidate, term: Term, catalogue: Sequence[Term]) -> Screened:
+    small = candidate.problem
+    large = extended(small, term, catalogue)
+    names = {name: i for i, name in enumerate(large.names)}
+    shared = np.array([names[name] for name in small.names])
+    own = [names[p.name] for p in term.parameters]
+    at = large.prior_transform(np.full(large.n_dim, 0.5))
+    at[shared] = candidate.modes[0]
+    rows = np.repeat(at[None, :], len(_QUANTILES) + 1, axis=0)
+    rows[:-1, own[0]] = term.strength.prior_quantile(np.array(_QUANTILES))
+    # Never quite neutral: a path that changes there would be another model.
+    rows[-1, own] = [p.to_sampling(v) for p, v in zip(term.parameters, plausible(term), strict=True)]
+    latent = [i for name, i in names.items() if i not in own and i not in shared]
+    moved = []
+    for i in latent:
+        row = rows.copy()
+        row[:, i] += 0.1
+        moved.append(row)
+    found = large.predict(np.vstack([rows, *moved])).reshape(1 + len(latent), len(rows), -1)
+    predicted, n = np.maximum(found[0], 1e-9), len(_QUANTILES)
+    slope = np.zeros((len(rows), large.n_model, predicted.shape[1]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(candidate.predicted > 0, candidate.slope / candidate.predicted, 0.0)
+    slope[:, shared[: small.n_model]] = relative
+    for k, i in enumerate(latent):
+        slope[:, i] = (np.maximum(found[1 + k], 1e-9) - predicted) / (0.1 * predicted)
+    end = ascend_linearly(
+        large, rows[:n], predicted[:n], slope[:n], frozen=own, iterations=_ITERATIONS
+    )  # fmt: skip
+    # The cause's own prior is not a gain or loss here; that of its latents is.
+    prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
+    neutral = float(sum(large.parameters[i].log_prior(at[i]) for i in latent))
+    gain = end.height - prior - neutral - candidate.height
+    gain = np.where(np.isfinite(gain), gain, -1e3)
+    return Screened(
+        term=term,
+        strength=term.strength.to_physical(rows[:n, own[0]]),
+        gain=gain,
+        log_bayes=float(logsumexp(gain) - math.log(n)),
+        visible=_visible(candidate, predicted[-1], slope[-1], large.n_model),
+        starts=end.u[np.argsort(-gain, kind="stable")[:4]],
+    )
+
+
+def _visible(candidate: Candidate, changed: FloatArray, slope: FloatArray, n_model: int) -> float:
+    """What a refit leaves of an effect, in standard deviations of the fitted scatter."""
+    problem = candidate.problem
+    s = noise.scale(candidate.predicted[None, :], problem.noise_values(candidate.modes[:1]), problem.known_sigma)[0]
+    effect = (changed - candidate.predicted) / s
+    known = candidate.slope / s
+    used = np.linalg.norm(known, axis=1) > 1e-9
+    if used.any():
+        basis, _ = np.linalg.qr(known[used].T)
+        effect = effect - basis @ (basis.T @ effect)
+    return float(np.linalg.norm(effect))
