@@ -28,6 +28,7 @@ from scipy.stats import binomtest
 from psafit.experiment import Group
 from psafit.files import write_atomically
 from psafit.inference import noise
+from psafit.inference.problem import Problem
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Validation, write_json
 
@@ -175,14 +176,27 @@ def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[P
     list of Prediction
         In the order of the experiment.
     """
-    problem = run.problem
-    flat = problem.to_sampling(run.draws.flat)
+    flat = run.problem.to_sampling(run.draws.flat)
     chosen = flat[np.linspace(0, len(flat) - 1, min(n_draws, len(flat))).astype(int)]
-    scatter = problem.noise_values(chosen)
-    rng = np.random.default_rng([run.fit.seed if seed is None else seed, 2])
+    return predictive(run.problem, chosen, run.fit.seed if seed is None else seed)
+
+
+def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Prediction]:
+    """Posterior predictive of every group of the problem's experiment, from any equally weighted draws.
+
+    Parameters
+    ----------
+    problem : Problem
+    draws : (n_draws, n_dim) array
+        Sampling coordinates.
+    seed : int
+        Of the simulated readings.
+    """
+    scatter = problem.noise_values(draws)
+    rng = np.random.default_rng([seed, 2])
     result = []
     for group in problem.experiment.groups:
-        ranges = problem.predict(chosen, [group.id], rng)
+        ranges = problem.predict(draws, [group.id], rng)
         readings = noise.draw(ranges, scatter, group.sigma_um, rng)
         quantiles = np.quantile(readings, [0.05, 0.25, 0.75, 0.95], axis=0)
         density = noise.log_density(group.launch_range_um, ranges, scatter, group.sigma_um)
@@ -202,7 +216,7 @@ def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[P
                 upper=quantiles[3],
                 lower_50=np.maximum(quantiles[1], 0.0),
                 upper_50=quantiles[2],
-                log_density=logsumexp(density, axis=0) - math.log(len(chosen)),
+                log_density=logsumexp(density, axis=0) - math.log(len(draws)),
                 crps=crps(readings, group.launch_range_um),
                 pit=pit,
                 pit_p_value=pit_p_value,

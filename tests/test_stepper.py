@@ -173,3 +173,16 @@ def test_linear_coordinates_are_in_units_of_the_prior() -> None:
     assert p.to_physical(p.sampling_bounds.upper) == 1e-2
     u = np.linspace(0, 100, 200_001)
     assert np.trapezoid(np.exp(p.log_prior(u)), u) == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("phase", [0.1, 0.49, 1.2])
+@pytest.mark.parametrize("inverse_slew", [2e-9, 2e-10, 2e-12])
+def test_a_slew_limit_too_fast_to_matter_does_not(phase, inverse_slew):
+    """A sine that starts at a phase begins with a steep ramp, which must meet its command once and be left behind."""
+    design = Design.sweep(RIG, "sine", np.array([100.0, 1200.0, 25e3]), 20.0)
+    rig = [3.2e6, 3e5, 6.0]
+    limited = simulate(design, [*rig, inverse_slew, phase], terms(["slew_limit", "start_phase"]))
+    free = simulate(design, [*rig, phase], terms(["start_phase"]))
+    assert limited.launched.all()
+    # The ramp is over long before the ball moves.
+    assert limited.launch_range == pytest.approx(free.launch_range, rel=1e-2)

@@ -17,14 +17,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from psafit.diagnose.candidate import Candidate, Weighed, fit, weigh
+from psafit.diagnose.candidate import Candidate, Weighed, fit, settle, weigh
+from psafit.diagnose.memory import Memory
 from psafit.diagnose.screening import Screened, extended, screen
+from psafit.inference.ascent import Ascent
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
@@ -100,7 +102,7 @@ def climb(
     *,
     seed: int,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
-    check: Callable[[], None] = lambda: None,
+    memory: Memory | None = None,
 ) -> Ladder:
     """Search the catalogue for what explains the readings.
 
@@ -112,21 +114,24 @@ def climb(
     seed : int
     progress : callable
         Called with (what, models done, models of this rung).
+    memory : Memory, optional
+        Where fits are kept; those already there are not repeated.
 
     Returns
     -------
     Ladder
     """
     n = len(catalogue)
+    kept = memory or Memory(None)
     fitted: dict[Ids, Candidate] = {}
     screenings: dict[Ids, tuple[Screened, ...]] = {}
-    baseline = fit(problem, (), seed=seed, draws=_DRAWS_BASELINE, most=16)
+    baseline = _fit(kept, problem, (), seed, None, _DRAWS_BASELINE, 16)
     fitted[()] = baseline
     screenings[()] = tuple(screen(baseline, catalogue))
     for k, found in enumerate(screenings[()]):
         progress(found.term.id, k, n)
         larger = extended(problem, found.term, catalogue)
-        one = fit(larger, (baseline,), seed=seed, extra=found.starts, draws=_DRAWS_CAUSE)
+        one = _fit(kept, larger, (baseline,), seed, found.starts, _DRAWS_CAUSE, 12)
         fitted[one.ids] = one
 
     def worth(c: Candidate) -> float:
@@ -153,7 +158,7 @@ def climb(
             progress(" + ".join(ids), k, len(wanted))
             singles = [fitted[(t.id,)] for t in larger.terms if (t.id,) in fitted and size > 1]
             extra = np.vstack(starts)
-            fitted[ids] = fit(larger, [*nested, *singles][:4], seed=seed, extra=extra, draws=_DRAWS_PAIR, most=6)
+            fitted[ids] = _fit(kept, larger, [*nested, *singles][:4], seed, extra, _DRAWS_PAIR, 6)
         if not wanted or best() < before + 0.5:
             break
 
@@ -165,9 +170,38 @@ def climb(
         finalists.append(baseline)
     for k, c in enumerate(finalists):
         progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
-        weighed[c.ids] = weigh(c, seed=seed)
+        weighed[c.ids] = _weigh(kept, c, seed)
         evidence[c.ids] = weighed[c.ids].log_evidence
     return rank(fitted.values(), evidence, weighed, screenings, n)
+
+
+def _fit(
+    memory: Memory,
+    problem: Problem,
+    nested: Sequence[Candidate],
+    seed: int,
+    extra: FloatArray | None,
+    draws: int,
+    most: int,
+) -> Candidate:
+    def make() -> dict[str, FloatArray]:
+        one = fit(problem, nested, seed=seed, extra=extra, draws=draws, most=most)
+        return {"modes": one.modes, "heights": one.heights, "n_sets": np.array(float(one.n_sets))}
+
+    found = memory.recall("fit", problem, seed, make)
+    modes = found["modes"]
+    return settle(problem, Ascent(modes, found["heights"], problem.predict(modes), 0), int(found["n_sets"]))
+
+
+def _weigh(memory: Memory, candidate: Candidate, seed: int) -> Weighed:
+    def make() -> dict[str, FloatArray]:
+        return {name: np.asarray(value, float) for name, value in vars(weigh(candidate, seed=seed)).items()}
+
+    found = memory.recall("evidence", candidate.problem, seed, make)
+    draws, weights = found["draws"], found["weights"]
+    numbers = {name: float(a) for name, a in found.items() if a.ndim == 0}
+    n_sets = int(numbers.pop("n_sets"))
+    return Weighed(draws, weights, n_sets=n_sets, **numbers)
 
 
 def _promising(
@@ -199,11 +233,12 @@ def rank(
     candidates = list(fitted)
     known = {c.ids for c in candidates}
     mass = {c.ids: evidence[c.ids] + log_prior(len(c.terms), n_catalogue) for c in candidates}
+    order = [s.term.id for s in screenings[()]]
     guessed: dict[Ids, float] = {}
     for ids, screened in screenings.items():
         for found in screened:
-            larger = tuple(sorted((*ids, found.term.id)))
-            if any(set(larger) == set(k) for k in known) or len(larger) > MOST_CAUSES:
+            larger = tuple(id for id in order if id in (*ids, found.term.id))
+            if larger in known or len(larger) > MOST_CAUSES:
                 continue
             value = evidence[ids] + found.log_bayes + log_prior(len(larger), n_catalogue)
             guessed[larger] = max(value, guessed.get(larger, -math.inf))
@@ -218,8 +253,3 @@ def rank(
         weighed=weighed,
         screened=screenings[()],
     )
-
-
-def on_groups(problem: Problem, group_ids: Sequence[int | str]) -> Problem:
-    """The same model on other groups of the experiment."""
-    return replace(problem, group_ids=tuple(group_ids))

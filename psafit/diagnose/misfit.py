@@ -236,7 +236,8 @@ def examine(
         for k, group_id in enumerate(problem.group_ids)
         for row in np.flatnonzero((problem.design.group == k) & (np.abs(observed[0]) > _ODD))
     )
-    character, odd_groups = "none", ()
+    character: str = "none"
+    odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
         character, odd_groups = _character(candidate, catalogue, statistics, seed, n_simulated, influence, odd_points)
     return Misfit(

@@ -59,7 +59,7 @@ _NOISE = 8 * np.finfo(float).eps
 # range within milliseconds to seconds; the horizon, s, only stops a hopeless search. A ball that is pressed on the tip
 # may never leave it: then the drive's periods count.
 HORIZON = 100.0
-HORIZON_PERIODS = 20.0
+HORIZON_PERIODS = 3.0
 
 LAUNCHED, AT_REST, NO_SEPARATION, DRAWN_BACK = 0, 1, 2, 3
 
@@ -290,15 +290,22 @@ def _evaluate(table, n, t):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _first_root(d0, d1, curvature):  # type: ignore[no-untyped-def]
+    """Positive root of ``d0 + d1 h - curvature h^2/2`` for positive `d0` and `curvature`, without cancellation."""
+    root = math.sqrt(d1 * d1 + 2.0 * curvature * d0)
+    return 2.0 * d0 / (root - d1) if d1 < 0.0 else (d1 + root) / curvature
+
+
+@compiled
 def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
     """Largest step found over which the bounds keep the indentation positive."""
-    safe = (d1 + math.sqrt(d1 * d1 + 2.0 * b2 * d0)) / b2
+    safe = _first_root(d0, d1, b2)
     trial = safe
     for _ in range(60):
         trial *= 1.6
         curvature = b3 * trial / 3.0 - d2  # d(t+h) >= d0 + d1 h - curvature h^2/2 for all h <= trial
         if curvature > 0.0:
-            reach = (d1 + math.sqrt(d1 * d1 + 2.0 * curvature * d0)) / curvature
+            reach = _first_root(d0, d1, curvature)
         else:
             under = d1 * d1 + 2.0 * curvature * d0
             reach = trial if d1 >= 0.0 or under < 0.0 else 2.0 * d0 / (-d1 + math.sqrt(under))
@@ -498,7 +505,7 @@ _BATCH = 512
 
 def contact_horizon(k_c: FloatArray, ball: FloatArray) -> FloatArray:
     """Time, s, after which a ball still in contact counts as not launched, unless that is `HORIZON_PERIODS` off."""
-    return np.minimum(20 * np.pi * np.sqrt(ball / k_c), HORIZON)
+    return np.minimum(4 * np.pi * np.sqrt(ball / k_c), HORIZON)
 
 
 def separation(

@@ -43,7 +43,7 @@ from psafit.simulate.reference import Point
 FloatArray = NDArray[np.float64]
 Outcome = Literal["launched", "no launch"]
 
-MAX_PERIODS = 20
+MAX_PERIODS = 3
 _MAX_STEPS = 400_000
 _EPS = float(np.finfo(float).eps)
 _TINY = 1e-290
@@ -726,7 +726,7 @@ class _Drive:
         y = self.start()
         patience = MAX_PERIODS / command.frequency
         # A soft contact lasts many periods of a fast drive.
-        hold = max(patience, min(20 * math.pi * math.sqrt(world.M / world.k_c), 100.0))
+        hold = max(patience, min(4 * math.pi * math.sqrt(world.M / world.k_c), 100.0))
         horizon = world.cycles / command.frequency
         launch: tuple[float, float, float] | None = None
         before: tuple[FloatArray, object] | None = None

@@ -52,7 +52,7 @@ TOLERANCE = 1e-5
 _MOST_BRANCHES = 8
 _LEVELS = 96
 _FINEST = -70  # 2^-70 s
-_MAX_STEPS = 200_000
+_MAX_STEPS = 20_000
 _NEWTON = 10
 _WORTH_THREADS = 16
 _FIRST_RATIO, _LAST_RATIO = RATIOS[0], RATIOS[-1]
@@ -325,7 +325,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     last_time, last_speed, last_place = math.nan, 0.0, 0.0
     newton = 0.1 * math.sqrt(tolerance)
     waiting = HORIZON_PERIODS / f
-    horizon = max(waiting, min(20.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
+    horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f
     u = 0.0
 

@@ -1,0 +1,267 @@
+r"""What the extension is worth on data that no choice has seen.
+
+*strict*: ladder and fit see the training groups only; every other group is scored. *nested*: for each group, ladder and
+fit see all the others; that group is scored. The extended model of a split predicts with Bayesian model averaging over
+the models that its own ladder found, weighted by their probabilities: averaging is what a reader should do who cannot
+tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error metric) and
+its predictive density (the log score). A ledger says which groups each choice saw.
+
+Uncertainty: readings of one group are not independent, so groups are drawn with replacement, and within each group
+blocks of five neighbours in the sweep.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from psafit.diagnose.candidate import Weighed, weigh
+from psafit.diagnose.ladder import Ids, Ladder
+from psafit.experiment import Experiment, GroupId
+from psafit.files import write_atomically
+from psafit.inference import noise
+from psafit.validate import COLUMNS, log_ratio
+
+FloatArray = NDArray[np.float64]
+
+_DRAWS = 400
+# Models with less than this share of the best's probability are left out of the mixture.
+_NEGLIGIBLE = 0.02
+_BLOCK, _BOOTSTRAPS = 5, 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """A model's predictions of one group it has not seen; arrays (n_points,).
+
+    Parameters
+    ----------
+    group : group id
+    median, lower, upper : arrays, um
+        Of the launch range's posterior; of the 90 % predictive interval of a reading.
+    log_density : array, 1/um
+    measured : array, um
+    """
+
+    group: GroupId
+    median: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    log_density: FloatArray
+    measured: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """``ln((predicted + 0.3 um)/(measured + 0.3 um))``."""
+        return log_ratio(self.median, self.measured)
+
+
+@dataclass(frozen=True)
+class GroupGain:
+    """Scores of one held-out group, before and after."""
+
+    group: GroupId
+    named: list[str]
+    seen: list[GroupId]
+    log_rmse_before: float
+    log_rmse_after: float
+    elpd_before: float
+    elpd_after: float
+    coverage_before: float
+    coverage_after: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A protocol's result.
+
+    Parameters
+    ----------
+    protocol : {"strict", "nested"}
+    groups : list of GroupGain
+    log_rmse_before, log_rmse_after : float
+        Means over the groups.
+    log_rmse_interval : list of float
+        90 % interval of the mean's change (after minus before), by the bootstrap.
+    elpd_before, elpd_after : float
+        Sums over the groups, nats.
+    elpd_interval : list of float
+        90 % interval of the change.
+    coverage_before, coverage_after : float
+        Share of all held-out readings inside their 90 % predictive intervals.
+    ledger : list of dict
+        What each choice saw.
+    predictions : str
+        The CSV beside the result.
+    """
+
+    protocol: str
+    groups: list[GroupGain]
+    log_rmse_before: float
+    log_rmse_after: float
+    log_rmse_interval: list[float]
+    elpd_before: float
+    elpd_after: float
+    elpd_interval: list[float]
+    coverage_before: float
+    coverage_after: float
+    ledger: list[dict[str, object]]
+    predictions: str
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """One training set, its ladder, and the forecasts of what it left out, before and after."""
+
+    seen: tuple[GroupId, ...]
+    named: Ids
+    mixture: dict[Ids, float]
+    before: list[Forecast]
+    after: list[Forecast]
+
+
+def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int) -> Split:
+    """Forecast groups that a ladder has not seen.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    held_out : sequence of group ids
+    seed : int
+    """
+    best = max(ladder.probability.values())
+    shares = {
+        c.ids: ladder.probability[c.ids] for c in ladder.candidates if ladder.probability[c.ids] >= _NEGLIGIBLE * best
+    }
+    total = sum(shares.values())
+    mixture = {ids: p / total for ids, p in shares.items()}
+    counts = {ids: max(round(_DRAWS * p), 16) for ids, p in mixture.items()}
+    return Split(
+        seen=ladder.baseline.problem.group_ids,
+        named=ladder.leader.ids,
+        mixture=mixture,
+        before=[_forecast(ladder, {(): 1.0}, {(): _DRAWS}, g, seed) for g in held_out],
+        after=[_forecast(ladder, mixture, counts, g, seed) for g in held_out],
+    )
+
+
+def _weighed(ladder: Ladder, ids: Ids, seed: int) -> Weighed:
+    return ladder.weighed[ids] if ids in ladder.weighed else weigh(ladder.of(ids), seed=seed)
+
+
+def _forecast(
+    ladder: Ladder, mixture: dict[Ids, float], counts: dict[Ids, int], group_id: GroupId, seed: int
+) -> Forecast:
+    ranges, readings, density, weight = [], [], [], []
+    for ids, share in mixture.items():
+        problem = ladder.of(ids).problem
+        draws = _weighed(ladder, ids, seed).resampled(counts[ids])
+        rng = np.random.default_rng([seed, 11, len(ids)])
+        group = problem.experiment.group(group_id)
+        found = problem.predict(draws, [group_id], rng)
+        scatter = problem.noise_values(draws)
+        ranges.append(found)
+        readings.append(noise.draw(found, scatter, group.sigma_um, rng))
+        density.append(noise.log_density(group.launch_range_um, found, scatter, group.sigma_um))
+        weight.append(np.full(len(draws), share / len(draws)))
+    w = np.concatenate(weight)
+    lower, upper = _quantiles(np.concatenate(readings), w, (0.05, 0.95))
+    return Forecast(
+        group=group_id,
+        median=_quantiles(np.concatenate(ranges), w, (0.5,))[0],
+        lower=np.maximum(lower, 0.0),
+        upper=upper,
+        log_density=logsumexp(np.concatenate(density), axis=0, b=w[:, None]),
+        measured=problem.experiment.group(group_id).launch_range_um,
+    )
+
+
+def _quantiles(values: FloatArray, weights: FloatArray, q: Sequence[float]) -> FloatArray:
+    """Weighted quantiles along the first axis; (len(q), n_points)."""
+    order = np.argsort(values, axis=0)
+    mass = np.cumsum(weights[order], axis=0) - 0.5 * weights[order]
+    ordered = np.take_along_axis(values, order, axis=0)
+    return np.array([np.interp(q, mass[:, i], ordered[:, i]) for i in range(values.shape[1])]).T
+
+
+def _rmse(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(error))))
+
+
+def _inside(f: Forecast) -> FloatArray:
+    return np.asarray((f.measured >= f.lower) & (f.measured <= f.upper), dtype=float)
+
+
+def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], folder: Path, seed: int) -> Gain:
+    """Score forecasts and write them to `folder`."""
+    rows: list[GroupGain] = []
+    pairs: list[tuple[Forecast, Forecast]] = []
+    for one in splits:
+        for before, after in zip(one.before, one.after, strict=True):
+            pairs.append((before, after))
+            rows.append(
+                GroupGain(
+                    before.group, list(one.named), list(one.seen), _rmse(before.error), _rmse(after.error),
+                    float(before.log_density.sum()), float(after.log_density.sum()),
+                    float(_inside(before).mean()), float(_inside(after).mean()),
+                )
+            )  # fmt: skip
+    rng = np.random.default_rng([seed, 13])
+    rmse_change, elpd_change = np.empty(_BOOTSTRAPS), np.empty(_BOOTSTRAPS)
+    for b in range(_BOOTSTRAPS):
+        changes, scores = [], 0.0
+        for k in rng.integers(0, len(pairs), len(pairs)):
+            before, after = pairs[k]
+            n = before.median.size
+            first = rng.integers(0, n, math.ceil(n / _BLOCK))
+            chosen = ((first[:, None] + np.arange(_BLOCK)) % n).ravel()[:n]
+            changes.append(_rmse(after.error[chosen]) - _rmse(before.error[chosen]))
+            scores += float((after.log_density - before.log_density)[chosen].sum())
+        rmse_change[b], elpd_change[b] = np.mean(changes), scores
+    name = f"predictions-{protocol}.csv"
+    _write(folder / name, experiment, splits)
+    every = [np.concatenate([_inside(p[k]) for p in pairs]) for k in (0, 1)]
+    return Gain(
+        protocol=protocol,
+        groups=rows,
+        log_rmse_before=float(np.mean([r.log_rmse_before for r in rows])),
+        log_rmse_after=float(np.mean([r.log_rmse_after for r in rows])),
+        log_rmse_interval=np.quantile(rmse_change, [0.05, 0.95]).tolist(),
+        elpd_before=float(sum(r.elpd_before for r in rows)),
+        elpd_after=float(sum(r.elpd_after for r in rows)),
+        elpd_interval=np.quantile(elpd_change, [0.05, 0.95]).tolist(),
+        coverage_before=float(every[0].mean()),
+        coverage_after=float(every[1].mean()),
+        ledger=[
+            {
+                "choice": "causes, parameters and scatter",
+                "saw": list(one.seen),
+                "scored_on": [f.group for f in one.after],
+                "models": {" + ".join(ids) or "baseline": share for ids, share in one.mixture.items()},
+            }
+            for one in splits
+        ],
+        predictions=name,
+    )
+
+
+def _write(path: Path, experiment: Experiment, splits: Sequence[Split]) -> None:
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow((*COLUMNS, "model"))
+    for one in splits:
+        for model, forecasts in (("baseline", one.before), ("extended", one.after)):
+            for f in forecasts:
+                group = experiment.group(f.group)
+                columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um, f.median, f.lower, f.upper)
+                for row in zip(*columns, strict=True):
+                    table.writerow([group.id, group.waveform, *(float(x) for x in row), "holdout", model])
+    write_atomically(path, text.getvalue().encode())

@@ -1,0 +1,62 @@
+"""What a diagnosis has worked out already, so that an interrupted one goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import psafit
+from psafit.files import write_atomically
+from psafit.inference.problem import Problem
+
+Arrays = Mapping[str, NDArray[np.float64]]
+
+
+class Memory:
+    """Arrays by what determines them, in a folder; without a folder nothing is kept.
+
+    A file that cannot be read, or is of another version, is worked out anew.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    def recall(self, kind: str, problem: Problem, seed: int, make: Callable[[], Arrays]) -> Arrays:
+        """Look up what `make` would give, or make and keep it.
+
+        Parameters
+        ----------
+        kind : str
+            What it is.
+        problem : Problem
+        seed : int
+        make : callable
+            Returns named arrays.
+        """
+        if self._folder is None:
+            return make()
+        determinants = [
+            kind, psafit.__version__, problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
+            [t.id for t in problem.terms], [[p.name, p.prior.describe()] for p in problem.parameters], seed,
+        ]  # fmt: skip
+        key = hashlib.sha256(json.dumps(determinants).encode()).hexdigest()[:24]
+        path = self._folder / f"{kind}-{key}.npz"
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                return dict(stored)
+        except (OSError, ValueError, KeyError, EOFError):
+            pass
+        except Exception as error:  # a damaged archive raises what zipfile and zlib please
+            if type(error).__module__ not in ("zipfile", "zlib"):
+                raise
+        made = make()
+        buffer = io.BytesIO()
+        np.savez(buffer, allow_pickle=False, **{name: np.asarray(a) for name, a in made.items()})
+        write_atomically(path, buffer.getvalue())
+        return made

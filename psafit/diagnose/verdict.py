@@ -1,0 +1,140 @@
+r"""From the ladder, the tests and the leftover to a verdict.
+
+* ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
+* ``explained``: one set of causes holds alone: with its supersets that add nothing it has 95 % of the probability, and the
+  tests find nothing left once it is adopted.
+* ``ambiguous``: several sets together have 95 %; each would do.
+* ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any cause.
+
+*Supersets.* A model that contains the leader and is not better by three nats says "the leader, and perhaps more"; it is
+no rival to it. Rivals are the sets without which, beside the leader and its supersets, the probability stays below 95 %.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from psafit.diagnose.ladder import Ids, Ladder
+from psafit.diagnose.leftover import Leftover
+from psafit.diagnose.misfit import ALPHA, Misfit
+
+CREDIBLE = 0.95
+"""Probability of the reported set."""
+
+UNNAMED = 0.1
+"""Prior probability that something is wrong which no cause of the catalogue describes."""
+
+# A superset counts as a model of its own where its evidence is better than the leader's by this (nats).
+_BETTER = 3.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the diagnosis concludes.
+
+    Parameters
+    ----------
+    verdict : {"adequate", "explained", "ambiguous", "unexplained"}
+    named : tuple of str
+        The causes adopted.
+    alternatives : tuple of tuples of str
+        Sets that do as well.
+    probability : dict
+        Of each model fitted; what is missing to one is unnamed, or was not fitted.
+    unnamed : float
+        Probability of a discrepancy without a name, beside the best model that has one.
+    inclusion : dict
+        Probability of each cause to be part of the truth.
+    reasons : tuple of str
+        Sentences.
+    """
+
+    verdict: str
+    named: Ids
+    alternatives: tuple[Ids, ...]
+    probability: dict[Ids, float]
+    unnamed: float
+    inclusion: dict[str, float]
+    reasons: tuple[str, ...]
+
+
+def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftover | None) -> Verdict:
+    """Draw the conclusion.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    before : Misfit
+        Of the baseline.
+    after : Misfit, optional
+        Of the leader, where that is not the baseline.
+    left : Leftover, optional
+        Of the leader.
+    """
+    odds = math.exp(min(left.log_bayes, 700.0)) * UNNAMED / (1 - UNNAMED) if left else 0.0
+    leader_share = ladder.probability[ladder.leader.ids]
+    # The unnamed discrepancy beside the leader competes with all named models.
+    unnamed = odds * leader_share / (1 + odds * leader_share)
+    probability = {ids: p * (1 - unnamed) for ids, p in ladder.probability.items()}
+    everything = probability | {ids: p * (1 - unnamed) for ids, p in ladder.unfitted.items()}
+    inclusion: dict[str, float] = {}
+    for ids, p in everything.items():
+        for id in ids:
+            inclusion[id] = inclusion.get(id, 0.0) + p
+    nothing = ladder.probability[()]
+    reasons = []
+    if not before.wrong and nothing >= 1 - CREDIBLE and unnamed < 0.5:
+        reasons.append(
+            f"The tests find nothing wrong with the baseline (family-wise p = {before.p_value:.2g}), and it keeps"
+            f" {100 * nothing:.0f} % of the probability."
+        )
+        return Verdict("adequate", (), (), probability, unnamed, inclusion, tuple(reasons))
+
+    ranked = [c.ids for c in ladder.candidates]
+    named = next((ids for ids in ranked if ids), ())
+    if ladder.leader.ids == ():
+        # Something is wrong, and no cause helps.
+        reasons.append(
+            f"The tests find the baseline wrong (family-wise p = {before.p_value:.2g}), but no cause is more probable than it."
+            if before.wrong
+            else "A discrepancy without a name is more probable than any cause."
+        )
+        return Verdict("unexplained", (), (), probability, unnamed, inclusion, tuple(reasons))
+    alternatives = _rivals(ladder, named)
+    residual = after is not None and after.p_value < ALPHA
+    if residual or unnamed > 0.5:
+        reasons.append(
+            f"{' + '.join(named)} explains most, but structure remains"
+            + (f" (family-wise p = {after.p_value:.2g})" if residual and after else "")
+            + (f"; an unnamed discrepancy has probability {unnamed:.2f}" if unnamed > 0.5 else "")
+            + "."
+        )
+        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
+    if alternatives:
+        reasons.append(f"{len(alternatives) + 1} sets of causes explain these readings about equally well.")
+        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
+    reasons.append(f"{' + '.join(named)} explains the misfit, nothing is left of it, and no other set does as well.")
+    return Verdict("explained", named, (), probability, unnamed, inclusion, tuple(reasons))
+
+
+def _rivals(ladder: Ladder, named: Ids) -> tuple[Ids, ...]:
+    """Sets that, with the named one, are needed for 95 % of the probability; best first."""
+    share = ladder.probability | ladder.unfitted
+
+    def absorbed(ids: Ids) -> bool:
+        if not set(named) < set(ids):
+            return False
+        known = ladder.log_evidence.get(ids)
+        return known is None or known < ladder.log_evidence[named] + _BETTER
+
+    held = sum(p for ids, p in share.items() if ids == named or absorbed(ids))
+    rivals: list[Ids] = []
+    total = sum(share.values())
+    for ids, p in sorted(share.items(), key=lambda item: -item[1]):
+        if held >= CREDIBLE * total:
+            break
+        if ids != named and not absorbed(ids):
+            rivals.append(ids)
+            held += p
+    return tuple(rivals)
