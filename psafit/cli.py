@@ -342,6 +342,66 @@ def fit(
 
 
 @commands.command()
+@EXPERIMENT
+@click.option("--group", "group", required=True, metavar="ID[,ID...]", help="Training groups of the strict gain.")
+@click.option("--quick", is_flag=True, help="The verdict alone: no measured gain.")
+@click.option("--out", type=Place("folder"), help="Folder; fits/<experiment>-diagnosis by default.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
+@click.option("--no-report", is_flag=True, help="Write the result only, no page.")
+@QUIET
+@JSON
+def diagnose(
+    experiment: Path,
+    group: str,
+    quick: bool,
+    out: Path | None,
+    seed: int,
+    no_report: bool,
+    quiet: bool,
+    json_file: Path | None,
+) -> int:
+    """Say what the simulation gets wrong, name the cause, and measure what the extended model gains.
+
+    The verdict uses all groups; the gain never scores data that a choice has seen. An interrupted diagnosis goes
+    on where it stopped when the same command is repeated.
+    """
+    from psafit.experiment import read_experiment
+    from psafit.progress import watcher
+
+    data = read_experiment(experiment)
+    ids = _groups(group)
+    for group_id in ids:
+        data.group(group_id)
+    folder = out or Path("fits") / f"{experiment.resolve().name}-diagnosis"
+    if json_file is not None and json_file.name in RUN_FILES and json_file.resolve().parent == folder.resolve():
+        raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
+    command = ["psafit", "diagnose", experiment, "--group", group, "--seed", seed, *(["--quick"] if quick else [])]
+    command += ["--out", out] if out else []
+    with watcher(quiet) as show:
+        from psafit.diagnose import diagnose as examine
+
+        result = examine(data, ids, folder, quick=quick, seed=seed, watcher=show, command=command)
+        if not no_report:
+            show.stage("report")
+            from psafit.report.diagnosis import write_diagnosis
+
+            page = write_diagnosis(result, data, folder)
+    _write(json_file, result)
+    if not quiet:
+        click.echo(f"verdict: {result.verdict}" + (f": {' + '.join(result.named)}" if result.named else ""))
+        for sentence in result.sentences:
+            click.echo(f"  {sentence}")
+        for cause in result.causes[:5]:
+            words = " + ".join(cause.terms) or "no cause"
+            click.echo(f"  {100 * cause.probability:5.1f} %  {words}, {cause.evidence['gain']:+.1f} nats")
+        for place in result.misfit["where"][:5]:
+            click.echo(f"  baseline, {place['text']}")
+        if not no_report:
+            click.echo(f"report: {click.format_filename(page)}")
+    return DONE
+
+
+@commands.command()
 @RUN
 @QUIET
 @JSON

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.inference.problem import Problem
 from psafit.inference.run import Run
 from psafit.records import Numerics, Refinement, write_json
 from psafit.simulate import path_of, rig_of, simulate
@@ -44,12 +45,27 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
     Numerics
         Also written to the run's folder as `numerics.json`.
     """
-    problem = run.problem
-    experiment, terms = problem.experiment, problem.terms
     flat = run.draws.flat
-    best = np.array([run.fit.minima[0].values[name] for name in problem.names])
+    best = np.array([run.fit.minima[0].values[name] for name in run.problem.names])
     values = np.vstack([best, flat[np.linspace(0, len(flat) - 1, min(n_draws, len(flat))).astype(int)]])
-    theta = problem.theta(problem.to_sampling(values), experiment.ids)
+    result = refine(run.problem, run.problem.to_sampling(values), run.fit.identity)
+    write_json(run.folder / "numerics.json", result)
+    return result
+
+
+def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
+    """Refine the predictions of any fit over all of its experiment.
+
+    Parameters
+    ----------
+    problem : Problem
+    u : (n_sets, n_dim) array
+        Sampling coordinates, the best fit first.
+    identity : str
+        Of the result they belong to.
+    """
+    experiment, terms = problem.experiment, problem.terms
+    theta = problem.theta(u, experiment.ids)
     design = problem.design_of(experiment.ids)
     path = path_of(terms)
     exact = path == "closed form"
@@ -71,8 +87,8 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
     eigenvalues = np.linalg.eigvals(contact_matrix_of(rig)).astype(complex)
     step = largest_stable_step(eigenvalues)
     growth = float(rk4_growth(eigenvalues, COMMON_STEP).max())
-    result = Numerics(
-        identity=run.fit.identity,
+    return Numerics(
+        identity=identity,
         engine=path,
         tolerance=None if exact else TOLERANCE,
         n_sets=len(theta),
@@ -86,5 +102,3 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
         common_step=COMMON_STEP,
         common_growth=growth,
     )
-    write_json(run.folder / "numerics.json", result)
-    return result

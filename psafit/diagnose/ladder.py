@@ -39,7 +39,11 @@ SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.02)
 MOST_CAUSES = 4
 # Models kept at each size, and causes tried on each of them.
 _BEAM, _TRIED = 3, 6
-# A model this far below the best (nats of evidence and prior) is not grown, weighed, or named.
+# ... of which so many by expansion and alone in any case; more only where the expansion promises this much (nats).
+_SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
+# A model this far below the best is not grown.
+_FERTILE = 8.0
+# A model this far below the best (nats of evidence and prior) is not weighed.
 _HOPELESS = 14.0
 _WEIGHED = 8
 _DRAWS_BASELINE, _DRAWS_CAUSE, _DRAWS_PAIR = 1024, 256, 128
@@ -142,12 +146,12 @@ def climb(
 
     for size in range(1, min(MOST_CAUSES, n)):
         parents = sorted((c for c in fitted.values() if len(c.terms) == size), key=worth, reverse=True)[:_BEAM]
-        parents = [c for c in parents if worth(c) > best() - _HOPELESS]
+        parents = [c for c in parents if worth(c) > best() - _FERTILE][: _BEAM if size == 1 else _BEAM - 1]
         wanted: dict[Ids, tuple[Problem, list[Candidate], list[FloatArray]]] = {}
         for parent in parents:
             progress(f"{' + '.join(parent.ids)}: what else", 0, 1)
             screenings[parent.ids] = tuple(screen(parent, catalogue))
-            for found in _promising(screenings[parent.ids], fitted, worth, parent):
+            for found in _promising(screenings[parent.ids], fitted, worth):
                 larger = extended(parent.problem, found.term, catalogue)
                 ids = tuple(t.id for t in larger.terms)
                 entry = wanted.setdefault(ids, (larger, [], []))
@@ -208,18 +212,13 @@ def _promising(
     screened: Iterable[Screened],
     fitted: dict[Ids, Candidate],
     worth: Callable[[Candidate], float],
-    parent: Candidate,
 ) -> list[Screened]:
     """Causes to add to a model: the best by expansion, and the best of those that explain most alone."""
     by_bayes = sorted(screened, key=lambda s: -s.log_bayes)
     alone = sorted(by_bayes, key=lambda s: -worth(fitted[(s.term.id,)]))
-    chosen = by_bayes[: _TRIED - 2]
-    for found in alone:
-        if len(chosen) >= _TRIED:
-            break
-        if found not in chosen:
-            chosen.append(found)
-    return chosen
+    sure = [*by_bayes[:_SURE_BY_BAYES], *alone[:_SURE_ALONE]]
+    more = [s for s in by_bayes if s.log_bayes > _PROMISE]
+    return list(dict.fromkeys([*sure, *more]))[:_TRIED]
 
 
 def rank(

@@ -9,6 +9,8 @@ gives the state: velocity from acceleration, and displacement from velocity by t
 stable for all decaying modes, and damps the fastest at once (Hairer and Wanner, Solving Ordinary Differential
 Equations II, 1996, Section IV.5). Polynomials in Bernstein's form lie between their smallest and largest coefficient,
 which is how a step is searched for events without stepping over one.
+
+Values at the nodes fill one register (`compiled`), so matrices that multiply them are kept by columns.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 
+from psafit.simulate.compiled import WIDTH, compiled, load
+
 FloatArray = NDArray[np.float64]
 
-NODES = 6
+NODES = WIDTH
 # Degree of the displacement's polynomial.
 DEGREE = NODES
 # Ratios of successive steps for which the force is carried on, as powers of two.
@@ -46,6 +50,10 @@ def _bernstein(p: Polynomial, degree: int) -> FloatArray:
     )
 
 
+def _by_columns(matrix: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(np.swapaxes(matrix, -1, -2))
+
+
 C = _nodes()
 _P = np.array([Legendre.basis(k, domain=[0, 1])(C) for k in range(NODES)]).T
 TO_LEGENDRE: FloatArray = np.linalg.inv(_P)
@@ -58,11 +66,31 @@ A: FloatArray = np.ascontiguousarray(np.transpose([p(C) for p in _ONCE]))
 A2: FloatArray = A @ A
 
 _POWER = [p.convert(kind=Polynomial, domain=[-1, 1]) for p in _LAGRANGE]
-VALUES_TO_BERNSTEIN: FloatArray = np.ascontiguousarray(np.transpose([_bernstein(p, NODES - 1) for p in _POWER]))
-"""Bernstein coefficients of the polynomial through the values at the nodes, (s, s)."""
+VALUES_TO_BERNSTEIN: FloatArray = np.ascontiguousarray([_bernstein(p, NODES - 1) for p in _POWER])
+"""Bernstein coefficients of the polynomial through the values at the nodes; (s, s), by columns."""
 
-ONCE_TO_BERNSTEIN: FloatArray = np.ascontiguousarray(np.transpose([_bernstein(p.integ(), DEGREE) for p in _POWER]))
-"""Bernstein coefficients of its integral from 0, (s + 1, s)."""
+ONCE_TO_BERNSTEIN: FloatArray = np.ascontiguousarray([_bernstein(p.integ(), DEGREE)[1:] for p in _POWER])
+"""Bernstein coefficients of its integral from 0, without the first, which is zero; (s, s), by columns."""
 
-EXTRAPOLATE: FloatArray = np.array([np.transpose([p(1.0 + 2.0**k * C) for p in _LAGRANGE]) for k in RATIOS])
+AT_BEGIN: FloatArray = np.ascontiguousarray(VALUES_TO_BERNSTEIN[:, 0])
+"""Weights of the values at the nodes in the polynomial's value at 0."""
+
+EXTRAPOLATE: FloatArray = _by_columns(
+    np.array([np.transpose([p(1.0 + 2.0**k * C) for p in _LAGRANGE]) for k in RATIOS])
+)
 """Values at the nodes of the next step, 2^k times as long, of the same polynomial carried on; (ratios, s, s)."""
+
+
+@compiled(inside=True)
+def basis(theta):  # type: ignore[no-untyped-def]
+    """Return the nodes' Lagrange polynomials at theta, and their integrals from 0."""
+    x = 2.0 * theta - 1.0
+    before, now = 1.0, x
+    value, integral = load(TO_LEGENDRE, 0), load(TO_LEGENDRE, 0) * theta
+    for k in range(1, NODES):
+        after = ((2.0 * k + 1.0) * x * now - k * before) / (k + 1.0)
+        row = load(TO_LEGENDRE, k * NODES)
+        value = value + row * now
+        integral = integral + row * ((after - before) / (2.0 * (2.0 * k + 1.0)))
+        before, now = now, after
+    return value, integral

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from psafit.simulate.closed_form import _safe_step
-from psafit.simulate.compiled import compiled
+from psafit.simulate.compiled import WIDTH, compiled, fma, load, store
 
 # Places in the record of a piece: beginning, end, the five coefficients with the two rates, and where it stands.
 BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, DIRECTION, HALVES = range(12)
@@ -29,7 +29,7 @@ _ENDED = 512 * np.finfo(float).eps
 _MAX_STEPS = 100_000
 
 
-@compiled
+@compiled(borrows=True)
 def _value(a, b, c, r, G, w, psi, s):  # type: ignore[no-untyped-def]
     value = a + b * s
     if c != 0.0:
@@ -39,7 +39,7 @@ def _value(a, b, c, r, G, w, psi, s):  # type: ignore[no-untyped-def]
     return value
 
 
-@compiled
+@compiled(borrows=True)
 def _first_zero(a, b, c, r, G, w, psi, end):  # type: ignore[no-untyped-def]
     """First s > 0 at which a member of the family, positive just after 0, is zero; infinity where none before `end`."""
     if c == 0.0 and G == 0.0:
@@ -55,6 +55,8 @@ def _first_zero(a, b, c, r, G, w, psi, end):  # type: ignore[no-untyped-def]
         b2 = r * r * abs(e) + w * w * abs(G)
         b3 = r * r * r * abs(e) + w * w * w * abs(G)
         floor = _NOISE * (abs(a) + abs(b * s) + abs(e) + abs(G))
+        if b >= 0.0 and a + b * s > abs(e) + abs(G) + floor:
+            return math.inf  # what decays and what swings can no longer reach zero
         if rising:
             floor *= _ENDED / _NOISE
         if g0 <= floor:
@@ -73,7 +75,7 @@ def _first_zero(a, b, c, r, G, w, psi, end):  # type: ignore[no-untyped-def]
     return math.inf
 
 
-@compiled
+@compiled(borrows=True)
 def _sign(v0, v1, v2, size0, size1):  # type: ignore[no-untyped-def]
     """Sign just after now of a quantity with these derivatives."""
     if abs(v0) > _ENDED * size0:
@@ -85,7 +87,7 @@ def _sign(v0, v1, v2, size0, size1):  # type: ignore[no-untyped-def]
     return math.copysign(1.0, v2)
 
 
-@compiled
+@compiled(borrows=True)
 def voltage(piece, t):  # type: ignore[no-untyped-def]
     """Voltage at `t`; beyond the piece's end, its formula carried on."""
     return _value(
@@ -94,7 +96,46 @@ def voltage(piece, t):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@compiled
+# pi in parts of which a multiple has no rounding, and the number that, added, leaves no digits behind the point.
+_PI = (
+    math.floor(math.pi * 2.0**31) / 2.0**31,
+    math.pi - math.floor(math.pi * 2.0**31) / 2.0**31,
+    1.2246467991473532e-16,
+)
+_ROUND = 1.5 * 2.0**52
+_SERIES = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10, -1, -1))
+
+
+@compiled(inside=True)
+def _sines(x):  # type: ignore[no-untyped-def]
+    """Eight sines: Taylor's series about the nearest multiple of pi, exact to rounding within a quarter turn."""
+    turns = (x * (1.0 / math.pi) + _ROUND) - _ROUND
+    half = turns * 0.5
+    odd = half - ((half + _ROUND) - _ROUND)
+    rest = ((x - turns * _PI[0]) - turns * _PI[1]) - turns * _PI[2]
+    square = rest * rest
+    series = fma(square, _SERIES[0], _SERIES[1])
+    for coefficient in _SERIES[2:]:
+        series = fma(series, square, coefficient)
+    return series * rest * (1.0 - odd * odd * 8.0)
+
+
+@compiled(inside=True)
+def voltages(piece, t, scratch):  # type: ignore[no-untyped-def]
+    """Return `voltage` at eight times."""
+    s = t - piece[BEGIN]
+    value = s * piece[SLOPE] + piece[CONSTANT]
+    if piece[DECAY] != 0.0:
+        store(scratch, 0, s)
+        for i in range(WIDTH):
+            scratch[i] = math.exp(-piece[RATE] * scratch[i])
+        value = value + load(scratch, 0) * piece[DECAY]
+    if piece[SWING] != 0.0:
+        value = value + _sines(s * piece[OMEGA] + piece[PSI]) * piece[SWING]
+    return value
+
+
+@compiled(borrows=True)
 def first_piece(piece, square, volt, f, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
     """The piece that begins at rest."""
     piece[:] = 0.0
@@ -103,7 +144,7 @@ def first_piece(piece, square, volt, f, phase, lag, inverse_slew, split):  # typ
     next_piece(piece, 0.0, square, volt, f, phase, lag, inverse_slew, split)
 
 
-@compiled
+@compiled(borrows=True)
 def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
     """Replace a piece by the one after it; `u` is the voltage at its end.
 

@@ -1,8 +1,8 @@
 r"""The path for whatever has no closed form: nonlinear contact, drive and hysteresis.
 
-Between two events the unknowns are the values of the contact force at the nodes of a collocation step
-(`collocation`). The linear stack and the ball answer a force exactly as the method prescribes, by matrices that depend
-on the step's length alone,
+Between two events the unknowns are the values of the contact force at the eight nodes of a collocation step
+(`collocation`), which fill one register (`compiled`). The linear stack and the ball answer a force exactly as the
+method prescribes, by matrices that depend on the step's length alone,
 
 .. math::
     a = S\,(r - f), \quad S = (m I + h c_s A + h^2 k_s A^2)^{-1}, \qquad
@@ -14,7 +14,8 @@ two, so their matrices are made once for all measurement points of a parameter s
 The drive is known in advance (`drive`). A step may look past the end of a piece, or past an event, with all
 formulas carried on smoothly; it is then cut there. Events are the first zeros of the step's polynomials, searched in
 Bernstein's form, which cannot overlook one. The error of a step is judged by the last Legendre coefficients of the
-force and of the stack's acceleration.
+force and of the stack's acceleration, relative to the largest speed the ball has had; a ball that is much slower in the
+end is followed again.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from psafit.simulate.callbacks import call_branch, call_law, call_stack_factor
 from psafit.simulate.closed_form import AT_REST, HORIZON, HORIZON_PERIODS, LAUNCHED, NO_SEPARATION
 from psafit.simulate.collocation import (
     A2,
+    AT_BEGIN,
     DEGREE,
     EXTRAPOLATE,
     NODES,
@@ -40,8 +42,9 @@ from psafit.simulate.collocation import (
     VALUES_TO_BERNSTEIN,
     A,
     C,
+    basis,
 )
-from psafit.simulate.compiled import compiled, prange
+from psafit.simulate.compiled import compiled, last, least, load, prange, size, solve, splat, store, times, total
 from psafit.simulate.design import SQUARE, Design
 
 FloatArray = NDArray[np.float64]
@@ -60,47 +63,25 @@ _FIRST_RATIO, _LAST_RATIO = RATIOS[0], RATIOS[-1]
 FREE, PUSH, PULL, BOND = 0, 1, 2, 3
 # Length of the first step in units of the fastest mode's time.
 _FIRST_STEP = 6.0
-# Levels by which a step may grow at once.
-_GROW = 4
+_LENGTH = 2.0 ** np.arange(_FINEST, _FINEST + _LEVELS)  # s
+# Errors below which a step grows by a level, by another, and so on.
+_GROW = tuple(2.0 ** (-(NODES + 1.0) * (k + 0.1)) for k in range(1, 5))
 # Disagreement of law and polynomial where the contact ends, as an impulse, admitted in units of a step's error.
 _LAST_FORCE = 0.02
 # The same of the force over the time to the contact's end, below which a step may go across.
 _LAST_IMPULSE = 10.0
 # A swing about zero counts if it is this many times the step's error.
 _RESOLVED = 10.0
+# The error is scaled for this part of the usual speed, until the ball has been faster.
+_PART = 0.03
+# What Newton's method may leave of the force, as the square of its last change, in units of a step's error.
+_NEWTON_REST = 0.003
 # A ball slower than this, relative to the speed the error was scaled for, is followed again.
 _SLOW = 0.1
+# An error of a step that rounding alone makes, in units of stroke times frequency.
+_ROUNDING = 1e-15
 # Launched, but found to be so much slower than the error was scaled for that the run must be repeated.
 _TOO_SLOW = 9
-
-
-@compiled
-def _solve(matrix, b, n):  # type: ignore[no-untyped-def]
-    """Gauss elimination with row exchanges, in place; the solution replaces `b`. False if singular."""
-    for k in range(n):
-        best, at = abs(matrix[k, k]), k
-        for i in range(k + 1, n):
-            if abs(matrix[i, k]) > best:
-                best, at = abs(matrix[i, k]), i
-        if not best > 0.0:
-            return False
-        if at != k:
-            for j in range(k, n):
-                matrix[k, j], matrix[at, j] = matrix[at, j], matrix[k, j]
-            b[k], b[at] = b[at], b[k]
-        inverse = 1.0 / matrix[k, k]
-        for i in range(k + 1, n):
-            factor = matrix[i, k] * inverse
-            if factor != 0.0:
-                for j in range(k + 1, n):
-                    matrix[i, j] -= factor * matrix[k, j]
-                b[i] -= factor * b[k]
-    for k in range(n - 1, -1, -1):
-        total = b[k]
-        for j in range(k + 1, n):
-            total -= matrix[k, j] * b[j]
-        b[k] = total / matrix[k, k]
-    return True
 
 
 @compiled
@@ -110,14 +91,21 @@ def _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2):  # type: ignore[no
     # Scaled by the largest of its three parts, so that the inverse exists for every length.
     matrix = np.eye(NODES) * m + (h * c_s) * A + (h * h * k_s) * A2
     inverse = np.linalg.inv(matrix)
-    S[level] = inverse
-    T1[level] = h * (A @ inverse)
-    T2[level] = h * (A @ T1[level])
-    U1[level] = T1[level] + (h / ball) * A
-    U2[level] = T2[level] + (h * h / ball) * A2
+    once = h * (A @ inverse)
+    twice = h * (A @ once)
+    # All by columns.
+    S[level], T1[level], T2[level] = inverse.T, once.T, twice.T
+    U1[level] = (once + (h / ball) * A).T
+    U2[level] = (twice + (h * h / ball) * A2).T
 
 
 @compiled
+def _make_linear(G, which, level, k_c, U2, c_c, U1):  # type: ignore[no-untyped-def]
+    """Matrix that a linear law's force comes from at once."""
+    G[which, level] = np.linalg.inv(np.eye(NODES) + k_c * U2[level] + c_c * U1[level])
+
+
+@compiled(borrows=True)
 def _split(coefficients, low, high, n):  # type: ignore[no-untyped-def]
     """Halve a polynomial in Bernstein's form (de Casteljau)."""
     for i in range(n + 1):
@@ -129,7 +117,7 @@ def _split(coefficients, low, high, n):  # type: ignore[no-untyped-def]
         low[k] = high[0]
 
 
-@compiled
+@compiled(borrows=True)
 def _first_root(coefficients, n, floor, stack):  # type: ignore[no-untyped-def]
     """First place in (0, 1] where a polynomial, not negative at 0, turns negative; 2 where none."""
     negative = False
@@ -181,7 +169,7 @@ def _first_root(coefficients, n, floor, stack):  # type: ignore[no-untyped-def]
             current[i] = stack[len(stack) - 1, i]
 
 
-@compiled
+@compiled(borrows=True)
 def _only_root(b, n):  # type: ignore[no-untyped-def]
     """The one sign change of a polynomial in Bernstein's form: false position with Newton's help, to the last digit."""
     low, high = 0.0, 1.0
@@ -204,7 +192,7 @@ def _only_root(b, n):  # type: ignore[no-untyped-def]
     return x
 
 
-@compiled
+@compiled(borrows=True)
 def _bernstein(b, n, x):  # type: ignore[no-untyped-def]
     """Value and slope of a polynomial in Bernstein's form (Horner with binomials)."""
     y = 1.0 - x
@@ -244,23 +232,7 @@ def _bernstein(b, n, x):  # type: ignore[no-untyped-def]
     return value, slope * weight * n
 
 
-@compiled
-def _weights(theta, out):  # type: ignore[no-untyped-def]
-    """Integrals from 0 to theta of the nodes' Lagrange polynomials."""
-    x = 2.0 * theta - 1.0
-    for j in range(NODES):
-        out[j] = 0.0
-    before, now = 1.0, x
-    integral = theta
-    for k in range(NODES):
-        for j in range(NODES):
-            out[j] += integral * TO_LEGENDRE[k, j]
-        after = ((2.0 * k + 3.0) * x * now - (k + 1.0) * before) / (k + 2.0)
-        integral = (after - before) / (2.0 * (2.0 * k + 3.0))
-        before, now = now, after
-
-
-@compiled
+@compiled(inside=True)
 def _force(d, rate, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignore[no-untyped-def]
     """Contact force and its two derivatives."""
     out[0], out[1], out[2] = k_c * d, k_c, 0.0
@@ -270,7 +242,7 @@ def _force(d, rate, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ig
     return out[0] + out[3], out[1] + out[4], out[2] + out[5]
 
 
-@compiled
+@compiled(borrows=True)
 def _seat(press, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignore[no-untyped-def]
     """Indentation at rest under a constant press: Newton's method from above on a growing force."""
     d = press / k_c
@@ -287,8 +259,88 @@ def _seat(press, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignor
     return d
 
 
-@compiled
-def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, reference):  # type: ignore[no-untyped-def]
+@compiled(inside=True)
+def _strokes(piece, t, q, theta_at, calls, mem_z, mem_u, scratch):  # type: ignore[no-untyped-def]
+    """Return the free stack's stroke at eight times, as the drive has it."""
+    _, _, factor_at, factor_p, branch_at, branch_p = calls
+    u = _drive.voltages(piece, t, scratch)
+    if len(factor_at) == 0 and len(branch_at) == 0:
+        return u * q
+    sign = piece[_drive.SIGN]
+    store(scratch, 0, u)
+    for i in range(NODES):
+        u_i = scratch[i]
+        stroke = q * u_i
+        for k in range(len(factor_at)):
+            size_i = sign * u_i if sign != 0.0 else abs(u_i)
+            stroke *= call_stack_factor(factor_at[k], size_i, theta_at + factor_p[k])
+        for k in range(len(branch_at)):
+            stroke -= call_branch(branch_at[k], mem_z[k], mem_u[k], u_i, q, theta_at + branch_p[k])
+        scratch[i] = stroke
+    return load(scratch, 0)
+
+
+@compiled(inside=True)
+def _contact(F, alpha, beta, kappa, U1, U2, at, k_c, c_c, theta_at, calls, nodes, enough):  # type: ignore[no-untyped-def]
+    """Newton's method for the contact force at the nodes; returns it, and whether it was found."""
+    law_at, law_p = calls[0], calls[1]
+    out, d_node, w_node, force, Fd, Fw = nodes
+    out_at = out.ctypes.data
+    for _ in range(_NEWTON):
+        store(d_node, 0, alpha - times(U2, at, F) * kappa)
+        store(w_node, 0, beta - times(U1, at, F) * kappa)
+        for i in range(NODES):
+            force[i], Fd[i], Fw[i] = _force(d_node[i], w_node[i], k_c, c_c, law_at, law_p, theta_at, out, out_at)
+        change = solve(U2, at, load(Fd, 0) * kappa, U1, at, load(Fw, 0) * kappa, load(force, 0) - F)
+        F = F + change
+        moved = total(size(change)) / NODES
+        if not math.isfinite(moved):
+            break
+        # Newton squares the error.
+        if moved * moved <= enough * total(size(F)) / NODES:
+            return F, True
+    return F, False
+
+
+@compiled(inside=True)
+def _tail(v):  # type: ignore[no-untyped-def]
+    """Sum of the geometric series that the last two Legendre coefficients begin."""
+    first = abs(total(load(TO_LEGENDRE, (NODES - 1) * NODES) * v))
+    second = abs(total(load(TO_LEGENDRE, (NODES - 2) * NODES) * v))
+    return first * first / max(second - first, 0.1 * first) if first > 0.0 else 0.0
+
+
+@compiled(inside=True)
+def _add(value, lost, change):  # type: ignore[no-untyped-def]
+    """Kahan's sum: a slow ball's speed is a small rest of what the contact gave and took."""
+    change -= lost
+    new = value + change
+    return new, (new - value) - change
+
+
+@compiled(inside=True)
+def _crossing(d, swing, threshold, side, fresh, slip, bern, stack):  # type: ignore[no-untyped-def]
+    """First place where the indentation passes a threshold, 2 where none; also the noise in it.
+
+    Its coefficients are `d` and `swing`; it begins above the threshold, or below where `side` is -1. A `fresh` step
+    begins on the zero that ended the one before; `slip` is its error.
+    """
+    first, rest = side * (d - threshold), (swing - threshold) * side
+    scale = max(abs(first), -least(size(rest) * -1.0))
+    floor = 4e-16 * (scale + abs(d))
+    if fresh:
+        floor = max(floor, 1e-13 * scale, slip)
+        if abs(first) < 1e-9 * scale:
+            first = 0.0
+    if first >= -floor and least(rest) >= -floor:
+        return 2.0, floor
+    bern[0] = first
+    store(bern, 1, rest)
+    return _first_root(bern, DEGREE, floor, stack), floor
+
+
+@compiled(borrows=True)
+def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, reference, grows):  # type: ignore[no-untyped-def]
     """Follow one trajectory to the launch.
 
     Returns (outcome, time, speed of the ball, its place, steps taken).
@@ -296,9 +348,10 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
     gap, lean, bond, pull, cycles = rig[12], rig[13], rig[14], rig[15], rig[16]
-    law_at, law_p, factor_at, factor_p, branch_at, branch_p = calls
+    law_at, law_p, factor_at, _, branch_at, branch_p = calls
     S, T1, T2, U1, U2, G, made, made_linear = cache
-    piece, law_out, r, alpha, beta, F, Fd, Fw, acc, d_node, w_node, jac, rhs, bern, stack, wa, mem_z, mem_u, vn = work
+    piece, nodes, bern, stack, mem_z, mem_u = work
+    law_out, scratch = nodes[0], nodes[3]
     out_at = law_out.ctypes.data
     n_branch, n_factor, n_law = len(branch_at), len(factor_at), len(law_at)
 
@@ -309,6 +362,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
 
     press = ball * g * lean / length
     x1 = v1 = x2 = v2 = w = 0.0
+    lost_d = lost_v2 = 0.0  # what the sums lack of these
     d = -gap
     t = 0.0
     if lean > 0.0:
@@ -323,20 +377,21 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     release = -bond / k_c
     separated_once = False
     last_time, last_speed, last_place = math.nan, 0.0, 0.0
-    newton = 0.1 * math.sqrt(tolerance)
     waiting = HORIZON_PERIODS / f
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f
-    u = 0.0
+    fractions = load(C, 0)
+    F = kept = splat(0.0)
 
     # The first step resolves the fastest mode; where that does not matter the steps grow at once.
     rate = c_s / m + c_c * (1.0 / m + 1.0 / ball) + math.sqrt((k_s + k_c) / m + k_c / ball)
     level = math.floor(math.log2(min(0.1 / f, _FIRST_STEP / rate))) - _FINEST
     level = min(max(level, 0), _LEVELS - 1)
     rough = False  # whether the law has spoilt a step across the end of the contact
-    carried = False  # whether F holds the force of the step before, ready to be carried on
+    carried = False  # whether `kept` holds the force of the step before, ready to be carried on
     previous = level
     new_piece = True
+    begun, first_level = True, level  # whether the next step is a piece's first; the length that suited the last such
     fresh = True  # first step after the regime changed
 
     for step in range(_MAX_STEPS):
@@ -347,151 +402,76 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 mem_z[k] = call_branch(branch_at[k], mem_z[k], mem_u[k], now, q, theta_at + branch_p[k])
                 mem_u[k] = now
             carried = False
+            begun = True
+            level = min(level, first_level)
         room = piece[_drive.END] - t
         if room < math.inf:
-            top = math.ceil(math.log2(room)) - _FINEST
-            level = max(min(level, top), 0)
-        if rough and w < 0.0 and d > 0.0 and abs(F[NODES - 1] * d) > _LAST_IMPULSE * tolerance * ball * reference * -w:
+            # The shortest step that reaches the piece's end, or shorter.
+            while level > 0 and _LENGTH[level - 1] >= room:
+                level -= 1
+        if rough and w < 0.0 and d > 0.0 and abs(last(F) * d) > _LAST_IMPULSE * tolerance * ball * reference * -w:
             # Not across the contact's end before what is left of the force no longer matters.
             level = max(min(level, math.floor(math.log2(-d / w)) - _FINEST), 0)
         if not made[level]:
             _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2)
             made[level] = True
-        h = 2.0 ** (level + _FINEST)
+        h = _LENGTH[level]
+        at = level * NODES * NODES
 
-        # The drive's force at the nodes, and what is known of the motion without the contact force.
-        sign = piece[_drive.SIGN]
-        for i in range(NODES):
-            at = C[i] * h
-            u = _drive.voltage(piece, t + at)
-            stroke = q * u
-            for k in range(n_factor):
-                stroke *= call_stack_factor(factor_at[k], sign * u if sign != 0.0 else abs(u), theta_at + factor_p[k])
-            for k in range(n_branch):
-                stroke -= call_branch(branch_at[k], mem_z[k], mem_u[k], u, q, theta_at + branch_p[k])
-            r[i] = k_s * (stroke - x1 - at * v1) - c_s * v1
-        t1, t2, u1, u2, s_ = T1[level], T2[level], U1[level], U2[level], S[level]
-        for i in range(NODES):
-            one = two = 0.0
-            for j in range(NODES):
-                one += t1[i, j] * r[j]
-                two += t2[i, j] * r[j]
-            at = C[i] * h
-            beta[i] = w + one + press / ball * at
-            alpha[i] = d + at * w + two + press / ball * 0.5 * at * at
+        # What is known of the motion without the contact force.
+        elapsed = fractions * h
+        stroke = _strokes(piece, elapsed + t, q, theta_at, calls, mem_z, mem_u, scratch)
+        r = (stroke - (elapsed * v1 + x1)) * k_s - c_s * v1
+        alpha = times(T2, at, r) + ((elapsed * (0.5 * press / ball) + w) * elapsed + d)
+        beta = times(T1, at, r) + (elapsed * (press / ball) + w)
 
         failed = False
+        kappa = pull if regime == PULL else 1.0
         if regime == FREE:
-            for i in range(NODES):
-                F[i] = 0.0
-                d_node[i], w_node[i] = alpha[i], beta[i]
-            kappa = 0.0
+            F, kappa = splat(0.0), 0.0
         elif n_law == 0:
             # A linear law needs no iteration: f = G (k_c alpha + c_c beta).
-            kappa = pull if regime == PULL else 1.0
             which = 1 if regime == PULL else 0
             if not made_linear[which, level]:
-                G[which, level] = np.linalg.inv(np.eye(NODES) + kappa * (k_c * u2 + c_c * u1))
+                _make_linear(G, which, level, kappa * k_c, U2, kappa * c_c, U1)
                 made_linear[which, level] = True
-            g_ = G[which, level]
-            for i in range(NODES):
-                rhs[i] = k_c * alpha[i] + c_c * beta[i]
-            for i in range(NODES):
-                total = 0.0
-                for j in range(NODES):
-                    total += g_[i, j] * rhs[j]
-                F[i] = total
+            F = times(G, (which * _LEVELS + level) * NODES * NODES, alpha * k_c + beta * c_c)
         else:
-            kappa = pull if regime == PULL else 1.0
-            if carried:
-                ratio = level - previous
-                if ratio < _FIRST_RATIO or ratio > _LAST_RATIO:
-                    carried = False
-                else:
-                    table = EXTRAPOLATE[ratio - _FIRST_RATIO]
-                    for i in range(NODES):
-                        total = 0.0
-                        for j in range(NODES):
-                            total += table[i, j] * acc[j]
-                        F[i] = total
-            if not carried:
+            ratio = level - previous
+            if carried and _FIRST_RATIO <= ratio <= _LAST_RATIO:
+                F = times(EXTRAPOLATE, (ratio - _FIRST_RATIO) * NODES * NODES, kept)
+            else:
                 start, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-                for i in range(NODES):
-                    F[i] = start
-            failed = True
-            for _ in range(_NEWTON):
-                for i in range(NODES):
-                    dd, ww = alpha[i], beta[i]
-                    for j in range(NODES):
-                        dd -= kappa * u2[i, j] * F[j]
-                        ww -= kappa * u1[i, j] * F[j]
-                    d_node[i], w_node[i] = dd, ww
-                    force, fd, fw = _force(dd, ww, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-                    rhs[i] = force - F[i]
-                    Fd[i], Fw[i] = kappa * fd, kappa * fw
-                for i in range(NODES):
-                    for j in range(NODES):
-                        jac[i, j] = Fd[i] * u2[i, j] + Fw[i] * u1[i, j]
-                    jac[i, i] += 1.0
-                if not _solve(jac, rhs, NODES):
-                    break
-                change = size = 0.0
-                for i in range(NODES):
-                    F[i] += rhs[i]
-                    change = max(change, abs(rhs[i]))
-                    size = max(size, abs(F[i]))
-                if not math.isfinite(change):
-                    break
-                # Newton squares the error: what is left after a change this small is a hundredth of the tolerance.
-                if change <= newton * size or change * h < 0.01 * tolerance * ball * reference:
-                    failed = False
-                    break
+                F = splat(start)
+            F, found = _contact(
+                F, alpha, beta, kappa, U1, U2, at, k_c, c_c, theta_at, calls, nodes,
+                _NEWTON_REST * tolerance * ball * reference / h,
+            )  # fmt: skip
+            failed = not found
         if fresh and n_law > 0 and regime != FREE and not failed and level > 0:
             # The same at the beginning of a contact, where a law may have no derivatives either.
-            at_begin = 0.0
-            for j in range(NODES):
-                at_begin += VALUES_TO_BERNSTEIN[0, j] * F[j]
+            at_begin = total(load(AT_BEGIN, 0) * F)
             law, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
             if abs(law - at_begin) * h > _LAST_FORCE * tolerance * ball * reference:
                 level = max(level - 2, 0)
                 continue
-        if regime != FREE and not failed:
-            for i in range(NODES):
-                dd, ww = alpha[i], beta[i]
-                for j in range(NODES):
-                    dd -= kappa * u2[i, j] * F[j]
-                    ww -= kappa * u1[i, j] * F[j]
-                d_node[i], w_node[i] = dd, ww
-
-        # Error: the geometric series that the last two coefficients of ball's and stack's acceleration begin.
+        push = F
+        reached = reference
+        # Error: what the ends of the series of ball's and stack's acceleration leave out.
+        acceleration = times(S, at, r - F * kappa)
+        w_node = beta - times(U1, at, F) * kappa
+        swing = times(ONCE_TO_BERNSTEIN, 0, w_node) * h + d
+        error = 1e6
         if not failed:
-            tail = 0.0
-            b1 = b2 = a1 = a2 = 0.0
-            for i in range(NODES):
-                total = 0.0
-                for j in range(NODES):
-                    total += s_[i, j] * (r[j] - kappa * F[j])
-                vn[i] = total
-                b1 += TO_LEGENDRE[NODES - 1, i] * F[i]
-                b2 += TO_LEGENDRE[NODES - 2, i] * F[i]
-            for i in range(NODES):
-                a1 += TO_LEGENDRE[NODES - 1, i] * vn[i]
-                a2 += TO_LEGENDRE[NODES - 2, i] * vn[i]
-            b1, b2 = abs(b1) * kappa / ball, abs(b2) * kappa / ball
-            a1, a2 = abs(a1), abs(a2)
-            tail = 0.0
-            if b1 > 0.0:
-                tail += b1 * b1 / max(b2 - b1, 0.1 * b1)
-            if a1 > 0.0:
-                tail += a1 * a1 / max(a2 - a1, 0.1 * a1)
-            error = h * tail / (tolerance * reference)
-        else:
-            error = 1e6
+            push = F * kappa - press
+            if grows:
+                reached = max(reference, abs(v2 + h * total(load(A, (NODES - 1) * NODES) * push) / ball))
+            error = h * (_tail(F) * kappa / ball + _tail(acceleration)) / (tolerance * reached)
         if error > 1.0 and level > 0:
             down = math.ceil(math.log2(error) / (NODES + 1.0) + 0.1)
             level = max(level - min(max(down, 1), 8), 0)
             carried = False
-            rough = rough or (n_law > 0 and w < 0.0 and not failed and d_node[NODES - 1] < 0.0)
+            rough = rough or (n_law > 0 and regime != FREE and w < 0.0 and not failed and last(swing) < 0.0)
             continue
 
         # Events: the first of them cuts the step.
@@ -501,46 +481,21 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             cut = room / h
             event = 9
         side = -1.0 if regime == FREE else 1.0
-        for i in range(DEGREE + 1):
-            total = 0.0
-            for j in range(NODES):
-                total += ONCE_TO_BERNSTEIN[i, j] * w_node[j]
-            bern[i] = d + h * total
-        if regime == FREE:
-            threshold = 0.0
-        elif regime == BOND:
-            threshold = release
-        else:
-            threshold = 0.0
-        scale = 0.0
-        for i in range(DEGREE + 1):
-            bern[i] = side * (bern[i] - threshold)
-            scale = max(scale, abs(bern[i]))
-        floor = 4e-16 * (scale + abs(d))
-        if fresh:
-            # The step begins on the zero that ended the one before.
-            floor = max(floor, 1e-13 * scale, error * tolerance * reference * h)
-            if abs(bern[0]) < 1e-9 * scale:
-                bern[0] = 0.0
-        theta = _first_root(bern, DEGREE, floor, stack)
+        threshold = release if regime == BOND else 0.0
+        slip = error * tolerance * reached * h
+        theta, floor = _crossing(d, swing, threshold, side, fresh, slip, bern, stack)
         if theta < cut:
             if fresh and level > 0:
                 # Begun on a zero: a return to it that does not rise above the step's error is none.
                 middle, _ = _bernstein(bern, DEGREE, 0.5 * theta)
-                if middle < _RESOLVED * error * tolerance * reference * h + floor:
+                if middle < _RESOLVED * slip + floor:
                     level = max(level - 3, 0)
                     continue
             if regime != FREE and n_law > 0:
                 # A law may have no derivatives where the contact ends: the polynomial, carried on past that place, must
                 # still agree with the law there. If not, the place is approached in shorter steps.
-                at_end = w_end = 0.0
-                for j in range(NODES):
-                    basis = 1.0
-                    for k in range(NODES):
-                        if k != j:
-                            basis *= (theta - C[k]) / (C[j] - C[k])
-                    at_end += basis * F[j]
-                    w_end += basis * w_node[j]
+                values, _ = basis(theta)
+                at_end, w_end = total(values * F), total(values * w_node)
                 law, _, _ = _force(threshold, w_end, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
                 if abs(law - at_end) * theta * h > _LAST_FORCE * tolerance * ball * reference and level > 0:
                     level = max(min(level - 1, math.floor(math.log2(max(theta, 1e-3) * h)) - _FINEST), 0)
@@ -549,13 +504,9 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             cut, event = theta, 0
         if pull != 1.0 and regime in (PUSH, PULL):
             side = 1.0 if regime == PUSH else -1.0
-            scale = 0.0
-            for i in range(NODES):
-                total = 0.0
-                for j in range(NODES):
-                    total += VALUES_TO_BERNSTEIN[i, j] * F[j]
-                bern[i] = side * total
-                scale = max(scale, abs(bern[i]))
+            coefficients = times(VALUES_TO_BERNSTEIN, 0, F) * side
+            store(bern, 0, coefficients)
+            scale = -least(size(coefficients) * -1.0)
             floor = 1e-11 * scale
             if fresh and abs(bern[0]) < 1e-5 * scale:
                 bern[0] = 0.0
@@ -567,13 +518,10 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                         level = max(level - 3, 0)
                         continue
                 cut, event = theta, 1
-        if regime == BOND and pull != 1.0 and d_node[NODES - 1] > 0.0 and not fresh and cut > 1.0:
+        if regime == BOND and pull != 1.0 and last(swing) > 0.0 and not fresh and cut > 1.0:
             # Back to contact proper: only the law's exception for d >= 0 changes there.
-            for i in range(DEGREE + 1):
-                total = 0.0
-                for j in range(NODES):
-                    total += ONCE_TO_BERNSTEIN[i, j] * w_node[j]
-                bern[i] = -(d + h * total)
+            bern[0] = -d
+            store(bern, 1, swing * -1.0)
             theta = _first_root(bern, DEGREE, floor, stack)
             if theta < cut:
                 cut, event = theta, 2
@@ -582,37 +530,30 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         whole = cut > 1.0
         if whole:
             cut = 1.0
-            for j in range(NODES):
-                wa[j] = A[NODES - 1, j]
+            once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
         else:
-            _weights(cut, wa)
-        dx1 = dv1 = dx2 = dv2 = dd = 0.0
-        for i in range(NODES):
-            vb = va = 0.0
-            for j in range(NODES):
-                va += A[i, j] * vn[j]
-                vb += A[i, j] * (kappa * F[j] - press)
-            dx1 += wa[i] * (v1 + h * va)
-            dx2 += wa[i] * (v2 + h * vb / ball)
-            dv1 += wa[i] * vn[i]
-            dv2 += wa[i] * (kappa * F[i] - press)
-            dd += wa[i] * w_node[i]
-        x1 += h * dx1
-        v1 += h * dv1
-        x2 += h * dx2
-        v2 += h * dv2 / ball
-        d += h * dd
+            _, once = basis(cut)
+            twice = times(A, 0, once)
+        x1 += h * (cut * v1 + h * total(twice * acceleration))
+        x2 += h * (cut * v2 + h * total(twice * push) / ball)
+        v1 += h * total(once * acceleration)
+        v2, lost_v2 = _add(v2, lost_v2, h * total(once * push) / ball)
+        d, lost_d = _add(d, lost_d, h * total(once * w_node))
+        if grows:
+            reference = max(reference, abs(v2))
         w = v1 - v2
         t = t + cut * h
         fresh = False
         if whole or event == 9:
             previous = level
-            for i in range(NODES):
-                acc[i] = F[i]
+            kept = F
             carried = whole and regime != FREE
-            if error < 1.0:
-                up = math.floor(-math.log2(max(error, 1e-30)) / (NODES + 1.0) - 0.1)
-                level = min(level + min(max(up, 0), _GROW), _LEVELS - 1)
+            for limit in _GROW:
+                if error < limit:
+                    level = min(level + 1, _LEVELS - 1)
+            if begun:
+                begun = False
+                first_level = level
             if event == 9:
                 now = _drive.voltage(piece, piece[_drive.END])
                 for k in range(n_branch):
@@ -624,6 +565,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         else:
             carried = False
             fresh = True
+            lost_d = 0.0
             if event == 0 and regime == FREE:
                 if separated_once and t > window:
                     return LAUNCHED, last_time, last_speed, last_place, step
@@ -639,7 +581,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 d = release
                 regime = FREE
                 if v2 > 0.0:
-                    if abs(v2) < _SLOW * reference and tolerance * reference > 1e-16 * q * volt * f:
+                    if abs(v2) < _SLOW * reference and tolerance * reference > _ROUNDING * q * volt * f:
                         return _TOO_SLOW, t, v2, x2, step
                     separated_once = True
                     last_time, last_speed, last_place = t, v2, x2
@@ -660,6 +602,19 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     return NO_SEPARATION, math.nan, 0.0, x2, _MAX_STEPS
 
 
+@compiled(borrows=True)
+def _usual_speed(rig, theta_at, square, f, volt, calls, out):  # type: ignore[no-untyped-def]
+    """About the speed of the ball that one period of a simple contact, as stiff as the stroke makes it, launches."""
+    k_c, c_c, ball, k_s, q = rig[0], rig[2], rig[4], rig[5], rig[6]
+    force, _, _ = _force(q * volt, 0.0, k_c, c_c, calls[0], calls[1], theta_at, out, out.ctypes.data)
+    stiffness = max(force / (q * volt), 1e-12 * k_c)
+    stiffness *= k_s / (stiffness + k_s)
+    w = 2.0 * math.pi * f
+    own = math.sqrt(stiffness / ball)
+    own = math.sqrt(own * own + c_c / ball * max(w, own))
+    return q * volt * (own / (1.0 + w / own) if square else w / (1.0 + (w / own) ** 2))
+
+
 @compiled
 def _one_set(rig, theta_at, wanted, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
     n = NODES
@@ -668,27 +623,26 @@ def _one_set(rig, theta_at, wanted, square, frequency, voltage, calls, tolerance
         np.empty((_LEVELS, n, n)), np.empty((2, _LEVELS, n, n)), np.zeros(_LEVELS, np.bool_),
         np.zeros((2, _LEVELS), np.bool_),
     )  # fmt: skip
+    nodes = (np.empty(6), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     work = (
-        np.empty(_drive.PIECE), np.empty(6), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n),
-        np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((n, n)), np.empty(n), np.empty(n + 2),
-        np.empty((50, n + 3)), np.empty(n), np.empty(_MOST_BRANCHES), np.empty(_MOST_BRANCHES), np.empty(n),
+        np.empty(_drive.PIECE), nodes, np.empty(n + 1), np.empty((50, n + 3)), np.empty(_MOST_BRANCHES),
+        np.empty(_MOST_BRANCHES),
     )  # fmt: skip
     for j in range(len(frequency)):
         if voltage[j] == 0.0 or not wanted[j]:
             when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
             continue
-        # The stack's own fastest speed is the scale, until the ball is found to be much slower.
-        reference = 0.3 * rig[6] * voltage[j] * frequency[j]
-        total = 0
-        for _ in range(12):
+        reference = _PART * _usual_speed(rig, theta_at, square[j], frequency[j], voltage[j], calls, nodes[0])
+        total_steps = 0
+        for k in range(12):
             outcome, t, v, x, count = _fly(
-                rig, theta_at, square[j], frequency[j], voltage[j], calls, cache, work, tolerance, reference
+                rig, theta_at, square[j], frequency[j], voltage[j], calls, cache, work, tolerance, reference, k == 0
             )
-            total += count
+            total_steps += count
             if outcome != _TOO_SLOW:
                 break
-            reference = v
-        when[j], speed[j], place[j], status[j], steps[j] = t, v, x, outcome, total
+            reference = max(v, _ROUNDING * rig[6] * voltage[j] * frequency[j] / tolerance)
+        when[j], speed[j], place[j], status[j], steps[j] = t, v, x, outcome, total_steps
 
 
 def _all_sets(rigs, theta, wanted, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]

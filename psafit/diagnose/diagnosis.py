@@ -1,0 +1,376 @@
+"""The diagnosis from beginning to end, and the record it leaves."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from psafit.diagnose import gain as gains
+from psafit.diagnose import next_experiment, show
+from psafit.diagnose.candidate import Candidate, Weighed, weigh
+from psafit.diagnose.ladder import Ids, Ladder, climb
+from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose.memory import Memory
+from psafit.diagnose.misfit import Misfit, examine
+from psafit.diagnose.record import RESULT, SCHEMA, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.verdict import Verdict, conclude
+from psafit.errors import InputError
+from psafit.experiment import Experiment, GroupId
+from psafit.files import portable_command
+from psafit.inference.problem import Problem
+from psafit.inference.run import Silent, Watcher, versions
+from psafit.numerics import refine
+from psafit.parameters import Normal, Parameter
+from psafit.physics import TERMS
+from psafit.physics.term import Term
+from psafit.records import write_json
+from psafit.validate import predictive, write_predictions
+
+FloatArray = NDArray[np.float64]
+
+_DRAWS = 400
+_SIMULATED_QUICK, _SIMULATED = 299, 999
+# Models in the result; the rest of the ladder has less than this share.
+_SHOWN, _LEAST = 12, 1e-4
+# Outside this part of its prior, or this close to a bound (share of the bounds), a value is reported as implausible.
+_SURPRISING, _AT_BOUND = 0.025, 1e-3
+
+
+def diagnose(
+    experiment: Experiment,
+    group_ids: Sequence[GroupId],
+    folder: Path,
+    *,
+    quick: bool = False,
+    seed: int = 1,
+    catalogue: Sequence[Term] = TERMS,
+    watcher: Watcher | None = None,
+    command: Sequence[object] = (),
+) -> Diagnosis:
+    """Diagnose an experiment.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    group_ids : sequence of group ids
+        The training groups of the strict protocol. The verdict uses all groups.
+    folder : Path
+        Where the result goes; what an interrupted diagnosis has worked out there is used.
+    quick : bool
+        The verdict alone: no measured gain, no proposals beyond the tied causes.
+    seed : int
+    catalogue : sequence of Term
+        Candidate causes.
+    watcher : Watcher, optional
+    command : sequence
+        Words of the command line, kept with the result.
+
+    Returns
+    -------
+    Diagnosis
+        Also written as `diagnosis.json`.
+    """
+    training = tuple(experiment.group(g).id for g in group_ids)
+    if not training:
+        raise InputError("no training group", "give at least one group id")
+    watcher = watcher or Silent()
+    memory = Memory(folder / "steps")
+    seconds: dict[str, float] = {}
+    began = time.monotonic()
+
+    def lap(name: str) -> None:
+        nonlocal began
+        now = time.monotonic()
+        seconds[name] = round(now - began, 3)
+        began = now
+
+    everything = Problem(experiment, experiment.ids)
+    watcher.stage("causes")
+    ladder = _ladder(everything, catalogue, seed, memory, watcher)
+    lap("causes")
+    watcher.stage("tests")
+    n_simulated = _SIMULATED_QUICK if quick else _SIMULATED
+    before = examine(ladder.baseline, catalogue, seed=seed, n_simulated=n_simulated)
+    leader = ladder.leader
+    after = examine(leader, catalogue, seed=seed, n_simulated=n_simulated) if leader.terms else None
+    left = leftover(leader) if leader.terms or before.wrong else None
+    verdict = conclude(ladder, before, after, left)
+    lap("tests")
+
+    draws = _weighed(ladder, leader.ids, seed)
+    numerics = asdict(refine(leader.problem, leader.modes[:1], everything.experiment.fingerprint))
+    write_predictions(
+        folder / "predictions-diagnosis.csv", predictive(leader.problem, draws.resampled(_DRAWS), seed)
+    )  # fmt: skip
+    watcher.stage("next experiment")
+    proposal = _next(ladder, verdict, draws, seed)
+    lap("next experiment")
+
+    measured: dict[str, Any] = {}
+    ledger: list[dict[str, Any]] = [
+        {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
+    ]
+    if not quick:
+        for protocol, splits in _protocols(experiment, training).items():
+            watcher.stage(f"{protocol} gain")
+            done = []
+            for seen, held_out in splits:
+                own = _ladder(Problem(experiment, seen), catalogue, seed, memory, watcher)
+                done.append(gains.split(own, held_out, seed))
+            if done:
+                scored = gains.summarise(protocol, experiment, done, folder, seed)
+                measured[protocol] = asdict(scored)
+                ledger += scored.ledger
+            lap(f"{protocol} gain")
+
+    result = Diagnosis(
+        schema=SCHEMA,
+        verdict=verdict.verdict,
+        named=list(verdict.named),
+        alternatives=[list(ids) for ids in verdict.alternatives],
+        causes=_causes(ladder, verdict, seed),
+        misfit=_misfit(before, after, left, leader),
+        numerics=numerics,
+        gain=measured,
+        next_experiment=proposal,
+        predictions="predictions-diagnosis.csv",
+        sentences=_sentences(ladder, verdict, before, after, measured),
+        unnamed=verdict.unnamed,
+        screening=_screening(ladder, verdict),
+        show=_show(ladder),
+        ledger=ledger,
+        title=experiment.title,
+        fingerprint=experiment.fingerprint,
+        groups=list(experiment.ids),
+        training=list(training),
+        seed=seed,
+        quick=quick,
+        versions=versions(),
+        command=portable_command(command),
+        seconds=seconds,
+    )
+    write_json(folder / RESULT, result)
+    return result
+
+
+def _ladder(problem: Problem, catalogue: Sequence[Term], seed: int, memory: Memory, watcher: Watcher) -> Ladder:
+    return climb(
+        problem, catalogue, seed=seed, memory=memory, progress=lambda what, k, n: watcher.update(k, n, what)
+    )  # fmt: skip
+
+
+def _weighed(ladder: Ladder, ids: Ids, seed: int) -> Weighed:
+    return ladder.weighed[ids] if ids in ladder.weighed else weigh(ladder.of(ids), seed=seed)
+
+
+def _protocols(
+    experiment: Experiment, training: tuple[GroupId, ...]
+) -> dict[str, list[tuple[tuple[GroupId, ...], tuple[GroupId, ...]]]]:
+    """(seen, held out) of every split of both protocols."""
+    others = tuple(g for g in experiment.ids if g not in training)
+    found = {"strict": [(training, others)] if others else []}
+    found["nested"] = (
+        [(tuple(o for o in experiment.ids if o != g), (g,)) for g in experiment.ids] if len(experiment.ids) > 1 else []
+    )
+    return found
+
+
+# --- the record -----------------------------------------------------------------------------------------------------
+
+
+def _causes(ladder: Ladder, verdict: Verdict, seed: int) -> list[CauseResult]:
+    shown = [c for c in ladder.candidates if verdict.probability[c.ids] >= _LEAST][:_SHOWN]
+    if ladder.baseline not in shown:
+        shown.append(ladder.baseline)
+    # What the verdict names comes first.
+    shown.sort(key=lambda c: (c.ids != verdict.named, -verdict.probability[c.ids]))
+    return [_cause(ladder, verdict, c, seed) for c in shown]
+
+
+def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate, seed: int) -> CauseResult:
+    problem = candidate.problem
+    found = ladder.weighed.get(candidate.ids)
+    parameters: dict[str, dict[str, Any]] = {}
+    implausible = []
+    values = problem.to_physical(found.draws) if found else problem.to_physical(candidate.modes[:1])
+    quantiles = found.quantiles(values, (0.05, 0.5, 0.95)) if found else np.repeat(values, 3, axis=0)
+    for i, p in enumerate(problem.parameters):
+        lower, median, upper = (float(q) for q in quantiles[:, i])
+        at = _prior_share(p, median)
+        parameters[p.name] = {
+            "median": median, "lower": lower, "upper": upper, "unit": p.unit, "description": p.description,
+            "prior_share": at,
+        }  # fmt: skip
+        if i < problem.n_physical and _is_implausible(p, median, at):
+            implausible.append(p.name)
+    evidence: dict[str, Any] = {
+        "log_evidence": ladder.log_evidence[candidate.ids],
+        "over_baseline": ladder.log_evidence[candidate.ids] - ladder.log_evidence[()],
+        "gain": ladder.gain(candidate.ids),
+        "method": "adaptive importance sampling" if found else "Laplace",
+    }
+    if found:
+        evidence |= {"error": found.error, "effective_draws": found.effective, "pareto_k": found.pareto_k}
+        evidence["prior_width"] = _sensitivity(candidate, found)
+    return CauseResult(
+        list(candidate.ids), verdict.probability[candidate.ids], parameters, evidence, implausible
+    )  # fmt: skip
+
+
+def _prior_share(p: Parameter, value: float) -> float:
+    """Share of the prior below a value."""
+    grid = np.linspace(0.0005, 0.9995, 1000)
+    return float(np.interp(float(p.to_sampling(value)), p.prior_quantile(grid), grid))
+
+
+def _is_implausible(p: Parameter, median: float, share: float) -> bool:
+    low, high = p.sampling_bounds.lower, p.sampling_bounds.upper
+    at = (float(p.to_sampling(median)) - low) / (high - low)
+    one_sided = p.neutral is not None and p.neutral in (p.bounds.lower, p.bounds.upper)
+    surprising = share > 1 - 2 * _SURPRISING if one_sided else not _SURPRISING <= share <= 1 - _SURPRISING
+    # The neutral end of a one-sided cause is no surprise.
+    pressed = min(at, 1 - at) < _AT_BOUND and not (p.neutral is not None and np.isclose(median, p.neutral))
+    return bool(surprising or pressed)
+
+
+def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
+    """Change of the log evidence when the normal priors of the causes' parameters are half and twice as wide."""
+    problem = candidate.problem
+    names = {p.name for t in candidate.terms for p in t.parameters}
+    changes = {}
+    for word, factor in (("half", 0.5), ("twice", 2.0)):
+        shift = np.zeros(len(found.draws))
+        for i, p in enumerate(problem.parameters):
+            if p.name in names and isinstance(p.prior, Normal):
+                other = replace(p, prior=Normal(p.prior.mean, p.prior.sd * factor))
+                x = found.draws[:, i] * p.scale
+                low, high = p.bounds.lower, p.bounds.upper
+                shift += other.prior.log_density(x, low, high) - p.prior.log_density(x, low, high)
+        changes[word] = float(logsumexp(shift, b=found.weights))
+    return changes
+
+
+def _screening(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
+    found = [
+        ScreeningResult(
+            s.term.id,
+            # The refit knows better than the expansion what a cause can do.
+            "present" if verdict.inclusion.get(s.term.id, 0.0) > 0.5 else
+            "not present" if s.visible >= 2.5 else "could not have been seen",
+            float(s.gain[s.best]), ladder.gain((s.term.id,)), s.log_bayes, float(s.strength[s.best]),
+            s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
+        )
+        for s in ladder.screened
+    ]  # fmt: skip
+    return sorted(found, key=lambda s: -s.refit_gain)
+
+
+def _tests(misfit: Misfit) -> dict[str, Any]:
+    return {
+        "p_value": misfit.p_value,
+        "character": misfit.character,
+        "odd_groups": list(misfit.odd_groups),
+        "odd_points": [[g, k] for g, k in misfit.odd_points],
+        "statistics": [asdict(s) for s in misfit.statistics],
+        "n_simulated": misfit.n_simulated,
+        "refit": misfit.refit,
+    }
+
+
+def _where(misfit: Misfit) -> list[dict[str, Any]]:
+    unit = {"frequency": "Hz", "amplitude": "V"}
+    found = []
+    for p in misfit.places:
+        side = "too large" if p.log_bias > 0 else "too small"
+        found.append(
+            {
+                "group": p.group,
+                "variable": p.variable,
+                "from": p.lower,
+                "to": p.upper,
+                "text": f"group {p.group}, {p.lower:.4g} to {p.upper:.4g} {unit[p.variable]}: predictions {side} by a"
+                f" factor of {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)",
+            }
+        )
+    return found
+
+
+def _misfit(before: Misfit, after: Misfit | None, left: Leftover | None, leader: Candidate) -> dict[str, Any]:
+    result: dict[str, Any] = {"p_value": before.p_value, "where": _where(before), "baseline": _tests(before)}
+    if after is not None:
+        result["extended"] = _tests(after) | {"where": _where(after)}
+    if left is not None:
+        result["leftover"] = {
+            "log_bayes": left.log_bayes,
+            "amplitude": left.amplitude,
+            "level": left.level,
+            "reach": left.reach,
+            "sigma_rel": left.sigma_rel,
+            "groups": [{"group": g, "mean": m, "largest": x} for g, m, x in left.largest(leader)],
+            "mean": left.mean.tolist(),
+            "sd": [float(s) if np.isfinite(s) else None for s in left.sd],
+        }
+    return result
+
+
+def _show(ladder: Ladder) -> dict[str, Any]:
+    models = {"baseline": ladder.baseline} | ({"extended": ladder.leader} if ladder.leader.terms else {})
+    return {
+        name: {
+            "growth": [asdict(g) for g in show.growth(c)],
+            "drift": [asdict(d) for d in show.drift(c)[:8]],
+            "predicted_um": c.predicted.tolist(),
+            "parameters": dict(zip(c.problem.names, c.values.tolist(), strict=True)),
+        }
+        for name, c in models.items()
+    }
+
+
+def _next(ladder: Ladder, verdict: Verdict, draws: Weighed, seed: int) -> dict[str, Any]:
+    """Proposals for the verdict at hand: against the best rival, or for the weakest parameter."""
+    leader = ladder.leader
+    if verdict.verdict == "adequate":
+        return {}
+    rival = next((ids for ids in verdict.alternatives if any(c.ids == ids for c in ladder.candidates)), None)
+    if rival is not None:
+        found = next_experiment.propose(leader, draws, (ladder.of(rival), _weighed(ladder, rival, seed)), seed=seed)
+        about = f"tells {_words(leader.ids)} from {_words(rival)}"
+    else:
+        found = next_experiment.propose(leader, draws, None, seed=seed)
+        about = f"determines {leader.problem.names[next_experiment.weakest(leader, draws)]}"
+    return next_experiment.as_dict(found, about)
+
+
+def _words(ids: Sequence[str]) -> str:
+    return " + ".join(ids) if ids else "the baseline"
+
+
+def _sentences(
+    ladder: Ladder, verdict: Verdict, before: Misfit, after: Misfit | None, measured: Mapping[str, Any]
+) -> list[str]:
+    result = list(verdict.reasons)
+    if before.wrong and before.character != "none":
+        what = {
+            "physics": "the misfit follows the covariates, so the physics is wrong, not the scatter",
+            "scatter": "the mean is right; it is the law of the scatter that does not fit",
+            "group": f"all of it is due to group {', '.join(str(g) for g in before.odd_groups)}",
+            "points": f"all of it is due to {len(before.odd_points)} odd readings",
+            "sessions": "sessions at the same condition disagree",
+        }[before.character]
+        result.append(f"Of the baseline: {what}.")
+    if verdict.alternatives:
+        result.append("As good: " + "; ".join(_words(ids) for ids in verdict.alternatives[:6]) + ".")
+    for protocol, one in measured.items():
+        change = one["log_rmse_interval"]
+        result.append(
+            f"Gain on data unseen ({protocol}): mean log_rmse {one['log_rmse_before']:.3f} before,"
+            f" {one['log_rmse_after']:.3f} after (change {change[0]:+.3f} to {change[1]:+.3f}, 90 %)."
+        )
+    return result

@@ -1,0 +1,114 @@
+"""What a diagnosis leaves behind: `diagnosis.json`, as frozen records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from psafit.experiment import GroupId
+
+SCHEMA = 1
+RESULT = "diagnosis.json"
+
+
+@dataclass(frozen=True)
+class CauseResult:
+    """One model of the ladder.
+
+    Parameters
+    ----------
+    terms : list of str
+        Its causes; empty for the baseline.
+    probability : float
+        Posterior probability of exactly these causes.
+    parameters : dict
+        By name: median, lower and upper (90 % interval), unit, and the quantile of the prior at which the median lies.
+    evidence : dict
+        log_evidence, over_baseline (nats), gain (of the log likelihood at the top), error, effective draws, pareto_k,
+        method, and how the evidence changes when the priors of the strengths are half and twice as wide.
+    implausible : list of str
+        Parameters whose median the prior finds surprising (outside its central 95 %), or that lie at a bound.
+    """
+
+    terms: list[str]
+    probability: float
+    parameters: dict[str, dict[str, Any]]
+    evidence: dict[str, Any]
+    implausible: list[str]
+
+
+@dataclass(frozen=True)
+class ScreeningResult:
+    """What one cause could add to the baseline: see `psafit.diagnose.screening`."""
+
+    id: str
+    verdict: str
+    gain: float
+    refit_gain: float
+    log_bayes: float
+    strength: float
+    unit: str
+    visible: float
+    inclusion: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """`diagnosis.json`.
+
+    Parameters
+    ----------
+    schema : int
+    verdict : {"adequate", "explained", "ambiguous", "unexplained"}
+    named : list of str
+        The adopted extension.
+    alternatives : list of lists of str
+        Sets that fit as well; an empty one is the baseline.
+    causes : list of CauseResult
+        Most probable first.
+    misfit : dict
+        p_value, where, and what the tests say of the baseline and of the extension.
+    numerics : dict
+        Refinement of the predictions at the fitted parameters.
+    gain : dict
+        "strict" and "nested"; empty after `--quick`.
+    next_experiment : dict
+    predictions : str
+        CSV of the extension fitted to everything the verdict used.
+    sentences : list of str
+        The answer in words.
+    unnamed : float
+        Probability that something is wrong which no cause describes.
+    screening : list of ScreeningResult
+    show : dict
+        Growth and drift of baseline and extension.
+    ledger : list of dict
+        Which data each choice saw.
+    title, fingerprint, groups, training, seed, versions, command, seconds
+        Where it comes from.
+    """
+
+    schema: int
+    verdict: str
+    named: list[str]
+    alternatives: list[list[str]]
+    causes: list[CauseResult]
+    misfit: dict[str, Any]
+    numerics: dict[str, Any]
+    gain: dict[str, Any]
+    next_experiment: dict[str, Any]
+    predictions: str
+    sentences: list[str]
+    unnamed: float
+    screening: list[ScreeningResult]
+    show: dict[str, Any]
+    ledger: list[dict[str, Any]]
+    title: str
+    fingerprint: str
+    groups: list[GroupId]
+    training: list[GroupId]
+    seed: int
+    quick: bool
+    versions: dict[str, str]
+    command: str
+    seconds: dict[str, float]
