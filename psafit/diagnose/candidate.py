@@ -21,12 +21,12 @@ from psafit.physics.term import Term
 FloatArray = NDArray[np.float64]
 
 # Climbs: iterations on a third of the readings, then on all of them, and how many go on after each.
-_TRIAL, _MIDDLE, _REST = (4, 6), (5, 3), (30, 3)
+_TRIAL, _MIDDLE, _REST = (4, 5), (5, 2), (30, 2)
 _THIN = 3
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
 # Importance sampling: degrees of freedom of the proposal, its widening, draws a round, and effective draws wanted.
-_TAILS, _WIDER, _ROUND, _EFFECTIVE = 5.0, 1.3, 256, 200.0
+_TAILS, _WIDER, _ROUND, _EFFECTIVE = 5.0, 1.3, 256, 120.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +134,11 @@ def fit(
         costs.
     """
     rows = [widened(problem, c.problem.to_physical(u), c.problem.names) for c in nested for u in c.modes[:2]]
+    # A cause at its neutral value is a ridge that climbs may leave and not find again: the first is followed to the end.
+    neutral = np.vstack([r[:1] for r in rows[:2]]) if nested else np.empty((0, problem.n_dim))
     if extra is not None and len(extra):
-        rows.append(extra)
+        # These know better than fixed strengths where to begin.
+        rows = [rows[0], *(r[:1] for r in rows[1:]), extra] if len(nested) == 1 else [*(r[:1] for r in rows), extra]
     coarse = replace(problem, experiment=thinned(problem.experiment, _THIN))
     n_sets = 0
     if draws and most:
@@ -143,8 +146,6 @@ def fit(
         rows.append(screened)
         n_sets += used // _THIN
     starts = np.vstack(rows)
-    # A cause at its neutral value is a ridge that climbs may leave and not find again: it is followed to the end.
-    neutral = np.vstack([r[:1] for r in rows[: len(nested) * 2]]) if nested else starts[:0]
     trial = ascend(coarse, starts, schedule=(_TRIAL,))
     full = ascend(problem, np.vstack([neutral, trial.u]), schedule=(_MIDDLE, _REST))
     return settle(problem, full, n_sets + trial.n_sets // _THIN + full.n_sets)
@@ -232,7 +233,7 @@ class Weighed:
         return self.draws[np.minimum(chosen, len(self.draws) - 1)]
 
 
-def weigh(candidate: Candidate, *, seed: int, rounds: int = 24, effective: float = _EFFECTIVE) -> Weighed:
+def weigh(candidate: Candidate, *, seed: int, rounds: int = 16, effective: float = _EFFECTIVE) -> Weighed:
     """Evidence and posterior by adaptive importance sampling.
 
     The proposal is a mixture of Student densities, first at the modes with Laplace's covariances, then at the

@@ -4,7 +4,8 @@ r"""The ladder: from every cause alone to combinations of up to four, and a prob
    earnest, alone: expansions at a badly wrong fit may mislead.
 2. From the best models so far (the beam) each of the most promising further causes is added, and the larger model
    fitted. This goes on while a larger model gains more than it costs, up to four causes.
-3. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
+3. Each cause of the leader is exchanged for those that promise most in its place: rivals that a beam has dropped.
+4. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
    them and the prior probabilities below.
 
 *Prior over models.* The number of causes that matter is 0 to 4 with weights 0.4, 0.36, 0.16, 0.06, 0.02, shared equally by
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from psafit.diagnose.candidate import Candidate, Weighed, fit, settle, weigh
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.screening import Screened, extended, screen
 from psafit.inference.ascent import Ascent
+from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
@@ -41,11 +43,13 @@ MOST_CAUSES = 4
 _BEAM, _TRIED = 3, 6
 # ... of which so many by expansion and alone in any case; more only where the expansion promises this much (nats).
 _SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
+# Rounds in which causes of the leader are exchanged, and exchanges tried for each.
+_SWAPS, _SWAPPED = 2, 4
 # A model this far below the best is not grown.
 _FERTILE = 8.0
 # A model this far below the best (nats of evidence and prior) is not weighed.
-_HOPELESS = 14.0
-_WEIGHED = 8
+_HOPELESS = 7.0
+_WEIGHED = 6
 _DRAWS_BASELINE, _DRAWS_CAUSE, _DRAWS_PAIR = 1024, 256, 128
 
 
@@ -166,6 +170,28 @@ def climb(
         if not wanted or best() < before + 0.5:
             break
 
+    # The beam grows what it has; each cause of the leader may still be had cheaper from another one.
+    for _ in range(_SWAPS):
+        leader = max(fitted.values(), key=worth)
+        swaps: dict[Ids, tuple[Problem, Candidate, FloatArray]] = {}
+        for gone in leader.terms if len(leader.terms) > 1 else ():
+            rest = replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone))
+            ids = tuple(t.id for t in rest.terms)
+            if ids not in fitted:
+                fitted[ids] = _fit(kept, rest, (baseline,), seed, leader_starts(rest, leader), _DRAWS_PAIR, 6)
+            if ids not in screenings:
+                screenings[ids] = tuple(screen(fitted[ids], catalogue))
+            for found in _promising(screenings[ids], fitted, worth)[:_SWAPPED]:
+                larger = extended(rest, found.term, catalogue)
+                key = tuple(t.id for t in larger.terms)
+                if key not in fitted:
+                    swaps[key] = (larger, fitted[ids], np.vstack([found.starts, leader_starts(larger, leader)]))
+        for k, (ids, (larger, smaller, extra)) in enumerate(swaps.items()):
+            progress(" + ".join(ids), k, len(swaps))
+            fitted[ids] = _fit(kept, larger, (smaller,), seed, extra, _DRAWS_PAIR, 6)
+        if max(fitted.values(), key=worth) is leader:
+            break
+
     order = sorted(fitted.values(), key=worth, reverse=True)
     evidence = {c.ids: c.laplace for c in order}
     weighed: dict[Ids, Weighed] = {}
@@ -177,6 +203,11 @@ def climb(
         weighed[c.ids] = _weigh(kept, c, seed)
         evidence[c.ids] = weighed[c.ids].log_evidence
     return rank(fitted.values(), evidence, weighed, screenings, n)
+
+
+def leader_starts(problem: Problem, leader: Candidate) -> FloatArray:
+    """The leader's optimum as starts of a model that shares some of its causes."""
+    return widened(problem, leader.values, leader.problem.names)
 
 
 def _fit(
