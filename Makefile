@@ -11,8 +11,10 @@ SEED     ?=
 RUN      ?= fits/psa-group1
 JOBS     ?= 2
 ARGS     ?=
+LIMIT    ?=
 UV       ?= uv
 UPGRADE  ?=
+QUICK    ?=
 
 # Threads of the linear algebra library only wait for each other on our small matrices.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -34,7 +36,7 @@ PSAFIT := $(BIN)/psafit
 quoted  = '$(subst ','\'',$(1))'
 option  = $(if $(strip $(2)),$(1) $(call quoted,$(2)))
 
-.PHONY: help setup fit validate reproduce test lint types bench docs-figures lock clean
+.PHONY: help setup fit validate diagnose sbc reproduce test lint types bench challenge docs-figures lock clean
 
 help: ## List the targets
 	@echo 'make TARGET [NAME=value ...]'
@@ -51,6 +53,13 @@ fit: $(STAMP)-run ## Fit, sample, validate, report: GROUP=1 or 1,2 [OUT=dir] [EX
 validate: $(STAMP)-run ## Score a fit on the groups it never saw: [RUN=fits/psa-group1]
 	@$(PSAFIT) validate $(call quoted,$(RUN))
 
+diagnose: $(STAMP)-run ## What is wrong, why, and what is gained: GROUP=1 [QUICK=1] [OUT=dir] [EXP=folder] [SEED=n]
+	@$(PSAFIT) diagnose $(call quoted,$(EXP)) --group $(call quoted,$(GROUP)) $(if $(QUICK),--quick) \
+	    $(call option,--out,$(OUT)) $(call option,--seed,$(SEED))
+
+sbc: $(STAMP)-run ## Simulation-based calibration of the posteriors, with rank plots in docs/figures
+	@$(BIN)/python benchmarks/sbc.py $(ARGS)
+
 reproduce: $(STAMP)-run ## Repeat the study's own tables and say where they come out otherwise
 	@$(PSAFIT) reproduce
 
@@ -66,6 +75,10 @@ types: $(STAMP)-dev ## Check the types
 
 bench: $(STAMP)-bench ## Measure speed and accuracy; writes benchmarks/latest.json
 	@$(BIN)/python benchmarks/run.py
+
+challenge: $(STAMP)-run ## Hide effects, diagnose, score: [SEED=n] [JOBS=2] [LIMIT=n data sets] [OUT=fits/challenge] [EXP=folder]
+	@$(BIN)/python benchmarks/challenge.py --experiment $(call quoted,$(EXP)) --jobs $(call quoted,$(JOBS)) \
+	    $(call option,--seed,$(SEED)) $(call option,--limit,$(LIMIT)) $(call option,--out,$(OUT))
 
 docs-figures: $(STAMP)-run ## Draw the figures of the docs anew
 	@for script in docs/make_*.py; do \

@@ -578,3 +578,13 @@ def _write(json_file: Path | None, record: Any) -> None:
         from psafit.records import write_json
 
         write_json(json_file, record)
+
+
+def _attach() -> None:
+    """Hang on the commands that are built from what stands above."""
+    from psafit.cli_challenge import challenge
+
+    commands.add_command(challenge)
+
+
+_attach()

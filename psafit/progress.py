@@ -19,6 +19,11 @@ TITLES = {
     "profile": "profile the likelihood",
     "validate": "validate on all groups",
     "reproduce": "recompute the study",
+    "causes": "search the causes, on all groups",
+    "tests": "test the baseline and its best extension",
+    "next experiment": "look for the measurement that tells most",
+    "strict gain": "strict gain: causes from the training groups alone",
+    "nested gain": "nested gain: causes without each group in turn",
     "report": "write the report",
 }
 

@@ -27,7 +27,7 @@ FLOORS = (
     {"diagnose"},
     {"challenge"},
     {"report"},
-    {"cli", "progress", "__main__"},
+    {"cli", "cli_challenge", "progress", "__main__"},
 )
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 DRAWS = {"matplotlib", "cycler", "corner", "jinja2", "markupsafe"}

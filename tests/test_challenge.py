@@ -15,7 +15,6 @@ import pytest
 from click.testing import CliRunner
 from outside import OUTSIDE, parts
 
-import psafit.cli  # noqa: F401  before the command that hangs on it
 from psafit.challenge import hide
 from psafit.challenge.answer import Answer, Place, unseal
 from psafit.challenge.campaign import (
@@ -27,15 +26,15 @@ from psafit.challenge.campaign import (
     plan,
     run,
 )
-from psafit.challenge.command import challenge
 from psafit.challenge.hide import Outside, make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, find_rivals
-from psafit.challenge.page import write_page
 from psafit.challenge.score import located, rate, reported_set, score
 from psafit.challenge.strength import find, lost_nats, share_of
+from psafit.cli import commands
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
 from psafit.physics import TERMS, term
+from psafit.report.challenge import write_page
 from psafit.simulate import Design, simulate
 from psafit.simulate.sensitivity import plausible
 
@@ -369,6 +368,23 @@ def test_two_workers_give_what_one_gives(known: Experiment, tmp_path: Path) -> N
     assert {content_hash(r) for r in one} != {content_hash(one[0])}
 
 
+def test_a_short_campaign_is_part_of_the_whole(known: Experiment, tmp_path: Path) -> None:
+    specs = given(plan(4, **SMALL))
+    first, rest = Counting(), Counting()
+    assert len(run(specs, tmp_path, design_of=known, diagnose=first, jobs=1, limit=1)) == 1
+    assert len(run(specs, tmp_path, design_of=known, diagnose=rest, jobs=1)) == 3
+    assert (len(first.seeds), len(rest.seeds)) == (1, 2)
+
+
+def test_a_cluster_without_dask_is_refused_before_anything_is_written(
+    known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"psafit\[cluster\]"):
+        run(plan(4, **SMALL), tmp_path / "x", design_of=known, diagnose=deaf, scheduler="tcp://localhost:1")
+    assert not (tmp_path / "x").exists()
+
+
 def test_another_campaign_or_a_damaged_result_is_refused(known: Experiment, tmp_path: Path) -> None:
     specs = given(plan(4, **{**SMALL, "nothing": 1}))
     run(specs, tmp_path, design_of=known, diagnose=deaf, jobs=1)
@@ -590,7 +606,7 @@ def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
 
 
 def call(*words: object) -> tuple[int, str]:
-    done = CliRunner().invoke(challenge, [str(w) for w in words], standalone_mode=False)
+    done = CliRunner().invoke(commands, ["challenge", *(str(w) for w in words)], standalone_mode=False)
     if done.exception:
         raise done.exception
     return done.return_value, done.output

@@ -222,7 +222,7 @@ def solve(
     if shielded and own_process and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     if diagnose is None:
-        from psafit.diagnose import diagnose as own  # type: ignore[attr-defined,unused-ignore]
+        from psafit.diagnose import diagnose as own
 
         diagnose = own
     effects = {effect.name: effect for effect in outside}
@@ -296,6 +296,7 @@ def run(
     outside: Sequence[Outside] = (),
     jobs: int = 2,
     scheduler: str | None = None,
+    limit: int | None = None,
     command: str = "",
     progress: Callable[[int, int, str], None] = lambda done, total, note: None,
 ) -> list[Result]:
@@ -314,6 +315,8 @@ def run(
         Processes of this machine.
     scheduler : str, optional
         Address of a Dask scheduler that shares the work out instead (extra ``psafit[cluster]``).
+    limit : int, optional
+        Run no more than the first so many of the plan; a later run goes on with the others.
     command : str
         Kept in `campaign.json`.
     progress : callable
@@ -322,21 +325,24 @@ def run(
     Returns
     -------
     list of Result
-        Of all specs, in their order.
+        Of all specs that have one, in their order.
 
     Raises
     ------
     InputError
-        If the folder holds another campaign, or a result is damaged.
+        If the folder holds another campaign, a result is damaged, or Dask is asked for and not there.
     """
+    if scheduler is not None and importlib.util.find_spec("distributed") is None:
+        raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
     campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs))
     _claim(folder, campaign)
     results = folder / RESULTS
     results.mkdir(parents=True, exist_ok=True)
     remove_temporaries(results)
-    done = {spec.id: found for spec in specs if (found := _finished(results, spec)) is not None}
-    left = [spec for spec in specs if spec.id not in done]
-    progress(len(done), len(specs), "")
+    wanted = specs if limit is None else specs[:limit]
+    done = {spec.id: found for spec in wanted if (found := _finished(results, spec)) is not None}
+    left = [spec for spec in wanted if spec.id not in done]
+    progress(len(done), len(wanted), "")
     if left:
         with _workers(jobs, scheduler) as (n_jobs, shielded):
             calls = (
@@ -349,7 +355,7 @@ def run(
             for result in parallel(calls):
                 write_json(results / f"{result.spec.id}.json", result)
                 done[result.spec.id] = result
-                progress(len(done), len(specs), result.spec.id)
+                progress(len(done), len(wanted), result.spec.id)
     # Read back, so that a fresh result and one of an earlier run are the same to the last digit.
     return load(folder)[1]
 
@@ -438,8 +444,6 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[int, bool]]:
         with joblib.parallel_config(backend="loky", inner_max_num_threads=1 if jobs > 1 else None):
             yield jobs, jobs > 1
         return
-    if importlib.util.find_spec("distributed") is None:
-        raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
     try:
         # joblib brings its own link to Dask, and calls it by this address.
         with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=60):

@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 # Log-normal priors: amplitude of the smooth part and of the levels (a tenth, within a factor of three), and its reach in
 # the logarithm of the swept variable (a factor of two in frequency, within a factor of two).
 _AMPLITUDE, _REACH = (math.log(0.1), math.log(3.0)), (math.log(0.7), math.log(2.0))
+# A reading this many standard deviations off, with neighbours less than half as far, is an outlier.
+_LONE = 3.0
 # A reading below this many standard deviations of the absolute scatter says nothing of a relative discrepancy.
 _SILENT = 1.0
 
@@ -74,11 +76,16 @@ def leftover(candidate: Candidate) -> Leftover:
     predicted = np.maximum(candidate.predicted, 1e-9)
     u = candidate.modes[0]
     values = problem.noise_values(u[None, :])
-    # Heavy tails are kept as they are: each reading's variance is stretched by what Student's law makes of it.
     s = noise.scale(predicted[None, :], values, problem.known_sigma)[0]
     residual = problem.observed - candidate.predicted
+    # A lone outlier keeps the large variance that Student's law gives it; neighbours that err together do not.
     nu = float(values[0, 2])
-    stretch = np.maximum((nu + (residual / s) ** 2) / (nu + 1), 1.0)
+    score, stretch = residual / s, np.ones(residual.size)
+    for _, _, rows in sweeps(problem):
+        z = score[rows]
+        beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
+        lone = (np.abs(z) > _LONE) & (np.abs(beside) < 0.5 * _LONE)
+        stretch[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)
     slope = candidate.slope.T
     prior = problem.log_prior
     width = np.empty(problem.n_model)

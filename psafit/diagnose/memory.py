@@ -48,7 +48,8 @@ class Memory:
         key = hashlib.sha256(json.dumps(determinants).encode()).hexdigest()[:24]
         path = self._folder / f"{kind}-{key}.npz"
         try:
-            with np.load(path, allow_pickle=False) as stored:
+            # From memory: np.load leaves a damaged file open.
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
                 return dict(stored)
         except (OSError, ValueError, KeyError, EOFError):
             pass

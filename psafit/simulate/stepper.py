@@ -543,6 +543,8 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             reference = max(reference, abs(v2))
         w = v1 - v2
         t = t + cut * h
+        if t > (waiting if regime == FREE else horizon):
+            break  # what the step met was beyond
         fresh = False
         if whole or event == 9:
             previous = level
@@ -594,12 +596,12 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 start, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
                 regime = PULL if start < 0.0 else PUSH
         if separated_once and regime == FREE and t > window:
-            return LAUNCHED, last_time, last_speed, last_place, step
+            break
         if t > (waiting if regime == FREE else horizon):
-            if separated_once:
-                return LAUNCHED, last_time, last_speed, last_place, step
-            return NO_SEPARATION, math.nan, 0.0, x2, step
-    return NO_SEPARATION, math.nan, 0.0, x2, _MAX_STEPS
+            break
+    if separated_once:
+        return LAUNCHED, last_time, last_speed, last_place, step
+    return NO_SEPARATION, math.nan, 0.0, x2, step
 
 
 @compiled(borrows=True)

@@ -153,9 +153,9 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
     Ends with 1 where a target is missed.
     """
     from psafit.challenge.campaign import CAMPAIGN, judge, load
-    from psafit.challenge.page import write_page
     from psafit.challenge.score import score as judge_all
     from psafit.records import write_json
+    from psafit.report.challenge import write_page
 
     if diagnosis is None:
         campaign, results = load(folder)

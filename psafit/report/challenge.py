@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import jinja2
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from psafit.challenge.score import GainBin, ProbabilityBin, Rate, Recovery, Score
-from psafit.files import encodable, write_atomically
-from psafit.report.page import figure_data_uri
+from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
-
-_TEMPLATE = "challenge.html.j2"
 
 
 def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | None = None) -> Path:
@@ -29,6 +24,10 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
         The HTML file.
     provenance : mapping of str to str, optional
         Footer: version, command and the like.
+
+    Returns
+    -------
+    Path
     """
     with figure_style():
         drawn = {"gain": _gain_figure(score.by_gain), "reliability": _reliability_figure(score.reliability)}
@@ -36,44 +35,40 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
             drawn["confusion"] = _confusion_figure(score.confusion)
         if score.recovery:
             drawn["recovery"] = _recovery_figure(score.recovery)
-    text = (
-        _environment()
-        .get_template(_TEMPLATE)
-        .render(
-            provenance=dict(provenance or {}),
-            score=score,
-            uris={name: figure_data_uri(figure) for name, figure in drawn.items()},
-            targets=[
-                [
-                    t.what,
-                    t.target,
-                    _percent(t.value),
-                    _interval(t.rate),
-                    f"{t.rate.k} of {t.rate.n}",
-                    {"text": _HOLDS[t.holds], "kind": _KINDS[t.holds]},
-                ]
-                for t in score.targets
-            ],
-            gains=[
-                [
-                    f"{b.lower:g} or more" if b.upper is None else f"{b.lower:g}-{b.upper:g}",
-                    str(b.named.n),
-                    *(f"{_percent(r.share)} ({_interval(r)})" for r in (b.detected, b.named, b.in_set)),
-                ]
-                for b in score.by_gain
-            ],
-            outside=[[name, ", ".join(f"{v}: {n}" for v, n in said.items())] for name, said in score.outside.items()],
-            misses=[
-                [r.id, r.truth, f"{r.gain:.0f}", r.verdict, r.named, "yes" if r.in_set else "no", str(r.seed)]
-                for r in score.rows
-                if _missed(r.kind, r.verdict, r.exact, r.located, r.gain)
-            ],
-            percent=_percent,
-            interval=_interval,
-        )
+    return render(
+        "challenge.html.j2",
+        out_path,
+        provenance=dict(provenance or {}),
+        score=score,
+        uris={name: figure_data_uri(figure) for name, figure in drawn.items()},
+        targets=[
+            [
+                t.what,
+                t.target,
+                _percent(t.value),
+                _interval(t.rate),
+                f"{t.rate.k} of {t.rate.n}",
+                {"text": _HOLDS[t.holds], "kind": _KINDS[t.holds]},
+            ]
+            for t in score.targets
+        ],
+        gains=[
+            [
+                f"{b.lower:g} or more" if b.upper is None else f"{b.lower:g}-{b.upper:g}",
+                str(b.named.n),
+                *(f"{_percent(r.share)} ({_interval(r)})" for r in (b.detected, b.named, b.in_set)),
+            ]
+            for b in score.by_gain
+        ],
+        outside=[[name, ", ".join(f"{v}: {n}" for v, n in said.items())] for name, said in score.outside.items()],
+        misses=[
+            [r.id, r.truth, f"{r.gain:.0f}", r.verdict, r.named, "yes" if r.in_set else "no", str(r.seed)]
+            for r in score.rows
+            if _missed(r.kind, r.verdict, r.exact, r.located, r.gain)
+        ],
+        percent=_percent,
+        interval=_interval,
     )
-    write_atomically(out_path, encodable(text).encode())
-    return out_path
 
 
 _HOLDS = {True: "holds", False: "misses", None: "not asked"}
@@ -94,27 +89,6 @@ def _percent(share: float | None) -> str:
 
 def _interval(r: Rate) -> str:
     return "-" if r.lower is None or r.upper is None else f"{100 * r.lower:.0f}-{100 * r.upper:.0f} %"
-
-
-def _environment() -> jinja2.Environment:
-    """The report's templates and look, and this package's own page."""
-    from importlib import resources
-
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [
-                jinja2.PackageLoader("psafit.challenge", "templates"),
-                jinja2.PackageLoader("psafit.report", "templates"),
-            ]
-        ),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    css = resources.files("psafit.report").joinpath("templates/style.css").read_text("utf-8")
-    environment.globals["style_css"] = Markup(css)
-    return environment
 
 
 def _bars(axes: Axes, x: Sequence[float], rates: Sequence[Rate], color: str, label: str, marker: str) -> None:

@@ -1,0 +1,105 @@
+"""`make sbc`: simulation-based calibration of the posteriors (Talts et al., arXiv:1804.06788).
+
+Parameters are drawn from their priors, readings simulated from them at an experiment's conditions, the model fitted and
+its posterior drawn, and the rank of the truth among the draws recorded. If fit, evidence and draws are sound the ranks are
+uniform. Writes docs/figures/sbc.png and prints a chi-square p-value for every parameter; exits with 1 if one is below
+0.05 divided by their number.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binom, chisquare
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from psafit.diagnose.candidate import fit, weigh
+from psafit.experiment import read_experiment
+from psafit.inference import noise
+from psafit.inference.problem import Problem
+from psafit.physics import terms
+from psafit.report.style import PALETTE, figure_style
+
+DRAWS, BINS = 99, 10
+
+
+def ranks(ids: list[str], group: str, n: int, seed: int) -> tuple[np.ndarray, list[str]]:
+    """Ranks of the truth among posterior draws; (n, n_parameters), and the parameters' names."""
+    experiment = read_experiment(ROOT / "experiments" / "psa")
+    problem = Problem(experiment, (experiment.group(group).id,), terms(ids))
+    rng = np.random.default_rng(seed)
+    found = []
+    while len(found) < n:
+        u = problem.prior_transform(rng.uniform(size=(1, problem.n_dim)))
+        true = problem.predict(u)
+        y = noise.draw(true, problem.noise_values(u), None, rng)[0]
+        if not (np.isfinite(y).all() and np.abs(y).max() < 1e5):
+            continue
+        # The likelihood is that of readings of either sign; what an instrument clips is tested by the challenges.
+        made = replace(experiment.group(group), launch_range_um=np.abs(y))
+        data = replace(experiment, groups=(made,), fingerprint=f"sbc {len(found)}")
+        one = _Signed(data, problem.group_ids, problem.terms, y)
+        draws = weigh(fit(one, (), seed=len(found), draws=1024, most=16), seed=len(found), effective=300).resampled(
+            DRAWS
+        )
+        found.append((draws < u).sum(axis=0))
+        print(f"\r{len(found)} of {n}", end="", file=sys.stderr, flush=True)
+    return np.array(found), list(problem.names)
+
+
+class _Signed(Problem):
+    """A problem whose readings may be negative, as its likelihood has them."""
+
+    def __init__(self, experiment, group_ids, terms, y) -> None:
+        super().__init__(experiment, group_ids, terms)
+        object.__setattr__(self, "observed", y)
+
+
+def main() -> int:
+    """Calibrate, draw, judge."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--terms", default="", help="causes beside the baseline")
+    options.add_argument("--group", default="1")
+    options.add_argument("-n", type=int, default=200, help="data sets")
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--out", type=Path, default=ROOT / "docs" / "figures" / "sbc.png")
+    given = options.parse_args()
+    found, names = ranks([t for t in given.terms.split(",") if t], given.group, given.n, given.seed)
+    edges = np.linspace(-0.5, DRAWS + 0.5, BINS + 1)
+    low, high = binom.ppf([0.005, 0.995], given.n, 1 / BINS)
+    worst = 1.0
+    with figure_style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(8.4, 2.2 * ((len(names) + 2) // 3)), layout="constrained")
+        for axes, name, column in zip(
+            figure.subplots((len(names) + 2) // 3, 3, squeeze=False).flat, names, found.T, strict=False
+        ):
+            counts, _ = np.histogram(column, edges)
+            p = float(chisquare(counts).pvalue)
+            worst = min(worst, p)
+            print(f"\n{name:24} p = {p:.3f}  {counts.tolist()}", end="")
+            axes.axhspan(low, high, color=PALETTE["faint"])
+            axes.stairs(counts, edges, color=PALETTE["blue"], fill=False, linewidth=1.8)
+            axes.set(title=f"{name}, p = {p:.2f}", xlabel=f"rank of the truth among {DRAWS} draws", ylabel="data sets")
+            axes.set_ylim(bottom=0)
+        given.out.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(given.out, dpi=150)
+    sound = worst > 0.05 / len(names)
+    print(f"\n{'sound' if sound else 'NOT sound'}: smallest p = {worst:.3f}; grey band: 99 % of sound counts")
+    return 0 if sound else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,695 @@
+"""The report of a diagnosis: what is wrong, which causes it has, what naming them is worth, what to measure next."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+
+from psafit.diagnose.misfit import ALPHA
+from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
+from psafit.experiment import Experiment, GroupId
+from psafit.inference import noise
+from psafit.parameters import Parameter
+from psafit.physics import TERMS, baseline
+from psafit.report import diagnosis_pictures, figures
+from psafit.report.diagnosis_pictures import Shown
+from psafit.report.fit_pictures import Picture
+from psafit.report.page import render
+from psafit.report.wording import (
+    NBSP,
+    count,
+    exact,
+    factor,
+    groups,
+    interval,
+    listed,
+    number,
+    p_value,
+    percent,
+    symbol_html,
+    typeset,
+    with_unit,
+)
+from psafit.validate import log_ratio
+
+FloatArray = NDArray[np.float64]
+REPORT: Final = "diagnosis.html"
+
+_MAX_PICTURED, _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 24, 10, 8, 12
+_KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
+_TITLES: Final[dict[str, str]] = {t.id: t.title for t in TERMS}
+_PARAMETERS: Final[dict[str, Parameter]] = {
+    p.name: p for p in (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters), *noise.PARAMETERS)
+}
+_LATENTS: Final[dict[str, Parameter]] = {t.latent.name: t.latent for t in TERMS if t.latent}
+_SCREENED: Final = {"present": "bad", "not present": "good", "could not have been seen": "warn"}
+_CHARACTERS: Final = {
+    "none": "no particular character",
+    "physics": "the misfit follows frequency, amplitude or size: the physics is wrong, not the scatter",
+    "scatter": "the mean is right; the law of the scatter is not",
+    "group": "it is all due to one group",
+    "points": "it is all due to a few odd readings",
+    "sessions": "sessions at the same condition disagree",
+}
+_LOOKS_AT: Final = {
+    "mean": "the physics",
+    "spread": "the law of the scatter",
+    "point": "single readings",
+    "replicate": "sessions at the same condition",
+}
+_COVARIATES: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude", "range": "launch range"}
+_PROTOCOLS: Final = {
+    "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
+    "nested": "For each group, causes and parameters chosen on all the others, then that group scored.",
+}
+_CONSTANTS: Final = {"M": "kg", "m": "kg", "q": "m/V", "l": "m", "k_s": "N/m", "g": "m/s^2"}
+
+
+def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> Path:
+    """Write `diagnosis.html`.
+
+    Parameters
+    ----------
+    result : Diagnosis
+    experiment : Experiment
+        That was diagnosed.
+    folder : Path
+        Where the page goes.
+
+    Returns
+    -------
+    Path
+        Of the page.
+    """
+    shown = _shown(result, experiment)
+    pictured = _pictured(shown)
+    leader = _leader(result)
+    content = {
+        "title": f"Diagnosis: {result.title}",
+        "verdict": result.verdict,
+        "verdict_kind": _KINDS.get(result.verdict, "warn"),
+        "sentences": [
+            _examined(result, experiment),
+            _adequate(result),
+            _wrong(result),
+            _gained(result),
+        ],
+        "own_sentences": result.sentences,
+        "tiles": _tiles(result, shown),
+        "overview": diagnosis_pictures.overview_pictures(pictured),
+        "left_out": len(shown) - len(pictured),
+        "extended": "extended" in result.show,
+        "where": _where(result.misfit),
+        "where_after": _where(result.misfit.get("extended", {})),
+        "growth": _growth(result, experiment),
+        "drift": _drift_rows(result),
+        "models": _model_rows(result.causes),
+        "leader": None if leader is None else {"name": _model(leader.terms), "rows": _parameter_rows(leader)},
+        "other_models": [
+            {"name": _model(c.terms), "rows": _parameter_rows(c)} for c in result.causes if c is not leader
+        ],
+        "leader_listed": leader in result.causes,
+        "unnamed": _share(result.unnamed),
+        "mostly_unnamed": result.unnamed > 0.5,
+        "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, _TITLES, result.named),
+        "screening": _screening_rows(result.screening),
+        "alternatives": _alternatives(result),
+        "tests_before": _tests(result.misfit.get("baseline", {})),
+        "tests_after": _tests(result.misfit.get("extended", {})),
+        "leftover": _leftover(result, shown),
+        "quick": result.quick,
+        "gains": [_gain(name, result.gain[name]) for name in ("strict", "nested") if result.gain.get(name)],
+        "ledger": _ledger(result.ledger),
+        "proposals": _proposals(result.next_experiment),
+        "numerics": _numerics(result.numerics),
+        "data_warnings": experiment.warnings,
+        "facts": _facts(result, experiment),
+        "alpha": percent(ALPHA),
+        "provenance": {
+            "psafit": result.versions.get("psafit", "?"),
+            "seed": result.seed,
+            "data": result.fingerprint[:12],
+        },
+    }
+    return render("diagnosis.html.j2", folder / REPORT, **content)
+
+
+# Words ----------------------------------------------------------------------------------------------------------
+
+
+def _known(value: object) -> float:
+    """A number of the record; what was not finite is None in a record read back."""
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def _nats(value: object) -> str:
+    """A log likelihood or evidence with one digit behind the point, as far as there is something to say."""
+    x = _known(value)
+    if not math.isfinite(x):
+        return "–"
+    text = f"{x:.1f}" if abs(x) < 1e5 else f"{x:.3g}"
+    return typeset("0.0" if text == "-0.0" else text)
+
+
+def _signed(value: object) -> str:
+    text = _nats(value)
+    return text if text[0] in "–\N{MINUS SIGN}" or text == "0.0" else f"+{text}"
+
+
+def _share(value: object) -> str:
+    x = _known(value)
+    return percent(x) if math.isfinite(x) else "–"
+
+
+def _cause(id: str) -> Markup:
+    title = _TITLES.get(id)
+    return Markup("{} <span class='soft'>({})</span>").format(title, id) if title else escape(id)
+
+
+def _model(terms: Sequence[str]) -> Markup:
+    """A set of causes in words."""
+    return Markup(" + ").join(_TITLES.get(t, t) for t in terms) if terms else Markup("the baseline alone")
+
+
+def _ids(ids: Iterable[GroupId]) -> Markup:
+    found = list(ids)
+    return groups(found) if found else Markup("none")
+
+
+def _parameter(name: str, description: str) -> Markup:
+    known = _PARAMETERS.get(name) or _LATENTS.get(name.rpartition("_")[0])
+    symbol = symbol_html(known.symbol) if known else Markup("<code>{}</code>").format(name)
+    return Markup("{} <span class='soft'>{}</span>").format(symbol, description)
+
+
+def _of_group(group: GroupId, text: str) -> Markup:
+    """A place in the record's words, the group's own name left as it is."""
+    rest = text.removeprefix(f"group {group}, ")
+    rest = re.sub(r"\b\d(?:\.\d+)?e\+04\b", lambda m: f"{float(m[0]):.0f}", rest)
+    return Markup("<strong>Group {}</strong>: {}").format(group, typeset(rest))
+
+
+def _leader(result: Diagnosis) -> CauseResult | None:
+    """The adopted model; its best fit alone, where it is not among the models of the record."""
+    for c in result.causes:
+        if list(c.terms) == list(result.named):
+            return c
+    values = result.show.get("extended" if result.named else "baseline", {}).get("parameters", {})
+    found = {}
+    for name, value in values.items():
+        p = _PARAMETERS.get(name) or _LATENTS.get(name.rpartition("_")[0])
+        about = {"unit": p.unit, "description": p.description} if p else {}
+        found[name] = {"median": value, "lower": value, "upper": value, **about}
+    return CauseResult(list(result.named), math.nan, found, {}, []) if found else None
+
+
+# The first screen -----------------------------------------------------------------------------------------------
+
+
+def _shown(result: Diagnosis, experiment: Experiment) -> list[Shown]:
+    """The groups of the record with both models' predictions, which the record holds one group after the other."""
+    members = experiment.select(result.groups)
+    n = sum(g.n_points for g in members)
+    models: dict[str, FloatArray | None] = {}
+    for name in ("baseline", "extended"):
+        values = result.show.get(name, {}).get("predicted_um", [])
+        models[name] = np.asarray(values, dtype=float) if len(values) == n else None
+    found, start = [], 0
+    for group in members:
+        part = slice(start, start + group.n_points)
+        start = part.stop
+        before, after = (None if m is None else m[part] for m in models.values())
+        found.append(
+            Shown(
+                group,
+                figures.sweep_of(group),
+                before,
+                after,
+                *(_rmse(m, group.launch_range_um) for m in (before, after)),
+            )
+        )
+    return found
+
+
+def _rmse(predicted: FloatArray | None, measured: FloatArray) -> float | None:
+    return None if predicted is None else float(np.sqrt(np.mean(np.square(log_ratio(predicted, measured)))))
+
+
+def _pictured(shown: list[Shown]) -> list[Shown]:
+    """All groups, or where they are very many those that the baseline misses most, in the order of the experiment."""
+    worst = sorted(range(len(shown)), key=lambda i: -(shown[i].baseline_error or 0.0))[:_MAX_PICTURED]
+    return [shown[i] for i in sorted(worst)]
+
+
+def _examined(result: Diagnosis, experiment: Experiment) -> Markup:
+    readings = sum(g.n_points for g in experiment.select(result.groups))
+    return Markup("<strong>Examined:</strong> {} of {} ({}), against the study’s model, the baseline, and {}.").format(
+        count(readings, "reading"), _ids(result.groups), result.title, count(len(result.screening), "candidate cause")
+    )
+
+
+def _adequate(result: Diagnosis) -> Markup:
+    p = _known(result.misfit.get("p_value"))
+    how = Markup("of data sets made by the fitted baseline itself, {} look at least as odd ({})").format(
+        _share(p), _p(p)
+    )
+    if p < ALPHA:
+        return Markup("<strong>Is the baseline adequate?</strong> No: {}.").format(how)
+    if result.verdict == "adequate":
+        return Markup("<strong>Is the baseline adequate?</strong> Yes: {}, and no cause is called for.").format(how)
+    return Markup(
+        "<strong>Is the baseline adequate?</strong> The tests do not reject it ({}), but it is improbable beside an"
+        " extended model."
+    ).format(how)
+
+
+def _p(p: float) -> str:
+    text = p_value(p)
+    return f"p {text}" if text.startswith("≤") else f"p = {text}"
+
+
+def _wrong(result: Diagnosis) -> Markup:
+    head = Markup("<strong>What is wrong, and why?</strong> ")
+    character = result.misfit.get("baseline", {}).get("character", "none")
+    named = Markup(" + ").join(Markup("<strong>{}</strong>").format(_TITLES.get(t, t)) for t in result.named)
+    tied = Markup("; or ").join(_model(ids) for ids in result.alternatives[:3])
+    more = len(result.alternatives) - 3
+    if more > 0:
+        tied += Markup(" (and {} more)").format(count(more, "set"))
+    listed_one = next((c for c in result.causes if list(c.terms) == list(result.named)), None)
+    share = f" (probability {_share(listed_one.probability)})" if listed_one else ""
+    if result.verdict == "adequate":
+        return head + "Nothing that these readings show."
+    if result.verdict == "explained":
+        return head + Markup("{} explains it{}; nothing is left of the misfit, and no other set does as well.").format(
+            named, share
+        )
+    if result.verdict == "ambiguous":
+        return head + Markup(
+            "Several sets of causes do about equally well, and these readings cannot separate them: {}{}; or {}."
+        ).format(named, share, tied)
+    what = _CHARACTERS.get(character, str(character))
+    if not result.named:
+        return head + Markup("No cause of the catalogue explains it. Of the baseline: {}.").format(what)
+    also = Markup(" As good: {}.").format(tied) if result.alternatives else ""
+    return head + Markup(
+        "The best extension is {}{}, but structure remains that no cause describes (probability of an"
+        " unnamed discrepancy {}).{}"
+    ).format(named, share, _share(result.unnamed), also)
+
+
+def _gained(result: Diagnosis) -> Markup:
+    head = Markup("<strong>What was gained?</strong> ")
+    if not result.gain:
+        return head + (
+            "Not measured: a quick diagnosis gives the verdict alone."
+            if result.quick
+            else "Not measured: there is no group that could be held out."
+        )
+    parts = []
+    for name, text in (("strict", "chosen on {} only"), ("nested", "chosen on all other groups")):
+        one = result.gain.get(name)
+        if one:
+            parts.append(
+                Markup("{}, the typical error on unseen groups goes from ×{} to ×{}").format(
+                    Markup(text).format(_ids(result.training)),
+                    factor(_known(one["log_rmse_before"])), factor(_known(one["log_rmse_after"])),
+                )
+            )  # fmt: skip
+    text = Markup("; ").join(parts)
+    return head + Markup("With causes and parameters ") + text + "."
+
+
+def _tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
+    tiles = [
+        {"value": p_value(_known(result.misfit.get("p_value"))), "label": "p value: baseline against the readings"}
+    ]
+    if "extended" in result.misfit:
+        after = p_value(_known(result.misfit["extended"].get("p_value")))
+        tiles.append({"value": after, "label": "p value: extension against the readings"})
+    for word, name in (("baseline", "baseline_error"), ("extension", "extended_error")):
+        errors = [e for e in (getattr(g, name) for g in shown) if e is not None]
+        if errors:
+            label = f"typical factor between {word} and reading, fitted to all groups"
+            tiles.append({"value": f"×{factor(float(np.mean(errors)))}", "label": label})
+    return tiles
+
+
+# What is wrong --------------------------------------------------------------------------------------------------
+
+
+def _where(misfit: Mapping[str, Any]) -> list[Markup]:
+    return [_of_group(w["group"], str(w["text"])) for w in misfit.get("where", [])]
+
+
+def _growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
+    before = result.show.get("baseline", {}).get("growth", [])[:_MAX_PICTURED]
+    after = result.show.get("extended", {}).get("growth", [])
+    conditions = {str(g.id): figures.sweep_of(g).condition for g in experiment.groups}
+    return diagnosis_pictures.growth_pictures(before, after, conditions)
+
+
+def _drift_rows(result: Diagnosis) -> list[list[Any]]:
+    rest = {
+        (d["parameter"], d["variable"]): d["gain"] for d in result.show.get("extended", {}).get("drift", [])
+    }  # fmt: skip
+    extended = "extended" in result.show
+    rows = []
+    for d in result.show.get("baseline", {}).get("drift", [])[:_MAX_DRIFTS]:
+        known = _PARAMETERS.get(d["parameter"])
+        row = [
+            _parameter(d["parameter"], known.description if known else ""),
+            _COVARIATES.get(d["variable"], d["variable"]),
+            f"{_nats(d['gain'])} nats",
+            _change(_known(d["factor"])),
+        ]
+        if extended:
+            left = rest.get((d["parameter"], d["variable"]))
+            row.append("–" if left is None else f"{_nats(left)} nats")
+        rows.append(row)
+    return rows
+
+
+def _change(value: float) -> str:
+    """A factor of drift; the search for it ends at e to the power of nine."""
+    if not value > 0:
+        return "–"
+    if abs(math.log(value)) > 8.9:
+        return f"more than ×{exact(8000)}" if value > 1 else f"less than ×{exact(1 / 8000)}"
+    return f"×{number(value)}"
+
+
+# Causes ---------------------------------------------------------------------------------------------------------
+
+
+def _model_rows(causes: Sequence[CauseResult]) -> list[list[Any]]:
+    rows: list[list[Any]] = []
+    for c in causes:
+        e = c.evidence
+        over = _signed(e.get("over_baseline"))
+        if e.get("error") is not None:
+            over += f" ± {_known(e['error']):.2f}"
+        strange: Any = "none"
+        if c.implausible:
+            strange = {"text": f"{count(len(c.implausible), 'value')} implausible", "kind": "bad"}
+        width = e.get("prior_width") or {}
+        rows.append(
+            [
+                _model(c.terms),
+                _share(c.probability),
+                _signed(e.get("gain")),
+                over,
+                f"{_signed(width['half'])} / {_signed(width['twice'])}" if width and c.terms else "–",
+                strange,
+                _method(e),
+            ]
+        )
+    return rows
+
+
+def _method(evidence: Mapping[str, Any]) -> str:
+    text = str(evidence.get("method", "–"))
+    if evidence.get("effective_draws") is not None:
+        text += f": {_known(evidence['effective_draws']):.0f} effective draws"
+    if evidence.get("pareto_k") is not None:
+        text += typeset(f", Pareto k {_known(evidence['pareto_k']):.2f}")
+    return text
+
+
+def _parameter_rows(cause: CauseResult) -> list[list[Any]]:
+    rows: list[list[Any]] = []
+    for name, p in cause.parameters.items():
+        median, low, high = (_known(p.get(k)) for k in ("median", "lower", "upper"))
+        unit, spread = str(p.get("unit", "1")), (high - low) / 2
+        share = _known(p.get("prior_share"))
+        rows.append(
+            [
+                _parameter(name, str(p.get("description", ""))),
+                with_unit(number(median, spread if spread > 0 else None), unit),
+                with_unit(interval(low, high, spread), unit) if high > low else "not sampled",
+                _at_prior(share),
+                {"text": "implausible", "kind": "bad"}
+                if name in cause.implausible
+                else "plausible"
+                if math.isfinite(share)
+                else "–",
+            ]
+        )
+    return rows
+
+
+def _at_prior(share: float) -> str:
+    if not math.isfinite(share):
+        return "–"
+    if share <= 0.0006:
+        return f"under 0.1{NBSP}%"
+    return f"over 99.9{NBSP}%" if share >= 0.9994 else f"{100 * share:.1f}{NBSP}%"
+
+
+def _screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
+    return [
+        [
+            _cause(s.id),
+            {"text": s.verdict, "kind": _SCREENED.get(s.verdict, "")},
+            _nats(s.refit_gain),
+            _nats(s.gain),
+            _signed(s.log_bayes),
+            with_unit(number(_known(s.strength)), s.unit),
+            number(_known(s.visible)),
+            _share(s.inclusion),
+        ]
+        for s in screening
+    ]
+
+
+def _alternatives(result: Diagnosis) -> dict[str, Any]:
+    known = {tuple(c.terms): c for c in result.causes}
+    rows = []
+    for ids in result.alternatives[:_MAX_ALTERNATIVES]:
+        c = known.get(tuple(ids))
+        rows.append(
+            [
+                _model(ids),
+                _share(c.probability) if c else "–",
+                _signed(c.evidence.get("over_baseline")) if c else "–",
+                ("refitted" if c else "judged by the expansion only, not refitted"),
+            ]
+        )
+    return {
+        "named": _model(result.named) if result.named else None,
+        "rows": rows,
+        "more": max(0, len(result.alternatives) - _MAX_ALTERNATIVES),
+    }
+
+
+# What remains ---------------------------------------------------------------------------------------------------
+
+
+def _tests(tests: Mapping[str, Any]) -> dict[str, Any] | None:
+    if not tests:
+        return None
+    statistics = tests.get("statistics", [])
+    odd = [Markup("reading {} of group {}").format(k + 1, g) for g, k in tests.get("odd_points", [])]
+    p = _known(tests.get("p_value"))
+    return {
+        "p": _p(p),
+        "wrong": p < ALPHA,
+        "character": _CHARACTERS.get(str(tests.get("character")), str(tests.get("character", ""))),
+        "n_simulated": tests.get("n_simulated", 0),
+        "refit": "refitted with the model itself" if tests.get("refit") == "exact" else "refitted with its expansion",
+        "odd_groups": _ids(tests["odd_groups"]) if tests.get("odd_groups") else None,
+        "odd_points": listed(odd) if odd else None,
+        "n_statistics": len(statistics),
+        "rows": [
+            [
+                str(s["name"]),
+                "all" if s.get("group") is None else Markup("group {}").format(s["group"]),
+                _LOOKS_AT.get(s["kind"], s["kind"]),
+                typeset(f"{_known(s['excess']):.2f}"),
+                p_value(_known(s["p_value"])),
+                {"text": "significant", "kind": "bad"} if s["significant"] else "no",
+            ]
+            for s in statistics[:_MAX_TESTS]
+        ],
+    }
+
+
+def _leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any] | None:
+    left = result.misfit.get("leftover")
+    if not left:
+        return None
+    mean = np.array([_known(x) for x in left.get("mean", [])])
+    sd = np.array([_known(x) for x in left.get("sd", [])])
+    whole = mean.size == sd.size == sum(g.group.n_points for g in shown)
+    return {
+        "log_bayes": _signed(left["log_bayes"]),
+        "present": _known(left["log_bayes"]) > 0,
+        "amplitude": percent(_known(left["amplitude"])),
+        "level": percent(_known(left["level"])),
+        "reach": factor(_known(left["reach"])),
+        "sigma_rel": f"{100 * _known(left['sigma_rel']):.1f}{NBSP}%",
+        "rows": [
+            [
+                Markup("Group {}").format(g["group"]),
+                f"×{factor(_known(g['mean']))}",
+                f"×{factor(_known(g['largest']))}",
+            ]
+            for g in left.get("groups", [])
+        ],
+        "pictures": diagnosis_pictures.leftover_pictures(shown[:_MAX_PICTURED], mean, sd) if whole else [],
+    }
+
+
+# Gain -----------------------------------------------------------------------------------------------------------
+
+
+def _gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
+    change, elpd = ([_known(x) for x in gain[k]] for k in ("log_rmse_interval", "elpd_interval"))
+    before, after = _known(gain["log_rmse_before"]), _known(gain["log_rmse_after"])
+    return {
+        "name": name,
+        "text": _PROTOCOLS[name],
+        "sentence": (
+            f"Mean log RMSE {before:.3f} before, {after:.3f} after; change {typeset(f'{change[0]:+.3f}')} to"
+            f" {typeset(f'{change[1]:+.3f}')} (90 % interval), that is a typical factor of ×{factor(before)} before and"
+            f" ×{factor(after)} after. Log predictive density, summed over the unseen readings:"
+            f" {_nats(gain['elpd_before'])} nats before, {_nats(gain['elpd_after'])} nats after; change"
+            f" {_signed(elpd[0])} to {_signed(elpd[1])} nats (90 % interval). Inside their 90 % predictive intervals:"
+            f" {_share(gain['coverage_before'])} of the readings before, {_share(gain['coverage_after'])} after."
+        ),
+        "better": change[1] < 0,
+        "worse": change[0] > 0,
+        "rows": [
+            [
+                Markup("Group {}").format(g["group"]),
+                _ids(g["seen"]),
+                _model(g["named"]),
+                f"{_known(g['log_rmse_before']):.3f} (×{factor(_known(g['log_rmse_before']))})",
+                f"{_known(g['log_rmse_after']):.3f} (×{factor(_known(g['log_rmse_after']))})",
+                _signed(_known(g["elpd_after"]) - _known(g["elpd_before"])),
+                f"{_share(g['coverage_before'])} / {_share(g['coverage_after'])}",
+            ]
+            for g in gain["groups"]
+        ],
+        "picture": diagnosis_pictures.gain_picture(name, gain),
+        "predictions": gain["predictions"],
+    }
+
+
+def _ledger(ledger: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+    rows: list[list[Any]] = []
+    for entry in ledger:
+        models = entry.get("models") or {}
+        shares = sorted(models.items(), key=lambda item: -_known(item[1]))
+        words = listed(Markup("{} {}").format(_model(_split(name)), _share(share)) for name, share in shares)
+        rows.append([str(entry["choice"]), _ids(entry["saw"]), _ids(entry["scored_on"]), words or "–"])
+    return rows
+
+
+# Next experiment ------------------------------------------------------------------------------------------------
+
+
+def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
+    if not found.get("proposals"):
+        return None
+    rows = []
+    for p in found["proposals"]:
+        changed = [
+            Markup("{} = {}").format(symbol_html(name), with_unit(number(value), _CONSTANTS.get(name, "1")))
+            for name, value in p.get("constants", {}).items()
+        ]
+        success = _known(p.get("success"))
+        rows.append(
+            [
+                Markup("{}, {}").format(p["waveform"], count(len(p["frequency_hz"]), "reading")),
+                _span(p["frequency_hz"], "Hz"),
+                _span(p["amplitude_v"], "V"),
+                listed(changed) if changed else "as it is",
+                f"{_known(p['separation']):.2f} nats",
+                _share(success),
+            ]
+        )
+    about = str(found.get("about", ""))
+    tells = about.startswith("tells ")
+    return {"about": _about(about), "tells": tells, "rows": rows if tells else [row[:-1] for row in rows]}
+
+
+def _about(text: str) -> Markup | str:
+    """What proposals are for: the record names causes and parameters by their ids."""
+    verb, _, what = text.partition(" ")
+    if verb == "tells" and " from " in what:
+        first, second = what.split(" from ", 1)
+        return Markup("tells {} from {}").format(*(_model(_split(ids)) for ids in (first, second)))
+    known = _PARAMETERS.get(what)
+    return Markup("determines {}").format(_parameter(what, known.description)) if verb and known else text
+
+
+def _split(ids: str) -> list[str]:
+    """A set of causes as the record writes it in words."""
+    return [] if ids in ("baseline", "the baseline") else ids.split(" + ")
+
+
+def _span(values: Sequence[float], unit: str) -> str:
+    low, high = min(values), max(values)
+    text = number(low) if math.isclose(low, high) else interval(low, high)
+    return with_unit(text, unit)
+
+
+# Numerics and provenance ----------------------------------------------------------------------------------------
+
+
+def _short(value: object) -> str:
+    """Two digits."""
+    x = _known(value)
+    return exact(float(f"{x:.1e}")) if math.isfinite(x) else "–"
+
+
+def _numerics(n: Mapping[str, Any]) -> dict[str, Any] | None:
+    if not n:
+        return None
+    tolerance = n.get("tolerance")
+    return {
+        "engine": n["engine"],
+        "exact": n["engine"] == "closed form",
+        "converged": n["converged"],
+        "error": _short(n["error"]),
+        "required": _short(n["required"]),
+        "n_points": n["n_points"],
+        "rows": [
+            [
+                _short(r["tolerance"]) + (" (used)" if r["tolerance"] == tolerance else ""),
+                _short(r["worst"]),
+                _short(r["median"]),
+            ]
+            for r in n["refinement"]
+        ],
+        "rate": _short(n["fastest_rate"]),
+        "limit_us": number(1e6 * _known(n["stable_step"])),
+        "common_us": number(1e6 * _known(n["common_step"])),
+        "stable": _known(n["stable_step"]) >= _known(n["common_step"]),
+    }
+
+
+def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
+    facts: list[list[Any]] = [
+        ["Data", result.title],
+        ["Source", experiment.source or "not given"],
+        ["Groups", _ids(result.groups)],
+        ["Training groups of the strict protocol", _ids(result.training)],
+        ["Seed", str(result.seed)],
+        ["Kind of run", "quick: the verdict alone" if result.quick else "full"],
+        ["Predictions of the adopted model", result.predictions],
+        ["Fingerprint of the data (SHA-256)", result.fingerprint],
+        ["Versions", ", ".join(f"{name} {version}" for name, version in result.versions.items())],
+        ["Time taken", ", ".join(f"{name} {_known(s):.1f}{NBSP}s" for name, s in result.seconds.items()) or "–"],
+    ]
+    if result.command:
+        facts.insert(2, ["Command", result.command])
+    return facts

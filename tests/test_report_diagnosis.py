@@ -1,0 +1,355 @@
+"""The report of a diagnosis, built from a made-up record: no simulation, no search."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict, replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psafit.diagnose.gain import Gain, GroupGain
+from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
+from psafit.experiment import Constants, Experiment, Group, fingerprint
+from psafit.records import plain
+from psafit.report import diagnosis_pictures
+from psafit.report.diagnosis import write_diagnosis
+
+CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
+HOSTILE = "<script>alert(1)</script> </style> \"quoted\" 'single' & {{ 7 * 7 }} $x_"
+NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
+SECTIONS = [
+    "What is wrong", "Causes", "Alternatives", "What remains", "Gain", "Next experiment", "Numerics", "Provenance",
+]  # fmt: skip
+
+# A record by hand ------------------------------------------------------------------------------------------------
+
+
+def make_experiment(last: int | str = 3) -> Experiment:
+    f, v = np.geomspace(100, 2e4, 24), np.linspace(2.0, 20.0, 14)
+    groups = (
+        Group(1, "sine", "1.csv", f, np.full(24, 20.0), 300 * (f / 100) ** -0.9),
+        Group(2, "square", "2.csv", np.full(14, 1200.0), v, np.maximum(0.05 * (v - 3.0) ** 2 * (v > 3), 0.0)),
+        Group(last, "sine", "3.csv", [500, 500, 900, 900], [10, 20, 10, 20], [3.0, 6.0, 4.0, 9.0]),
+    )
+    return Experiment("Made-up rig", "nowhere", CONSTANTS, groups, Path("x"), fingerprint(CONSTANTS, groups))
+
+
+def parameters(*names: str, sampled: bool = True) -> dict:
+    units = {"k_c": "N/m", "hysteresis_strength": "1", "hysteresis_voltage": "V", "sigma_abs": "um"}
+    return {
+        n: {"median": 4.1e5, "lower": 3.8e5 if sampled else 4.1e5, "upper": 4.4e5 if sampled else 4.1e5,
+            "unit": units[n], "description": f"what {n} means", "prior_share": 0.985}
+        for n in names
+    }  # fmt: skip
+
+
+def lack_of_fit(p_value: float, character: str, last: int | str) -> dict:
+    return {
+        "p_value": p_value, "character": character, "odd_groups": [last], "odd_points": [[1, 3]],
+        "statistics": [
+            {"name": "runs along the sweep", "kind": "mean", "group": last, "value": 7.0, "excess": 2.41,
+             "p_value": 0.003, "significant": True},
+            {"name": "spread of sizes", "kind": "spread", "group": None, "value": 1.0, "excess": -0.2,
+             "p_value": 0.4, "significant": False},
+        ],
+        "n_simulated": 999, "refit": "exact",
+    }  # fmt: skip
+
+
+def growth(shift: float) -> list[dict]:
+    at = np.geomspace(200, 1e4, 8)
+    slope = -0.9 + 0.0 * at
+    return [
+        {"group": 1, "variable": "frequency", "at": at.tolist(), "measured": slope.tolist(),
+         "lower": (slope - 0.2).tolist(), "upper": (slope + 0.2).tolist(), "simulated": (slope + shift).tolist()},
+        {"group": 2, "variable": "amplitude", "at": [], "measured": [], "lower": [], "upper": [], "simulated": []},
+    ]  # fmt: skip
+
+
+def gain(protocol: str, last: int | str) -> dict:
+    rows = [
+        GroupGain(g, ["hysteresis"], [1], 0.9, 0.2 + 0.1 * k, -300.0, -120.5, 0.42, 0.91)
+        for k, g in enumerate((2, last))
+    ]
+    ledger = [{"choice": "causes, parameters and scatter", "saw": [1], "scored_on": [2, last],
+               "models": {"hysteresis": 0.8, "baseline": 0.2}}]  # fmt: skip
+    return asdict(
+        Gain(protocol, rows, 0.912, 0.254, [-0.71, -0.52], -600.0, -241.0, [310.0, 402.0], 0.42, 0.91, ledger,
+             f"predictions-{protocol}.csv")
+    )  # fmt: skip
+
+
+def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagnosis:
+    last = experiment.ids[-1]
+    measured = np.concatenate([g.launch_range_um for g in experiment.groups])
+    where = [
+        {"group": last, "variable": "amplitude", "from": 10.0, "to": 20.0,
+         "text": f"group {last}, 10 to 20 V: predictions too small by a factor of 2.50 (8.1 standard deviations)"}
+    ]  # fmt: skip
+    evidence = {
+        "log_evidence": -412.0, "over_baseline": 151.2, "gain": 163.4, "error": 0.04, "effective_draws": 2210.0,
+        "pareto_k": 0.31, "method": "adaptive importance sampling", "prior_width": {"half": -0.6, "twice": 0.3},
+    }  # fmt: skip
+    fitted = parameters("k_c", "hysteresis_strength", "hysteresis_voltage", "sigma_abs")
+    laplace = {"log_evidence": -560.0, "over_baseline": 0.0, "gain": 0.0, "method": "Laplace"}
+    return Diagnosis(
+        schema=1, verdict="ambiguous", named=["hysteresis"], alternatives=[["gap", "slew_limit"], ["preload"]],
+        causes=[
+            CauseResult(["hysteresis"], 0.61, fitted, evidence, ["hysteresis_voltage"]),
+            CauseResult(["gap", "slew_limit"], 0.31, parameters("k_c"), evidence | {"over_baseline": 150.5}, []),
+            CauseResult([], 0.0002, parameters("k_c", sampled=False), laplace, []),
+        ],
+        misfit={
+            "p_value": 0.001, "where": where, "baseline": lack_of_fit(0.001, "physics", last),
+            "extended": lack_of_fit(0.31, "none", last) | {"where": []},
+            "leftover": {"log_bayes": -1.2, "amplitude": 0.04, "level": 0.02, "reach": 0.7, "sigma_rel": 0.051,
+                         "groups": [{"group": g, "mean": 0.01, "largest": 0.05} for g in experiment.ids],
+                         "mean": [0.02] * measured.size, "sd": [None] + [0.03] * (measured.size - 1)},
+        },
+        numerics={
+            "identity": "ab", "engine": "stepper", "tolerance": 1e-5, "n_sets": 1, "n_points": 42,
+            "refinement": [{"tolerance": 1e-3, "worst": 2e-4, "median": 1e-6},
+                           {"tolerance": 1e-5, "worst": 3.1e-7, "median": 1e-9}],
+            "error": 3.1e-7, "required": 1e-5, "converged": True, "fastest_rate": 2.8e6, "stable_step": 9.9e-7,
+            "common_step": 1e-6, "common_growth": 1.035,
+        },
+        gain={"strict": gain("strict", last), "nested": gain("nested", last)},
+        next_experiment={
+            "about": "tells hysteresis from gap + slew_limit",
+            "proposals": [
+                {"text": "", "waveform": "sine", "frequency_hz": [100.0, 2e4], "amplitude_v": [20.0, 20.0],
+                 "constants": {"l": 0.075}, "separation": 12.5, "success": 0.93},
+                {"text": "", "waveform": "square", "frequency_hz": [500.0, 500.0], "amplitude_v": [2.0, 20.0],
+                 "constants": {}, "separation": 1.5, "success": float("nan")},
+            ],
+        },
+        predictions="predictions-diagnosis.csv",
+        sentences=["3 sets of causes explain these readings about equally well."],
+        unnamed=0.03,
+        screening=[
+            ScreeningResult("hysteresis", "present", 120.0, 163.4, 118.0, 0.31, "1", 14.0, 0.64),
+            ScreeningResult("gap", "not present", 3.0, 4.4, -1.0, 2e-7, "m", 5.0, 0.33),
+            ScreeningResult("swing_drag", "could not have been seen", 0.0, 0.01, -0.2, 0.1, "1", 0.3, 0.02),
+        ],
+        show={
+            "baseline": {"growth": growth(0.5), "predicted_um": (0.4 * measured + 0.1).tolist(), "parameters": {},
+                         "drift": [{"parameter": "k_c", "variable": "amplitude", "gain": 90.2, "factor": 3.3},
+                                   {"parameter": "c_s", "variable": "range", "gain": 9.0, "factor": 8103.0}]},
+            "extended": {"growth": growth(0.02), "predicted_um": (1.05 * measured).tolist(), "parameters": {},
+                         "drift": [{"parameter": "k_c", "variable": "amplitude", "gain": 0.7, "factor": 1.1}]},
+        },
+        ledger=[{"choice": "verdict", "saw": list(experiment.ids), "scored_on": []}, *gain("strict", last)["ledger"]],
+        title=title, fingerprint=experiment.fingerprint, groups=list(experiment.ids), training=[1], seed=7, quick=False,
+        versions={"psafit": "0.1.0", "python": "3.11.7"}, command="psafit diagnose experiments/made-up --group 1",
+        seconds={"causes": 12.5},
+    )  # fmt: skip
+
+
+def quick(record: Diagnosis) -> Diagnosis:
+    return replace(record, quick=True, gain={}, next_experiment={}, ledger=record.ledger[:1])
+
+
+def adequate(record: Diagnosis) -> Diagnosis:
+    misfit = {
+        "p_value": 0.44,
+        "where": [],
+        "baseline": record.misfit["extended"] | {"odd_groups": [], "odd_points": []},
+    }
+    return replace(
+        quick(record), verdict="adequate", named=[], alternatives=[], causes=record.causes[-1:], misfit=misfit,
+        show={"baseline": record.show["baseline"]}, sentences=["The tests find nothing wrong with the baseline."],
+        screening=[s for s in record.screening if s.verdict != "present"],
+    )  # fmt: skip
+
+
+def unexplained(record: Diagnosis) -> Diagnosis:
+    """No cause helps: nothing is named, and the record has no extension."""
+    misfit = {k: v for k, v in record.misfit.items() if k != "extended"}
+    return replace(
+        record, verdict="unexplained", named=[], alternatives=[], causes=record.causes[-1:], misfit=misfit,
+        show={"baseline": record.show["baseline"]}, next_experiment={
+            "about": "determines k_c", "proposals": record.next_experiment["proposals"][1:]},
+    )  # fmt: skip
+
+
+# Reading it back -------------------------------------------------------------------------------------------------
+
+
+class Reader(HTMLParser):
+    """Tags with their attributes, and the text between them."""
+
+    def __init__(self, html: str):
+        super().__init__(convert_charrefs=True)
+        self.html = html
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self._hidden = 0
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self._hidden += tag == "style"
+
+    def handle_endtag(self, tag):
+        self._hidden -= tag == "style"
+
+    def handle_data(self, data):
+        if not self._hidden:
+            self.texts.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join("".join(self.texts).replace("\xa0", " ").split())
+
+    @property
+    def headings(self) -> list[str]:
+        return re.findall(r"<h2[^>]*>([^<]*)</h2>", self.html)
+
+    @property
+    def first_screen(self) -> str:
+        return Reader(self.html[self.html.index('class="summary"') : self.html.index("<h2")]).text
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attrs for name, attrs in self.tags if name == tag]
+
+
+def build(record: Diagnosis, experiment: Experiment, folder: Path) -> Reader:
+    return Reader(write_diagnosis(record, experiment, folder).read_text("utf-8"))
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are made, but not drawn: for tests of the text."""
+    monkeypatch.setattr(diagnosis_pictures, "figure_data_uri", lambda figure, **_: "data:image/png;base64,")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Reader:
+    folder = tmp_path_factory.mktemp("secret-place")
+    experiment = make_experiment(HOSTILE)
+    return build(make_record(experiment, title=HOSTILE), experiment, folder)
+
+
+def test_sections_are_there_in_order(page):
+    assert page.headings == SECTIONS
+    targets = {attrs.get("id") for _, attrs in page.tags}
+    links = [attrs["href"] for attrs in page.all("a")]
+    assert len(links) > 8 and {link.removeprefix("#") for link in links} <= targets
+
+
+def test_first_screen_answers(page):
+    text = page.first_screen
+    assert text.index("ambiguous") < text.index("Examined: 42 readings of groups 1, 2 and")
+    assert "and 3 candidate causes" in text.replace("against the study’s model, the baseline, ", "")
+    assert "No: of data sets made by the fitted baseline itself, under 1 % look at least as odd (p ≤ 0.001)" in text
+    assert "hysteresis of the stack (probability 61 %)" in text
+    assert "goes from ×2.49 to ×1.29" in text
+    assert "Baseline off by ×" in text and "extended model off by ×" in text
+    assert "22,000 times" in text
+    assert "tells hysteresis of the stack from gap at rest + slew-limited amplifier" in page.text
+
+
+def test_record_is_shown(page):
+    for expected in (
+        "10 to 20 V: predictions too small by a factor of 2.50 (8.1 standard deviations)",
+        "+151.2 ± 0.04", "−0.6 / +0.3", "2210 effective draws, Pareto k 0.31", "98.5 %", "1 value implausible",
+        "(3.80 to 4.40) × 10⁵ N/m", "not sampled", "90.2 nats", "0.7 nats", "×3.30", "more than ×8000",
+        "could not have been seen", "not present", "runs along the sweep", "reading 4 of group 1",
+        "−1.2 nats over none", "Mean log RMSE 0.912 before, 0.254 after; change −0.710 to −0.520",
+        "change +310.0 to +402.0 nats", "0.900 (×2.46)", "+179.5", "42 % / 91 %", "hysteresis of the stack 80 %",
+        "12.50 nats", "93 %", "l = 0.0750 m", "judged by the expansion only", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
+        "psafit diagnose experiments/made-up --group 1",
+    ):  # fmt: skip
+        assert expected in page.text.replace("3.1 × 10⁻⁷", "3.1·10⁻⁷"), expected
+    assert not re.search(r"\bum\b", page.text)
+    assert not NOT_A_NUMBER.search(page.text)
+
+
+def test_hostile_text_is_escaped(page):
+    assert "<script" not in page.html.lower()
+    assert page.html.count("</style>") == 1
+    assert HOSTILE in page.text and f"Group {HOSTILE}" in page.text
+    allowed = {"class", "id", "href", "src", "alt", "lang", "charset", "name", "content", "scope", "role", "tabindex",
+               "aria-label", "open"}  # fmt: skip
+    assert {name for _, attrs in page.tags for name in attrs} <= allowed
+
+
+def test_page_stands_alone(page):
+    images = page.all("img")
+    assert len(images) == 3 + 1 + 2 + 3 + 2  # groups, growth, screening, leftover, gain
+    assert all(len(i["alt"] or "") > 30 and (i["src"] or "").startswith("data:image/") for i in images)
+    assert len({i["alt"] for i in images}) == len(images)
+    assert not page.all("link") and not page.all("iframe")
+    assert not re.search(r"https?://|url\(|@import", re.sub(r"data:image/[^\"]*", "", page.html))
+    assert "secret-place" not in page.html
+    assert len(page.html) < 5e6
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("change", "said", "not_said"),
+    [
+        (
+            quick,
+            ["Not measured: a quick diagnosis", "None proposed"],
+            ["every other group scored", "Measured on readings"],
+        ),
+        (adequate, ["Is the baseline adequate? Yes", "No extension was adopted", "No other set"], ["No cause of the"]),
+        (
+            unexplained,
+            ["No cause of the catalogue explains it", "best determines kc contact stiffness"],
+            ["Success", "Extended"],
+        ),
+    ],
+)
+def test_empty_parts_are_said(change, said, not_said, tmp_path):
+    experiment = make_experiment("third")
+    page = build(change(make_record(experiment)), experiment, tmp_path)
+    assert page.headings == SECTIONS
+    for text in said:
+        assert text in page.text
+    for text in not_said:
+        assert text not in page.text
+    assert not NOT_A_NUMBER.search(page.text)
+
+
+def test_one_group(tmp_path):
+    """Nothing can be held out, and a single condition has no sweep."""
+    group = Group("only one", "sine", "1.csv", [900.0, 900.0], [20.0, 20.0], [3.0, 0.0])
+    experiment = Experiment("One", "", CONSTANTS, (group,), Path("x"), fingerprint(CONSTANTS, (group,)))
+    record = make_record(experiment)
+    show = {k: {"growth": [], "drift": [], "predicted_um": [2.0, 2.5]} for k in record.show}
+    page = build(
+        replace(record, gain={}, training=["only one"], show=show, ledger=record.ledger[:1]), experiment, tmp_path
+    )  # fmt: skip
+    assert page.headings == SECTIONS
+    assert "there is no group that could be held out" in page.text
+    assert "No sweep has enough neighbouring readings" in page.text
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_record_read_back_gives_the_same_page(tmp_path):
+    """What was not a number is null in the file."""
+    experiment = make_experiment()
+    record = make_record(experiment)
+    stored = replace(record, misfit=plain(record.misfit), next_experiment=plain(record.next_experiment))
+    first, second = (build(r, experiment, tmp_path / name) for r, name in ((record, "a"), (stored, "b")))
+    assert first.html == second.html
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_adopted_model_that_is_not_listed(tmp_path):
+    """Where an unnamed discrepancy takes all the probability, the record lists the baseline alone."""
+    experiment = make_experiment()
+    record = make_record(experiment)
+    show = record.show | {"extended": record.show["extended"] | {"parameters": {"k_c": 3.21e6}}}
+    page = build(
+        replace(record, verdict="unexplained", unnamed=1.0, causes=record.causes[-1:], show=show), experiment, tmp_path
+    )  # fmt: skip
+    assert "The best extension is hysteresis of the stack, but structure remains" in page.text
+    assert "3.21 × 10⁶ N/m" in page.text and "The adopted model is not among those listed" in page.text
+    assert not NOT_A_NUMBER.search(page.text)
