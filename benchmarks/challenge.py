@@ -75,9 +75,16 @@ def positive(text: str) -> int:
     return value
 
 
+def seed(text: str) -> int:
+    value = int(text)
+    if not 0 <= value < 2**32:
+        raise argparse.ArgumentTypeError(f"{text} is not from 0 to {2**32 - 1}")
+    return value
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=seed, default=1)
     parser.add_argument("--jobs", type=positive, default=2, help="processes")
     parser.add_argument("--limit", type=positive, help="only the first so many data sets of the plan")
     parser.add_argument("--out", type=Path, default=Path("fits/challenge"))

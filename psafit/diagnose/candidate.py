@@ -134,7 +134,8 @@ def fit(
         costs.
     """
     rows = [widened(problem, c.problem.to_physical(u), c.problem.names) for c in nested for u in c.modes[:2]]
-    # A cause at its neutral value is a ridge that climbs may leave and not find again: the first is followed to the end.
+    # A cause at its neutral value is a ridge that climbs may leave and not find again: the first is followed to the
+    # end.
     neutral = np.vstack([r[:1] for r in rows[:2]]) if nested else np.empty((0, problem.n_dim))
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.

@@ -20,6 +20,7 @@ from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import Misfit, examine
 from psafit.diagnose.record import RESULT, SCHEMA, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
@@ -186,11 +187,12 @@ def _protocols(
 
 
 def _causes(ladder: Ladder, verdict: Verdict, seed: int) -> list[CauseResult]:
-    shown = [c for c in ladder.candidates if verdict.probability[c.ids] >= _LEAST][:_SHOWN]
-    if ladder.baseline not in shown:
-        shown.append(ladder.baseline)
+    shown = [c for c in ladder.candidates if ladder.probability[c.ids] >= _LEAST][:_SHOWN]
+    for always in (ladder.leader, ladder.baseline):
+        if always not in shown:
+            shown.append(always)
     # What the verdict names comes first.
-    shown.sort(key=lambda c: (c.ids != verdict.named, -verdict.probability[c.ids]))
+    shown.sort(key=lambda c: (c.ids != verdict.named, -ladder.probability[c.ids]))
     return [_cause(ladder, verdict, c, seed) for c in shown]
 
 
@@ -208,7 +210,8 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate, seed: int) ->
             "median": median, "lower": lower, "upper": upper, "unit": p.unit, "description": p.description,
             "prior_share": at,
         }  # fmt: skip
-        if i < problem.n_physical and _is_implausible(p, median, at):
+        # The scatter, too: one far above its prior hides a misfit.
+        if (i < problem.n_physical or i >= problem.n_model) and _is_implausible(p, median, at):
             implausible.append(p.name)
     evidence: dict[str, Any] = {
         "log_evidence": ladder.log_evidence[candidate.ids],
@@ -261,15 +264,22 @@ def _screening(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
     found = [
         ScreeningResult(
             s.term.id,
-            # The refit knows better than the expansion what a cause can do.
-            "present" if verdict.inclusion.get(s.term.id, 0.0) > 0.5 else
-            "not present" if s.visible >= 2.5 else "could not have been seen",
+            _word(s, ladder, verdict),
             float(s.gain[s.best]), ladder.gain((s.term.id,)), s.log_bayes, float(s.strength[s.best]),
             s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
         )
         for s in ladder.screened
     ]  # fmt: skip
     return sorted(found, key=lambda s: -s.refit_gain)
+
+
+def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
+    """What the whole ladder says of one cause; the refit knows better than the expansion what it can do."""
+    if verdict.inclusion.get(found.term.id, 0.0) > 0.5:
+        return "present"
+    if ladder.gain((found.term.id,)) >= PRESENT:
+        return "present, or in the place of another cause"
+    return "not present" if found.visible >= VISIBLE else "could not have been seen"
 
 
 def _tests(misfit: Misfit) -> dict[str, Any]:
@@ -295,7 +305,7 @@ def _where(misfit: Misfit) -> list[dict[str, Any]]:
                 "variable": p.variable,
                 "from": p.lower,
                 "to": p.upper,
-                "text": f"group {p.group}, {p.lower:.4g} to {p.upper:.4g} {unit[p.variable]}: predictions {side} by a"
+                "text": f"group {p.group}, {p.lower:.6g} to {p.upper:.6g} {unit[p.variable]}: predictions {side} by a"
                 f" factor of {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)",
             }
         )

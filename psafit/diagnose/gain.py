@@ -3,8 +3,8 @@ r"""What the extension is worth on data that no choice has seen.
 *strict*: ladder and fit see the training groups only; every other group is scored. *nested*: for each group, ladder and
 fit see all the others; that group is scored. The extended model of a split predicts with Bayesian model averaging over
 the models that its own ladder found, weighted by their probabilities: averaging is what a reader should do who cannot
-tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error metric) and
-its predictive density (the log score). A ledger says which groups each choice saw.
+tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error metric)
+and its predictive density (the log score). A ledger says which groups each choice saw.
 
 Uncertainty: readings of one group are not independent, so groups are drawn with replacement, and within each group
 blocks of five neighbours in the sweep.

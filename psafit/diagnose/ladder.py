@@ -2,16 +2,17 @@ r"""The ladder: from every cause alone to combinations of up to four, and a prob
 
 1. The baseline is fitted; every cause is screened by expansion (`psafit.diagnose.screening`) and then fitted in
    earnest, alone: expansions at a badly wrong fit may mislead.
-2. From the best models so far (the beam) each of the most promising further causes is added, and the larger model
-   fitted. This goes on while a larger model gains more than it costs, up to four causes.
+2. From the best models so far (the beam: the best, and the best that have no cause in common with it) each of the most
+   promising further causes is added, and the larger model fitted. This goes on while a larger model gains more than
+   it costs, up to four causes.
 3. Each cause of the leader is exchanged for those that promise most in its place: rivals that a beam has dropped.
 4. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
    them and the prior probabilities below.
 
-*Prior over models.* The number of causes that matter is 0 to 4 with weights 0.4, 0.36, 0.16, 0.06, 0.02, shared equally by
-all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one cause, and each further cause
-is about as surprising as the first. Models that were not fitted are counted with the evidence that the expansion
-gives them, so that a leader is not certain only because its rivals were not tried.
+*Prior over models.* The number of causes that matter is 0 to 4 with weights 0.4, 0.36, 0.16, 0.06, 0.02, shared
+equally by all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one cause, and
+each further cause is about as surprising as the first. Models that were not fitted are counted with the evidence that
+the expansion gives them, so that a leader is not certain only because its rivals were not tried.
 """
 
 from __future__ import annotations
@@ -45,8 +46,6 @@ _BEAM, _TRIED = 3, 6
 _SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
 # Rounds in which causes of the leader are exchanged, and exchanges tried for each.
 _SWAPS, _SWAPPED = 2, 4
-# A model this far below the best is not grown.
-_FERTILE = 8.0
 # A model this far below the best (nats of evidence and prior) is not weighed.
 _HOPELESS = 7.0
 _WEIGHED = 6
@@ -149,8 +148,7 @@ def climb(
         return max(worth(c) for c in fitted.values())
 
     for size in range(1, min(MOST_CAUSES, n)):
-        parents = sorted((c for c in fitted.values() if len(c.terms) == size), key=worth, reverse=True)[:_BEAM]
-        parents = [c for c in parents if worth(c) > best() - _FERTILE][: _BEAM if size == 1 else _BEAM - 1]
+        parents = _parents([c for c in fitted.values() if len(c.terms) == size], worth)
         wanted: dict[Ids, tuple[Problem, list[Candidate], list[FloatArray]]] = {}
         for parent in parents:
             progress(f"{' + '.join(parent.ids)}: what else", 0, 1)
@@ -237,6 +235,20 @@ def _weigh(memory: Memory, candidate: Candidate, seed: int) -> Weighed:
     numbers = {name: float(a) for name, a in found.items() if a.ndim == 0}
     n_sets = int(numbers.pop("n_sets"))
     return Weighed(draws, weights, n_sets=n_sets, **numbers)
+
+
+def _parents(candidates: list[Candidate], worth: Callable[[Candidate], float]) -> list[Candidate]:
+    """Models to grow: the best, and the best that have no cause in common with those before.
+
+    The best single cause may lead into a valley: of a combination, each part alone may explain little.
+    """
+    left = sorted(candidates, key=worth, reverse=True)
+    chosen: list[Candidate] = []
+    while left and len(chosen) < _BEAM:
+        used = {t for c in chosen for t in c.terms}
+        chosen.append(next((c for c in left if not used & set(c.terms)), left[0]))
+        left.remove(chosen[-1])
+    return chosen
 
 
 def _promising(

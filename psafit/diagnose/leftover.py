@@ -6,9 +6,9 @@ Around a fit the readings are, relative to the predictions,
     g \sim \mathcal{GP}\big(0,\; a^2 e^{-\Delta^2/2\ell^2} \delta_{gg'} + b^2 \delta_{gg'}\big),
 
 a smooth function of each sweep's logarithmic variable, and a level of each group. The fit's own parameters
-:math:`\delta` are integrated out with their prior (M. C. Kennedy and A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425), so the
-discrepancy shown is what they cannot imitate. Its evidence against `a = b = 0`, both integrated over the scatter by
-Laplace's method, makes "none of my causes" a hypothesis that competes with the causes on equal terms.
+:math:`\delta` are integrated out with their prior (M. C. Kennedy and A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425),
+so the discrepancy shown is what they cannot imitate. Its evidence against `a = b = 0`, both integrated over the
+scatter by Laplace's method, makes "none of my causes" a hypothesis that competes with the causes on equal terms.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from psafit.inference import noise
 
 FloatArray = NDArray[np.float64]
 
-# Log-normal priors: amplitude of the smooth part and of the levels (a tenth, within a factor of three), and its reach in
-# the logarithm of the swept variable (a factor of two in frequency, within a factor of two).
+# Log-normal priors: amplitude of the smooth part and of the levels (a tenth, within a factor of three), and its reach
+# in the logarithm of the swept variable (a factor of two in frequency, within a factor of two).
 _AMPLITUDE, _REACH = (math.log(0.1), math.log(3.0)), (math.log(0.7), math.log(2.0))
 # A reading this many standard deviations off, with neighbours less than half as far, is an outlier.
 _LONE = 3.0

@@ -8,7 +8,8 @@ fit are not independent: data are simulated from the fit, refitted, and give eve
 
 The family has one p-value: every statistic is expressed in units of its own law (how far above the median, against
 the distance from the median to the 95 % point), the largest is the family's, and its rank among the same quantity
-of the simulated data is the p-value. A statistic counts as significant by itself when it exceeds the family's 95 % point.
+of the simulated data is the p-value. A statistic counts as significant by itself when it exceeds the family's 95 %
+point.
 """
 
 from __future__ import annotations

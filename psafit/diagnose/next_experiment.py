@@ -1,10 +1,10 @@
 r"""Which measurement would tell tied causes apart, or a weakly determined parameter best.
 
-Each proposal is a sweep within the limits of what was measured (or one changed constant of the rig), read with the fitted
-scatter. For two models with posterior draws, readings are simulated from one, and the log ratio of both models'
-posterior predictive densities of these readings (each a mixture over its draws) is what the readings would add to the
-log odds. Its mean over many simulated experiments is the expected separation; the share of them in which the
-right model wins by three nats is how often the proposal works: measured data drawn from each tied cause, judged
+Each proposal is a sweep within the limits of what was measured (or one changed constant of the rig), read with the
+fitted scatter. For two models with posterior draws, readings are simulated from one, and the log ratio of both
+models' posterior predictive densities of these readings (each a mixture over its draws) is what the readings would
+add to the log odds. Its mean over many simulated experiments is the expected separation; the share of them in which
+the right model wins by three nats is how often the proposal works: measured data drawn from each tied cause, judged
 again.
 """
 
@@ -109,11 +109,13 @@ def propose(leader: Candidate, draws: Weighed, rival: tuple[Candidate, Weighed] 
 
 
 def weakest(leader: Candidate, draws: Weighed) -> int:
-    """Index of the physical parameter that the readings narrow least, against its prior."""
+    """Index of the physical parameter that the readings narrow least, against its prior; spreads of sessions aside."""
     u = draws.resampled(_DRAWS)[:, : leader.problem.n_physical]
     q = leader.problem.prior_transform(np.array([[0.16] * leader.problem.n_dim, [0.84] * leader.problem.n_dim]))
     prior = 0.5 * (q[1] - q[0])[: leader.problem.n_physical]
-    return int(np.argmax(u.std(axis=0) / prior))
+    hyper = {t.strength.name for t in leader.terms if t.latent}  # more sessions tell of it, not more readings
+    ratio = np.where([name in hyper for name in leader.problem.names[: u.shape[1]]], 0.0, u.std(axis=0) / prior)
+    return int(np.argmax(ratio))
 
 
 @dataclass(frozen=True, eq=False)

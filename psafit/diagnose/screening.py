@@ -35,9 +35,9 @@ _QUANTILES = (0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
 _ITERATIONS = 12
 # Whitened size of a plausible effect, after the refit, below which a cause could not have been seen: power of one half
 # for a gain of two and a half standard deviations.
-_VISIBLE = 2.5
+VISIBLE = 2.5
 # Gain (nats) from which a cause counts as present in the table: 2 ln 20, one in twenty of a causes' list of twenty.
-_PRESENT = 3.0
+PRESENT = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +75,9 @@ class Screened:
     @property
     def verdict(self) -> str:
         """In words: "present", "not present", or "could not have been seen"."""
-        if self.gain[self.best] >= _PRESENT and self.log_bayes > 0:
+        if self.gain[self.best] >= PRESENT and self.log_bayes > 0:
             return "present"
-        return "not present" if self.visible >= _VISIBLE else "could not have been seen"
+        return "not present" if self.visible >= VISIBLE else "could not have been seen"
 
 
 def extended(problem: Problem, term: Term, catalogue: Sequence[Term]) -> Problem:

@@ -1,4 +1,4 @@
-r"""Show what is wrong, in the user's language: growth with voltage and frequency, and parameters that would have to drift.
+r"""Show what is wrong, in the user's language: growth with voltage and frequency, and parameters that had to drift.
 
 *Growth.* Local exponents :math:`\partial\ln L/\partial\ln V` and :math:`\partial\ln L/\partial\ln f` of readings and
 predictions, by straight lines through windows of neighbouring readings of one sweep, each reading with its scatter.
@@ -60,8 +60,8 @@ class Drift:
     gain : float
         Nats, in the expansion, with the scatter refitted.
     factor : float
-        Factor by which the parameter would have to change from the low end to the high end (for a parameter that is
-        no scale: change in its prior's standard deviations).
+        Factor by which a scale would have to change from the low end of the covariate to the high end; of other
+        parameters, e to the change in its prior's standard deviations. At most e^9.
     """
 
     parameter: str

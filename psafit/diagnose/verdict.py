@@ -1,13 +1,15 @@
 r"""From the ladder, the tests and the leftover to a verdict.
 
 * ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
-* ``explained``: one set of causes holds alone: with its supersets that add nothing it has 95 % of the probability, and the
-  tests find nothing left once it is adopted.
+* ``explained``: one set of causes holds alone: with its supersets that add nothing it has 95 % of the probability,
+  and the tests find nothing left once it is adopted.
 * ``ambiguous``: several sets together have 95 %; each would do.
-* ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any cause.
+* ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
+  cause.
 
 *Supersets.* A model that contains the leader and is not better by three nats says "the leader, and perhaps more"; it is
-no rival to it. Rivals are the sets without which, beside the leader and its supersets, the probability stays below 95 %.
+no rival to it. Rivals are the sets without which, beside the leader and its supersets, the probability
+stays below 95 %.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ class Verdict:
     unnamed : float
         Probability of a discrepancy without a name, beside the best model that has one.
     inclusion : dict
-        Probability of each cause to be part of the truth.
+        Probability of each cause to be part of the truth, given that the catalogue holds it.
     reasons : tuple of str
         Sentences.
     """
@@ -77,9 +79,9 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     # The unnamed discrepancy beside the leader competes with all named models.
     unnamed = odds * leader_share / (1 + odds * leader_share)
     probability = {ids: p * (1 - unnamed) for ids, p in ladder.probability.items()}
-    everything = probability | {ids: p * (1 - unnamed) for ids, p in ladder.unfitted.items()}
     inclusion: dict[str, float] = {}
-    for ids, p in everything.items():
+    # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
+    for ids, p in (ladder.probability | ladder.unfitted).items():
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
     nothing = ladder.probability[()]
@@ -96,7 +98,8 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     if ladder.leader.ids == ():
         # Something is wrong, and no cause helps.
         reasons.append(
-            f"The tests find the baseline wrong (family-wise p = {before.p_value:.2g}), but no cause is more probable than it."
+            f"The tests find the baseline wrong (family-wise p = {before.p_value:.2g}), but no cause is more probable"
+            " than it."
             if before.wrong
             else "A discrepancy without a name is more probable than any cause."
         )
