@@ -22,7 +22,10 @@ FloatArray = NDArray[np.float64]
 
 # Climbs: iterations on a third of the readings, then on all of them, and how many go on after each.
 _TRIAL, _MIDDLE, _REST = (4, 5), (5, 2), (30, 2)
-_THIN = 3
+# ... and of a model that all others are built on, all on all readings.
+_THOROUGH = ((4, 24), (8, 12), (30, 6))
+# Fewer readings than this are not thinned.
+_THIN, _MANY = 3, 150
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
 # Importance sampling: degrees of freedom of the proposal, its widening, draws a round, and effective draws wanted.
@@ -140,16 +143,21 @@ def fit(
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [rows[0], *(r[:1] for r in rows[1:]), extra] if len(nested) == 1 else [*(r[:1] for r in rows), extra]
-    coarse = replace(problem, experiment=thinned(problem.experiment, _THIN))
+    thorough = not nested
+    thin = 1 if thorough or problem.observed.size < _MANY else _THIN
+    coarse = replace(problem, experiment=thinned(problem.experiment, thin)) if thin > 1 else problem
     n_sets = 0
     if draws and most:
         screened, used = starts_of(coarse, seed, most, draws)
         rows.append(screened)
-        n_sets += used // _THIN
+        n_sets += used // thin
     starts = np.vstack(rows)
+    if thorough:
+        full = ascend(problem, starts, schedule=_THOROUGH)
+        return settle(problem, full, n_sets + full.n_sets)
     trial = ascend(coarse, starts, schedule=(_TRIAL,))
     full = ascend(problem, np.vstack([neutral, trial.u]), schedule=(_MIDDLE, _REST))
-    return settle(problem, full, n_sets + trial.n_sets // _THIN + full.n_sets)
+    return settle(problem, full, n_sets + trial.n_sets // thin + full.n_sets)
 
 
 def settle(problem: Problem, end: Ascent, n_sets: int) -> Candidate:

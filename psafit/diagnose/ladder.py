@@ -13,6 +13,11 @@ r"""The ladder: from every cause alone to combinations of up to four, and a prob
 equally by all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one cause, and
 each further cause is about as surprising as the first. Models that were not fitted are counted with the evidence that
 the expansion gives them, so that a leader is not certain only because its rivals were not tried.
+
+*What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
+refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
+three nats is therefore counted with the set it is added to: a probability printed for {a, b} is that of "a and b are
+at work, and nothing else that these readings show".
 """
 
 from __future__ import annotations
@@ -39,6 +44,9 @@ Ids = tuple[str, ...]
 SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.02)
 """Prior probability of 0, 1, 2, 3, 4 causes."""
 
+VISIBLE_EVIDENCE = 3.0
+"""Evidence, nats, by which a further cause must improve a model to count as one of its own (20 to 1)."""
+
 MOST_CAUSES = 4
 # Models kept at each size, and causes tried on each of them.
 _BEAM, _TRIED = 3, 6
@@ -49,7 +57,8 @@ _SWAPS, _SWAPPED = 2, 4
 # A model this far below the best (nats of evidence and prior) is not weighed.
 _HOPELESS = 7.0
 _WEIGHED = 6
-_DRAWS_BASELINE, _DRAWS_CAUSE, _DRAWS_PAIR = 1024, 256, 128
+_DRAWS_BASELINE, _DRAWS_CAUSE, _DRAWS_PAIR = 4096, 256, 128
+_STARTS_BASELINE = 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +141,7 @@ def climb(
     kept = memory or Memory(None)
     fitted: dict[Ids, Candidate] = {}
     screenings: dict[Ids, tuple[Screened, ...]] = {}
-    baseline = _fit(kept, problem, (), seed, None, _DRAWS_BASELINE, 16)
+    baseline = _fit(kept, problem, (), seed, None, _DRAWS_BASELINE, _STARTS_BASELINE)
     fitted[()] = baseline
     screenings[()] = tuple(screen(baseline, catalogue))
     for k, found in enumerate(screenings[()]):
@@ -271,26 +280,28 @@ def rank(
     screenings: dict[Ids, tuple[Screened, ...]],
     n_catalogue: int,
 ) -> Ladder:
-    """Posterior probabilities of the models."""
+    """Posterior probabilities of the models, what adds nothing visible counted with what it is added to."""
     candidates = list(fitted)
-    known = {c.ids for c in candidates}
-    mass = {c.ids: evidence[c.ids] + log_prior(len(c.terms), n_catalogue) for c in candidates}
     order = [s.term.id for s in screenings[()]]
-    guessed: dict[Ids, float] = {}
+    value = dict(evidence)
     for ids, screened in screenings.items():
         for found in screened:
             larger = tuple(id for id in order if id in (*ids, found.term.id))
-            if larger in known or len(larger) > MOST_CAUSES:
-                continue
-            value = evidence[ids] + found.log_bayes + log_prior(len(larger), n_catalogue)
-            guessed[larger] = max(value, guessed.get(larger, -math.inf))
-    total = float(logsumexp([*mass.values(), *guessed.values()]))
-    probability = {ids: math.exp(m - total) for ids, m in mass.items()}
-    candidates.sort(key=lambda c: -mass[c.ids])
+            if larger not in evidence and len(larger) <= MOST_CAUSES:
+                value[larger] = max(evidence[ids] + found.log_bayes, value.get(larger, -math.inf))
+    mass = {ids: v + log_prior(len(ids), n_catalogue) for ids, v in value.items()}
+    total = float(logsumexp(list(mass.values())))
+    share = {ids: math.exp(m - total) for ids, m in mass.items()}
+    for ids in sorted(share, key=len, reverse=True):
+        within = [i for i in evidence if set(i) < set(ids) and value[ids] < evidence[i] + VISIBLE_EVIDENCE]
+        if within:
+            share[max(within, key=lambda i: mass[i])] += share[ids]
+            share[ids] = 0.0
+    candidates.sort(key=lambda c: (-share[c.ids], -mass[c.ids]))
     return Ladder(
         candidates=tuple(candidates),
-        probability=probability,
-        unfitted={ids: math.exp(m - total) for ids, m in guessed.items()},
+        probability={c.ids: share[c.ids] for c in candidates},
+        unfitted={ids: p for ids, p in share.items() if ids not in evidence and p > 0},
         log_evidence=evidence,
         weighed=weighed,
         screened=screenings[()],

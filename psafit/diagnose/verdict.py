@@ -1,15 +1,12 @@
 r"""From the ladder, the tests and the leftover to a verdict.
 
 * ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
-* ``explained``: one set of causes holds alone: with its supersets that add nothing it has 95 % of the probability,
-  and the tests find nothing left once it is adopted.
+* ``explained``: one set of causes has 95 % of the probability, and the tests find nothing left once it is adopted.
 * ``ambiguous``: several sets together have 95 %; each would do.
 * ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
   cause.
 
-*Supersets.* A model that contains the leader and is not better by three nats says "the leader, and perhaps more"; it is
-no rival to it. Rivals are the sets without which, beside the leader and its supersets, the probability
-stays below 95 %.
+Probabilities are those of `psafit.diagnose.ladder`: a set stands for its supersets that add nothing visible.
 """
 
 from __future__ import annotations
@@ -26,9 +23,6 @@ CREDIBLE = 0.95
 
 UNNAMED = 0.1
 """Prior probability that something is wrong which no cause of the catalogue describes."""
-
-# A superset counts as a model of its own where its evidence is better than the leader's by this (nats).
-_BETTER = 3.0
 
 
 @dataclass(frozen=True)
@@ -124,20 +118,11 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
 def _rivals(ladder: Ladder, named: Ids) -> tuple[Ids, ...]:
     """Sets that, with the named one, are needed for 95 % of the probability; best first."""
     share = ladder.probability | ladder.unfitted
-
-    def absorbed(ids: Ids) -> bool:
-        if not set(named) < set(ids):
-            return False
-        known = ladder.log_evidence.get(ids)
-        return known is None or known < ladder.log_evidence[named] + _BETTER
-
-    held = sum(p for ids, p in share.items() if ids == named or absorbed(ids))
-    rivals: list[Ids] = []
-    total = sum(share.values())
+    held, rivals = share[named], []
     for ids, p in sorted(share.items(), key=lambda item: -item[1]):
-        if held >= CREDIBLE * total:
+        if held >= CREDIBLE:
             break
-        if ids != named and not absorbed(ids):
+        if ids != named and p > 0:
             rivals.append(ids)
             held += p
     return tuple(rivals)
