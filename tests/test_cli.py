@@ -256,3 +256,27 @@ def test_help_lists_every_command(monkeypatch, capsys) -> None:  # type: ignore[
         assert name in text
         assert run(monkeypatch, name, "--help") == 0
         assert "PATH  Write" not in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_diagnose(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    out = tmp_path / "found"
+    for bad, words in (
+        (["--group", "9"], "9"),
+        (["--group", "1,1"], "not a list of different group ids"),
+        (["--group", "1", "--json", out / "diagnosis.json"], "file of the run itself"),
+    ):
+        assert run(monkeypatch, "diagnose", known_folder, *bad, "--out", out) == 2
+        told = capsys.readouterr()
+        assert words in told.err
+        assert told.err.count("\n") == 1
+        assert not out.exists()
+    copy = tmp_path / "copy.json"
+    assert run(monkeypatch, "diagnose", known_folder, "--group", "1", "--quick", "--out", out, "--json", copy) == 0
+    told = capsys.readouterr().out
+    assert "verdict: adequate" in told
+    assert json.loads(copy.read_text()) == json.loads((out / "diagnosis.json").read_text())
+    assert (out / "diagnosis.html").exists()
+    # Once more: the fits are kept.
+    assert run(monkeypatch, "diagnose", known_folder, "--group", "1", "--quick", "--out", out, "--quiet") == 0
+    assert capsys.readouterr().out == ""

@@ -37,7 +37,7 @@ from psafit.validate import predictive, write_predictions
 FloatArray = NDArray[np.float64]
 
 _DRAWS = 400
-_SIMULATED_QUICK, _SIMULATED = 299, 999
+_SIMULATED_QUICK, _SIMULATED = 199, 499
 # Models in the result; the rest of the ladder has less than this share.
 _SHOWN, _LEAST = 12, 1e-4
 # Outside this part of its prior, or this close to a bound (share of the bounds), a value is reported as implausible.
@@ -278,7 +278,7 @@ def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
     if verdict.inclusion.get(found.term.id, 0.0) > 0.5:
         return "present"
     if ladder.gain((found.term.id,)) >= PRESENT:
-        return "present, or in the place of another cause"
+        return "explains part alone"
     return "not present" if found.visible >= VISIBLE else "could not have been seen"
 
 

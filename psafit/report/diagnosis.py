@@ -49,7 +49,12 @@ _PARAMETERS: Final[dict[str, Parameter]] = {
     p.name: p for p in (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters), *noise.PARAMETERS)
 }
 _LATENTS: Final[dict[str, Parameter]] = {t.latent.name: t.latent for t in TERMS if t.latent}
-_SCREENED: Final = {"present": "bad", "not present": "good", "could not have been seen": "warn"}
+_SCREENED: Final = {
+    "present": "bad",
+    "explains part alone": "warn",
+    "not present": "good",
+    "could not have been seen": "warn",
+}
 _CHARACTERS: Final = {
     "none": "no particular character",
     "physics": "the misfit follows frequency, amplitude or size: the physics is wrong, not the scatter",

@@ -28,6 +28,7 @@ _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": (0, (
 _EXTENDED: Final[dict[str, Any]] = {"color": PALETTE["vermillion"], "linewidth": 1.9, "zorder": 2.5}
 _VERDICT_COLOR: Final = {
     "present": PALETTE["vermillion"],
+    "explains part alone": PALETTE["orange"],
     "not present": PALETTE["grey"],
     "could not have been seen": PALETTE["sky"],
 }
