@@ -53,7 +53,7 @@ _BEAM, _TRIED = 3, 6
 # ... of which so many by expansion and alone in any case; more only where the expansion promises this much (nats).
 _SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
 # Rounds in which causes of the leader are exchanged, and exchanges tried for each.
-_SWAPS, _SWAPPED = 2, 4
+_SWAPS, _SWAPPED = 4, 4
 # A model this far below the best (nats of evidence and prior) is not weighed.
 _HOPELESS = 7.0
 _WEIGHED = 6
@@ -150,8 +150,11 @@ def climb(
         one = _fit(kept, larger, (baseline,), seed, found.starts, _DRAWS_CAUSE, 12)
         fitted[one.ids] = one
 
+    weighed: dict[Ids, Weighed] = {}
+
     def worth(c: Candidate) -> float:
-        return c.laplace + log_prior(len(c.terms), n)
+        evidence = weighed[c.ids].log_evidence if c.ids in weighed else c.laplace
+        return evidence + log_prior(len(c.terms), n)
 
     def best() -> float:
         return max(worth(c) for c in fitted.values())
@@ -177,39 +180,50 @@ def climb(
         if not wanted or best() < before + 0.5:
             break
 
-    # The beam grows what it has; each cause of the leader may still be had cheaper from another one.
-    for _ in range(_SWAPS):
+    # The beam grows what it has; each cause of the leader may still be had cheaper from another one. Who leads is
+    # said by evidence, of which Laplace's may be off by several nats.
+    for turn in range(_SWAPS + 1):
+        order = sorted(fitted.values(), key=worth, reverse=True)
+        finalists = [c for c in order if worth(c) > best() - _HOPELESS][:_WEIGHED]
+        for k, c in enumerate([*finalists, baseline]):
+            if c.ids not in weighed:
+                progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
+                weighed[c.ids] = _weigh(kept, c, seed)
         leader = max(fitted.values(), key=worth)
-        swaps: dict[Ids, tuple[Problem, Candidate, FloatArray]] = {}
-        for gone in leader.terms if len(leader.terms) > 1 else ():
-            rest = replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone))
-            ids = tuple(t.id for t in rest.terms)
-            if ids not in fitted:
-                fitted[ids] = _fit(kept, rest, (baseline,), seed, leader_starts(rest, leader), _DRAWS_PAIR, 6)
-            if ids not in screenings:
-                screenings[ids] = tuple(screen(fitted[ids], catalogue))
-            for found in _promising(screenings[ids], fitted, worth)[:_SWAPPED]:
-                larger = extended(rest, found.term, catalogue)
-                key = tuple(t.id for t in larger.terms)
-                if key not in fitted:
-                    swaps[key] = (larger, fitted[ids], np.vstack([found.starts, leader_starts(larger, leader)]))
+        swaps = _swaps(leader, fitted, screenings, catalogue, worth) if turn < _SWAPS else {}
         for k, (ids, (larger, smaller, extra)) in enumerate(swaps.items()):
             progress(" + ".join(ids), k, len(swaps))
-            fitted[ids] = _fit(kept, larger, (smaller,), seed, extra, _DRAWS_PAIR, 6)
-        if max(fitted.values(), key=worth) is leader:
+            fitted[ids] = _fit(kept, larger, smaller, seed, extra, _DRAWS_PAIR, 6)
+        if not swaps:
             break
-
-    order = sorted(fitted.values(), key=worth, reverse=True)
-    evidence = {c.ids: c.laplace for c in order}
-    weighed: dict[Ids, Weighed] = {}
-    finalists = [c for c in order if worth(c) > best() - _HOPELESS][:_WEIGHED]
-    if baseline not in finalists:
-        finalists.append(baseline)
-    for k, c in enumerate(finalists):
-        progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
-        weighed[c.ids] = _weigh(kept, c, seed)
-        evidence[c.ids] = weighed[c.ids].log_evidence
+    evidence = {ids: weighed[ids].log_evidence if ids in weighed else c.laplace for ids, c in fitted.items()}
     return rank(fitted.values(), evidence, weighed, screenings, n)
+
+
+def _swaps(
+    leader: Candidate,
+    fitted: dict[Ids, Candidate],
+    screenings: dict[Ids, tuple[Screened, ...]],
+    catalogue: Sequence[Term],
+    worth: Callable[[Candidate], float],
+) -> dict[Ids, tuple[Problem, Sequence[Candidate], FloatArray]]:
+    """Models not fitted yet in which one cause of the leader gives way to another: what to fit, from where."""
+    wanted: dict[Ids, tuple[Problem, Sequence[Candidate], FloatArray]] = {}
+    for gone in leader.terms:
+        rest = replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone))
+        ids = tuple(t.id for t in rest.terms)
+        if ids not in fitted:  # the leader without one cause is a model in its own right
+            wanted[ids] = (rest, [fitted[()]], leader_starts(rest, leader))
+            continue
+        if ids not in screenings:
+            screenings[ids] = tuple(screen(fitted[ids], catalogue))
+        for found in _promising(screenings[ids], fitted, worth)[:_SWAPPED]:
+            larger = extended(rest, found.term, catalogue)
+            key = tuple(t.id for t in larger.terms)
+            if key not in fitted and found.term != gone:
+                starts = np.vstack([found.starts, leader_starts(larger, leader)])
+                wanted[key] = (larger, [fitted[ids]], starts)
+    return wanted
 
 
 def leader_starts(problem: Problem, leader: Candidate) -> FloatArray:
