@@ -28,8 +28,12 @@ _THOROUGH = ((4, 24), (8, 12), (30, 6))
 _THIN, _MANY = 3, 150
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
-# Importance sampling: degrees of freedom of the proposal, its widening, draws a round, and effective draws wanted.
-_TAILS, _WIDER, _ROUND, _EFFECTIVE = 5.0, 1.3, 256, 120.0
+# Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72), effective
+# draws below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
+_TRUSTED, _FEW, _DOUBTS = 0.7, 30.0, (2.0, 5.0)
+# Importance sampling: degrees of freedom of the proposal, its widening (over the number of dimensions), draws a round
+# (a power of two; twice as many in more dimensions than this), and effective draws wanted.
+_TAILS, _WIDER, _ROUND, _MANY_DIMENSIONS, _EFFECTIVE = 6.0, 1.8, 256, 8, 120.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +230,13 @@ class Weighed:
     pareto_k: float
     n_sets: int
 
+    @property
+    def doubt(self) -> float:
+        """Standard error of the log evidence; nats where the weights' tail makes that error meaningless."""
+        if self.pareto_k < _TRUSTED:
+            return self.error
+        return max(self.error, _DOUBTS[int(self.effective < _FEW)])
+
     def quantiles(self, values: FloatArray, q: Sequence[float]) -> FloatArray:
         """Weighted quantiles of `values` (n, ...) along the first axis; (len(q), ...)."""
         order = np.argsort(values, axis=0)
@@ -242,7 +253,7 @@ class Weighed:
         return self.draws[np.minimum(chosen, len(self.draws) - 1)]
 
 
-def weigh(candidate: Candidate, *, seed: int, rounds: int = 16, effective: float = _EFFECTIVE) -> Weighed:
+def weigh(candidate: Candidate, *, seed: int, rounds: int = 12, effective: float = _EFFECTIVE) -> Weighed:
     """Evidence and posterior by adaptive importance sampling.
 
     The proposal is a mixture of Student densities, first at the modes with Laplace's covariances, then at the
@@ -254,18 +265,20 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = 16, effective: float
     candidate : Candidate
     seed : int
     rounds : int
-        At most so many, of 256 draws each.
+        At most so many, of 256 or 512 draws each.
     effective : float
         Effective draws at which it is enough.
     """
     problem = candidate.problem
     d = problem.n_dim
+    n_round = _ROUND * (1 if d <= _MANY_DIMENSIONS else 2)
+    wider = (1 + _WIDER / d) ** 2
     width = np.ptp(problem.bounds, axis=1)
     components: list[tuple[FloatArray, FloatArray, float]] = []
     masses = np.exp(candidate.heights - candidate.heights[0])
     for u, curvature, mass in zip(candidate.modes, candidate.curvature, masses, strict=True):
         covariance = _positive(np.linalg.pinv(curvature, hermitian=True), width)
-        components.append((u, covariance * _WIDER**2, max(float(mass), 0.02)))
+        components.append((u, covariance * wider, max(float(mass), 0.02)))
     all_draws: list[FloatArray] = []
     all_heights: list[FloatArray] = []
     proposals: list[list[tuple[FloatArray, FloatArray, float]]] = []
@@ -275,7 +288,7 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = 16, effective: float
     n_sets = 0
     for _ in range(rounds):
         proposals.append(components)
-        draws = _draw(components, sobol.random(_ROUND), d)
+        draws = _draw(components, sobol.random(n_round), d)
         inside = ((draws >= problem.bounds[:, 0]) & (draws <= problem.bounds[:, 1])).all(axis=1)
         height = np.full(len(draws), -np.inf)
         if inside.any():
@@ -292,7 +305,7 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = 16, effective: float
         error = float(np.sqrt(max(1 / count - 1 / len(u), 0.0)))
         if count > effective:
             break
-        components = _adapted(u, weights, width, components)
+        components = _adapted(u, weights, width, wider, components)
     finite = np.isfinite(log_weight)
     if finite.sum() > 25:
         k_hat = float(np.asarray(arviz.psislw(log_weight[finite])[1]))
@@ -309,7 +322,11 @@ def _positive(covariance: FloatArray, width: FloatArray) -> FloatArray:
 
 
 def _adapted(
-    u: FloatArray, weights: FloatArray, width: FloatArray, before: list[tuple[FloatArray, FloatArray, float]]
+    u: FloatArray,
+    weights: FloatArray,
+    width: FloatArray,
+    wider: float,
+    before: list[tuple[FloatArray, FloatArray, float]],
 ) -> list[tuple[FloatArray, FloatArray, float]]:
     """Components around the weighted draws: the heaviest draws as centres, each with its neighbours' covariance."""
     # Tempered until some tens of draws count: a handful would collapse the proposal onto themselves.
@@ -322,12 +339,11 @@ def _adapted(
     mean = tempered @ u
     centred = u - mean
     covariance = _positive((centred * tempered[:, None]).T @ centred + 1e-9 * np.diag(width**2), width)
-    whole = (mean, covariance * _WIDER**2, 1.0)
-    distance = np.einsum("ni,ij,nj->n", centred, np.linalg.inv(covariance), centred)
+    whole = (mean, covariance * wider, 1.0)
     parts = []
     left = tempered.copy()
     for _ in range(3):
-        k = int(np.argmax(left * np.exp(-0.0 * distance)))
+        k = int(np.argmax(left))
         offset = u - u[k]
         near = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(covariance), offset) < 0.5 * u.shape[1]
         share = float(tempered[near].sum())
@@ -335,11 +351,11 @@ def _adapted(
             w = tempered * near / share
             c = w @ u
             local = _positive(((u - c) * w[:, None]).T @ (u - c) + 1e-9 * np.diag(width**2), width)
-            parts.append((c, local * _WIDER**2, share))
+            parts.append((c, local * wider, share))
         left = np.where(near, 0.0, left)
         if not left.any():
             break
-    first = [(m, c, 0.1 * w) for m, c, w in before[: len(before)]]
+    first = [(m, c, 0.1 * w) for m, c, w in before]
     return [whole, *parts, *first][:8]
 
 

@@ -220,7 +220,7 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate, seed: int) ->
         "method": "adaptive importance sampling" if found else "Laplace",
     }
     if found:
-        evidence |= {"error": found.error, "effective_draws": found.effective, "pareto_k": found.pareto_k}
+        evidence |= {"error": found.doubt, "effective_draws": found.effective, "pareto_k": found.pareto_k}
         evidence["prior_width"] = _sensitivity(candidate, found)
     return CauseResult(
         list(candidate.ids), verdict.probability[candidate.ids], parameters, evidence, implausible

@@ -56,7 +56,9 @@ _SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
 _SWAPS, _SWAPPED = 4, 4
 # A model this far below the best (nats of evidence and prior) is not weighed.
 _HOPELESS = 7.0
-_WEIGHED = 6
+_WEIGHED = 4
+# Error of Laplace's evidence (nats), as seen against importance sampling; draws over which probabilities are averaged.
+_LAPLACE_DOUBT, _SHAKES = 1.0, 400
 _DRAWS_BASELINE, _DRAWS_CAUSE, _DRAWS_PAIR = 4096, 256, 128
 _STARTS_BASELINE = 48
 
@@ -304,8 +306,11 @@ def rank(
             if larger not in evidence and len(larger) <= MOST_CAUSES:
                 value[larger] = max(evidence[ids] + found.log_bayes, value.get(larger, -math.inf))
     mass = {ids: v + log_prior(len(ids), n_catalogue) for ids, v in value.items()}
-    total = float(logsumexp(list(mass.values())))
-    share = {ids: math.exp(m - total) for ids, m in mass.items()}
+    # Evidences are known with an error; probabilities are their mean over it.
+    doubt = np.array([weighed[ids].doubt if ids in weighed else _LAPLACE_DOUBT for ids in mass])
+    shaken = np.array(list(mass.values())) + doubt * np.random.default_rng(0).standard_normal((_SHAKES, len(mass)))
+    chances = np.exp(shaken - logsumexp(shaken, axis=1, keepdims=True)).mean(axis=0)
+    share = dict(zip(mass, chances.tolist(), strict=True))
     for ids in sorted(share, key=len, reverse=True):
         within = [i for i in evidence if set(i) < set(ids) and value[ids] < evidence[i] + VISIBLE_EVIDENCE]
         if within:
