@@ -28,8 +28,8 @@ _THOROUGH = ((4, 24), (8, 12), (30, 6))
 _THIN, _MANY = 3, 150
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
-# Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72), effective
-# draws below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
+# Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72), draws
+# below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
 _TRUSTED, _FEW, _DOUBTS = 0.7, 30.0, (2.0, 5.0)
 # Importance sampling: degrees of freedom of the proposal, its widening (over the number of dimensions), draws a round
 # (a power of two; twice as many in more dimensions than this), and effective draws wanted.
