@@ -21,14 +21,12 @@ from outside import OUTSIDE
 
 from psafit.challenge.campaign import load, plan, run
 from psafit.challenge.score import score
+from psafit.cli import BAD_INPUT, CHECK_FAILED, DONE
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import read_experiment
 from psafit.files import portable_command
 from psafit.records import write_json
 from psafit.report.challenge import write_page
-
-DONE, CHECK_FAILED, BAD_INPUT = 0, 1, 2
-JUDGED = {True: "holds", False: "misses", None: "not asked"}
 
 
 def told(done: int, total: int, note: str) -> None:
@@ -61,8 +59,7 @@ def campaign(words: argparse.Namespace) -> int:
         if result.status == "failed":
             print(f"failed: {result.spec.id}: {result.message}", file=sys.stderr)
     for t in found.targets:
-        share = "-" if t.value is None else f"{100 * t.value:.0f} %"
-        print(f"{JUDGED[t.holds]:9}  {share:>5}  ({t.target}, {t.rate.k} of {t.rate.n})  {t.what}")
+        print(t.text)
     print(f"page: {page}")
     missed = any(t.holds is False for t in found.targets)
     return CHECK_FAILED if missed or found.n_failed else DONE

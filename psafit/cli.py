@@ -20,7 +20,7 @@ import psafit
 from psafit.errors import InputError, PsafitError
 
 if TYPE_CHECKING:
-    from psafit.experiment import GroupId
+    from psafit.experiment import Experiment, GroupId
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
     from psafit.records import CauseEntry
@@ -40,7 +40,12 @@ RUN_FILES = (
     "numerics.json",
     "report.html",
     "diagnosis.json",
+    "diagnosis.html",
+    "predictions-diagnosis.csv",
+    "predictions-strict.csv",
+    "predictions-nested.csv",
 )
+"""What fit and diagnose write into their folders."""
 
 
 class Place(click.Path):
@@ -155,7 +160,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     from psafit.experiment import describe, read_experiment
 
     content = describe(read_experiment(experiment))
-    _write(json_file, content)
+    write_result(json_file, content)
     if not quiet:
         click.echo(
             f"{content['title']}: {_count(len(content['groups']), 'group')}, {_count(content['n_points'], 'reading')}"
@@ -202,14 +207,15 @@ def simulate(
     from psafit.simulate import simulate as simulate_batch
 
     data = read_experiment(experiment)
-    chosen = _terms(ids)
-    given = _assignments(values)
+    chosen = causes(ids) if ids else ()
+    asked = _assignments(values)
+    given = asked
     if run is not None:
         from psafit.inference.run import load
 
         finished = load(run)
         chosen = chosen or finished.problem.terms
-        given = {p.name: p.median for p in finished.summary.parameters} | given
+        given = {p.name: p.median for p in finished.summary.parameters} | asked
     wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, None) for p in PARAMETERS}
     columns = [p.name for p in PARAMETERS]
     for term in chosen:
@@ -222,7 +228,7 @@ def simulate(
             for id in data.ids:
                 wanted[f"{term.latent.name}_{id}"] = (term.latent, 0.0)
                 columns.append(f"{term.latent.name}_{id}")
-    unknown = sorted(set(_assignments(values)) - set(columns))
+    unknown = sorted(asked.keys() - set(columns))
     if unknown:
         close = [c for c in columns if c.casefold() == unknown[0].casefold()]
         close = close or difflib.get_close_matches(unknown[0], columns, n=2)
@@ -253,7 +259,7 @@ def simulate(
         write_atomically(out, text.encode())
     elif not quiet:
         click.echo(text, nl=False)
-    _write(
+    write_result(
         json_file,
         {
             "terms": [t.id for t in chosen],
@@ -295,14 +301,11 @@ def fit(
     from psafit.progress import watcher
 
     data = read_experiment(experiment)
-    ids = _groups(group)
-    for group_id in ids:
-        data.group(group_id)
-    chosen = _terms(terms)
+    ids = _groups(group, data)
+    chosen = causes(terms) if terms else ()
     name = f"{experiment.resolve().name}-group{'-'.join(str(i) for i in ids)}"
     folder = out or Path("fits") / "-".join([name, *(t.id for t in chosen)])
-    if json_file is not None and json_file.name in RUN_FILES and json_file.resolve().parent == folder.resolve():
-        raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
+    _refuse_run_file(json_file, folder)
     if not quiet:
         for warning in data.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -322,7 +325,7 @@ def fit(
             validation, predictions = check_predictions(result)
             show.stage("report")
             page = write_report(result, validation, predictions, audit(result))
-    _write(json_file, {"fit": result.fit, "posterior": result.summary})
+    write_result(json_file, {"fit": result.fit, "posterior": result.summary})
     if not quiet:
         best = result.fit.minima[0]
         minima = "minimum" if len(result.fit.minima) == 1 else "minima"
@@ -369,12 +372,9 @@ def diagnose(
     from psafit.progress import watcher
 
     data = read_experiment(experiment)
-    ids = _groups(group)
-    for group_id in ids:
-        data.group(group_id)
+    ids = _groups(group, data)
     folder = out or Path("fits") / f"{experiment.resolve().name}-diagnosis"
-    if json_file is not None and json_file.name in RUN_FILES and json_file.resolve().parent == folder.resolve():
-        raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
+    _refuse_run_file(json_file, folder)
     command = ["psafit", "diagnose", experiment, "--group", group, "--seed", seed, *(["--quick"] if quick else [])]
     command += ["--out", out] if out else []
     with watcher(quiet) as show:
@@ -386,7 +386,7 @@ def diagnose(
             from psafit.report.diagnosis import write_diagnosis
 
             page = write_diagnosis(result, data, folder)
-    _write(json_file, result)
+    write_result(json_file, result)
     if not quiet:
         click.echo(f"verdict: {result.verdict}" + (f": {' + '.join(result.named)}" if result.named else ""))
         for sentence in result.sentences:
@@ -411,7 +411,7 @@ def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
     from psafit.validate import validate as check_predictions
 
     validation, _ = check_predictions(load(run))
-    _write(json_file, validation)
+    write_result(json_file, validation)
     if not quiet:
         _print_scores(validation)
     return DONE
@@ -456,8 +456,9 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
         used = ", ".join(f"{name} {version}" for name, version in versions().items())
         command = portable_command(["psafit", "reproduce", experiment, "--out", out])
         page = write_reproduction(result, out / "reproduction.html", {"Command": command, "Versions": used})
-    write_json(out / "reproduction.json", result.to_dict())
-    _write(json_file, result.to_dict())
+    content = result.to_dict()
+    write_json(out / "reproduction.json", content)
+    write_result(json_file, content)
     if not quiet:
         click.echo(claims_table(result))
         click.echo(f"report: {click.format_filename(page)}")
@@ -474,7 +475,7 @@ def terms(id: str | None, quiet: bool, json_file: Path | None) -> int:
     from psafit.simulate.catalogue import declaration
 
     entries = [declaration(t) for t in ([term(id)] if id else TERMS)]
-    _write(json_file, entries)
+    write_result(json_file, entries)
     if not quiet:
         click.echo(_declaration(entries[0]) if id else _listing(entries))
     return DONE
@@ -529,17 +530,19 @@ def _declaration(entry: CauseEntry) -> str:
     return "\n".join(lines)
 
 
-def _groups(text: str) -> list[GroupId]:
+def _groups(text: str, experiment: Experiment) -> list[GroupId]:
     ids: list[GroupId] = [part.strip() for part in text.split(",")]
     if not all(ids) or len(set(ids)) < len(ids):
         raise InputError(f"--group {text!r} is not a list of different group ids", "write for example --group 1,2")
+    experiment.select(ids)
     return ids
 
 
-def _terms(text: str) -> tuple[Term, ...]:
+def causes(text: str) -> tuple[Term, ...]:
+    """The causes that ``--terms`` names."""
     from psafit.physics import terms as catalogue
 
-    ids = [part.strip() for part in text.split(",")] if text else []
+    ids = [part.strip() for part in text.split(",")]
     if not all(ids):
         raise InputError(f"--terms {text!r} is not a list of causes", "write for example --terms amplifier_lag,gap")
     return catalogue(ids)
@@ -573,7 +576,13 @@ def _print_scores(validation: Any) -> None:
         click.echo(f"mean log_rmse over held-out groups: {validation.holdout_log_rmse:.3f}")
 
 
-def _write(json_file: Path | None, record: Any) -> None:
+def _refuse_run_file(json_file: Path | None, folder: Path) -> None:
+    if json_file is not None and json_file.name in RUN_FILES and json_file.resolve().parent == folder.resolve():
+        raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
+
+
+def write_result(json_file: Path | None, record: Any) -> None:
+    """Write what ``--json`` asks for."""
     if json_file is not None:
         from psafit.records import write_json
 

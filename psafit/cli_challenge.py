@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place
+from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place, causes, write_result
 from psafit.errors import InputError
 
 _SEED = click.option("--seed", type=click.IntRange(0, 2**32 - 1), required=True, help="Everything is drawn from it.")
@@ -53,21 +53,20 @@ def make(
 
     What --json writes, and what is printed, does not give the answer away.
     """
+    from psafit.challenge.answer import ANSWER, EXPERIMENT
     from psafit.challenge.hide import make as hide
     from psafit.experiment import read_experiment
 
-    chosen = None if ids is None else [i.strip() for i in ids.split(",")]
-    if chosen is not None and not all(chosen):
-        raise InputError(f"--terms {ids!r} is not a list of causes", "write for example --terms amplifier_lag,gap")
+    chosen = None if ids is None else [t.id for t in causes(ids)]
     design = None if drawn_design else read_experiment(experiment)
     made = hide(seed, out, design_of=design, kind=kind, terms=chosen, strength=strength, jobs=jobs)
     content = {
-        "experiment": str(made.folder / "experiment"),
-        "answer": str(made.folder / "answer.json"),
+        "experiment": str(made.folder / EXPERIMENT),
+        "answer": str(made.folder / ANSWER),
         "commitment": made.commitment,
         "fingerprint": made.experiment.fingerprint,
     }
-    _write(json_file, content)
+    write_result(json_file, content)
     if not quiet:
         click.echo(f"experiment: {click.format_filename(content['experiment'])}")
         click.echo(f"sealed answer, SHA-256 {made.commitment}")
@@ -107,10 +106,9 @@ def run(
     from psafit.challenge.campaign import run as run_campaign
     from psafit.experiment import read_experiment
     from psafit.files import portable_command
-    from psafit.physics import terms as catalogue
 
     data = read_experiment(experiment)
-    chosen = None if ids is None else [t.id for t in catalogue(i.strip() for i in ids.split(","))]
+    chosen = None if ids is None else [t.id for t in causes(ids)]
     specs = plan(seed, terms=chosen, each=each, nothing=nothing, pairs=pairs)
     if not specs:
         raise InputError("the campaign is empty", "ask for some data sets with --each, --nothing or --pairs")
@@ -133,7 +131,7 @@ def run(
         progress=told,
     )
     failed = [r for r in results if r.status == "failed"]
-    _write(json_file, {"n": len(results), "failed": {r.spec.id: r.message for r in failed}})
+    write_result(json_file, {"n": len(results), "failed": {r.spec.id: r.message for r in failed}})
     if not quiet:
         for r in failed:
             click.echo(f"failed: {r.spec.id}: {r.message}", err=True)
@@ -169,13 +167,11 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
     else:
         found = judge_all([judge(folder, diagnosis)])
         page = write_page(found, out, {}) if out else None
-    _write(json_file, found)
+    write_result(json_file, found)
     if not quiet:
         if diagnosis is None:
             for t in found.targets:
-                verdict = {True: "holds", False: "misses", None: "not asked"}[t.holds]
-                value = "-" if t.value is None else f"{100 * t.value:.0f} %"
-                click.echo(f"{verdict:9}  {value:>5}  ({t.target}, {t.rate.k} of {t.rate.n})  {t.what}")
+                click.echo(t.text)
         else:
             row = found.rows[0]
             click.echo(f"hidden: {row.truth}, {row.gain:.1f} nats; verdict {row.verdict}, named {row.named}")
@@ -183,13 +179,6 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
         if page is not None:
             click.echo(f"page: {click.format_filename(page)}")
     return CHECK_FAILED if diagnosis is None and any(t.holds is False for t in found.targets) else DONE
-
-
-def _write(json_file: Path | None, record: Any) -> None:
-    if json_file is not None:
-        from psafit.records import write_json
-
-        write_json(json_file, record)
 
 
 __all__ = ["challenge"]

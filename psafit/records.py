@@ -406,18 +406,29 @@ def write_json(path: Path, record: Any, *, sealed: bool = False) -> None:
     write_atomically(path, (text + "\n").encode())
 
 
-def read_json(path: Path, kind: type[Record], *, sealed: bool = False) -> Record:
-    """Read a record back; `InputError` where the file is missing, foreign, damaged or, if sealed, changed."""
+def read_content(path: Path, *, remedy: str | None = None) -> Any:
+    """What a JSON file holds; `InputError` where it is missing or damaged."""
     try:
-        content = json.loads(path.read_bytes().decode("utf-8"))
+        return json.loads(path.read_bytes().decode("utf-8"))
     except FileNotFoundError as error:
-        raise InputError("is missing", "give the folder of a finished run of psafit fit", file=path) from error
+        usual = "give the folder of a finished run of psafit fit"
+        raise InputError("is missing", remedy or usual, file=path) from error
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError("is damaged: not readable as JSON", "run psafit fit again", file=path) from error
+        raise InputError("is damaged: not readable as JSON", remedy or "run psafit fit again", file=path) from error
+
+
+def read_json(path: Path, kind: type[Record], *, sealed: bool = False, remedy: str | None = None) -> Record:
+    """Read a record back; `InputError` where the file is missing, foreign, damaged or, if sealed, changed.
+
+    `remedy` says what to do then, where that is not to run the fit again.
+    """
+
+    def refused(what: str, usual: str = "run psafit fit again with this version") -> InputError:
+        return InputError(what, remedy or usual, file=path)
+
+    content = read_content(path, remedy=remedy)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise InputError(
-            f"is not a psafit record of schema {SCHEMA}", "run psafit fit again with this version", file=path
-        )
+        raise refused(f"is not a psafit record of schema {SCHEMA}")
     from pydantic import TypeAdapter, ValidationError  # slow to import, and only readers need it
 
     try:
@@ -425,11 +436,7 @@ def read_json(path: Path, kind: type[Record], *, sealed: bool = False) -> Record
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            f"does not hold what a {kind.__name__} holds ({place}: {first['msg']})",
-            "run psafit fit again with this version",
-            file=path,
-        ) from error
+        raise refused(f"does not hold what a {kind.__name__} holds ({place}: {first['msg']})") from error
     if sealed and content.get("sha256") != _seal(content):
-        raise InputError("was changed after psafit wrote it", "remove the folder and run psafit fit again", file=path)
+        raise refused("was changed after psafit wrote it", "remove the folder and run psafit fit again")
     return record

@@ -17,6 +17,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -102,6 +103,11 @@ class Prediction:
 def log_ratio(predicted: FloatArray, measured: FloatArray) -> FloatArray:
     """``ln((predicted + 0.3 um)/(measured + 0.3 um))``, the error whose root mean square is `log_rmse`."""
     return np.log((predicted + OFFSET_UM) / (measured + OFFSET_UM))
+
+
+def root_mean_square(error: FloatArray) -> float:
+    """Of `log_ratio`, it is `log_rmse`."""
+    return float(np.sqrt(np.mean(error**2)))
 
 
 def crps(draws: FloatArray, observed: FloatArray) -> FloatArray:
@@ -246,7 +252,7 @@ def score(prediction: Prediction) -> GroupScore:
         group=prediction.group.id,
         role=prediction.role,
         n_points=measured.size,
-        log_rmse=_root_mean_square(error),
+        log_rmse=root_mean_square(error),
         log_bias=float(np.mean(error)),
         coverage_50=float(np.mean(inside_50)),
         coverage_90=float(np.mean(inside_90)),
@@ -258,10 +264,6 @@ def score(prediction: Prediction) -> GroupScore:
         informative=not silence,
         verdict=told or verdict(error, float(np.mean(inside_90)), prediction.pit_p_value, prediction.drift_p_value),
     )
-
-
-def _root_mean_square(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def _direction(error: FloatArray) -> str:
@@ -277,7 +279,7 @@ def _direction(error: FloatArray) -> str:
 
 def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float) -> str:
     """One plain sentence about a group, from its log errors and the scores of its band."""
-    rmse, n = _root_mean_square(error), error.size
+    rmse, n = root_mean_square(error), error.size
     size = "predicted well" if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
     parts = [f"{size}, typically off by ×{math.exp(rmse):.2f}, {_direction(error)}"]
     if n < _FEWEST_FOR_BAND:
@@ -325,12 +327,31 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
 
 def write_predictions(path: Path, predictions: list[Prediction]) -> None:
     """Write `predictions.csv`: one row a reading."""
+    rows = (row for p in predictions for row in prediction_rows(p.group, p.median, p.lower, p.upper, p.role))
+    write_table(path, COLUMNS, rows)
+
+
+def prediction_rows(
+    group: Group, median: FloatArray, lower: FloatArray, upper: FloatArray, role: str
+) -> Iterator[list[object]]:
+    """Cells of `COLUMNS` for each reading of a group.
+
+    Parameters
+    ----------
+    group : Group
+    median, lower, upper : (n_points,) arrays, um
+        See `Prediction`.
+    role : {"fit", "holdout"}
+    """
+    columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um, median, lower, upper)
+    for row in zip(*columns, strict=True):
+        yield [group.id, group.waveform, *(float(x) for x in row), role]
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a CSV file in one step."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(COLUMNS)
-    for p in predictions:
-        group = p.group
-        columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um, p.median, p.lower, p.upper)
-        for row in zip(*columns, strict=True):
-            table.writerow([group.id, group.waveform, *(float(x) for x in row), p.role])
+    table.writerow(columns)
+    table.writerows(rows)
     write_atomically(path, text.getvalue().encode())

@@ -11,7 +11,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from test_report import HOSTILE, build, make_run, sweep_groups
+from reader import HOSTILE
+from test_report import build, make_run, sweep_groups
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 SIZES = ((1280, 900), (400, 800))

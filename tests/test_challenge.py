@@ -17,26 +17,18 @@ from outside import OUTSIDE, parts
 
 from psafit.challenge import hide
 from psafit.challenge.answer import Answer, Place, unseal
-from psafit.challenge.campaign import (
-    LEVELS,
-    Result,
-    Spec,
-    content_hash,
-    load,
-    plan,
-    run,
-)
+from psafit.challenge.campaign import LEVELS, Result, Spec, content_hash, load, plan, run
 from psafit.challenge.hide import Outside, make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, find_rivals
 from psafit.challenge.score import located, rate, reported_set, score
-from psafit.challenge.strength import find, lost_nats, share_of
+from psafit.challenge.strength import find, lost_nats
 from psafit.cli import commands
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
 from psafit.physics import TERMS, term
 from psafit.report.challenge import write_page
 from psafit.simulate import Design, simulate
-from psafit.simulate.sensitivity import plausible
+from psafit.simulate.sensitivity import plausible, share_of
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -465,10 +457,6 @@ def result(
     return Result(spec, "0", "done", "", answer, oracle, told, {"diagnose": seconds})
 
 
-def targets(results: list[Result]) -> dict[str, tuple[int, int]]:
-    return {t.what.split(":")[0]: (t.rate.k, t.rate.n) for t in score(results).targets}
-
-
 def test_binomial_intervals_are_exact() -> None:
     """Clopper and Pearson: none of ten is below 1 - (0.025)^(1/10); symmetric in hits and misses."""
     none, all_of_them = rate([False] * 10), rate([True] * 10)
@@ -500,6 +488,8 @@ def test_single_causes_are_judged_by_the_set_and_by_the_name() -> None:
     assert found.set_size == {"1": 2, "2": 3}
     assert [(b.detected.k, b.detected.n) for b in found.by_gain] == [(0, 1), (0, 0), (0, 0), (5, 5), (0, 0), (0, 0)]
     assert found.targets[2].holds is None
+    assert [row.missed for row in found.rows] == [False, False, True, True, True, False]
+    assert found.targets[0].text.startswith("misses      80 %  (at least 95 %, 4 of 5)  single cause")
 
 
 def test_false_alarms_are_counted() -> None:
@@ -535,6 +525,7 @@ def test_outside_effects_are_unexplained_or_located() -> None:
     found = score(results)
     assert (found.targets[3].rate.k, found.targets[3].rate.n) == (2, 4)
     assert found.outside == {"x": {"adequate": 1, "explained": 2, "located": 2, "unexplained": 1}}
+    assert [row.missed for row in found.rows] == [False, False, True, True, False]
 
 
 @pytest.mark.parametrize(

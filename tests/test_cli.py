@@ -178,6 +178,8 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
         (["fit", "EXP", "--group", "1", "--out", "WITHIN"], "lies in the input"),
         (["fit", "EXP", "--group", "1", "--out", "AROUND"], "the input in it"),
         (["fit", "EXP", "--group", "1", "--out", "run", "--json", "run/fit.json"], "is a file of the run itself"),
+        (["diagnose", "EXP", "--group", "1", "--out", "d", "--json", "d/diagnosis.html"], "of the run itself"),
+        (["diagnose", "EXP", "--group", "1", "--out", "d", "--json", "d/predictions-strict.csv"], "of the run itself"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(  # type: ignore[no-untyped-def]

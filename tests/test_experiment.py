@@ -491,6 +491,15 @@ def test_sigma_in_another_unit_is_named(tmp_path: Path) -> None:
 # --- records made in code -------------------------------------------------------------------------
 
 
+def test_other_readings_at_the_same_conditions(tmp_path: Path) -> None:
+    experiment = read_experiment(write(tmp_path))
+    other = experiment.with_readings(np.arange(6.0))
+    assert [g.launch_range_um.tolist() for g in other.groups] == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
+    assert other.fingerprint == fingerprint(other.constants, other.groups) != experiment.fingerprint
+    same = np.concatenate([g.launch_range_um for g in experiment.groups])
+    assert other.with_readings(same).fingerprint == experiment.fingerprint
+
+
 def test_group_checks_itself() -> None:
     one = np.ones(2)
     group = Group("x", "sine", "", one, one, one)

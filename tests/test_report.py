@@ -7,11 +7,11 @@ import json
 import re
 import warnings
 from dataclasses import dataclass, replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from reader import HOSTILE, Reader
 
 from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.files import portable_command
@@ -39,7 +39,6 @@ from psafit.validate import Prediction, score, verdict
 
 REPORT = Path(fit.__file__).parent
 CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
-HOSTILE = "<script>alert(1)</script> </style> \"quoted\" 'single' & {{ 7 * 7 }} $x_"
 
 # Making a run by hand --------------------------------------------------------------------------------------------
 
@@ -169,36 +168,6 @@ def build(run: Run) -> Path:
 # Reading the page back -------------------------------------------------------------------------------------------
 
 
-class Reader(HTMLParser):
-    """Tags with their attributes, and the text between them."""
-
-    def __init__(self, page: str):
-        super().__init__(convert_charrefs=True)
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.texts: list[str] = []
-        self._hidden = 0
-        self.feed(page)
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        self._hidden += tag == "style"
-
-    def handle_endtag(self, tag):
-        self._hidden -= tag == "style"
-
-    def handle_data(self, data):
-        if not self._hidden:
-            self.texts.append(data)
-
-    @property
-    def text(self) -> str:
-        return " ".join("".join(self.texts).replace("\xa0", " ").split())
-
-    def all(self, tag: str) -> list[dict[str, str | None]]:
-        return [attrs for name, attrs in self.tags if name == tag]
-
-
 @dataclass(frozen=True)
 class Page:
     run: Run
@@ -231,8 +200,7 @@ def unhappy_page(tmp_path_factory) -> Page:
 
 
 def test_sections_are_there_in_order(page):
-    headings = re.findall(r"<h2[^>]*>([^<]*)</h2>", page.html)
-    assert headings == [
+    assert page.reader.headings == [
         "Parameters", "Minima found", "Measured against predicted", "Residuals", "Validation", "Posterior",
         "Chains and the sampler’s health", "Priors and their sources", "Numerics", "Provenance",
     ]  # fmt: skip
@@ -315,8 +283,7 @@ def test_parameters_agree_with_the_record(page):
 
 
 def test_first_screen_says_what_it_must(page):
-    summary = page.html[page.html.index('class="summary"') : page.html.index('<h2 id="parameters"')]
-    text = Reader(summary).text
+    text = page.reader.first_screen
     assert "8 readings of group 1 (sine, 20 V, 100 Hz to 10 kHz)" in text
     assert "groups amps and grid_3" in text
     assert "Not determined: cc has only an upper limit" in text

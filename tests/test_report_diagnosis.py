@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import asdict, replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from reader import HOSTILE, Reader
 
 from psafit.diagnose.gain import Gain, GroupGain
 from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
@@ -18,7 +18,6 @@ from psafit.report import diagnosis_pictures
 from psafit.report.diagnosis import write_diagnosis
 
 CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
-HOSTILE = "<script>alert(1)</script> </style> \"quoted\" 'single' & {{ 7 * 7 }} $x_"
 NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
 SECTIONS = [
     "What is wrong", "Causes", "Alternatives", "What remains", "Gain", "Next experiment", "Numerics", "Provenance",
@@ -176,45 +175,6 @@ def unexplained(record: Diagnosis) -> Diagnosis:
 
 
 # Reading it back -------------------------------------------------------------------------------------------------
-
-
-class Reader(HTMLParser):
-    """Tags with their attributes, and the text between them."""
-
-    def __init__(self, html: str):
-        super().__init__(convert_charrefs=True)
-        self.html = html
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.texts: list[str] = []
-        self._hidden = 0
-        self.feed(html)
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        self._hidden += tag == "style"
-
-    def handle_endtag(self, tag):
-        self._hidden -= tag == "style"
-
-    def handle_data(self, data):
-        if not self._hidden:
-            self.texts.append(data)
-
-    @property
-    def text(self) -> str:
-        return " ".join("".join(self.texts).replace("\xa0", " ").split())
-
-    @property
-    def headings(self) -> list[str]:
-        return re.findall(r"<h2[^>]*>([^<]*)</h2>", self.html)
-
-    @property
-    def first_screen(self) -> str:
-        return Reader(self.html[self.html.index('class="summary"') : self.html.index("<h2")]).text
-
-    def all(self, tag: str) -> list[dict[str, str | None]]:
-        return [attrs for name, attrs in self.tags if name == tag]
 
 
 def build(record: Diagnosis, experiment: Experiment, folder: Path) -> Reader:

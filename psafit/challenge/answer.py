@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment
@@ -15,7 +16,8 @@ from psafit.records import read_json, write_json
 ANSWER, COMMITMENT, EXPERIMENT = "answer.json", "commitment.txt", "experiment"
 Kind = Literal["nothing", "one", "two", "outside"]
 KINDS: tuple[Kind, ...] = ("nothing", "one", "two", "outside")
-Record = TypeVar("Record")
+Conditions = Literal["given", "drawn"]
+Scatter = Mapping[str, float | None]
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class Answer:
     outside: str | None
     where: str
     places: list[Place]
-    design: Literal["given", "drawn"]
+    design: Conditions
     redraws: int
     true_um: list[float]
     fingerprint: str
@@ -110,12 +112,9 @@ def seal(answer: Answer, folder: Path) -> str:
     return digest
 
 
-def read_record(path: Path, kind: type[Record], remedy: str) -> Record:
-    """Read a record of this package; `InputError` with this remedy where it is missing, foreign or damaged."""
-    try:
-        return read_json(path, kind)
-    except InputError as error:
-        raise InputError(error.what, remedy, file=path) from error
+def sizes(scatter: Scatter) -> tuple[float, float]:
+    """Standard deviations: relative, and absolute in um."""
+    return float(scatter["sigma_rel"] or 0.0), float(scatter["sigma_abs"] or 0.0)
 
 
 def unseal(folder: Path) -> tuple[Experiment, Answer]:
@@ -137,7 +136,7 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
         raise InputError("cannot be read", remedy, file=commitment) from error
     if words != [digest, ANSWER]:
         raise InputError("is not the answer that was committed to", remedy, file=answer_file)
-    answer = read_record(answer_file, Answer, remedy)
+    answer = read_json(answer_file, Answer, remedy=remedy)
     experiment = read_experiment(folder / EXPERIMENT)
     if experiment.fingerprint != answer.fingerprint:
         raise InputError("holds other data than the answer belongs to", remedy, file=folder / EXPERIMENT)
@@ -145,5 +144,6 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
 
 
 __all__ = [
-    "ANSWER", "COMMITMENT", "EXPERIMENT", "KINDS", "Answer", "Kind", "Place", "read_record", "seal", "unseal",
+    "ANSWER", "COMMITMENT", "EXPERIMENT", "KINDS", "Answer", "Conditions", "Kind", "Place", "Scatter", "seal", "sizes",
+    "unseal",
 ]  # fmt: skip

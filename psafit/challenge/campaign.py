@@ -26,19 +26,21 @@ import joblib
 import numpy as np
 
 import psafit
-from psafit.challenge.answer import EXPERIMENT, Answer, Kind, read_record, unseal
+from psafit.challenge.answer import EXPERIMENT, Answer, Conditions, Kind, unseal
 from psafit.challenge.hide import Outside, make
 from psafit.challenge.oracle import Oracle, consult
+from psafit.diagnose import diagnose as examine
+from psafit.diagnose.record import RESULT
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import remove_temporaries
 from psafit.physics import TERMS
-from psafit.records import plain, write_json
+from psafit.records import plain, read_content, read_json, write_json
 
 Diagnose = Callable[..., object]
 """``diagnose(experiment, group_ids, folder, quick=True, seed=seed)`` writes `diagnosis.json` into `folder`."""
 
-CAMPAIGN, RESULTS, DIAGNOSIS = "campaign.json", "results", "diagnosis.json"
+CAMPAIGN, RESULTS = "campaign.json", "results"
 LEVELS: Mapping[str, float] = {"weak": 10.0, "medium": 30.0, "strong": 100.0}
 """Oracle gains asked for, nats."""
 
@@ -51,8 +53,9 @@ _EACH = 2
 _PAIR_NATS = 60.0
 # Every so many data sets have a design of their own.
 _DRAWN_DESIGN = 4
-# Rivals are looked for where a miss would count.
-RIVALS_FROM_NATS = 25.0
+SEEN_NATS = 25.0
+"""An oracle gain from which a miss counts, and rivals are looked for."""
+
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
 _AGAIN = "remove it, and run the campaign again"
 
@@ -84,7 +87,7 @@ class Spec:
     outside: str | None
     level: str
     nats: float | None
-    design: Literal["given", "drawn"]
+    design: Conditions
 
 
 @dataclass(frozen=True)
@@ -185,7 +188,7 @@ def plan(
     specs = []
     for k, ((kind, causes, effect, level, nats), own) in enumerate(zip(wanted, seeds, strict=True)):
         label = "-".join([*causes, *([effect] if effect else []), *([level] if level else [])]) or "nothing"
-        design: Literal["given", "drawn"] = "drawn" if own % _DRAWN_DESIGN == 0 else "given"
+        design: Conditions = "drawn" if own % _DRAWN_DESIGN == 0 else "given"
         specs.append(Spec(f"{k:04d}-{label}", own, kind, causes, effect, level, nats, design))
     return [specs[int(i)] for i in rng.permutation(len(specs))]
 
@@ -193,7 +196,7 @@ def plan(
 def solve(
     spec: Spec,
     design_of: Experiment,
-    diagnose: Diagnose | None = None,
+    diagnose: Diagnose = examine,
     outside: Sequence[Outside] = (),
     *,
     shielded: bool = False,
@@ -205,8 +208,8 @@ def solve(
     spec : Spec
     design_of : Experiment
         Whose conditions are simulated, unless the design is drawn.
-    diagnose : callable, optional
-        See `Diagnose`; `psafit.diagnose.diagnose` by default.
+    diagnose : callable
+        See `Diagnose`.
     outside : sequence of Outside
         The effects that specs name.
     shielded : bool
@@ -218,13 +221,9 @@ def solve(
         Failed where the diagnosis says so on purpose (`PsafitError`) or breaks its contract; anything else it raises
         is a bug, and goes on.
     """
-    own_process = multiprocessing.parent_process() is not None
-    if shielded and own_process and threading.current_thread() is threading.main_thread():
+    is_worker = multiprocessing.parent_process() is not None
+    if shielded and is_worker and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if diagnose is None:
-        from psafit.diagnose import diagnose as own
-
-        diagnose = own
     effects = {effect.name: effect for effect in outside}
     if spec.outside is not None and spec.outside not in effects:
         raise InputError(f"{spec.id}: no outside effect {spec.outside}", "pass it to the campaign")
@@ -249,11 +248,11 @@ def solve(
         diagnosis: dict[str, Any] = {}
         try:
             diagnose(experiment, experiment.ids, folder / "diagnosis", quick=True, seed=spec.seed % 2**31)
-            diagnosis = read_diagnosis(folder / "diagnosis" / DIAGNOSIS)
+            diagnosis = read_diagnosis(folder / "diagnosis" / RESULT)
         except PsafitError as error:
             status, message = "failed", str(error).replace(name, "")
         seconds["diagnose"] = time.monotonic() - begun
-    oracle = consult(experiment, made.answer, seed=1, rivals_from=RIVALS_FROM_NATS)
+    oracle = consult(experiment, made.answer, seed=1, rivals_from=SEEN_NATS)
     seconds["oracle"] = oracle.seconds
     return Result(spec, psafit.__version__, status, message, made.answer, oracle, diagnosis, seconds)
 
@@ -267,12 +266,7 @@ def read_diagnosis(file: Path) -> dict[str, Any]:
         If it is missing, damaged, or lacks a key.
     """
     remedy = "run psafit diagnose again"
-    try:
-        content = json.loads(file.read_bytes())
-    except FileNotFoundError as error:
-        raise InputError("is missing", remedy, file=file) from error
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError("is damaged: not readable as JSON", remedy, file=file) from error
+    content = read_content(file, remedy=remedy)
     verdicts = ("adequate", "explained", "ambiguous", "unexplained")
     lists = ("named", "alternatives", "causes")
     if (
@@ -292,7 +286,7 @@ def run(
     folder: Path,
     *,
     design_of: Experiment,
-    diagnose: Diagnose | None = None,
+    diagnose: Diagnose = examine,
     outside: Sequence[Outside] = (),
     jobs: int = 2,
     scheduler: str | None = None,
@@ -308,7 +302,7 @@ def run(
     folder : Path
         Receives `campaign.json` and `results/`.
     design_of : Experiment
-    diagnose : callable, optional
+    diagnose : callable
         See `Diagnose`.
     outside : sequence of Outside
     jobs : int
@@ -340,7 +334,7 @@ def run(
     results.mkdir(parents=True, exist_ok=True)
     remove_temporaries(results)
     wanted = specs if limit is None else specs[:limit]
-    done = {spec.id: found for spec in wanted if (found := _finished(results, spec)) is not None}
+    done = {spec.id: found for spec in wanted if (found := _read(folder, spec)) and found.status == "done"}
     left = [spec for spec in wanted if spec.id not in done]
     progress(len(done), len(wanted), "")
     if left:
@@ -382,7 +376,7 @@ def judge(folder: Path, diagnosis: Path) -> Result:
     """
     experiment, answer = unseal(folder)
     found = read_diagnosis(diagnosis)
-    oracle = consult(experiment, answer, seed=1, rivals_from=RIVALS_FROM_NATS)
+    oracle = consult(experiment, answer, seed=1, rivals_from=SEEN_NATS)
     spec = Spec(
         "challenge", answer.seed, answer.kind, answer.terms, answer.outside, "", answer.asked_nats, answer.design
     )
@@ -391,13 +385,8 @@ def judge(folder: Path, diagnosis: Path) -> Result:
 
 def load(folder: Path) -> tuple[Campaign, list[Result]]:
     """Read a campaign and the results it has so far, in the order of its plan."""
-    campaign = read_record(folder / CAMPAIGN, Campaign, "give the folder of psafit challenge run")
-    results = []
-    for spec in campaign.specs:
-        file = folder / RESULTS / f"{spec.id}.json"
-        if file.exists():
-            results.append(_read(file, spec))
-    return campaign, results
+    campaign = read_json(folder / CAMPAIGN, Campaign, remedy="give the folder of psafit challenge run")
+    return campaign, [result for spec in campaign.specs if (result := _read(folder, spec))]
 
 
 def content_hash(result: Result) -> str:
@@ -407,26 +396,21 @@ def content_hash(result: Result) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _read(file: Path, spec: Spec) -> Result:
-    result = read_record(file, Result, _AGAIN)
+def _read(folder: Path, spec: Spec) -> Result | None:
+    file = folder / RESULTS / f"{spec.id}.json"
+    if not file.exists():
+        return None
+    result = read_json(file, Result, remedy=_AGAIN)
     if plain(result.spec) != plain(spec):
         raise InputError("is of another data set than the campaign plans", _AGAIN, file=file)
     return result
-
-
-def _finished(results: Path, spec: Spec) -> Result | None:
-    file = results / f"{spec.id}.json"
-    if not file.exists():
-        return None
-    result = _read(file, spec)
-    return result if result.status == "done" else None
 
 
 def _claim(folder: Path, campaign: Campaign) -> None:
     """Write the plan, or see that the one which is there is the same."""
     file = folder / CAMPAIGN
     if file.exists():
-        there = read_record(file, Campaign, "choose another folder")
+        there = read_json(file, Campaign, remedy="choose another folder")
         mine, theirs = plain(campaign), plain(there)
         for key in ("version", "design", "specs"):
             if mine[key] != theirs[key]:

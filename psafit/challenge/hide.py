@@ -7,7 +7,7 @@ that one seed gives the same bytes however the work is shared out.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import psafit
 from psafit.challenge import strength as strengths
-from psafit.challenge.answer import ANSWER, COMMITMENT, EXPERIMENT, KINDS, Answer, Kind, Place, seal
+from psafit.challenge.answer import ANSWER, COMMITMENT, EXPERIMENT, KINDS, Answer, Kind, Place, Scatter, seal, sizes
 from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Constants, Experiment, Group, GroupId, Waveform, fingerprint, write_experiment
 from psafit.physics import TERMS, baseline
@@ -26,6 +26,7 @@ from psafit.physics.term import Term, World
 from psafit.simulate import Design
 from psafit.simulate.literal import launch_in, literal_world
 from psafit.simulate.reference import Point
+from psafit.simulate.sensitivity import Side, share_of
 
 FloatArray = NDArray[np.float64]
 Edit = Callable[[World, Point], None]
@@ -148,10 +149,10 @@ def make(
     for name in (ANSWER, COMMITMENT, EXPERIMENT):
         if (folder / name).exists():
             raise InputError("is there already", "choose an empty folder", file=folder / name)
-    blank = _drawn_design(np.random.default_rng([seed, _DESIGN])) if design_of is None else design_of
+    blank = _drawn_design(np.random.default_rng([seed, _DESIGN])) if design_of is None else _nameless(design_of)
     design = Design.of(blank.constants, blank.groups)
     rng = np.random.default_rng([seed, _TRUTH])
-    scatter: dict[str, float | None] = {
+    scatter = {
         "sigma_rel": _log_normal(rng, *_RELATIVE),
         "sigma_abs": _log_normal(rng, *_ABSOLUTE_UM),
         "nu": nu,
@@ -174,11 +175,11 @@ def make(
     where = ""
     places: list[Place] = []
     if outside is not None:
-        true_um, places = _outside(outside, blank, truth.parameters, chosen, true_um, seed, jobs)
+        true_um, places = _outside(outside, blank, design, truth.parameters, true_um, seed, jobs)
         where = outside.where
     noise = np.random.default_rng([seed, _SCATTER])
     read = _read(true_um, scatter, noise)
-    experiment = _with_readings(blank, read, folder / EXPERIMENT)
+    experiment = replace(blank.with_readings(read), folder=folder / EXPERIMENT)
     answer = Answer(
         version=psafit.__version__,
         seed=seed,
@@ -247,14 +248,14 @@ def _draw(
     chosen: Sequence[Term],
     design: Design,
     ids: Sequence[GroupId],
-    scatter: Mapping[str, float | None],
+    scatter: Scatter,
     nats: float | None,
 ) -> _Truth | None:
     """A true model; None where the baseline itself does not launch."""
     values = {p.name: float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in baseline.PARAMETERS}
     # Everything is drawn before anything is rejected: as many numbers for every try.
     others: list[list[float]] = []
-    sides: list[strengths.Side] = []
+    sides: list[Side] = []
     first = []
     for term in chosen:
         first.append(float(term.strength.to_physical(term.strength.prior_quantile(rng.uniform()))))
@@ -278,7 +279,7 @@ def _draw(
             found = strengths.find(term, side, np.array(own), theta, design, scatter, nats)
             value, expected[term.id] = found.value, found.nats
             reached = reached and found.reached
-        share[term.id] = strengths.share_of(term, value)
+        share[term.id] = share_of(term, value)
         names = [p.name for p in term.parameters]
         names += [f"{term.latent.name}_{g}" for g in ids] if term.latent else []
         values.update(zip(names, [value, *own], strict=True))
@@ -357,42 +358,40 @@ def _some(
 def _outside(
     effect: Outside,
     blank: Experiment,
+    design: Design,
     parameters: Parameters,
-    terms: Sequence[Term],
     true_um: FloatArray,
     seed: int,
     jobs: int,
 ) -> tuple[FloatArray, list[Place]]:
-    design = Design.of(blank.constants, blank.groups)
-
     def simulator(edit: Edit) -> FloatArray:
-        return simulate_literally(design, parameters, terms, blank.ids, edit=edit, jobs=jobs)
+        return simulate_literally(design, parameters, (), blank.ids, edit=edit, jobs=jobs)
 
     rng = np.random.default_rng([seed, _OUTSIDE])
-    given = _with_readings(blank, true_um, blank.folder)
-    changed, places = effect.apply(given, true_um.copy(), simulator, rng)
+    changed, places = effect.apply(blank.with_readings(true_um), true_um.copy(), simulator, rng)
     changed = np.asarray(changed, dtype=float)
     if changed.shape != true_um.shape or not (np.isfinite(changed).all() and (changed >= 0).all()):
         raise ValueError(f"{effect.name}: ranges must be finite, not negative, and of shape {true_um.shape}")
     return changed, list(places)
 
 
-def _read(true_um: FloatArray, scatter: Mapping[str, float | None], rng: np.random.Generator) -> FloatArray:
+def _read(true_um: FloatArray, scatter: Scatter, rng: np.random.Generator) -> FloatArray:
     """One reading of every range, as an instrument shows it: rounded, and never below zero."""
-    s = np.hypot(float(scatter["sigma_rel"] or 0.0) * true_um, float(scatter["sigma_abs"] or 0.0))
+    relative, absolute = sizes(scatter)
+    s = np.hypot(relative * true_um, absolute)
     nu = scatter["nu"]
     z = rng.standard_normal(true_um.size) if nu is None else rng.standard_t(nu, true_um.size)
     return np.maximum(np.round(true_um + s * z, _DECIMALS), 0.0) + 0.0  # no negative zero
 
 
-def _with_readings(blank: Experiment, um: FloatArray, folder: Path) -> Experiment:
-    """The design with readings; titles and file names that say nothing."""
-    groups = []
-    ends = np.cumsum([g.n_points for g in blank.groups])
-    for number, (g, values) in enumerate(zip(blank.groups, np.split(um, ends[:-1]), strict=True), 1):
-        groups.append(Group(g.id, g.waveform, f"group{number}.csv", g.frequency_hz, g.amplitude_v, values))
-    mark = fingerprint(blank.constants, groups)
-    return Experiment("Challenge", "simulated", blank.constants, tuple(groups), folder, mark)
+def _nameless(given: Experiment) -> Experiment:
+    """The conditions, with titles and file names that say nothing."""
+    groups = tuple(replace(g, file=f"group{k}.csv", sigma_um=None) for k, g in enumerate(given.groups, 1))
+    return _blank(given.constants, groups)
+
+
+def _blank(constants: Constants, groups: tuple[Group, ...]) -> Experiment:
+    return Experiment("Challenge", "simulated", constants, groups, Path(), fingerprint(constants, groups))
 
 
 def _log_normal(rng: np.random.Generator, median: float, factor: float) -> float:
@@ -416,7 +415,7 @@ def _drawn_design(rng: np.random.Generator) -> Experiment:
             f = np.full(n, float(round(rng.uniform(500.0, 4000.0), -2)))
             v = np.round(np.linspace(rng.uniform(1.0, 5.0), 20.0, n), 2)
         groups.append(Group(number, waveform, f"group{number}.csv", f, v, np.zeros(n)))
-    return Experiment("Challenge", "simulated", constants, tuple(groups), Path(), fingerprint(constants, groups))
+    return _blank(constants, tuple(groups))
 
 
 __all__ = ["Challenge", "Edit", "Outside", "Simulator", "make", "simulate_literally"]

@@ -15,22 +15,22 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from psafit.challenge.answer import Answer
-from psafit.experiment import Experiment, Group, fingerprint
+from psafit.challenge.answer import Answer, sizes
+from psafit.experiment import Experiment
 from psafit.inference import noise
 from psafit.inference.optimise import climb, gradient, optimise
 from psafit.inference.problem import Problem
 from psafit.physics import TERMS
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term
-from psafit.simulate.sensitivity import plausible
+from psafit.simulate.sensitivity import Side, in_scatter, plausible
 
 FloatArray = NDArray[np.float64]
 
@@ -83,8 +83,9 @@ def consult(experiment: Experiment, answer: Answer, *, seed: int, rivals_from: f
     begun = time.monotonic()
     plain = Problem(experiment, experiment.ids)
     terms = catalogue(answer.terms)
+    truth = _truth(plain, answer)
     best = optimise(plain, seed=seed, n_starts=_STARTS).best
-    tops = [plain.to_sampling(best.values), climb(plain, _truth(plain, answer))[0]]
+    tops = [plain.to_sampling(best.values), climb(plain, truth)[0]]
     heights = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
     base = tops[int(np.argmax(heights))]
     base_likelihood = _likelihood(plain, base)
@@ -92,7 +93,7 @@ def consult(experiment: Experiment, answer: Answer, *, seed: int, rivals_from: f
     fitted: dict[str, float] = {}
     confusable: list[str] | None = None
     if answer.outside is not None:
-        gain = _known_ranges(plain, np.array(answer.true_um), _truth(plain, answer)) - base_likelihood
+        gain = _known_ranges(plain, np.array(answer.true_um), truth) - base_likelihood
     elif not terms:
         gain = 0.0
     else:
@@ -124,7 +125,10 @@ def _truth(problem: Problem, answer: Answer) -> FloatArray:
     for term in problem.terms:
         x += [values[f"{term.latent.name}_{g}"] for g in problem.group_ids] if term.latent else []
     x += [values[p.name] for p in noise.PARAMETERS]
-    u = problem.to_sampling(np.array(x)[None, :])[0]
+    return _inside(problem, problem.to_sampling(np.array(x)))
+
+
+def _inside(problem: Problem, u: FloatArray) -> FloatArray:
     return np.clip(u, problem.bounds[:, 0] + _INSIDE, problem.bounds[:, 1] - _INSIDE)
 
 
@@ -167,53 +171,40 @@ def find_rivals(experiment: Experiment, answer: Answer, among: Sequence[Term] = 
     list of str
         Identifiers; the true cause is not among them.
     """
-    exact = _without_scatter(experiment, answer)
-    relative, absolute = float(answer.scatter["sigma_rel"] or 0.0), float(answer.scatter["sigma_abs"] or 0.0)
-
-    def stabilise(um: FloatArray) -> FloatArray:
-        return np.asarray(np.arcsinh(um * relative / absolute) / relative)
-
-    target = stabilise(np.array(answer.true_um))
+    true_um = np.array(answer.true_um)
+    exact = experiment.with_readings(true_um)
+    scale = sizes(answer.scatter)
+    target = in_scatter(true_um, *scale)
     found = []
     for term in among:
         if term.id in answer.terms:
             continue
         problem = Problem(exact, exact.ids, (term,))
-        if any(_distance(problem, start, stabilise, target) < CONFUSABLE_NATS for start in _starts(problem, answer)):
+        if any(_distance(problem, start, scale, target) < CONFUSABLE_NATS for start in _starts(problem, answer)):
             found.append(term.id)
     return found
-
-
-def _without_scatter(experiment: Experiment, answer: Answer) -> Experiment:
-    ends = np.cumsum([g.n_points for g in experiment.groups])
-    parts = np.split(np.array(answer.true_um), ends[:-1])
-    groups: tuple[Group, ...] = tuple(
-        replace(g, launch_range_um=um) for g, um in zip(experiment.groups, parts, strict=True)
-    )
-    return replace(experiment, groups=groups, fingerprint=fingerprint(experiment.constants, groups))
 
 
 def _starts(problem: Problem, answer: Answer) -> list[FloatArray]:
     """The true baseline with the rival at some strengths, on every side of neutral it has."""
     (term,) = problem.terms
     p = term.strength
-    sides = [side for side, end in ((1, p.bounds.upper), (-1, p.bounds.lower)) if end != p.neutral]
+    ends: tuple[tuple[Side, float], ...] = ((1, p.bounds.upper), (-1, p.bounds.lower))
+    sides = [side for side, end in ends if end != p.neutral]
     u = problem.prior_transform(np.full(problem.n_dim, 0.5))
-    n = len(problem.parameters[: problem.n_physical]) - len(term.parameters)
+    n = problem.n_physical - len(term.parameters)
     for i, q in enumerate(problem.parameters[:n]):
         u[i] = float(q.to_sampling(answer.parameters[q.name]))
     starts = []
     for side, share in itertools.product(sides, _RIVAL_SHARES):
         v = u.copy()
-        own = plausible(term, share, 1 if side > 0 else -1)
+        own = plausible(term, share, side)
         v[n : n + len(own)] = [float(q.to_sampling(x)) for q, x in zip(term.parameters, own, strict=True)]
-        starts.append(np.clip(v, problem.bounds[:, 0] + _INSIDE, problem.bounds[:, 1] - _INSIDE))
+        starts.append(_inside(problem, v))
     return starts
 
 
-def _distance(
-    problem: Problem, start: FloatArray, stabilise: Callable[[FloatArray], FloatArray], target: FloatArray
-) -> float:
+def _distance(problem: Problem, start: FloatArray, scale: tuple[float, float], target: FloatArray) -> float:
     """What an oracle would lose with this model, nats."""
     n = problem.n_model
     bounds = problem.bounds[:n]
@@ -221,7 +212,7 @@ def _distance(
 
     def residual(u: FloatArray) -> FloatArray:
         rows = np.concatenate([u, np.broadcast_to(rest, (len(u), rest.size))], axis=1)
-        misfit = np.nan_to_num(stabilise(problem.predict(rows)) - target, nan=1e6, posinf=1e6, neginf=-1e6)
+        misfit = np.nan_to_num(in_scatter(problem.predict(rows), *scale) - target, nan=1e6, posinf=1e6, neginf=-1e6)
         # What a session has for itself is standard normal: a rival does not have it for nothing.
         return np.concatenate([misfit, u[:, problem.n_physical :]], axis=1)
 

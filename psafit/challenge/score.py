@@ -17,13 +17,9 @@ import numpy as np
 from scipy.stats import beta
 
 from psafit.challenge.answer import Place
-from psafit.challenge.campaign import Result
-from psafit.challenge.oracle import CONFUSABLE_NATS
+from psafit.challenge.campaign import SEEN_NATS, Result
 
 Ids = frozenset[str]
-
-SEEN_NATS = 25.0
-"""An oracle gain from which a miss counts."""
 
 # Of two causes, each must add so much beside the other to be asked for.
 SEEN_BESIDE_NATS = 10.0
@@ -93,6 +89,23 @@ class Row:
     seconds: float
     seed: int
 
+    @property
+    def detected(self) -> bool:
+        """Whether the verdict finds something wrong."""
+        return self.verdict not in ("adequate", "failed")
+
+    @property
+    def noticed(self) -> bool:
+        """Of an outside effect: whether it is unexplained, or found where it acts."""
+        return self.verdict == "unexplained" or (self.detected and self.located)
+
+    @property
+    def missed(self) -> bool:
+        """Whether it is a false alarm, or not named though an oracle sees it."""
+        if self.kind == "nothing":
+            return self.verdict != "adequate"
+        return self.gain >= SEEN_NATS and not (self.noticed if self.kind == "outside" else self.exact)
+
 
 @dataclass(frozen=True)
 class GainBin:
@@ -141,6 +154,17 @@ class Target:
     holds: bool | None
     rate: Rate
 
+    @property
+    def verdict(self) -> str:
+        """Whether it holds, in words."""
+        return "not asked" if self.holds is None else "holds" if self.holds else "misses"
+
+    @property
+    def text(self) -> str:
+        """The line for a terminal."""
+        count = f"{self.rate.k} of {self.rate.n}"
+        return f"{self.verdict:9}  {percent(self.value):>5}  ({self.target}, {count})  {self.what}"
+
 
 @dataclass(frozen=True)
 class Score:
@@ -182,6 +206,11 @@ class Score:
     outside: dict[str, dict[str, int]]
     seconds: dict[str, float | None]
     rows: list[Row]
+
+
+def percent(share: float | None) -> str:
+    """A share in whole per cent; a dash for none."""
+    return "-" if share is None else f"{100 * share:.0f} %"
 
 
 def rate(hits: Iterable[bool], confidence: float = 0.95) -> Rate:
@@ -277,13 +306,14 @@ def score(results: Sequence[Result]) -> Score:
     single = [row for row in rows if row.kind == "one"]
     seen = [row for row in single if row.gain >= SEEN_NATS]
     nothing = [row for row in rows if row.kind == "nothing"]
-    outside = [row for row in rows if row.kind == "outside"]
-    outside_seen = [row for row in outside if row.gain >= SEEN_NATS]
+    outside = [row for row in rows if row.kind == "outside" and row.gain >= SEEN_NATS]
     alarms = rate(row.verdict != "adequate" for row in nothing)
     reliability = _reliability(results)
     recovery, coverage = _recovery(results)
     targets = [
-        _at_least("single cause of 25 nats or more: truth within the reported set", 0.95, (r.in_set for r in seen)),
+        _at_least(
+            f"single cause of {SEEN_NATS:g} nats or more: truth within the reported set", 0.95, (r.in_set for r in seen)
+        ),
         _at_least(
             "the same, not provably confusable: truth named by itself, or first of an ambiguous set",
             0.85,
@@ -297,12 +327,9 @@ def score(results: Sequence[Result]) -> Score:
             alarms,
         ),
         _at_least(
-            "outside effect of 25 nats or more: unexplained, or located right",
+            f"outside effect of {SEEN_NATS:g} nats or more: unexplained, or located right",
             0.85,
-            (
-                r.verdict == "unexplained" or (r.verdict not in ("adequate", "failed") and r.located)
-                for r in outside_seen
-            ),
+            (r.noticed for r in outside),
         ),
         _reliable(reliability),
         _at_least(
@@ -318,13 +345,13 @@ def score(results: Sequence[Result]) -> Score:
         targets=targets,
         false_alarms=alarms,
         by_gain=_by_gain(single),
-        confusion=_table((row.truth, row.named) for row in [*seen, *nothing, *outside_seen]),
+        confusion=_table((row.truth, row.named) for row in [*seen, *nothing, *outside]),
         set_size={str(k): n for k, n in sorted(Counter(row.set_size for row in seen).items())},
         reliability=reliability,
         recovery=recovery,
         coverage=coverage,
         outside=_table(
-            (row.truth, said) for row in outside_seen for said in (row.verdict, *(["located"] if row.located else []))
+            (row.truth, said) for row in outside for said in (row.verdict, *(["located"] if row.located else []))
         ),
         seconds={
             "median": float(np.median(seconds)) if seconds else None,
@@ -360,7 +387,7 @@ def _by_gain(single: Sequence[Row]) -> list[GainBin]:
             GainBin(
                 low,
                 high if math.isfinite(high) else None,
-                rate(row.verdict not in ("adequate", "failed") for row in inside),
+                rate(row.detected for row in inside),
                 rate(row.exact for row in inside),
                 rate(row.in_set for row in inside),
             )
@@ -430,6 +457,6 @@ def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
 
 
 __all__ = [
-    "CONFUSABLE_NATS", "SEEN_BESIDE_NATS", "SEEN_NATS", "GainBin", "ProbabilityBin", "Rate", "Recovery", "Row", "Score",
-    "Target", "located", "rate", "reported_set", "score",
+    "SEEN_BESIDE_NATS", "SEEN_NATS", "GainBin", "ProbabilityBin", "Rate", "Recovery", "Row", "Score", "Target",
+    "located", "percent", "rate", "reported_set", "score",
 ]  # fmt: skip

@@ -14,9 +14,7 @@ Only the strength is chosen with the fast simulator; the data come from the lite
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +22,14 @@ from scipy.optimize import least_squares
 from scipy.stats import qmc
 from scipy.stats import t as student
 
+from psafit.challenge.answer import Scatter, sizes
 from psafit.inference.optimise import gradient
 from psafit.physics import baseline
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
-from psafit.simulate.sensitivity import plausible
+from psafit.simulate.sensitivity import Side, in_scatter, plausible, share_above
 
 FloatArray = NDArray[np.float64]
-Side = Literal[-1, 1]
 
 # Stronger causes would surprise by themselves: of two hundred rigs one has such a strength.
 MOST = 0.995
@@ -44,7 +42,6 @@ _REPLICATES = 4
 _ROBUST = 3.0
 _CLOUD, _WIDTHS = 48, (0.8, 0.4, 0.2, 0.1, 0.05)
 _HOPELESS = 0.5
-# Relative; the readings' rounding and scatter are far coarser.
 _WORST = 1e6
 
 
@@ -70,21 +67,9 @@ class Strength:
     reached: bool
 
 
-def share_of(term: Term, value: float) -> float:
-    """Part of the prior of a cause's strength that lies closer to neutral than `value`."""
-    p = term.strength
-    assert p.neutral is not None
-    neutral = float(p.to_sampling(p.neutral))
-    mass = np.abs(p.prior_quantile((np.arange(4000) + 0.5) / 4000) - neutral)
-    return float(np.mean(mass < abs(float(p.to_sampling(value)) - neutral)))
-
-
 def side_of(term: Term, rng: np.random.Generator) -> Side:
     """Below or above neutral, with the odds of the prior."""
-    p = term.strength
-    assert p.neutral is not None
-    above = float(np.mean(p.prior_quantile((np.arange(4000) + 0.5) / 4000) > float(p.to_sampling(p.neutral))))
-    return 1 if rng.uniform() < above else -1
+    return 1 if rng.uniform() < share_above(term) else -1
 
 
 def lost_nats(residual: FloatArray) -> float:
@@ -118,7 +103,7 @@ def find(
     others: FloatArray,
     theta: FloatArray,
     design: Design,
-    scatter: Mapping[str, float | None],
+    scatter: Scatter,
     nats: float,
 ) -> Strength:
     """Search for the strength at which an oracle gains `nats`.
@@ -142,17 +127,14 @@ def find(
     Strength
         The strongest the prior and the launches allow, if that is not enough.
     """
-    relative, absolute = float(scatter["sigma_rel"] or 0.0), float(scatter["sigma_abs"] or 0.0)
+    scale = sizes(scatter)
     parameters = baseline.PARAMETERS
     bounds = np.array([[p.sampling_bounds.lower, p.sampling_bounds.upper] for p in parameters])
     truth = np.array([float(p.to_sampling(x)) for p, x in zip(parameters, theta, strict=True)])
 
-    def stabilise(um: FloatArray) -> FloatArray:
-        return np.asarray(np.arcsinh(um * relative / absolute) / relative)
-
     def model(u: FloatArray) -> FloatArray:
         x = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(parameters)], axis=1)
-        return np.nan_to_num(stabilise(simulate(design, x).launch_range * 1e6), nan=_WORST)
+        return np.nan_to_num(in_scatter(simulate(design, x).launch_range * 1e6, *scale), nan=_WORST)
 
     # The refitted baseline may lie far from the true one, beyond a ridge that least squares do not cross.
     quantiles = qmc.Sobol(len(parameters), rng=np.random.default_rng(0)).random(_CROWD)
@@ -165,7 +147,7 @@ def find(
         return values, simulate(design, rows, (term,)).launch_range * 1e6
 
     def expected(um: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
-        target = stabilise(um)
+        target = in_scatter(um, *scale)
         near = np.argsort(np.square(crowd_model - target).sum(axis=1))[:_MORE_STARTS]
         ends = [
             least_squares(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -75,7 +75,7 @@ class Group:
     frequency_hz: FloatArray
     amplitude_v: FloatArray
     launch_range_um: FloatArray
-    sigma_um: FloatArray | None = None  # known standard uncertainty of each reading, where given
+    sigma_um: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
@@ -153,6 +153,12 @@ class Experiment:
                 file=self.folder / DEFINITION,
             )
         return chosen
+
+    def with_readings(self, launch_range_um: FloatArray) -> Experiment:
+        """The same with other readings, (n_points,), one group after the other."""
+        parts = np.split(launch_range_um, np.cumsum([g.n_points for g in self.groups])[:-1])
+        groups = tuple(replace(g, launch_range_um=um) for g, um in zip(self.groups, parts, strict=True))
+        return replace(self, groups=groups, fingerprint=fingerprint(self.constants, groups))
 
 
 def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:

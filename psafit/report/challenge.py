@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from psafit.challenge.score import GainBin, ProbabilityBin, Rate, Recovery, Score
+from psafit.challenge.score import SEEN_NATS, GainBin, ProbabilityBin, Rate, Recovery, Score, percent
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
 
@@ -45,10 +45,10 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
             [
                 t.what,
                 t.target,
-                _percent(t.value),
+                percent(t.value),
                 _interval(t.rate),
                 f"{t.rate.k} of {t.rate.n}",
-                {"text": _HOLDS[t.holds], "kind": _KINDS[t.holds]},
+                {"text": t.verdict, "kind": _KINDS[t.holds]},
             ]
             for t in score.targets
         ],
@@ -56,7 +56,7 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
             [
                 f"{b.lower:g} or more" if b.upper is None else f"{b.lower:g}-{b.upper:g}",
                 str(b.named.n),
-                *(f"{_percent(r.share)} ({_interval(r)})" for r in (b.detected, b.named, b.in_set)),
+                *(f"{percent(r.share)} ({_interval(r)})" for r in (b.detected, b.named, b.in_set)),
             ]
             for b in score.by_gain
         ],
@@ -64,27 +64,14 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
         misses=[
             [r.id, r.truth, f"{r.gain:.0f}", r.verdict, r.named, "yes" if r.in_set else "no", str(r.seed)]
             for r in score.rows
-            if _missed(r.kind, r.verdict, r.exact, r.located, r.gain)
+            if r.missed
         ],
-        percent=_percent,
-        interval=_interval,
+        percent=percent,
+        seen_nats=f"{SEEN_NATS:g}",
     )
 
 
-_HOLDS = {True: "holds", False: "misses", None: "not asked"}
 _KINDS = {True: "good", False: "bad", None: "warn"}
-
-
-def _missed(kind: str, verdict: str, exact: bool, located: bool, gain: float) -> bool:
-    if kind == "nothing":
-        return verdict != "adequate"
-    if gain < 25:
-        return False
-    return not (verdict == "unexplained" or located) if kind == "outside" else not exact
-
-
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.0f} %"
 
 
 def _interval(r: Rate) -> str:

@@ -20,8 +20,8 @@ from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.report import diagnosis_pictures, figures
 from psafit.report.diagnosis_pictures import Shown
-from psafit.report.fit_pictures import Picture
-from psafit.report.page import render
+from psafit.report.figures.sweep import SWEPT
+from psafit.report.page import Picture, render
 from psafit.report.wording import (
     NBSP,
     count,
@@ -30,14 +30,16 @@ from psafit.report.wording import (
     groups,
     interval,
     listed,
+    noted,
     number,
     p_value,
     percent,
     symbol_html,
+    two_digits,
     typeset,
     with_unit,
 )
-from psafit.validate import log_ratio
+from psafit.validate import log_ratio, root_mean_square
 
 FloatArray = NDArray[np.float64]
 REPORT: Final = "diagnosis.html"
@@ -69,7 +71,7 @@ _LOOKS_AT: Final = {
     "point": "single readings",
     "replicate": "sessions at the same condition",
 }
-_COVARIATES: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude", "range": "launch range"}
+_COVARIATES: Final = {**SWEPT, "range": "launch range"}
 _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
     "nested": "For each group, causes and parameters chosen on all the others, then that group scored.",
@@ -120,7 +122,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "other_models": [
             {"name": _model(c.terms), "rows": _parameter_rows(c)} for c in result.causes if c is not leader
         ],
-        "leader_listed": leader in result.causes,
+        "leader_listed": leader is _listed_leader(result),
         "unnamed": _share(result.unnamed),
         "mostly_unnamed": result.unnamed > 0.5,
         "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, _TITLES, result.named),
@@ -175,7 +177,7 @@ def _share(value: object) -> str:
 
 def _cause(id: str) -> Markup:
     title = _TITLES.get(id)
-    return Markup("{} <span class='soft'>({})</span>").format(title, id) if title else escape(id)
+    return noted(title, f"({id})") if title else escape(id)
 
 
 def _model(terms: Sequence[str]) -> Markup:
@@ -188,10 +190,13 @@ def _ids(ids: Iterable[GroupId]) -> Markup:
     return groups(found) if found else Markup("none")
 
 
+def _known_parameter(name: str) -> Parameter | None:
+    return _PARAMETERS.get(name) or _LATENTS.get(name.rpartition("_")[0])
+
+
 def _parameter(name: str, description: str) -> Markup:
-    known = _PARAMETERS.get(name) or _LATENTS.get(name.rpartition("_")[0])
-    symbol = symbol_html(known.symbol) if known else Markup("<code>{}</code>").format(name)
-    return Markup("{} <span class='soft'>{}</span>").format(symbol, description)
+    known = _known_parameter(name)
+    return noted(symbol_html(known.symbol) if known else Markup("<code>{}</code>").format(name), description)
 
 
 def _of_group(group: GroupId, text: str) -> Markup:
@@ -201,18 +206,22 @@ def _of_group(group: GroupId, text: str) -> Markup:
     return Markup("<strong>Group {}</strong>: {}").format(group, typeset(rest))
 
 
+def _listed_leader(result: Diagnosis) -> CauseResult | None:
+    """The adopted model, where it is among the models of the record."""
+    return next((c for c in result.causes if c.terms == result.named), None)
+
+
 def _leader(result: Diagnosis) -> CauseResult | None:
     """The adopted model; its best fit alone, where it is not among the models of the record."""
-    for c in result.causes:
-        if list(c.terms) == list(result.named):
-            return c
+    if listed_one := _listed_leader(result):
+        return listed_one
     values = result.show.get("extended" if result.named else "baseline", {}).get("parameters", {})
     found = {}
     for name, value in values.items():
-        p = _PARAMETERS.get(name) or _LATENTS.get(name.rpartition("_")[0])
+        p = _known_parameter(name)
         about = {"unit": p.unit, "description": p.description} if p else {}
         found[name] = {"median": value, "lower": value, "upper": value, **about}
-    return CauseResult(list(result.named), math.nan, found, {}, []) if found else None
+    return CauseResult(result.named, math.nan, found, {}, []) if found else None
 
 
 # The first screen -----------------------------------------------------------------------------------------------
@@ -222,29 +231,17 @@ def _shown(result: Diagnosis, experiment: Experiment) -> list[Shown]:
     """The groups of the record with both models' predictions, which the record holds one group after the other."""
     members = experiment.select(result.groups)
     n = sum(g.n_points for g in members)
-    models: dict[str, FloatArray | None] = {}
-    for name in ("baseline", "extended"):
-        values = result.show.get(name, {}).get("predicted_um", [])
-        models[name] = np.asarray(values, dtype=float) if len(values) == n else None
+    told = [result.show.get(name, {}).get("predicted_um", []) for name in ("baseline", "extended")]
+    models = [np.asarray(values, dtype=float) if len(values) == n else None for values in told]
     found, start = [], 0
     for group in members:
         part = slice(start, start + group.n_points)
         start = part.stop
-        before, after = (None if m is None else m[part] for m in models.values())
-        found.append(
-            Shown(
-                group,
-                figures.sweep_of(group),
-                before,
-                after,
-                *(_rmse(m, group.launch_range_um) for m in (before, after)),
-            )
-        )
+        before, after = (None if m is None else m[part] for m in models)
+        y = group.launch_range_um
+        errors = (None if m is None else root_mean_square(log_ratio(m, y)) for m in (before, after))
+        found.append(Shown(group, figures.sweep_of(group), before, after, *errors))
     return found
-
-
-def _rmse(predicted: FloatArray | None, measured: FloatArray) -> float | None:
-    return None if predicted is None else float(np.sqrt(np.mean(np.square(log_ratio(predicted, measured)))))
 
 
 def _pictured(shown: list[Shown]) -> list[Shown]:
@@ -282,13 +279,12 @@ def _p(p: float) -> str:
 
 def _wrong(result: Diagnosis) -> Markup:
     head = Markup("<strong>What is wrong, and why?</strong> ")
-    character = result.misfit.get("baseline", {}).get("character", "none")
     named = Markup(" + ").join(Markup("<strong>{}</strong>").format(_TITLES.get(t, t)) for t in result.named)
     tied = Markup("; or ").join(_model(ids) for ids in result.alternatives[:3])
     more = len(result.alternatives) - 3
     if more > 0:
         tied += Markup(" (and {} more)").format(count(more, "set"))
-    listed_one = next((c for c in result.causes if list(c.terms) == list(result.named)), None)
+    listed_one = _listed_leader(result)
     share = f" (probability {_share(listed_one.probability)})" if listed_one else ""
     if result.verdict == "adequate":
         return head + "Nothing that these readings show."
@@ -300,14 +296,19 @@ def _wrong(result: Diagnosis) -> Markup:
         return head + Markup(
             "Several sets of causes do about equally well, and these readings cannot separate them: {}{}; or {}."
         ).format(named, share, tied)
-    what = _CHARACTERS.get(character, str(character))
     if not result.named:
+        what = _character(result.misfit.get("baseline", {}))
         return head + Markup("No cause of the catalogue explains it. Of the baseline: {}.").format(what)
     also = Markup(" As good: {}.").format(tied) if result.alternatives else ""
     return head + Markup(
         "The best extension is {}{}, but structure remains that no cause describes (probability of an"
         " unnamed discrepancy {}).{}"
     ).format(named, share, _share(result.unnamed), also)
+
+
+def _character(tests: Mapping[str, Any]) -> str:
+    found = str(tests.get("character", "none"))
+    return _CHARACTERS.get(found, found)
 
 
 def _gained(result: Diagnosis) -> Markup:
@@ -362,9 +363,7 @@ def _growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
 
 
 def _drift_rows(result: Diagnosis) -> list[list[Any]]:
-    rest = {
-        (d["parameter"], d["variable"]): d["gain"] for d in result.show.get("extended", {}).get("drift", [])
-    }  # fmt: skip
+    rest = {(d["parameter"], d["variable"]): d["gain"] for d in result.show.get("extended", {}).get("drift", [])}
     extended = "extended" in result.show
     rows = []
     for d in result.show.get("baseline", {}).get("drift", [])[:_MAX_DRIFTS]:
@@ -506,7 +505,7 @@ def _tests(tests: Mapping[str, Any]) -> dict[str, Any] | None:
     return {
         "p": _p(p),
         "wrong": p < ALPHA,
-        "character": _CHARACTERS.get(str(tests.get("character")), str(tests.get("character", ""))),
+        "character": _character(tests),
         "n_simulated": tests.get("n_simulated", 0),
         "refit": "refitted with the model itself" if tests.get("refit") == "exact" else "refitted with its expansion",
         "odd_groups": _ids(tests["odd_groups"]) if tests.get("odd_groups") else None,
@@ -651,9 +650,7 @@ def _span(values: Sequence[float], unit: str) -> str:
 
 
 def _short(value: object) -> str:
-    """Two digits."""
-    x = _known(value)
-    return exact(float(f"{x:.1e}")) if math.isfinite(x) else "–"
+    return two_digits(_known(value))
 
 
 def _numerics(n: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -9,15 +9,16 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from psafit.diagnose.record import ScreeningResult
 from psafit.experiment import Group, GroupId
 from psafit.report.figures import Sweep
-from psafit.report.figures.axes import reading_range, scale_axis
-from psafit.report.figures.groups import short
-from psafit.report.fit_pictures import Picture
-from psafit.report.page import SVG_LIMIT, figure_data_uri
+from psafit.report.figures.axes import label, reading_range, scale_axis, widened
+from psafit.report.figures.groups import draw_readings, short
+from psafit.report.figures.sweep import AXIS, SWEPT
+from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
 from psafit.report.wording import factor, number, percent
 
@@ -33,8 +34,6 @@ _VERDICT_COLOR: Final = {
     "could not have been seen": PALETTE["sky"],
 }
 _HATCH: Final = {"could not have been seen": "////"}
-_SWEPT: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude"}
-_AXIS: Final = {"frequency": "Drive frequency (Hz)", "amplitude": "Drive amplitude (V)"}
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
 
@@ -66,16 +65,16 @@ def _uri(figure: Figure, n: int) -> str:
 
 
 def _heading(axes: Axes, group_id: GroupId, condition: str) -> None:
-    text = f"Group {short(group_id, 18)}: {condition}"
-    # A dollar sign would start a formula.
-    axes.set_title((text if len(text) <= 42 else f"{text[:41]}…").replace("$", r"\$"))
+    axes.set_title(label(f"Group {short(group_id, 18)}: {condition}"))
 
 
 def _scale_x(axes: Axes, values: FloatArray, *, log: bool) -> None:
-    low, high = float(np.min(values)), float(np.max(values))
-    margin = (high / low) ** 0.03 if log else 0.03 * (high - low)
-    limits = (low / margin, high * margin) if log else (low - margin, high + margin)
+    limits = widened(float(np.min(values)), float(np.max(values)), 0.03, log=log)
     scale_axis(axes, "x", *limits, log=log)
+
+
+def _swept(sweep: Sweep) -> str:
+    return SWEPT.get(sweep.variable, "the number of the reading")
 
 
 def _along(sweep: Sweep, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -96,17 +95,13 @@ def _overview(g: Shown, n: int) -> Picture:
     with figure_style():
         figure, (axes,) = new_figure(height=2.75)
         bottom, top, log = reading_range(measured, everything, everything)
-        visible = measured > 0 if log else np.ones(measured.size, dtype=bool)
         for model, look in models:
             at, line = _along(g.sweep, np.maximum(model, bottom) if log else model)
             if np.unique(at).size == 1:
                 axes.plot(at, line, "_", ms=12, mew=2, color=look["color"])
             else:
                 axes.plot(at, line, **look)
-        axes.plot(x[visible], measured[visible], **MEASURED)
-        if not visible.all():
-            at_zero = x[~visible]
-            axes.plot(at_zero, np.full(at_zero.size, bottom), **{**MEASURED, "marker": "v", "clip_on": False})
+        draw_readings(axes, x, measured, bottom, log=log)
         scale_axis(axes, "y", bottom, top, log=log)
         _scale_x(axes, x, log=g.sweep.log)
         axes.set_xlabel(g.sweep.label)
@@ -118,8 +113,8 @@ def _overview(g: Shown, n: int) -> Picture:
         if error is not None
     ]
     alt = (
-        f"Launch range against {_SWEPT.get(g.sweep.variable, 'the number of the reading')}, group {g.group.id},"
-        f" {g.sweep.condition}: measured {number(float(measured.min()))} to {number(float(measured.max()))} µm"
+        f"Launch range against {_swept(g.sweep)}, group {g.group.id}, {g.sweep.condition}:"
+        f" measured {number(float(measured.min()))} to {number(float(measured.max()))} µm"
         + (", typically " + ", ".join(errors) if errors else "")
         + "."
     )
@@ -166,13 +161,13 @@ def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: s
         room = 0.25 * (high - low) + 0.1
         scale_axis(axes, "y", low - room, high + room, log=False)
         _scale_x(axes, at, log=bool(at.min() > 0 and at.max() >= 3 * at.min()))
-        axes.set_xlabel(_AXIS[base["variable"]])
+        axes.set_xlabel(AXIS[base["variable"]])
         axes.set_ylabel(f"d ln L / d ln {letter}")
         _heading(axes, base["group"], condition)
     text = f"measured {_extent(seen['measured'])}, baseline {_extent(base['simulated'])}"
     if ext is not None:
         text += f", extended {_extent(ext['simulated'])}"
-    alt = f"Local exponent of the launch range against {_SWEPT[base['variable']]}, group {base['group']}: {text}."
+    alt = f"Local exponent of the launch range against {SWEPT[base['variable']]}, group {base['group']}: {text}."
     return Picture(_uri(figure, n), alt, f"Exponent: {text}.")
 
 
@@ -196,21 +191,19 @@ def screening_pictures(
     """
     if not screening:
         return []
-    best = screening[0]
-    present = [titles.get(s.id, s.id) for s in screening if s.verdict == "present"]
+    names = [titles.get(s.id, s.id) for s in screening]
+    present = [name for name, s in zip(names, screening, strict=True) if s.verdict == "present"]
     gains = _bars(
-        [titles.get(s.id, s.id) for s in screening], [s.refit_gain for s in screening], screening, named,
-        "Gain, refitted (nats)", _nats, None,
+        names, [s.refit_gain for s in screening], screening, named, "Gain, refitted (nats)", _nats, None
     )  # fmt: skip
     inclusion = _bars(
-        [titles.get(s.id, s.id) for s in screening], [s.inclusion for s in screening], screening, named,
-        "Inclusion probability", percent, (0.0, 1.0),
+        names, [s.inclusion for s in screening], screening, named, "Inclusion probability", percent, (0.0, 1.0)
     )  # fmt: skip
     return [
         Picture(
             figure_data_uri(gains),
-            f"Gain of the log likelihood when the baseline is refitted with one cause: most, {number(best.refit_gain)}"
-            f" nats, for {titles.get(best.id, best.id)}; {len(screening)} causes.",
+            f"Gain of the log likelihood when the baseline is refitted with one cause: most,"
+            f" {number(screening[0].refit_gain)} nats, for {names[0]}; {len(screening)} causes.",
             "What each cause alone makes of the baseline, refitted. Bold: adopted.",
         ),
         Picture(
@@ -231,12 +224,10 @@ def _nats(value: float) -> str:
 
 def _bars(
     names: Sequence[str], values: Sequence[float], screening: Sequence[ScreeningResult], adopted: Sequence[str],
-    label: str,
+    quantity: str,
     text: Callable[[float], str],
     limits: tuple[float, float] | None,
 ) -> Figure:  # fmt: skip
-    from matplotlib.patches import Patch
-
     with figure_style():
         figure, (axes,) = new_figure(height=1.25 + 0.235 * len(names))
         at = np.arange(len(names))[::-1]
@@ -256,13 +247,12 @@ def _bars(
             )  # fmt: skip
         scale_axis(axes, "x", low, high + 0.22 * span, log=False, few=True)
         axes.set_ylim(-0.7, len(names) - 0.3)
-        cut = [n if len(n) <= 31 else f"{n[:30]}…" for n in names]
-        axes.set_yticks(at, [n.replace("$", r"\$") for n in cut], fontsize=8.5)
+        axes.set_yticks(at, [label(n, 31) for n in names], fontsize=8.5)
         for tick, s in zip(axes.get_yticklabels(), screening, strict=True):
             tick.set_fontweight("bold" if s.id in adopted else "normal")
         axes.grid(visible=False, axis="y")
         axes.tick_params(axis="y", length=0)
-        axes.set_xlabel(label)
+        axes.set_xlabel(quantity)
         handles = [
             Patch(facecolor=c, hatch=_HATCH.get(w), edgecolor="white", lw=0, label=w) for w, c in _VERDICT_COLOR.items()
         ]
@@ -286,8 +276,7 @@ def gain_picture(protocol: str, gain: Mapping[str, Any]) -> Picture:
         low, high = (means[0] + float(c) for c in gain["log_rmse_interval"])
         axes.plot([low, high], [0, 0], color=PALETTE["vermillion"], lw=2.2, alpha=0.5, zorder=2)
         axes.axhline(0.5, color=PALETTE["grey"], lw=0.8)
-        names = [f"group {short(r['group'])}".replace("$", r"\$") for r in rows]
-        axes.set_yticks(at, [*names, "mean, 90 %"])
+        axes.set_yticks(at, [*(label(f"group {short(r['group'])}") for r in rows), "mean, 90 %"])
         axes.set_ylim(-0.6, len(rows) + 0.4)
         scale_axis(axes, "x", 0.0, 1.08 * max(float(b.max()), float(a.max()), high, 0.1), log=False)
         axes.grid(visible=False, axis="y")
@@ -322,10 +311,8 @@ def leftover_pictures(shown: Sequence[Shown], mean: FloatArray, sd: FloatArray) 
             parts.append((g, mean[part], sd[part]))
     if not parts:
         return []
-    heard = np.concatenate([m[np.isfinite(s)] for _, m, s in parts])
-    width = np.concatenate([s[np.isfinite(s)] for _, _, s in parts])
-    reach = max(float(np.max(np.abs(heard) + 1.645 * width)), 0.05)
-    return [_leftover(g, m, s, min(reach, 3.0), len(parts)) for g, m, s in parts]
+    reach = float(np.clip(max(np.nanmax(np.abs(m) + 1.645 * s) for _, m, s in parts), 0.05, 3.0))
+    return [_leftover(g, m, s, reach, len(parts)) for g, m, s in parts]
 
 
 def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) -> Picture:
@@ -345,7 +332,7 @@ def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) 
     low, high = factor(float(m.min())), factor(float(m.max()))
     return Picture(
         _uri(figure, n),
-        f"Leftover discrepancy against {_SWEPT.get(g.sweep.variable, 'the number of the reading')}, group {g.group.id}:"
+        f"Leftover discrepancy against {_swept(g.sweep)}, group {g.group.id}:"
         f" readings ×{low} to ×{high} of the prediction.",
         f"×{low} to ×{high}; band: 90 %.",
     )

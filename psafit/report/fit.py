@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from psafit.inference.identify import limits
 from psafit.inference.run import Run
@@ -25,19 +24,19 @@ from psafit.report.wording import (
     groups,
     interval,
     listed,
+    noted,
     number,
     p_value,
     percent,
     symbol_html,
+    two_digits,
     unit_text,
     with_unit,
 )
 from psafit.validate import FAIR, GOOD, Prediction
 
-FloatArray = NDArray[np.float64]
 REPORT = "report.html"
 
-# The study integrated with this step, s.
 _MAX_MINIMA = 8
 _ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limit"}
 _KINDS = {"determined": "good", "bounded above": "warn", "bounded below": "warn", "not determined": "bad"}
@@ -248,10 +247,6 @@ def _value(run: Run, s: ParameterSummary) -> str:
     return with_unit(text, unit)
 
 
-def _name(symbol: Markup, description: str) -> Markup:
-    return Markup("{} <span class='soft'>{}</span>").format(symbol, description)
-
-
 def _parameter_rows(run: Run) -> list[list[Any]]:
     rows: list[list[Any]] = []
     symbols = _symbols(run)
@@ -262,7 +257,7 @@ def _parameter_rows(run: Run) -> list[list[Any]]:
             prior += Markup("<br><span class='badge bad'>implausible under the prior</span>")
         rows.append(
             [
-                _name(symbols[s.name], e.description),
+                noted(symbols[s.name], e.description),
                 _value(run, s),
                 _ONE_SIDED.get(s.verdict) or with_unit(interval(s.lower, s.upper, spread), e.unit),
                 prior,
@@ -369,7 +364,7 @@ def _prior_rows(run: Run) -> list[list[Any]]:
     symbols = _symbols(run)
     return [
         [
-            _name(symbols[e.name], e.description),
+            noted(symbols[e.name], e.description),
             unit_text(e.unit) or "–",
             e.prior,
             f"{exact(e.lower)} to {exact(e.upper)}",
@@ -382,32 +377,27 @@ def _prior_rows(run: Run) -> list[list[Any]]:
 # Numerics and provenance ----------------------------------------------------------------------------------------
 
 
-def _short(value: float) -> str:
-    """Two digits."""
-    return exact(float(f"{value:.1e}"))
-
-
 def _numerics(n: Numerics) -> dict[str, Any]:
     return {
         "engine": n.engine,
         "exact": n.engine == "closed form",
         "converged": n.converged,
-        "error": _short(n.error),
-        "required": _short(n.required),
+        "error": two_digits(n.error),
+        "required": two_digits(n.required),
         "n_sets": n.n_sets,
         "n_points": n.n_points,
         "rows": [
             [
-                _short(r.tolerance) + (" (used)" if r.tolerance == n.tolerance else ""),
-                _short(r.worst),
-                _short(r.median),
+                two_digits(r.tolerance) + (" (used)" if r.tolerance == n.tolerance else ""),
+                two_digits(r.worst),
+                two_digits(r.median),
             ]
             for r in n.refinement
         ],
-        "rate": _short(n.fastest_rate),
+        "rate": two_digits(n.fastest_rate),
         "limit_us": f"{1e6 * n.stable_step:.4g}",
         "common_us": f"{1e6 * n.common_step:g}",
-        "growth": _short(n.common_growth),
+        "growth": two_digits(n.common_growth),
         "ratio": f"{n.common_step / n.stable_step:.3g}",
         "stable": n.stable_step >= n.common_step,
     }

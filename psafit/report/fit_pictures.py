@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 from scipy.stats import binom
 
@@ -14,21 +13,14 @@ from psafit.inference.identify import DROP_90
 from psafit.inference.run import Run
 from psafit.records import GroupScore
 from psafit.report import figures
-from psafit.report.page import SVG_LIMIT, figure_data_uri
+from psafit.report.figures.groups import ROLE_TEXT
+from psafit.report.figures.sweep import SWEPT
+from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.wording import count, factor, interval, number, percent, typeset, with_unit
 from psafit.validate import Prediction, log_ratio
 
 _MAX_PICTURED = 24
 _MAX_SVG_GROUPS = 8
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure in the page: image, what is to be seen, what it means."""
-
-    uri: str
-    alt: str
-    caption: str | Markup
 
 
 @dataclass(frozen=True)
@@ -52,13 +44,8 @@ def _uri(figure: Figure, pictured: Sequence[Shown]) -> str:
     return figure_data_uri(figure, svg_limit=SVG_LIMIT if len(pictured) <= _MAX_SVG_GROUPS else 0)
 
 
-def role_text(s: GroupScore | Prediction) -> str:
-    """Whether the fit saw a group."""
-    return "fitted" if s.role == "fit" else "not seen by the fit"
-
-
 def _swept(sweep: figures.Sweep) -> str:
-    return {"frequency": "drive frequency", "amplitude": "drive amplitude"}.get(sweep.variable, "reading")
+    return SWEPT.get(sweep.variable, "reading")
 
 
 def summary_picture(pictured: Sequence[Shown]) -> Picture:
@@ -67,7 +54,8 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     unseen = sorted((g for g in pictured if g.score.role == "holdout"), key=lambda g: g.score.log_rmse)
     typical = unseen[len(unseen) // 2 : len(unseen) // 2 + 1]
     examples = [(g.prediction, g.sweep) for g in [*seen[:1], *typical]]
-    listing = "; ".join(f"group {g.score.group} {role_text(g.score)} {factor(g.score.log_rmse)}" for g in pictured[:20])
+    scores = [g.score for g in pictured]
+    listing = "; ".join(f"group {s.group} {ROLE_TEXT[s.role]} {factor(s.log_rmse)}" for s in scores[:20])
     below = (
         f"Below, fitted group {seen[0].score.group} and, of those the fit never saw, the one of median score,"
         f" group {typical[0].score.group}."
@@ -75,7 +63,7 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
         else f"Below, fitted group {seen[0].score.group}."
     )
     return Picture(
-        figure_data_uri(figures.summary_figure([g.score for g in pictured], [g.sweep for g in pictured], examples)),
+        figure_data_uri(figures.summary_figure(scores, [g.sweep for g in pictured], examples)),
         f"Typical factor between prediction and reading: {listing}.",
         f"Above, how far the prediction is off in each group: ×1 would be perfect. {below} Line: predicted median."
         " Dark band: 90 % of the model. Light band: where 90 % of readings should fall.",
@@ -90,7 +78,7 @@ def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         y = p.group.launch_range_um
         zeros = int((y == 0).sum())
         alt = (
-            f"Launch range against {_swept(w)}, group {s.group}, {w.condition}, {role_text(s)}: measured"
+            f"Launch range against {_swept(w)}, group {s.group}, {w.condition}, {ROLE_TEXT[s.role]}: measured"
             f" {number(float(y.min()))} to {number(float(y.max()))} µm, predicted median"
             f" {number(float(p.median.min()))} to {number(float(p.median.max()))} µm."
         )
@@ -126,7 +114,7 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         pictures.append(
             Picture(
                 _uri(figures.residual_figure(p, w, error, band, others, view), pictured),
-                f"Predicted over measured against {_swept(w)}, group {s.group}, {role_text(s)}: mean"
+                f"Predicted over measured against {_swept(w)}, group {s.group}, {ROLE_TEXT[s.role]}: mean"
                 f" ×{factor(s.log_bias)}, furthest from one ×{furthest} at {place}.",
                 f"On average ×{factor(s.log_bias)}; furthest off ×{furthest} at {place}.",
             )
@@ -148,7 +136,7 @@ def pit_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         pictures.append(
             Picture(
                 _uri(figures.pit_figure(p, g.sweep, pit, (low, high), bins), pictured),
-                f"Histogram of the probability integral transforms of group {p.group.id}, {role_text(p)}:"
+                f"Histogram of the probability integral transforms of group {p.group.id}, {ROLE_TEXT[p.role]}:"
                 f" {edge} of {pit.size} readings in the two outermost of {bins} bins, {percent(2 / bins)} expected.",
                 f"{edge} of {count(pit.size, 'reading')} in the two outermost bins, where {percent(2 / bins)} belong.",
             )

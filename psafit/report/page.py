@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -14,11 +15,21 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from psafit.files import encodable, write_atomically
+from psafit.report.style import figure_style
 
 SVG_LIMIT = 120_000
 """Largest SVG, in bytes, that is put into a page; larger ones go in as PNG."""
 
 PNG_DPI = 200
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure in the page: image, what is to be seen, what it means."""
+
+    uri: str
+    alt: str
+    caption: str | Markup
 
 
 @cache
@@ -94,8 +105,6 @@ def figure_data_uri(figure: Figure, *, svg_limit: int = SVG_LIMIT) -> str:
     str
         ``data:image/...;base64,...``
     """
-    from psafit.report.style import figure_style
-
     buffer = io.BytesIO()
     with figure_style():
         kind = "svg+xml"

@@ -185,12 +185,7 @@ def _restitution_figure(result: Reproduction) -> Figure:
     axes.plot(r.frequency, r.elastic_study_step, **STUDY, label="study's time step")
     axes.plot(r.frequency, r.elastic_converged, **CONVERGED, label="converged")
     known = [(row.frequency, row.published) for row in _definitions(result)]
-    unknown = []
-    for claim in result.claims:
-        if claim.id.startswith("fig15_restitution_") and claim.id.endswith("hz"):
-            continue
-        if claim.id.startswith("fig15_restitution_0"):
-            unknown.append(claim.published)
+    unknown = [c.published for c in result.claims if c.id.startswith("fig15_restitution_0") and not c.id.endswith("hz")]
     if known:
         axes.plot(*zip(*known, strict=True), **MEASURED | {"marker": "s", "zorder": 6}, label="published")
     for k, value in enumerate(unknown):

@@ -114,6 +114,11 @@ def exact(value: float) -> str:
     return power_of_ten(int(exponent)) if head == "1" else f"{head}{TIMES}{power_of_ten(int(exponent))}"
 
 
+def two_digits(value: float) -> str:
+    """A number of which only the size matters."""
+    return exact(float(f"{value:.1e}")) if math.isfinite(value) else "–"
+
+
 def percent(fraction: float) -> str:
     """A fraction in whole per cent; never 0 or 100 unless it is."""
     if 0 < fraction < 0.005:
@@ -145,6 +150,11 @@ def typeset(text: str) -> str:
     text = re.sub(r"(?<=\d)e([+-]?\d+)\b", lambda m: f"{TIMES}{power_of_ten(int(m[1]))}", text)
     text = re.sub(r"(?<![\w.)])-(?=\d)", "\N{MINUS SIGN}", text)
     return re.sub(r"\bu([ms])\b", r"µ\1", text)
+
+
+def noted(head: object, note: object) -> Markup:
+    """Something with a note behind it."""
+    return Markup("{} <span class='soft'>{}</span>").format(head, note)
 
 
 def count(n: int, noun: str) -> str:

@@ -31,6 +31,7 @@ from psafit.simulate.design import Design
 
 FloatArray = NDArray[np.float64]
 Status = Literal["visible", "absorbed", "idle"]
+Side = Literal[-1, 1]
 
 RIGS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
     {
@@ -56,7 +57,7 @@ _STEP = 1e-4
 _TOLERANCE = 1e-9
 
 
-def plausible(term: Term, share: float = 0.5, side: Literal[-1, 1] | None = None) -> FloatArray:
+def plausible(term: Term, share: float = 0.5, side: Side | None = None) -> FloatArray:
     """A strength that would surprise nobody.
 
     Parameters
@@ -73,19 +74,38 @@ def plausible(term: Term, share: float = 0.5, side: Literal[-1, 1] | None = None
         The strength, the cause's other parameters at their prior medians; in their units.
     """
     values = [float(p.to_physical(p.prior_quantile(0.5))) for p in term.parameters]
-    values[0] = _away(term.strength, share, side)
+    values[0] = _away(term, share, side)
     return np.array(values)
 
 
-def _away(p: Parameter, share: float, side: Literal[-1, 1] | None) -> float:
-    assert p.neutral is not None
-    neutral = float(p.to_sampling(p.neutral))
-    mass = p.prior_quantile((np.arange(4000) + 0.5) / 4000) - neutral
+def _away(term: Term, share: float, side: Side | None) -> float:
     if side is None:
-        side = 1 if np.mean(mass > 0) >= 0.5 else -1
-    reach = float(np.quantile(np.abs(mass), share))
+        side = 1 if share_above(term) >= 0.5 else -1
+    p = term.strength
+    reach = float(np.quantile(np.abs(_offsets(p)), share))
     bounds = p.sampling_bounds
-    return float(p.to_physical(min(max(neutral + side * reach, bounds.lower), bounds.upper)))
+    return float(p.to_physical(min(max(_neutral(p) + side * reach, bounds.lower), bounds.upper)))
+
+
+def share_of(term: Term, value: float) -> float:
+    """Part of the prior of a cause's strength that lies closer to neutral than `value`: undoes `plausible`."""
+    p = term.strength
+    return float(np.mean(np.abs(_offsets(p)) < abs(float(p.to_sampling(value)) - _neutral(p))))
+
+
+def share_above(term: Term) -> float:
+    """Part of the prior of a cause's strength that lies above neutral."""
+    return float(np.mean(_offsets(term.strength) > 0))
+
+
+def _offsets(p: Parameter) -> FloatArray:
+    """Equally likely strengths, from neutral, in the sampling coordinate."""
+    return p.prior_quantile((np.arange(4000) + 0.5) / 4000) - _neutral(p)
+
+
+def _neutral(p: Parameter) -> float:
+    assert p.neutral is not None
+    return float(p.to_sampling(p.neutral))
 
 
 @dataclass(frozen=True)
@@ -125,10 +145,19 @@ class Effect:
         return in_scatter(self.launch_range) - in_scatter(self.neutral)
 
 
-def in_scatter(launch_range: ArrayLike) -> FloatArray:
-    """Map launch ranges (m) to the coordinate in which the scatter has standard deviation 1."""
-    size = RELATIVE_SCATTER * np.asarray(launch_range, dtype=float) / ABSOLUTE_SCATTER
-    return np.asarray(np.arcsinh(size)) / RELATIVE_SCATTER
+def in_scatter(
+    launch_range: ArrayLike, relative: float = RELATIVE_SCATTER, absolute: float = ABSOLUTE_SCATTER
+) -> FloatArray:
+    """Map launch ranges to the coordinate in which the scatter has standard deviation 1.
+
+    Parameters
+    ----------
+    launch_range : array
+        In the unit of `absolute`, m by default.
+    relative, absolute : float
+        The scatter.
+    """
+    return np.asarray(np.arcsinh(relative * np.asarray(launch_range, dtype=float) / absolute)) / relative
 
 
 def effect(term: Term, design: Design, theta: ArrayLike = REFERENCE, values: ArrayLike | None = None) -> Effect:
@@ -333,7 +362,7 @@ def observe(term: Term, constants: Constants) -> ObservedSymptom:
     """
     frequencies = np.geomspace(100.0, 25e3, 46)
     volts = np.linspace(1.0, 20.0, 15)
-    sides: list[Literal[-1, 1]] = [1] if term.strength.neutral == term.strength.bounds.lower else [1, -1]
+    sides: list[Side] = [1] if term.strength.neutral == term.strength.bounds.lower else [1, -1]
     heard: dict[str, set[Trend]] = {"frequency": set(), "amplitude": set()}
     signed: list[FloatArray] = []
     both_signs = False
@@ -349,8 +378,7 @@ def observe(term: Term, constants: Constants) -> ObservedSymptom:
                     e = _clipped(effect(term, design, theta, strong))
                     weak = strong.copy()
                     p = term.strength
-                    assert p.neutral is not None
-                    near = float(p.to_sampling(p.neutral))
+                    near = _neutral(p)
                     weak[0] = p.to_physical(near + 0.1 * (float(p.to_sampling(strong[0])) - near))
                     at_rig += [side * e, side * _clipped(effect(term, design, theta, weak))]
                     if term.latent:  # which lies below neutral as often as above
@@ -394,6 +422,6 @@ def _trend(e: FloatArray) -> Trend:
 
 
 __all__ = [
-    "REFERENCE", "RIGS", "Alike", "Effect", "ObservedSymptom", "alike", "derivatives", "effect", "in_scatter",
-    "observe", "plausible",
+    "REFERENCE", "RIGS", "Alike", "Effect", "ObservedSymptom", "Side", "alike", "derivatives", "effect", "in_scatter",
+    "observe", "plausible", "share_above", "share_of",
 ]  # fmt: skip

@@ -29,6 +29,17 @@ def _tick(value: float, *, powers: bool) -> str:
     return power_of_ten(exponent) if math.isclose(mantissa, 1.0) else f"{mantissa:g}·{power_of_ten(exponent)}"
 
 
+def label(text: str, room: int = 42) -> str:
+    """Text for a figure: its end left out where it is long, and no dollar sign, which would start a formula."""
+    return (text if len(text) <= room else f"{text[: room - 1]}…").replace("$", r"\$")
+
+
+def widened(low: float, high: float, share: float, *, log: bool) -> tuple[float, float]:
+    """A span with a share of itself added at either end."""
+    margin = (high / low) ** share if log else share * (high - low)
+    return (low / margin, high * margin) if log else (low - margin, high + margin)
+
+
 def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool, few: bool = False) -> None:
     """Scale the x or y axis from `low` to `high` with plain numbers at its ticks.
 

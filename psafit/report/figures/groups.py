@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
-from psafit.report.figures.axes import reading_range, scale_axis
+from psafit.report.figures.axes import label, reading_range, scale_axis, widened
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import MEASURED, PALETTE, WIDTH, figure_style, new_figure
 
@@ -37,8 +37,7 @@ def short(group_id: object, room: int = 14) -> str:
 
 def title(axes: Axes, group_id: object, sweep: Sweep, role: str) -> None:
     """Title in two lines: the group and what is held; its role in the role's colour."""
-    head = f"Group {short(group_id, 20)}: {sweep.condition}"
-    axes.set_title(head if len(head) <= 42 else f"{head[:41]}…", pad=20)
+    axes.set_title(label(f"Group {short(group_id, 20)}: {sweep.condition}"), pad=20)
     axes.annotate(
         ROLE_TEXT[role], (0, 1), (0, 5), xycoords="axes fraction", textcoords="offset points",
         color=ROLE_COLOR[role], fontsize=10, va="bottom",
@@ -50,6 +49,16 @@ def _envelope(x: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatAr
     order = np.argsort(x, kind="stable")
     distinct, first = np.unique(x[order], return_index=True)
     return distinct, np.minimum.reduceat(low[order], first), np.maximum.reduceat(high[order], first)
+
+
+def draw_readings(axes: Axes, x: FloatArray, measured: FloatArray, bottom: float, *, log: bool, **look: Any) -> None:
+    """Readings as circles; zeros, where a logarithmic axis has none, as triangles at its end."""
+    look = {**MEASURED, **look}
+    shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
+    axes.plot(x[shown], measured[shown], **look)
+    if not shown.all():
+        zeros = x[~shown]
+        axes.plot(zeros, np.full(zeros.size, bottom), **{**look, "marker": "v", "clip_on": False})
 
 
 def draw_group(axes: Axes, p: Prediction, sweep: Sweep, *, small: bool = False) -> None:
@@ -67,19 +76,16 @@ def draw_group(axes: Axes, p: Prediction, sweep: Sweep, *, small: bool = False) 
             axes.fill_between(at, np.maximum(floor, bottom), np.maximum(ceiling, bottom), color=color, **look)
         at, _, middle = _envelope(x, p.median, p.median)
         axes.plot(at, np.maximum(middle, bottom) if log else middle, color=color, lw=1.5, zorder=2)
-    look = {**MEASURED, "markersize": 3.0, "markeredgewidth": 0.7} if small else MEASURED
-    shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
     if p.group.sigma_um is not None:
         sigma = p.group.sigma_um
+        shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
         foot = np.minimum(sigma, measured - bottom) if log else np.minimum(sigma, measured)
         axes.errorbar(
             x[shown], measured[shown], np.maximum([foot[shown], sigma[shown]], 0.0), fmt="none",
             ecolor=PALETTE["ink"], elinewidth=0.7, zorder=2.5,
         )  # fmt: skip
-    axes.plot(x[shown], measured[shown], **look)
-    if not shown.all():
-        zeros = x[~shown]
-        axes.plot(zeros, np.full(zeros.size, bottom), **{**look, "marker": "v", "clip_on": False})
+    look = {"markersize": 3.0, "markeredgewidth": 0.7} if small else {}
+    draw_readings(axes, x, measured, bottom, log=log, **look)
     scale_axis(axes, "y", bottom, top, log=log)
     _scale_x(axes, sweep, few=small)
 
@@ -87,12 +93,7 @@ def draw_group(axes: Axes, p: Prediction, sweep: Sweep, *, small: bool = False) 
 def _scale_x(axes: Axes, sweep: Sweep, low: float | None = None, high: float | None = None, few: bool = False) -> None:
     low = float(sweep.values.min()) if low is None else low
     high = float(sweep.values.max()) if high is None else high
-    if sweep.log:
-        margin = (high / low) ** 0.03
-        scale_axis(axes, "x", low / margin, high * margin, log=True, few=few)
-    else:
-        margin = 0.03 * (high - low)
-        scale_axis(axes, "x", low - margin, high + margin, log=False, few=few)
+    scale_axis(axes, "x", *widened(low, high, 0.03, log=sweep.log), log=sweep.log, few=few)
     if sweep.variable == "order":
         ticks = MaxNLocator(5, integer=True).tick_values(low, high + 1)
         axes.xaxis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high and t == int(t)]))

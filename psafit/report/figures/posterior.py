@@ -16,7 +16,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from psafit.records import ParameterEntry, ProfilePoint
-from psafit.report.figures.axes import scale_axis
+from psafit.report.figures.axes import scale_axis, widened
 from psafit.report.style import PALETTE, WIDTH, figure_style, new_figure
 
 FloatArray = NDArray[np.float64]
@@ -79,8 +79,7 @@ def _span(values: FloatArray) -> tuple[float, float]:
     low, high = (float(q) for q in np.quantile(values, [0.002, 0.998]))
     if low == high:
         low, high = low - 0.5, high + 0.5
-    margin = 0.06 * (high - low)
-    return low - margin, high + margin
+    return widened(low, high, 0.06, log=False)
 
 
 def _inner_ticks(span: tuple[float, float]) -> FixedLocator:
@@ -168,12 +167,8 @@ def trace_figure(m: Marginal, values: FloatArray, thinning: int) -> Figure:
     with figure_style():
         figure, (axes,) = new_figure(height=2.0)
         axes.plot(step, walkers[:, ::stride].T, lw=0.5, alpha=0.45, color=PALETTE["blue"])
-        low, high = float(values.min()), float(values.max())
-        margin = (high / low) ** 0.04 if m.log else 0.04 * (high - low)
-        if m.log:
-            scale_axis(axes, "y", low / margin, high * margin, log=True)
-        else:
-            scale_axis(axes, "y", low - margin, high + margin, log=False)
+        limits = widened(float(values.min()), float(values.max()), 0.04, log=m.log)
+        scale_axis(axes, "y", *limits, log=m.log)
         axes.set_xlim(0, max(int(step[-1]), 1))
         axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         axes.set_xlabel("Step after burn-in")
@@ -229,7 +224,7 @@ def marginal_figure(m: Marginal) -> Figure:
 def _profile_panel(axes: Axes, m: Marginal) -> None:
     value = np.array([p.value for p in m.profile])
     drop = np.array([p.drop for p in m.profile])
-    top = max(2.2 * m.level, 1.3 * m.level)
+    top = 2.2 * m.level
     axes.axhspan(-m.level, 0.4, color=PALETTE["green"], alpha=0.10, lw=0, zorder=0)
     axes.axhline(-m.level, color=PALETTE["ink"], lw=1.0, ls="--", zorder=1)
     axes.plot(value, -drop, color=PALETTE["green"], marker="o", ms=2.2, lw=1.4, zorder=3)
@@ -238,8 +233,7 @@ def _profile_panel(axes: Axes, m: Marginal) -> None:
         xycoords=("axes fraction", "data"), textcoords="offset points", va="center", fontsize=9,
     )  # fmt: skip
     low, high = float(value.min()), float(value.max())
-    margin = (high / low) ** 0.04 if m.log else 0.04 * (high - low)
-    limits = (low / margin, high * margin) if m.log else (low - margin, high + margin)
+    limits = widened(low, high, 0.04, log=m.log)
     scale_axis(axes, "x", *limits, log=m.log)
     for bound in (m.entry.lower, m.entry.upper):
         if limits[0] <= bound <= limits[1]:

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from psafit.records import GroupScore
+from psafit.report.figures.axes import label
 from psafit.report.figures.groups import ROLE_COLOR, ROLE_MARKER, ROLE_TEXT, draw_group, short
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import MEASURED, PALETTE, WIDTH, figure_style
@@ -35,7 +36,7 @@ def _dots(axes: Axes, scores: Sequence[GroupScore], sweeps: Sequence[Sweep]) -> 
         )  # fmt: skip
     names = [f"{short(s.group)}: {w.condition}" for s, w in zip(scores, sweeps, strict=True)]
     axes.yaxis.set_major_locator(FixedLocator(list(rows)))
-    axes.yaxis.set_major_formatter(FixedFormatter([n if len(n) <= 24 else f"{n[:23]}…" for n in names]))
+    axes.yaxis.set_major_formatter(FixedFormatter([label(n, 24) for n in names]))
     axes.set_ylim(len(scores) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
     right = 1.22 * max(max(s.log_rmse for s in scores), 0.05)

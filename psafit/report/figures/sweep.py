@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from psafit.experiment import Group
 FloatArray = NDArray[np.float64]
 Variable = Literal["frequency", "amplitude", "order"]
 
+SWEPT: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude"}
+AXIS: Final = {"frequency": "Drive frequency (Hz)", "amplitude": "Drive amplitude (V)"}
 # A setting that drifts by less than this (relative) was meant to be held.
 _HELD = 0.02
 NBSP = "\N{NO-BREAK SPACE}"
@@ -71,11 +73,11 @@ def sweep_of(group: Group) -> Sweep:
     if varies(f) and not varies(v):
         log = bool(f.max() >= 3 * f.min())
         held = _volts(float(np.median(v)))
-        return Sweep("frequency", f, "Drive frequency (Hz)", log, f"{group.waveform}, {held}", f_text)
+        return Sweep("frequency", f, AXIS["frequency"], log, f"{group.waveform}, {held}", f_text)
     if varies(v) and not varies(f):
         log = bool(v.min() > 0 and v.max() >= 5 * v.min())
         held = frequency_text(float(np.median(f)))
-        return Sweep("amplitude", v, "Drive amplitude (V)", log, f"{group.waveform}, {held}", v_text)
+        return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.waveform}, {held}", v_text)
     order = np.arange(1.0, group.n_points + 1)
     held = f"{group.waveform}, {f_text}, {v_text}"
     rows = f"{group.n_points} reading{'' if group.n_points == 1 else 's'}"
