@@ -24,7 +24,8 @@ from scipy.stats import binom, chisquare
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from psafit.diagnose.candidate import fit, weigh
+from psafit.diagnose.candidate import fit
+from psafit.diagnose.evidence import weigh
 from psafit.experiment import read_experiment
 from psafit.inference import noise
 from psafit.inference.problem import Problem
@@ -37,7 +38,8 @@ DRAWS, BINS = 99, 10
 def ranks(ids: list[str], group: str, n: int, seed: int) -> tuple[np.ndarray, list[str]]:
     """Ranks of the truth among posterior draws; (n, n_parameters), and the parameters' names."""
     experiment = read_experiment(ROOT / "experiments" / "psa")
-    problem = Problem(experiment, (experiment.group(group).id,), terms(ids))
+    experiment = replace(experiment, groups=(experiment.group(group),))
+    problem = Problem(experiment, experiment.ids, terms(ids))
     rng = np.random.default_rng(seed)
     found = []
     while len(found) < n:
@@ -47,9 +49,7 @@ def ranks(ids: list[str], group: str, n: int, seed: int) -> tuple[np.ndarray, li
         if not (np.isfinite(y).all() and np.abs(y).max() < 1e5):
             continue
         # The likelihood is that of readings of either sign; what an instrument clips is tested by the challenges.
-        made = replace(experiment.group(group), launch_range_um=np.abs(y))
-        data = replace(experiment, groups=(made,), fingerprint=f"sbc {len(found)}")
-        one = _Signed(data, problem.group_ids, problem.terms, y)
+        one = _Signed(experiment.with_readings(np.abs(y)), problem.group_ids, problem.terms, y)
         draws = weigh(fit(one, (), seed=len(found), draws=1024, most=16), seed=len(found), effective=300).resampled(
             DRAWS
         )

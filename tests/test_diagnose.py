@@ -12,7 +12,8 @@ import pytest
 from scipy.special import logsumexp
 
 from psafit.diagnose import diagnose
-from psafit.diagnose.candidate import fit, thinned, weigh
+from psafit.diagnose.candidate import fit, thinned
+from psafit.diagnose.evidence import weigh
 from psafit.diagnose.gain import split, summarise
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
 from psafit.diagnose.leftover import leftover
@@ -170,7 +171,7 @@ def test_prior_probabilities_of_models_sum_to_one():
 
 @pytest.fixture(scope="module")
 def hidden():
-    return climb(problem(experiment(["amplifier_lag"], [4e-5])), FEW, seed=1)
+    return climb(problem(experiment(["amplifier_lag"], [4e-5], n=40, seed=3)), FEW, seed=1)
 
 
 def test_ladder_names_a_hidden_cause(hidden):
@@ -193,7 +194,9 @@ def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden):
 
 
 def test_verdicts(hidden, sound):
-    before = examine(hidden.baseline, FEW, seed=1, n_simulated=199)
+    # Few readings let a large scatter stand for the cause; more do not.
+    more = fit(problem(experiment(["amplifier_lag"], [4e-5], n=60)), (), seed=1, draws=2048, most=24)
+    before = examine(more, FEW, seed=1, n_simulated=199)
     after = examine(hidden.leader, FEW, seed=1, n_simulated=199)
     assert before.wrong
     assert not after.wrong
@@ -332,3 +335,11 @@ def test_diagnosis_of_one_group_with_the_whole_catalogue(tmp_path):
     result = diagnose(e, ["only"], tmp_path, seed=1, quick=True)
     assert result.verdict == "adequate"
     assert len(result.screening) == len(TERMS)
+
+
+def test_prior_width_survives_draws_of_hardly_any_weight():
+    """Weights far below the rest, where the other prior is far above the first, are not divided by."""
+    found = weigh(fit(problem(experiment(n=8)), (), seed=1, draws=256, most=4), seed=1)
+    weights = np.r_[1e-310, np.full(len(found.weights) - 1, 1 / (len(found.weights) - 1))]
+    factor = np.r_[700.0, np.zeros(len(weights) - 1)]
+    assert replace(found, weights=weights).mean_of(factor) == pytest.approx(0.0, abs=1e-3)

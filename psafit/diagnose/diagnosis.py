@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
-from psafit.diagnose.candidate import Candidate, Weighed, weigh
-from psafit.diagnose.ladder import Ids, Ladder, climb
+from psafit.diagnose.candidate import Candidate
+from psafit.diagnose.evidence import Weighed
+from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import Misfit, examine
@@ -101,11 +101,12 @@ def diagnose(
     before = examine(ladder.baseline, catalogue, seed=seed, n_simulated=n_simulated)
     leader = ladder.leader
     after = examine(leader, catalogue, seed=seed, n_simulated=n_simulated) if leader.terms else None
-    left = leftover(leader) if leader.terms or before.wrong else None
+    # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
+    left = leftover(leader)
     verdict = conclude(ladder, before, after, left)
     lap("tests")
 
-    draws = _weighed(ladder, leader.ids, seed)
+    draws = ladder.draws(leader.ids, seed)
     numerics = asdict(refine(leader.problem, leader.modes[:1], everything.experiment.fingerprint))
     write_predictions(
         folder / "predictions-diagnosis.csv", predictive(leader.problem, draws.resampled(_DRAWS), seed)
@@ -136,13 +137,13 @@ def diagnose(
         verdict=verdict.verdict,
         named=list(verdict.named),
         alternatives=[list(ids) for ids in verdict.alternatives],
-        causes=_causes(ladder, verdict, seed),
+        causes=_causes(ladder, verdict),
         misfit=_misfit(before, after, left, leader),
         numerics=numerics,
         gain=measured,
         next_experiment=proposal,
         predictions="predictions-diagnosis.csv",
-        sentences=_sentences(ladder, verdict, before, after, measured),
+        sentences=_sentences(verdict, before, measured),
         unnamed=verdict.unnamed,
         screening=_screening(ladder, verdict),
         show=_show(ladder),
@@ -167,10 +168,6 @@ def _ladder(problem: Problem, catalogue: Sequence[Term], seed: int, memory: Memo
     )  # fmt: skip
 
 
-def _weighed(ladder: Ladder, ids: Ids, seed: int) -> Weighed:
-    return ladder.weighed[ids] if ids in ladder.weighed else weigh(ladder.of(ids), seed=seed)
-
-
 def _protocols(
     experiment: Experiment, training: tuple[GroupId, ...]
 ) -> dict[str, list[tuple[tuple[GroupId, ...], tuple[GroupId, ...]]]]:
@@ -186,17 +183,17 @@ def _protocols(
 # --- the record -----------------------------------------------------------------------------------------------------
 
 
-def _causes(ladder: Ladder, verdict: Verdict, seed: int) -> list[CauseResult]:
+def _causes(ladder: Ladder, verdict: Verdict) -> list[CauseResult]:
     shown = [c for c in ladder.candidates if ladder.probability[c.ids] >= _LEAST][:_SHOWN]
     for always in (ladder.leader, ladder.baseline):
         if always not in shown:
             shown.append(always)
     # What the verdict names comes first.
     shown.sort(key=lambda c: (c.ids != verdict.named, -ladder.probability[c.ids]))
-    return [_cause(ladder, verdict, c, seed) for c in shown]
+    return [_cause(ladder, verdict, c) for c in shown]
 
 
-def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate, seed: int) -> CauseResult:
+def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResult:
     problem = candidate.problem
     found = ladder.weighed.get(candidate.ids)
     parameters: dict[str, dict[str, Any]] = {}
@@ -256,7 +253,7 @@ def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
                 x = found.draws[:, i] * p.scale
                 low, high = p.bounds.lower, p.bounds.upper
                 shift += other.prior.log_density(x, low, high) - p.prior.log_density(x, low, high)
-        changes[word] = float(logsumexp(shift, b=found.weights))
+        changes[word] = found.mean_of(shift)
     return changes
 
 
@@ -350,7 +347,7 @@ def _next(ladder: Ladder, verdict: Verdict, draws: Weighed, seed: int) -> dict[s
         return {}
     rival = next((ids for ids in verdict.alternatives if any(c.ids == ids for c in ladder.candidates)), None)
     if rival is not None:
-        found = next_experiment.propose(leader, draws, (ladder.of(rival), _weighed(ladder, rival, seed)), seed=seed)
+        found = next_experiment.propose(leader, draws, (ladder.of(rival), ladder.draws(rival, seed)), seed=seed)
         about = f"tells {_words(leader.ids)} from {_words(rival)}"
     else:
         found = next_experiment.propose(leader, draws, None, seed=seed)
@@ -362,9 +359,7 @@ def _words(ids: Sequence[str]) -> str:
     return " + ".join(ids) if ids else "the baseline"
 
 
-def _sentences(
-    ladder: Ladder, verdict: Verdict, before: Misfit, after: Misfit | None, measured: Mapping[str, Any]
-) -> list[str]:
+def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any]) -> list[str]:
     result = list(verdict.reasons)
     if before.wrong and before.character != "none":
         what = {

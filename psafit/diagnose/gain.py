@@ -12,8 +12,6 @@ blocks of five neighbours in the sweep.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,12 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from psafit.diagnose.candidate import Weighed, weigh
+from psafit.diagnose.evidence import quantiles
 from psafit.diagnose.ladder import Ids, Ladder
 from psafit.experiment import Experiment, GroupId
-from psafit.files import write_atomically
 from psafit.inference import noise
-from psafit.validate import COLUMNS, log_ratio
+from psafit.validate import COLUMNS, log_ratio, prediction_rows, root_mean_square, write_table
 
 FloatArray = NDArray[np.float64]
 
@@ -153,17 +150,13 @@ def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int) -> Split:
     )
 
 
-def _weighed(ladder: Ladder, ids: Ids, seed: int) -> Weighed:
-    return ladder.weighed[ids] if ids in ladder.weighed else weigh(ladder.of(ids), seed=seed)
-
-
 def _forecast(
     ladder: Ladder, mixture: dict[Ids, float], counts: dict[Ids, int], group_id: GroupId, seed: int
 ) -> Forecast:
     ranges, readings, density, weight = [], [], [], []
     for ids, share in mixture.items():
         problem = ladder.of(ids).problem
-        draws = _weighed(ladder, ids, seed).resampled(counts[ids])
+        draws = ladder.draws(ids, seed).resampled(counts[ids])
         rng = np.random.default_rng([seed, 11, len(ids)])
         group = problem.experiment.group(group_id)
         found = problem.predict(draws, [group_id], rng)
@@ -173,27 +166,15 @@ def _forecast(
         density.append(noise.log_density(group.launch_range_um, found, scatter, group.sigma_um))
         weight.append(np.full(len(draws), share / len(draws)))
     w = np.concatenate(weight)
-    lower, upper = _quantiles(np.concatenate(readings), w, (0.05, 0.95))
+    lower, upper = quantiles(np.concatenate(readings), w, (0.05, 0.95))
     return Forecast(
         group=group_id,
-        median=_quantiles(np.concatenate(ranges), w, (0.5,))[0],
+        median=quantiles(np.concatenate(ranges), w, (0.5,))[0],
         lower=np.maximum(lower, 0.0),
         upper=upper,
-        log_density=logsumexp(np.concatenate(density), axis=0, b=w[:, None]),
+        log_density=logsumexp(np.concatenate(density) + np.log(w)[:, None], axis=0),
         measured=problem.experiment.group(group_id).launch_range_um,
     )
-
-
-def _quantiles(values: FloatArray, weights: FloatArray, q: Sequence[float]) -> FloatArray:
-    """Weighted quantiles along the first axis; (len(q), n_points)."""
-    order = np.argsort(values, axis=0)
-    mass = np.cumsum(weights[order], axis=0) - 0.5 * weights[order]
-    ordered = np.take_along_axis(values, order, axis=0)
-    return np.array([np.interp(q, mass[:, i], ordered[:, i]) for i in range(values.shape[1])]).T
-
-
-def _rmse(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(error))))
 
 
 def _inside(f: Forecast) -> FloatArray:
@@ -209,7 +190,8 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
             pairs.append((before, after))
             rows.append(
                 GroupGain(
-                    before.group, list(one.named), list(one.seen), _rmse(before.error), _rmse(after.error),
+                    before.group, list(one.named), list(one.seen),
+                    root_mean_square(before.error), root_mean_square(after.error),
                     float(before.log_density.sum()), float(after.log_density.sum()),
                     float(_inside(before).mean()), float(_inside(after).mean()),
                 )
@@ -223,11 +205,18 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
             n = before.median.size
             first = rng.integers(0, n, math.ceil(n / _BLOCK))
             chosen = ((first[:, None] + np.arange(_BLOCK)) % n).ravel()[:n]
-            changes.append(_rmse(after.error[chosen]) - _rmse(before.error[chosen]))
+            changes.append(root_mean_square(after.error[chosen]) - root_mean_square(before.error[chosen]))
             scores += float((after.log_density - before.log_density)[chosen].sum())
         rmse_change[b], elpd_change[b] = np.mean(changes), scores
     name = f"predictions-{protocol}.csv"
-    _write(folder / name, experiment, splits)
+    table = (
+        [*row, model]
+        for one in splits
+        for model, forecasts in (("baseline", one.before), ("extended", one.after))
+        for f in forecasts
+        for row in prediction_rows(experiment.group(f.group), f.median, f.lower, f.upper, "holdout")
+    )
+    write_table(folder / name, (*COLUMNS, "model"), table)
     every = [np.concatenate([_inside(p[k]) for p in pairs]) for k in (0, 1)]
     return Gain(
         protocol=protocol,
@@ -251,17 +240,3 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         ],
         predictions=name,
     )
-
-
-def _write(path: Path, experiment: Experiment, splits: Sequence[Split]) -> None:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow((*COLUMNS, "model"))
-    for one in splits:
-        for model, forecasts in (("baseline", one.before), ("extended", one.after)):
-            for f in forecasts:
-                group = experiment.group(f.group)
-                columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um, f.median, f.lower, f.upper)
-                for row in zip(*columns, strict=True):
-                    table.writerow([group.id, group.waveform, *(float(x) for x in row), "holdout", model])
-    write_atomically(path, text.getvalue().encode())

@@ -23,17 +23,20 @@ at work, and nothing else that these readings show".
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from psafit.diagnose.candidate import Candidate, Weighed, fit, settle, weigh
+from psafit.diagnose.candidate import Candidate, fit, settle
+from psafit.diagnose.evidence import Weighed, weigh
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.screening import Screened, extended, screen
-from psafit.inference.ascent import Ascent
+from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
@@ -49,14 +52,18 @@ VISIBLE_EVIDENCE = 3.0
 
 MOST_CAUSES = 4
 # Models kept at each size, and causes tried on each of them.
-_BEAM, _TRIED = 3, 6
+_BEAM, _TRIED = 3, 5
 # ... of which so many by expansion and alone in any case; more only where the expansion promises this much (nats).
 _SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
 # Rounds in which causes of the leader are exchanged, and exchanges tried for each.
-_SWAPS, _SWAPPED = 4, 4
+_SWAPS, _SWAPPED = 4, 3
 # A model this far below the best (nats of evidence and prior) is not weighed.
 _HOPELESS = 7.0
 _WEIGHED = 4
+# A draw this far above the optimum (nats) says that the climb had not arrived.
+_HIGHER = 0.5
+# A start this far (nats) below a model's optimum may lead above it.
+_WITHIN_REACH = 200.0
 # Error of Laplace's evidence (nats), as seen against importance sampling; draws over which probabilities are averaged.
 _LAPLACE_DOUBT, _SHAKES = 1.0, 400
 _DRAWS_BASELINE, _DRAWS_CAUSE, _DRAWS_PAIR = 4096, 256, 128
@@ -103,6 +110,10 @@ class Ladder:
         """The most probable model."""
         return self.candidates[0]
 
+    def draws(self, ids: Ids, seed: int) -> Weighed:
+        """Posterior draws of a model; worked out for one that the search did not weigh."""
+        return self.weighed[ids] if ids in self.weighed else weigh(self.of(ids), seed=seed)
+
     def gain(self, ids: Ids) -> float:
         """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""
         return self.of(ids).log_likelihood - self.baseline.log_likelihood
@@ -143,16 +154,24 @@ def climb(
     kept = memory or Memory(None)
     fitted: dict[Ids, Candidate] = {}
     screenings: dict[Ids, tuple[Screened, ...]] = {}
-    baseline = _fit(kept, problem, (), seed, None, _DRAWS_BASELINE, _STARTS_BASELINE)
-    fitted[()] = baseline
+    weighed: dict[Ids, Weighed] = {}
+
+    def weigh_one(c: Candidate) -> Candidate:
+        """Weigh a model, and return it fitted from the best draw if that is above what its climbs had found."""
+        weighed[c.ids] = _weigh(kept, c, seed)
+        better = weighed[c.ids].height > c.height + _HIGHER
+        fitted[c.ids] = _climbed_from(kept, c, weighed[c.ids].top[None], seed) if better else c
+        return fitted[c.ids]
+
+    baseline = weigh_one(_fit(kept, problem, (), seed, None, _DRAWS_BASELINE, _STARTS_BASELINE))
     screenings[()] = tuple(screen(baseline, catalogue))
-    for k, found in enumerate(screenings[()]):
+    rival = None
+    for k, found in enumerate(sorted(screenings[()], key=lambda s: -s.log_bayes)):
         progress(found.term.id, k, n)
         larger = extended(problem, found.term, catalogue)
-        one = _fit(kept, larger, (baseline,), seed, found.starts, _DRAWS_CAUSE, 12)
+        one = _fit(kept, larger, (baseline,), seed, found.starts, _DRAWS_CAUSE, 12, rival)
         fitted[one.ids] = one
-
-    weighed: dict[Ids, Weighed] = {}
+        rival = _higher(rival, one)
 
     def worth(c: Candidate) -> float:
         evidence = weighed[c.ids].log_evidence if c.ids in weighed else c.laplace
@@ -163,22 +182,26 @@ def climb(
 
     for size in range(1, min(MOST_CAUSES, n)):
         parents = _parents([c for c in fitted.values() if len(c.terms) == size], worth)
-        wanted: dict[Ids, tuple[Problem, list[Candidate], list[FloatArray]]] = {}
+        wanted: dict[Ids, tuple[Problem, list[Candidate], list[FloatArray], list[float]]] = {}
         for parent in parents:
             progress(f"{' + '.join(parent.ids)}: what else", 0, 1)
             screenings[parent.ids] = tuple(screen(parent, catalogue))
             for found in _promising(screenings[parent.ids], fitted, worth):
                 larger = extended(parent.problem, found.term, catalogue)
                 ids = tuple(t.id for t in larger.terms)
-                entry = wanted.setdefault(ids, (larger, [], []))
+                entry = wanted.setdefault(ids, (larger, [], [], []))
                 entry[1].append(parent)
                 entry[2].append(found.starts)
+                entry[3].append(worth(parent) + found.log_bayes)
         before = best()
-        for k, (ids, (larger, nested, starts)) in enumerate(wanted.items()):
+        rival = None
+        # The most promising first: what falls hopelessly behind it is not fitted to the end.
+        for k, (ids, (larger, nested, starts, _)) in enumerate(sorted(wanted.items(), key=lambda w: -max(w[1][3]))):
             progress(" + ".join(ids), k, len(wanted))
             singles = [fitted[(t.id,)] for t in larger.terms if (t.id,) in fitted and size > 1]
             extra = np.vstack(starts)
-            fitted[ids] = _fit(kept, larger, [*nested, *singles][:4], seed, extra, _DRAWS_PAIR, 6)
+            fitted[ids] = _fit(kept, larger, [*nested, *singles][:4], seed, extra, _DRAWS_PAIR, 6, rival)
+            rival = _higher(rival, fitted[ids])
         if not wanted or best() < before + 0.5:
             break
 
@@ -187,19 +210,31 @@ def climb(
     for turn in range(_SWAPS + 1):
         order = sorted(fitted.values(), key=worth, reverse=True)
         finalists = [c for c in order if worth(c) > best() - _HOPELESS][:_WEIGHED]
-        for k, c in enumerate([*finalists, baseline]):
+        for k, c in enumerate(finalists):
             if c.ids not in weighed:
                 progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
-                weighed[c.ids] = _weigh(kept, c, seed)
+                weigh_one(c)
         leader = max(fitted.values(), key=worth)
+        # What the leader does without one of its causes is seen best from where the leader is.
+        for smaller in [c for c in fitted.values() if set(c.terms) < set(leader.terms) and c.terms]:
+            starts = leader_starts(smaller.problem, leader)[:1]
+            if float(smaller.problem.log_posterior(starts)[0]) > smaller.height - _WITHIN_REACH:
+                better = _climbed_from(kept, smaller, starts, seed)
+                if better.height > smaller.height + _HIGHER:
+                    fitted[smaller.ids] = better
+                    weighed.pop(smaller.ids, None)
         swaps = _swaps(leader, fitted, screenings, catalogue, worth) if turn < _SWAPS else {}
         for k, (ids, (larger, smaller, extra)) in enumerate(swaps.items()):
             progress(" + ".join(ids), k, len(swaps))
-            fitted[ids] = _fit(kept, larger, smaller, seed, extra, _DRAWS_PAIR, 6)
+            fitted[ids] = _fit(kept, larger, smaller, seed, extra, _DRAWS_PAIR, 6, leader)
         if not swaps:
             break
     evidence = {ids: weighed[ids].log_evidence if ids in weighed else c.laplace for ids, c in fitted.items()}
     return rank(fitted.values(), evidence, weighed, screenings, n)
+
+
+def _higher(one: Candidate | None, other: Candidate) -> Candidate:
+    return other if one is None or other.height > one.height else one
 
 
 def _swaps(
@@ -241,14 +276,19 @@ def _fit(
     extra: FloatArray | None,
     draws: int,
     most: int,
+    rival: Candidate | None = None,
 ) -> Candidate:
+    made: list[Candidate] = []
+
     def make() -> dict[str, FloatArray]:
-        one = fit(problem, nested, seed=seed, extra=extra, draws=draws, most=most)
-        return {"modes": one.modes, "heights": one.heights, "n_sets": np.array(float(one.n_sets))}
+        made.append(fit(problem, nested, seed=seed, extra=extra, draws=draws, most=most, rival=rival))
+        return {"modes": made[0].modes, "heights": made[0].heights}
 
     found = memory.recall("fit", problem, seed, make)
+    if made:
+        return made[0]
     modes = found["modes"]
-    return settle(problem, Ascent(modes, found["heights"], problem.predict(modes), 0), int(found["n_sets"]))
+    return settle(problem, Ascent(modes, found["heights"], problem.predict(modes), 0))
 
 
 def _weigh(memory: Memory, candidate: Candidate, seed: int) -> Weighed:
@@ -256,10 +296,20 @@ def _weigh(memory: Memory, candidate: Candidate, seed: int) -> Weighed:
         return {name: np.asarray(value, float) for name, value in vars(weigh(candidate, seed=seed)).items()}
 
     found = memory.recall("evidence", candidate.problem, seed, make)
-    draws, weights = found["draws"], found["weights"]
-    numbers = {name: float(a) for name, a in found.items() if a.ndim == 0}
-    n_sets = int(numbers.pop("n_sets"))
-    return Weighed(draws, weights, n_sets=n_sets, **numbers)
+    values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in found.items()}
+    return Weighed(**values)
+
+
+def _climbed_from(memory: Memory, candidate: Candidate, starts: FloatArray, seed: int) -> Candidate:
+    """Fit a model anew from its optima and from places that may be above them."""
+    whole = np.vstack([candidate.modes, starts])
+
+    def make() -> dict[str, FloatArray]:
+        end = ascend(candidate.problem, whole)
+        return {"u": end.u, "heights": end.height, "predicted": end.predicted}
+
+    found = memory.recall(f"refit-{zlib.crc32(whole.tobytes()):08x}", candidate.problem, seed, make)
+    return settle(candidate.problem, Ascent(found["u"], found["heights"], found["predicted"], 0))
 
 
 def _parents(candidates: list[Candidate], worth: Callable[[Candidate], float]) -> list[Candidate]:

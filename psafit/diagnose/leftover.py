@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 from psafit.diagnose.candidate import Candidate
 from psafit.diagnose.misfit import sweeps
 from psafit.experiment import GroupId
-from psafit.inference import noise
+from psafit.inference.ascent import prior_slopes
 
 FloatArray = NDArray[np.float64]
 
@@ -75,26 +75,18 @@ def leftover(candidate: Candidate) -> Leftover:
     problem = candidate.problem
     predicted = np.maximum(candidate.predicted, 1e-9)
     u = candidate.modes[0]
-    values = problem.noise_values(u[None, :])
-    s = noise.scale(predicted[None, :], values, problem.known_sigma)[0]
     residual = problem.observed - candidate.predicted
     # A lone outlier keeps the large variance that Student's law gives it; neighbours that err together do not.
-    nu = float(values[0, 2])
-    score, stretch = residual / s, np.ones(residual.size)
+    nu = float(candidate.noise[0, 2])
+    score, stretch = residual / candidate.scatter, np.ones(residual.size)
     for _, _, rows in sweeps(problem):
         z = score[rows]
         beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
         lone = (np.abs(z) > _LONE) & (np.abs(beside) < 0.5 * _LONE)
         stretch[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)
     slope = candidate.slope.T
-    prior = problem.log_prior
-    width = np.empty(problem.n_model)
-    for i in range(problem.n_model):
-        h = np.zeros(problem.n_dim)
-        h[i] = 1e-3
-        inside = np.clip(u, problem.bounds[:, 0] + 2e-3, problem.bounds[:, 1] - 2e-3)
-        low, mid, high = prior(np.array([inside - h, inside, inside + h]))
-        width[i] = 1.0 / math.sqrt(max(float(2 * mid - low - high) / 1e-6, (4.0 / np.ptp(problem.bounds[i])) ** 2))
+    bent = prior_slopes(problem, u[None, :])[1][0, : problem.n_model]
+    width = 1.0 / np.sqrt(np.maximum(bent, (4.0 / np.ptp(problem.bounds[: problem.n_model], axis=1)) ** 2))
     free = slope * width  # columns with unit prior variance
     x = np.empty(problem.observed.size)
     group = problem.design.group
@@ -154,10 +146,16 @@ def leftover(candidate: Candidate) -> Leftover:
     at = u[problem.n_model : problem.n_model + 2]
     without, _ = evidence(at.copy(), False)
     best, where = -math.inf, np.empty(0)
-    for shrink, a, b in ((0.0, 0.02, 0.02), (math.log(0.4), 0.3, 0.1), (math.log(0.4), 0.1, 0.3)):
-        start = np.array([at[0] + shrink, at[1], math.log(a), math.log(b), math.log(0.7)])
-        low = [p.sampling_bounds.lower for p in parameters]
-        start[:2] = np.maximum(start[:2], low)
+    low = [p.sampling_bounds.lower for p in parameters]
+    # A scatter that had to stand for the discrepancy, too, may be either of its parts.
+    usual = np.minimum(at, [float(p.prior_quantile(0.5)) for p in parameters])
+    for begin, a, b in (
+        (at, 0.02, 0.02),
+        (at + np.array([math.log(0.4), 0.0]), 0.3, 0.1),
+        (usual, 0.1, 0.3),
+        (usual, 0.3, 0.1),
+    ):
+        start = np.array([*np.maximum(begin, low), math.log(a), math.log(b), math.log(0.7)])
         value, v = evidence(start, True)
         if value > best:
             best, where = value, v

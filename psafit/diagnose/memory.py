@@ -15,6 +15,8 @@ import psafit
 from psafit.files import write_atomically
 from psafit.inference.problem import Problem
 
+# Another number for another meaning of what is kept.
+_FORMAT = 2
 Arrays = Mapping[str, NDArray[np.float64]]
 
 
@@ -42,7 +44,7 @@ class Memory:
         if self._folder is None:
             return make()
         determinants = [
-            kind, psafit.__version__, problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
+            kind, _FORMAT, psafit.__version__, problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
             [t.id for t in problem.terms], [[p.name, p.prior.describe()] for p in problem.parameters], seed,
         ]  # fmt: skip
         key = hashlib.sha256(json.dumps(determinants).encode()).hexdigest()[:24]

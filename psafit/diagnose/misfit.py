@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from psafit.diagnose.candidate import Candidate
+from psafit.diagnose.candidate import Candidate, settle
+from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
-from psafit.simulate import Design
+from psafit.simulate import Design, path_of
 from psafit.validate import log_ratio
 
 FloatArray = NDArray[np.float64]
@@ -43,6 +44,10 @@ _CLIP = 6.0
 # A point is odd beyond this score (normal law: once in 15,000 readings).
 _ODD = 4.0
 _FEWEST = 5
+# Iterations of an exact refit, after that in the expansion.
+_EXACT = 4
+# Gain of a climb (nats) that makes no difference to a test.
+_ENOUGH = 0.05
 # Simulated data sets for the question whether one group is all that is wrong.
 _INFLUENCE = 149
 
@@ -198,20 +203,15 @@ def examine(
     u = candidate.modes[0]
     rng = np.random.default_rng([seed, 7])
     if exact is None:
-        from psafit.simulate import path_of
-
         exact = path_of(candidate.terms) == "closed form"
     predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
-    scatter = np.repeat(problem.noise_values(u[None, :]), n_simulated, axis=0)
+    scatter = np.repeat(candidate.noise, n_simulated, axis=0)
     # An instrument does not show ranges below zero.
     fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(candidate.predicted > 0, candidate.slope / candidate.predicted, 0.0)
     starts = np.repeat(u[None, :], n_simulated, axis=0)
+    refit = ascend_linearly(problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8)
     if exact:
-        refit = ascend(problem, starts, fake, schedule=((8, n_simulated),))
-    else:
-        refit = ascend_linearly(problem, starts, np.maximum(predicted, 1e-9), relative, fake, iterations=8)
+        refit = ascend(problem, refit.u, fake, schedule=((_EXACT, n_simulated),))
     observed = normal_scores(problem, u[None, :], candidate.predicted[None, :], problem.observed)
     simulated = normal_scores(problem, refit.u, refit.predicted, fake)
     directions = _directions(candidate, catalogue)
@@ -251,22 +251,15 @@ def examine(
 
 def _directions(candidate: Candidate, catalogue: Sequence[Term]) -> dict[str, FloatArray]:
     """Unit directions, (n, n_points), in which each cause moves the whitened ranges, the fit's own projected out."""
-    problem = candidate.problem
-    s = noise.scale(candidate.predicted[None, :], problem.noise_values(candidate.modes[:1]), problem.known_sigma)[0]
-    known = candidate.slope / s
-    basis, _ = np.linalg.qr(known[np.linalg.norm(known, axis=1) > 1e-9].T)
     result = {}
     for term in catalogue:
         if term in candidate.terms or term.latent:
             continue
-        large = replace(problem, terms=(*problem.terms, term))
-        names = {name: i for i, name in enumerate(large.names)}
-        at = large.prior_transform(np.full(large.n_dim, 0.5))
-        at[[names[n] for n in problem.names]] = candidate.modes[0]
-        rows = np.repeat(at[None, :], len(_DIRECTIONS), axis=0)
-        rows[:, names[term.strength.name]] = term.strength.prior_quantile(np.array(_DIRECTIONS))
-        effect = np.clip((large.predict(rows) - candidate.predicted) / s, -20, 20)
-        effect -= (effect @ basis) @ basis.T
+        large = extended(candidate.problem, term, catalogue)
+        rows = np.repeat(candidate.within(large)[0][None, :], len(_DIRECTIONS), axis=0)
+        rows[:, large.names.index(term.strength.name)] = term.strength.prior_quantile(np.array(_DIRECTIONS))
+        change = large.predict(rows) - candidate.predicted
+        effect = candidate.beside(np.clip(change, -20 * candidate.scatter, 20 * candidate.scatter))
         size = np.linalg.norm(effect, axis=1)
         if (size > 0.3).any():
             result[term.id] = effect[size > 0.3] / size[size > 0.3, None]
@@ -413,7 +406,7 @@ def _character(
         for group_id in sorted(suspects, key=str)[:6]:
             others = replace(problem, group_ids=tuple(g for g in problem.group_ids if g != group_id))
             without = _refitted(others, candidate)
-            p = examine(without, catalogue, seed=seed, n_simulated=_INFLUENCE, influence=False).p_value
+            p = examine(without, catalogue, seed=seed, n_simulated=_INFLUENCE, exact=False, influence=False).p_value
             if p > 0.1:
                 clean.append((p, group_id))
         if clean:
@@ -429,9 +422,4 @@ def _character(
 
 def _refitted(problem: Problem, like: Candidate) -> Candidate:
     """The same model on fewer groups, climbed from where it was."""
-    from psafit.diagnose.candidate import settle
-    from psafit.inference.optimise import widened
-
-    starts = np.vstack([widened(problem, like.problem.to_physical(u), like.problem.names)[:1] for u in like.modes])
-    end = ascend(problem, starts)
-    return settle(problem, end, end.n_sets)
+    return settle(problem, ascend(problem, like.widened(problem)[0][:1], still_below=_ENOUGH))

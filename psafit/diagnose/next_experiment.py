@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from psafit.diagnose.candidate import Candidate, Weighed
+from psafit.diagnose.candidate import Candidate
+from psafit.diagnose.evidence import Weighed
 from psafit.inference import noise
 from psafit.inference.problem import MICRO
+from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 
 FloatArray = NDArray[np.float64]
@@ -90,13 +92,15 @@ def proposals(candidate: Candidate) -> list[tuple[str, Design, dict[str, float]]
 def propose(leader: Candidate, draws: Weighed, rival: tuple[Candidate, Weighed] | None, *, seed: int) -> list[Proposal]:
     """Measurements by how well they would separate two models, or determine one's weakest parameter; best first."""
     rng = np.random.default_rng([seed, 17])
+    model = _Model.of(leader, draws, rng)
+    other = _Model.of(*rival, rng) if rival else None
     found = []
     for text, design, changed in proposals(leader):
-        first = _Forecast.of(leader, draws, design, rng)
-        if rival is None:
+        first = model.forecast(design)
+        if other is None:
             separation, success = _informs(first), float("nan")
         else:
-            second = _Forecast.of(*rival, design, rng)
+            second = other.forecast(design)
             ways = [_trial(first, second, rng), _trial(second, first, rng)]
             separation, success = min(w[0] for w in ways), min(w[1] for w in ways)
         waveform = "square" if design.waveform[0] else "sine"
@@ -119,27 +123,31 @@ def weakest(leader: Candidate, draws: Weighed) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class _Forecast:
-    ranges: FloatArray  # um, (n_draws, n_points)
+class _Model:
+    """Posterior draws of a model in the columns that the simulator takes for a session to come."""
+
+    terms: tuple[Term, ...]
+    theta: FloatArray  # (n_draws, n_columns)
     scatter: FloatArray  # (n_draws, 3)
     weak: FloatArray  # sampling coordinate of the weakest parameter, (n_draws,)
 
     @classmethod
-    def of(cls, candidate: Candidate, draws: Weighed, design: Design, rng: np.random.Generator) -> _Forecast:
-        problem = candidate.problem
-        u = draws.resampled(_DRAWS)
-        # A new session: what belongs to sessions is drawn from its prior, not taken over.
-        new = replace(problem, group_ids=problem.group_ids[:1])
-        columns = _theta_of_new_session(problem, u, rng)
-        found = simulate(design, columns, new.terms).launch_range * MICRO
-        return cls(found, problem.noise_values(u), u[:, weakest(candidate, draws)])
+    def of(cls, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> _Model:
+        problem, u = candidate.problem, draws.resampled(_DRAWS)
+        # What belongs to sessions is drawn from its prior, not taken over.
+        theta = problem.theta(u, ["a session to come"], rng)
+        return cls(problem.terms, theta, problem.noise_values(u), u[:, weakest(candidate, draws)])
+
+    def forecast(self, design: Design) -> _Forecast:
+        """What it says of a measurement."""
+        return _Forecast(simulate(design, self.theta, self.terms).launch_range * MICRO, self.scatter, self.weak)
 
 
-def _theta_of_new_session(problem: object, u: FloatArray, rng: np.random.Generator) -> FloatArray:
-    from psafit.inference.problem import Problem
-
-    assert isinstance(problem, Problem)
-    return problem.theta(u, ["a session to come"], rng)
+@dataclass(frozen=True, eq=False)
+class _Forecast:
+    ranges: FloatArray  # um, (n_draws, n_points)
+    scatter: FloatArray
+    weak: FloatArray
 
 
 def _trial(truth: _Forecast, other: _Forecast, rng: np.random.Generator) -> tuple[float, float]:

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.diagnose.candidate import Candidate
-from psafit.inference import noise
 from psafit.inference.ascent import ascend_linearly
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
@@ -93,16 +92,13 @@ def screen(candidate: Candidate, catalogue: Sequence[Term]) -> list[Screened]:
 def _screen(candidate: Candidate, term: Term, catalogue: Sequence[Term]) -> Screened:
     small = candidate.problem
     large = extended(small, term, catalogue)
-    names = {name: i for i, name in enumerate(large.names)}
-    shared = np.array([names[name] for name in small.names])
-    own = [names[p.name] for p in term.parameters]
-    at = large.prior_transform(np.full(large.n_dim, 0.5))
-    at[shared] = candidate.modes[0]
+    at, shared = candidate.within(large)
+    own = [large.names.index(p.name) for p in term.parameters]
     rows = np.repeat(at[None, :], len(_QUANTILES) + 1, axis=0)
     rows[:-1, own[0]] = term.strength.prior_quantile(np.array(_QUANTILES))
     # Never quite neutral: a path that changes there would be another model.
     rows[-1, own] = [p.to_sampling(v) for p, v in zip(term.parameters, plausible(term), strict=True)]
-    latent = [i for name, i in names.items() if i not in own and i not in shared]
+    latent = [i for i in range(large.n_dim) if i not in own and i not in shared]
     moved = []
     for i in latent:
         row = rows.copy()
@@ -111,9 +107,7 @@ def _screen(candidate: Candidate, term: Term, catalogue: Sequence[Term]) -> Scre
     found = large.predict(np.vstack([rows, *moved])).reshape(1 + len(latent), len(rows), -1)
     predicted, n = np.maximum(found[0], 1e-9), len(_QUANTILES)
     slope = np.zeros((len(rows), large.n_model, predicted.shape[1]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(candidate.predicted > 0, candidate.slope / candidate.predicted, 0.0)
-    slope[:, shared[: small.n_model]] = relative
+    slope[:, shared[: small.n_model]] = candidate.relative_slope
     for k, i in enumerate(latent):
         slope[:, i] = (np.maximum(found[1 + k], 1e-9) - predicted) / (0.1 * predicted)
     end = ascend_linearly(
@@ -129,19 +123,6 @@ def _screen(candidate: Candidate, term: Term, catalogue: Sequence[Term]) -> Scre
         strength=term.strength.to_physical(rows[:n, own[0]]),
         gain=gain,
         log_bayes=float(logsumexp(gain) - math.log(n)),
-        visible=_visible(candidate, predicted[-1], slope[-1], large.n_model),
+        visible=float(np.linalg.norm(candidate.beside(predicted[-1:] - candidate.predicted))),
         starts=end.u[np.argsort(-gain, kind="stable")[:4]],
     )
-
-
-def _visible(candidate: Candidate, changed: FloatArray, slope: FloatArray, n_model: int) -> float:
-    """What a refit leaves of an effect, in standard deviations of the fitted scatter."""
-    problem = candidate.problem
-    s = noise.scale(candidate.predicted[None, :], problem.noise_values(candidate.modes[:1]), problem.known_sigma)[0]
-    effect = (changed - candidate.predicted) / s
-    known = candidate.slope / s
-    used = np.linalg.norm(known, axis=1) > 1e-9
-    if used.any():
-        basis, _ = np.linalg.qr(known[used].T)
-        effect = effect - basis @ (basis.T @ effect)
-    return float(np.linalg.norm(effect))

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from psafit.diagnose.candidate import Candidate
 from psafit.diagnose.misfit import sweeps
 from psafit.experiment import GroupId
-from psafit.inference import noise
 
 FloatArray = NDArray[np.float64]
 
@@ -73,13 +72,12 @@ class Drift:
 def growth(candidate: Candidate) -> list[Growth]:
     """Exponents of all sweeps of a fit's groups."""
     problem = candidate.problem
-    s = noise.scale(candidate.predicted[None, :], problem.noise_values(candidate.modes[:1]), problem.known_sigma)[0]
     result = []
     for group_id, variable, rows in sweeps(problem):
         values = (problem.design.amplitude if variable == "amplitude" else problem.design.frequency)[rows]
         y, p = problem.observed[rows], candidate.predicted[rows]
         usable = (y > 0) & (p > 0) & (values > 0)
-        x, y, p, sd = np.log(values[usable]), y[usable], p[usable], s[rows][usable]
+        x, y, p, sd = np.log(values[usable]), y[usable], p[usable], candidate.scatter[rows][usable]
         found = Growth(group_id, variable, [], [], [], [], [])
         for k in range(0, x.size - _WINDOW + 1):
             part = slice(k, k + _WINDOW)
@@ -111,12 +109,11 @@ def _line(x: FloatArray, y: FloatArray, sd: FloatArray) -> tuple[float, float]:
 def drift(candidate: Candidate) -> list[Drift]:
     """What each parameter's drift along each covariate would gain, the most first."""
     problem = candidate.problem
-    s = noise.scale(candidate.predicted[None, :], problem.noise_values(candidate.modes[:1]), problem.known_sigma)[0]
-    nu = float(problem.noise_values(candidate.modes[:1])[0, 2])
-    z = (problem.observed - candidate.predicted) / s
+    nu = float(candidate.noise[0, 2])
+    z = (problem.observed - candidate.predicted) / candidate.scatter
     weight = np.sqrt((nu + 1) / (nu + z * z))  # Student's law as weighted least squares
     target = weight * z
-    known = (candidate.slope / s * weight).T
+    known = (candidate.slope / candidate.scatter * weight).T
     n = target.size
     design = problem.design
     covariates = {
@@ -125,7 +122,7 @@ def drift(candidate: Candidate) -> list[Drift]:
         "range": np.log(candidate.predicted + 0.05),
     }
     # A weak prior keeps directions that the readings leave open at rest.
-    rest = _residual(known, target)
+    rest, _ = _solve(known, target)
     result = []
     for i in range(problem.n_model):
         for name, x in covariates.items():
@@ -147,7 +144,3 @@ def _solve(a: FloatArray, y: FloatArray, ridge: float = 0.2) -> tuple[float, Flo
     whole = np.vstack([a, ridge * np.eye(a.shape[1])])
     solution = np.linalg.lstsq(whole, np.concatenate([y, np.zeros(a.shape[1])]), rcond=None)[0]
     return float(np.sum((y - a @ solution) ** 2) + np.sum((ridge * solution) ** 2)), solution
-
-
-def _residual(a: FloatArray, y: FloatArray) -> float:
-    return _solve(a, y)[0]

@@ -32,10 +32,12 @@ _NOISE_STEP = 1e-4
 # Dampings tried at once in every iteration, as factors on a climb's own.
 _DAMPINGS = np.array([0.1, 1.0, 30.0])
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e8
-# A climb stands still when it has gained less than this (nats) twice in a row.
+# Gain (nats) below which a climb stands still, as a rule.
 _STILL = 2e-3
 # Damping at which a climb that finds no way up gives up, and the expansion's reach in ``ln L``.
 _STUCK, _FARTHEST = 1e4, 2.0
+# Steps for which slopes are carried over, as a rule.
+_LASTING = 3
 # Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
 _LONGEST = 2.0
 
@@ -92,7 +94,7 @@ def slopes(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray
     return (found - predicted[:, None, :]) / step[:, :, None]
 
 
-def _prior_slopes(problem: Problem, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+def prior_slopes(problem: Problem, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """First derivative, and negative second, of the log prior by each coordinate; (n, n_dim) each."""
     h = 1e-3
     inside = np.clip(u, problem.bounds[:, 0] + h, problem.bounds[:, 1] - h)
@@ -137,7 +139,7 @@ def expansion(
     tails = (ends[0] - ends[1]) / (2 * _NOISE_STEP)
     gradient[:, -1] = tails.sum(axis=1)
     curvature[:, -1, -1] = np.square(tails).sum(axis=1)
-    first, second = _prior_slopes(problem, u)
+    first, second = prior_slopes(problem, u)
     gradient += first
     curvature[:, np.arange(d), np.arange(d)] += second
     return gradient, curvature
@@ -181,6 +183,8 @@ def _climb(
     slope: Callable[[FloatArray, FloatArray, NDArray[np.intp]], FloatArray],
     schedule: tuple[tuple[int, int], ...],
     frozen: NDArray[np.bool_],
+    lasting: int,
+    still_below: float,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Ascent:
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
@@ -191,15 +195,21 @@ def _climb(
     damping = np.full(len(u), 1e-2)
     still = np.where(np.isfinite(height), 0, 9)
     n_sets = len(u)
+    k = problem.n_model
+    slopes_at, age = np.empty((len(u), k, predicted.shape[1])), np.full(len(u), lasting)
     done, total = 0, sum(iterations for iterations, _ in schedule)
     for iterations, survivors in schedule:
-        for k in range(iterations):
-            progress(done + k, total)
+        for iteration in range(iterations):
+            progress(done + iteration, total)
             live = np.flatnonzero(still < 2)
             if not live.size:
                 break
-            slopes_here = slope(u[live], predicted[live], who[live])
-            gradient, curvature = expansion(problem, u[live], predicted[live], slopes_here, target[live])
+            old = live[age[live] >= lasting]
+            if old.size:
+                slopes_at[old] = slope(u[old], predicted[old], who[old])
+                age[old] = 0
+                n_sets += old.size * k
+            gradient, curvature = expansion(problem, u[live], predicted[live], slopes_at[live], target[live])
             usable = np.isfinite(gradient).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
             still[live[~usable]] = 9
             live, gradient, curvature = live[usable], gradient[usable], curvature[usable]
@@ -207,25 +217,35 @@ def _climb(
                 break
             rows = _steps(problem, u[live], gradient, curvature, damping[live], frozen).reshape(-1, n_dim)
             found = predict(rows, np.repeat(who[live], len(_DAMPINGS)))
-            n_sets += live.size * problem.n_model + len(rows)
+            n_sets += len(rows)
             value = heights(problem, rows, found, np.repeat(target[live], len(_DAMPINGS), axis=0))
             value, rows, found = (a.reshape(live.size, len(_DAMPINGS), *a.shape[1:]) for a in (value, rows, found))
             best = np.argmax(value, axis=1)
             pick = np.arange(live.size)
             gain = value[pick, best] - height[live]
             better = gain > 0
-            factor = np.where(better, _DAMPINGS[best], 10 * _DAMPINGS[-1])
+            # What slopes carried over from earlier iterations cannot do, fresh ones may.
+            carried = age[live] > 0
+            factor = np.where(better, _DAMPINGS[best], np.where(carried, 1.0, 10 * _DAMPINGS[-1]))
             damping[live] = np.clip(damping[live] * factor, _LEAST_DAMPING, _MOST_DAMPING)
-            slow = (gain < _STILL) & (better | (damping[live] > _STUCK))
-            still[live] = np.where(slow, still[live] + 1, 0)
+            slow = (gain < still_below) & (better | (damping[live] > _STUCK))
+            still[live] = np.where(slow, still[live] + ~carried, 0)
+            age[live] = np.where(carried & (slow | ~better), lasting, age[live] + better)
             up = live[better]
+            step = rows[better, best[better], :k] - u[up, :k]
+            change = found[better, best[better]] - predicted[up]
             u[up], height[up] = rows[better, best[better]], value[better, best[better]]
             predicted[up] = found[better, best[better]]
+            if lasting > 1:
+                # Broyden: the least change, in the posterior's own widths, that agrees with the step just taken.
+                share = step * np.einsum("nii->ni", curvature)[better, :k]
+                share /= np.maximum(np.sum(share * step, axis=1, keepdims=True), 1e-300)
+                slopes_at[up] += share[:, :, None] * (change - (step[:, None] @ slopes_at[up])[:, 0])[:, None, :]
         done += iterations
         if survivors < len(u):
             kept = np.sort(np.argsort(-height, kind="stable")[:survivors])
             u, height, predicted, damping, target = (a[kept] for a in (u, height, predicted, damping, target))
-            still, who = still[kept], who[kept]
+            still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
     progress(total, total)
     return Ascent(u, height, predicted, n_sets)
 
@@ -236,6 +256,8 @@ def ascend(
     observed: FloatArray | None = None,
     *,
     schedule: tuple[tuple[int, int], ...] = ((40, 10**9),),
+    lasting: int = _LASTING,
+    still_below: float = _STILL,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Ascent:
     """Climb from every start.
@@ -250,6 +272,10 @@ def ascend(
     schedule : tuple of (int, int)
         Iterations, and how many of the highest climbs go on after them. Climbs that were left behind are not in the
         result.
+    lasting : int
+        Steps for which slopes are carried over by secants before they are taken anew.
+    still_below : float
+        A climb stands still when it has gained less than this (nats) twice in a row.
     progress : callable
         Called with (iterations done, iterations at most).
 
@@ -264,7 +290,18 @@ def ascend(
         return slopes(problem, u, here)
 
     free = np.zeros(problem.n_dim, bool)
-    return _climb(problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, free, progress)
+    return _climb(
+        problem,
+        starts,
+        target,
+        lambda u, who: problem.predict(u),
+        slope,
+        schedule,
+        free,
+        lasting,
+        still_below,
+        progress,
+    )
 
 
 def ascend_linearly(
@@ -315,5 +352,5 @@ def ascend_linearly(
 
     mask = np.zeros(problem.n_dim, bool)
     mask[list(frozen)] = True
-    result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask)
+    result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, _STILL)
     return replace(result, n_sets=0)

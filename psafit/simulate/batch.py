@@ -121,6 +121,68 @@ def _needs_steps(rig: Setup) -> NDArray[np.bool_]:
     return (rig.inverse_slew > 0.0) | (rig.gap > 0.0) | (rig.pull != 1.0) | (rig.cycles > 0.0) | turned
 
 
+def _contact(
+    design: Design,
+    rig: Setup,
+    sets: FloatArray,
+    terms: Sequence[Term],
+    own: Sequence[slice],
+    placed: bool,
+    path: str | None,
+    tolerance: float,
+) -> tuple[NDArray[Any], ...]:
+    """Follow the ball to its separation: time, speed, place, status, each (n_sets, n_points), and the sets stepped."""
+    # One bit for each cause whose function acts in contact and is not at its neutral value.
+    pattern = np.zeros(len(sets), np.int64)
+    for k, term in enumerate(terms):
+        if term.stepped:
+            pattern |= (sets[:, own[k].start] != term.strength.neutral).astype(np.int64) << k
+
+    stepped = (pattern != 0) | _needs_steps(rig)
+    if path == "closed form" and stepped.any():
+        raise ValueError("these causes have no closed form")
+    if path == "stepper":
+        stepped[:] = True
+    shape = (len(sets), design.n_points)
+    when, speed, place = np.empty(shape), np.empty(shape), np.full(shape, np.nan)
+    status = np.empty(shape, np.int8)
+
+    def step(chosen: NDArray[np.intp], wanted: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
+        found: tuple[NDArray[Any], ...] = tuple(np.empty(wanted.shape, a.dtype) for a in (when, speed, place, status))
+        for bits in np.unique(pattern[chosen]):
+            some = np.flatnonzero(pattern[chosen] == bits)
+            active = [(t, 8 * own[k].start) for k, t in enumerate(terms) if bits >> k & 1]
+            calls = stepper.Calls(
+                **{
+                    kind: tuple((address(kind, getattr(t, kind)), at) for t, at in active if getattr(t, kind))
+                    for kind in ("law", "stack_factor", "branch")
+                }
+            )
+            result = stepper.separation(
+                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some]
+            )
+            for target, values in zip(found, result, strict=False):
+                target[some] = values
+        return found
+
+    exact = np.flatnonzero(~stepped)
+    if exact.size:
+        when[exact], speed[exact], place[exact], status[exact] = closed_form.separation(design, rig.take(exact), placed)
+        # A ball that its pendulum draws after the retreating tip is not launched yet: only steps follow it further.
+        back = status == closed_form.DRAWN_BACK
+        back[stepped] = False
+        rows = np.flatnonzero(back.any(axis=1))
+        if rows.size:
+            whole: tuple[NDArray[Any], ...] = (when, speed, place, status)
+            for target, values in zip(whole, step(rows, back[rows]), strict=True):
+                target[rows] = np.where(back[rows], values, target[rows])
+    rest = np.flatnonzero(stepped)
+    if rest.size:
+        every = np.ones((rest.size, shape[1]), bool)
+        when[rest], speed[rest], place[rest], status[rest] = step(rest, every)
+    return when, speed, place, status, stepped
+
+
 def simulate(
     design: Design,
     theta: ArrayLike,
@@ -166,65 +228,28 @@ def simulate(
         raise ValueError(f"no path {path!r}; there are {' and '.join(PATHS)}")
 
     own = _own(terms, n_sessions)
+    # Sets that differ only in what happens after the launch share their contact.
+    after = np.zeros(len(names), bool)
+    for term, columns_ in zip(terms, own, strict=True):
+        after[columns_] = term.setup is None and not term.stepped
+    first, back = np.arange(len(sets)), np.arange(len(sets))
+    if after.any():
+        _, first, back = np.unique(sets[:, ~after], axis=0, return_index=True, return_inverse=True)
     rig = rig_of(design.constants, sets, terms, n_sessions)
     weight = np.zeros(len(sets))
-    # One bit for each cause whose function acts in contact and is not at its neutral value.
-    pattern = np.zeros(len(sets), np.int64)
-    for k, term in enumerate(terms):
+    for term, columns_ in zip(terms, own, strict=True):
         if term.swing_offset:
-            weight = weight + term.swing_offset(sets[:, own[k]])
-        if term.stepped:
-            pattern |= (sets[:, own[k].start] != term.strength.neutral).astype(np.int64) << k
-
-    stepped = (pattern != 0) | _needs_steps(rig)
-    if path == "closed form" and stepped.any():
-        raise ValueError("these causes have no closed form")
-    if path == "stepper":
-        stepped[:] = True
-    shape = (len(sets), design.n_points)
-    when, speed, place = np.empty(shape), np.empty(shape), np.full(shape, np.nan)
-    status = np.empty(shape, np.int8)
-
-    def step(chosen: NDArray[np.intp], wanted: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
-        found: tuple[NDArray[Any], ...] = tuple(np.empty(wanted.shape, a.dtype) for a in (when, speed, place, status))
-        for bits in np.unique(pattern[chosen]):
-            some = np.flatnonzero(pattern[chosen] == bits)
-            active = [(t, 8 * own[k].start) for k, t in enumerate(terms) if bits >> k & 1]
-            calls = stepper.Calls(
-                **{
-                    kind: tuple((address(kind, getattr(t, kind)), at) for t, at in active if getattr(t, kind))
-                    for kind in ("law", "stack_factor", "branch")
-                }
-            )
-            result = stepper.separation(
-                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some]
-            )
-            for target, values in zip(found, result, strict=False):
-                target[some] = values
-        return found
-
-    exact = np.flatnonzero(~stepped)
-    if exact.size:
-        placed = bool((rig.lean > 0.0).any() or (weight > 0.0).any())
-        when[exact], speed[exact], place[exact], status[exact] = closed_form.separation(design, rig.take(exact), placed)
-        # A ball that its pendulum draws after the retreating tip is not launched yet: only steps follow it further.
-        back = status == closed_form.DRAWN_BACK
-        back[stepped] = False
-        rows = np.flatnonzero(back.any(axis=1))
-        if rows.size:
-            whole: tuple[NDArray[Any], ...] = (when, speed, place, status)
-            for target, values in zip(whole, step(rows, back[rows]), strict=True):
-                target[rows] = np.where(back[rows], values, target[rows])
-    rest = np.flatnonzero(stepped)
-    if rest.size:
-        every = np.ones((rest.size, shape[1]), bool)
-        when[rest], speed[rest], place[rest], status[rest] = step(rest, every)
+            weight = weight + term.swing_offset(sets[:, columns_])
+    placed = bool((rig.lean > 0.0).any() or (weight > 0.0).any())
+    when, speed, place, status, stepped = (
+        a[back.ravel()] for a in _contact(design, rig.take(first), sets[first], terms, own, placed, path, tolerance)
+    )
 
     losses = [
         (address("deceleration", t.deceleration), 8 * own[k].start) for k, t in enumerate(terms) if t.deceleration
     ]
     loss = np.ascontiguousarray(np.array(losses, np.int64).reshape(-1, 2).T)
-    swung = np.empty(shape)
+    swung = np.empty(speed.shape)
     flight.swing(
         speed, place, status, rig.l, rig.g, rig.lean, weight, loss[0], loss[1], np.ascontiguousarray(sets), swung
     )

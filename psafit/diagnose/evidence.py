@@ -1,0 +1,409 @@
+r"""Evidence and posterior of a fitted model, by importance sampling from an emulated posterior.
+
+In ten and more dimensions a normal or Student density is a poor picture of a posterior: bounds cut it, the scatter and
+the strengths bend it. Simulations are dear, but launch ranges are smooth in the parameters almost everywhere. So the
+draws already simulated give an emulator, for every reading a quadratic polynomial in the model's parameters; the
+posterior that goes with it costs nothing to sample, and its draws are simulated next. Whatever the emulator is worth,
+the weights are those of importance sampling, with the densities of all rounds as a mixture (J.-M. Cornuet et al.,
+Scand. J. Stat. 39 (2012) 798): a poor emulator costs draws, it does not bias.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import arviz
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp, ndtri
+from scipy.stats import chi2, qmc
+
+from psafit.diagnose.candidate import Candidate
+from psafit.inference.ascent import heights
+
+FloatArray = NDArray[np.float64]
+
+# Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72), draws
+# below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
+_TRUSTED, _FEW, _DOUBTS = 0.7, 30.0, (2.0, 5.0)
+# Student densities: degrees of freedom, widening (over the number of dimensions), most in a mixture.
+_TAILS, _WIDER, _MOST = 6.0, 1.8, 8
+# Draws a round, effective draws wanted, and both for the emulated posterior.
+_ROUND, _EFFECTIVE = 256, 120.0
+_ROUND_EMULATED, _EFFECTIVE_EMULATED, _ROUNDS_EMULATED = 2048, 800.0, 6
+# Share of the draws that do not come from the emulated posterior, for its tails may be too light. (A quarter of a power
+# of two is one, as quasi-random draws want.)
+_CAUTION = 0.25
+# Draws that inform an emulator most lie this many nats per dimension below the best; its least standard deviation of a
+# coefficient, in the whitened coordinate and in units of the scatter, says what a curvature may be.
+_NEAR, _BENT = 1.5, 1.0
+# An emulator is not believed further out than its draws (in their standard deviations).
+_BEYOND = 1.2
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Weighted draws of a posterior, and the evidence they give.
+
+    Parameters
+    ----------
+    draws : (n, n_dim) array
+        Sampling coordinates.
+    weights : (n,) array
+        Normalised.
+    log_evidence, error : float
+        Natural logarithm, and its standard error.
+    effective : float
+        Effective number of draws.
+    pareto_k : float
+        Shape of the weights' tail (Vehtari et al.): above 0.7 the evidence is not to be trusted.
+    top : (n_dim,) array
+        The draw of the highest posterior density.
+    height : float
+        Its log posterior.
+    """
+
+    draws: FloatArray
+    weights: FloatArray
+    log_evidence: float
+    error: float
+    effective: float
+    pareto_k: float
+    top: FloatArray
+    height: float
+
+    @property
+    def doubt(self) -> float:
+        """Standard error of the log evidence; nats where the weights' tail makes that error meaningless."""
+        if self.pareto_k < _TRUSTED:
+            return self.error
+        return max(self.error, _DOUBTS[int(self.effective < _FEW)])
+
+    def quantiles(self, values: FloatArray, q: Sequence[float]) -> FloatArray:
+        """Weighted quantiles of `values` (n, ...) along the first axis; (len(q), ...)."""
+        return quantiles(values, self.weights, q)
+
+    def resampled(self, n: int) -> FloatArray:
+        """Equally weighted draws, by systematic resampling; (n, n_dim)."""
+        return self.draws[_systematic(self.weights, n)]
+
+    def mean_of(self, log_factor: FloatArray) -> float:
+        """Log of the mean of a factor over the posterior; `log_factor` is (n,)."""
+        return float(logsumexp(log_factor + np.log(self.weights)))
+
+
+def quantiles(values: FloatArray, weights: FloatArray, q: Sequence[float]) -> FloatArray:
+    """Weighted quantiles of `values` (n, ...) along the first axis; (len(q), ...)."""
+    flat = values.reshape(len(values), -1)
+    order = np.argsort(flat, axis=0)
+    mass = np.cumsum(weights[order], axis=0) - 0.5 * weights[order]
+    ordered = np.take_along_axis(flat, order, axis=0)
+    found = [np.interp(q, mass[:, i], ordered[:, i]) for i in range(flat.shape[1])]
+    return np.array(found).T.reshape(len(q), *values.shape[1:])
+
+
+def _systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.intp]:
+    positions = (np.arange(n) + first) / n
+    return np.minimum(np.searchsorted(np.cumsum(weights), positions), len(weights) - 1)
+
+
+def weigh(candidate: Candidate, *, seed: int, rounds: int = 12, effective: float = _EFFECTIVE) -> Weighed:
+    """Evidence and posterior of a fitted model.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    seed : int
+    rounds : int
+        At most so many, of 256 simulated draws each.
+    effective : float
+        Effective draws at which it is enough.
+    """
+    problem = candidate.problem
+    random = np.random.default_rng([seed, 5])
+    simulated: list[FloatArray] = []
+
+    def height(u: FloatArray) -> FloatArray:
+        found = problem.predict(u)
+        simulated.append(found)
+        return heights(problem, u, found, problem.observed)
+
+    def next_one(pool: _Pool, before: _Density) -> _Density:
+        return _Emulated(candidate, pool, np.concatenate(simulated), before, random)
+
+    pool = _sample(height, problem.bounds, _laplace_mixture(candidate), next_one, random, _ROUND, rounds, effective)
+    return pool.weighed()
+
+
+# --- adaptive importance sampling -----------------------------------------------------------------------------------
+
+
+class _Density(Protocol):
+    """What can be drawn from, and evaluated."""
+
+    def draw(self, n: int, random: np.random.Generator) -> FloatArray: ...
+
+    def log_density(self, u: FloatArray) -> FloatArray: ...
+
+    @property
+    def mixture(self) -> _Mixture:
+        """Student densities that resemble it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pool:
+    """Draws inside the bounds, with the log of the function and the log weights; `n` counts those outside, too."""
+
+    u: FloatArray
+    height: FloatArray
+    log_weight: FloatArray
+    n: int
+
+    @property
+    def weights(self) -> FloatArray:
+        return np.asarray(np.exp(self.log_weight - logsumexp(self.log_weight)))
+
+    @property
+    def log_evidence(self) -> float:
+        return float(logsumexp(self.log_weight) - math.log(self.n))
+
+    @property
+    def effective(self) -> float:
+        return float(1 / np.sum(self.weights**2))
+
+    def weighed(self) -> Weighed:
+        weights, count = self.weights, self.effective
+        finite = np.isfinite(self.log_weight)
+        k_hat = float(np.asarray(arviz.psislw(self.log_weight[finite])[1])) if finite.sum() > 25 else math.inf
+        error = float(np.sqrt(max(1 / count - 1 / self.n, 0.0)))
+        kept = weights > 0
+        best = int(np.argmax(self.height))
+        return Weighed(
+            self.u[kept], weights[kept], self.log_evidence, error, count, k_hat, self.u[best], float(self.height[best])
+        )  # fmt: skip
+
+
+def _sample(
+    height: Callable[[FloatArray], FloatArray],
+    bounds: FloatArray,
+    first: _Density,
+    adapted: Callable[[_Pool, _Density], _Density],
+    random: np.random.Generator,
+    n_round: int,
+    rounds: int,
+    effective: float,
+) -> _Pool:
+    """Rounds of draws, each from what those before suggest; weights by the mixture of all."""
+    proposals = [first]
+    u, h, n = np.empty((0, len(bounds))), np.empty(0), 0
+    density = np.empty((0, 0))  # of every draw under every proposal
+    while True:
+        draws = proposals[-1].draw(n_round, random)
+        draws = draws[((draws >= bounds[:, 0]) & (draws <= bounds[:, 1])).all(axis=1)]
+        n += n_round
+        density = np.vstack([density, proposals[-1].log_density(u)[None]]) if len(u) else np.empty((len(proposals), 0))
+        if len(draws):
+            density = np.hstack([density, [p.log_density(draws) for p in proposals]])
+            u, h = np.concatenate([u, draws]), np.concatenate([h, height(draws)])
+        pool = _Pool(u, h, h - logsumexp(density, axis=0) + math.log(len(proposals)), n)
+        if len(proposals) == rounds or pool.effective > effective:
+            return pool
+        proposals.append(adapted(pool, proposals[-1]))
+
+
+# --- mixtures of Student densities ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Mixture:
+    """Student densities: centres (k, d), lower roots of their scale matrices (k, d, d), shares (k,)."""
+
+    centre: FloatArray
+    root: FloatArray
+    share: FloatArray
+
+    @classmethod
+    def of(cls, parts: Sequence[tuple[FloatArray, FloatArray, float]]) -> _Mixture:
+        """From (centre, covariance, weight)."""
+        centre, covariance, weight = zip(*parts, strict=True)
+        share = np.array(weight)
+        return cls(np.array(centre), np.linalg.cholesky(np.array(covariance)), share / share.sum())
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        return np.asarray(np.linalg.inv(self.root))
+
+    @property
+    def mixture(self) -> _Mixture:
+        return self
+
+    def draw(self, n: int, random: np.random.Generator) -> FloatArray:
+        """Quasi-random draws."""
+        d = self.centre.shape[1]
+        points = np.clip(qmc.Sobol(d + 2, rng=random).random(n), 1e-9, 1 - 1e-9)
+        which = np.minimum(np.searchsorted(np.cumsum(self.share), points[:, 0]), len(self.share) - 1)
+        normal = ndtri(points[:, 2:]) * np.sqrt(_TAILS / chi2.ppf(points[:, 1], _TAILS))[:, None]
+        return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        d = u.shape[1]
+        z = self._inverse @ (u.T - self.centre[:, :, None])  # (k, d, n)
+        constant = gammaln((_TAILS + d) / 2) - gammaln(_TAILS / 2) - 0.5 * d * math.log(_TAILS * math.pi)
+        constant = constant - np.log(np.diagonal(self.root, axis1=1, axis2=2)).sum(axis=1) + np.log(self.share)
+        parts = constant[:, None] - 0.5 * (_TAILS + d) * np.log1p(np.square(z).sum(axis=1) / _TAILS)
+        return np.asarray(logsumexp(parts, axis=0))
+
+    def around(self, pool: _Pool, width: FloatArray) -> _Mixture:
+        """A mixture around a pool's draws: all of them, and the heaviest with their neighbours."""
+        u, weights = pool.u, _tempered(pool.weights)
+        d = u.shape[1]
+        wider = (1 + _WIDER / d) ** 2
+        mean, covariance = _moments(u, weights, width)
+        parts = [(mean, covariance * wider, 1.0)]
+        inverse = np.linalg.inv(covariance)
+        left = weights.copy()
+        for _ in range(3):
+            offset = u - u[np.argmax(left)]
+            near = np.sum((offset @ inverse) * offset, axis=1) < 0.5 * d
+            share = float(weights[near].sum())
+            if near.sum() > 4 * d and share > 0.02:
+                centre, local = _moments(u[near], weights[near] / share, width)
+                parts.append((centre, local * wider, share))
+            left = np.where(near, 0.0, left)
+            if not left.any():
+                break
+        old = [
+            (c, r @ r.T, 0.1 * float(w)) for c, r, w in zip(self.centre, self.root, self.share, strict=True)
+        ]  # fmt: skip
+        return _Mixture.of([*parts, *old][:_MOST])
+
+
+def _laplace_mixture(candidate: Candidate) -> _Mixture:
+    """Student densities at the modes with the expected curvature."""
+    problem = candidate.problem
+    width = np.ptp(problem.bounds, axis=1)
+    wider = (1 + _WIDER / problem.n_dim) ** 2
+    masses = np.maximum(np.exp(candidate.heights - candidate.heights[0]), 0.02)
+    return _Mixture.of(
+        [
+            (u, _positive(np.linalg.pinv(curvature, hermitian=True), width) * wider, float(mass))
+            for u, curvature, mass in zip(candidate.modes, candidate.curvature, masses, strict=True)
+        ]
+    )
+
+
+def _tempered(weights: FloatArray) -> FloatArray:
+    """Weights to a power at which some tens of draws count: a handful would collapse what is made of them."""
+    power, result = 1.0, weights
+    while 1 / np.sum(result**2) < min(60, 0.2 * len(weights)) and power > 0.05:
+        power *= 0.8
+        result = np.where(weights > 0, np.maximum(weights, 1e-300) ** power, 0.0)
+        result /= result.sum()
+    return result
+
+
+def _moments(u: FloatArray, weights: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
+    mean = weights @ u
+    centred = u - mean
+    return mean, _positive((centred * weights[:, None]).T @ centred + 1e-9 * np.diag(width**2), width)
+
+
+def _positive(covariance: FloatArray, width: FloatArray) -> FloatArray:
+    """Covariance with no direction wider than the bounds and none without any width."""
+    scale = width / 3
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    clipped = (vectors * np.clip(values, 1e-10, 1.0)) @ vectors.T
+    return np.asarray(clipped * np.outer(scale, scale))
+
+
+# --- the emulated posterior -----------------------------------------------------------------------------------------
+
+
+class _Emulated:
+    """The posterior of a model whose launch ranges are quadratic in its parameters, fitted to simulated draws.
+
+    Ranges are emulated in the coordinate in which the fitted scatter has unit width, so that all readings have equal
+    rights and none becomes negative. Linear terms start from the slopes at the mode; what the draws do not tell stays
+    there.
+    """
+
+    def __init__(
+        self, candidate: Candidate, pool: _Pool, simulated: FloatArray, before: _Density, random: np.random.Generator
+    ) -> None:
+        problem = candidate.problem
+        self._problem = problem
+        k = problem.n_model
+        self._relative, self._absolute = problem.noise_values(candidate.modes[:1])[0, :2]
+        self._mean, covariance = _moments(pool.u, _tempered(pool.weights), np.ptp(problem.bounds, axis=1))
+        self._whiten = np.linalg.inv(np.linalg.cholesky(covariance[:k, :k]))
+        # Known beforehand: the mode, and the slopes there.
+        mode = candidate.modes[0, :k]
+        here = self._scaled(candidate.predicted)
+        slope = candidate.slope / np.hypot(self._absolute, self._relative * candidate.predicted)
+        unwhiten = np.linalg.inv(self._whiten)
+        start = np.zeros((1 + k + k * (k + 1) // 2, here.size))
+        start[1 : 1 + k] = unwhiten.T @ slope
+        start[0] = here + (self._mean[:k] - mode) @ slope
+        known = self._features(mode[None])
+        # Far from the posterior nothing need be right.
+        usable = np.isfinite(pool.height)
+        depth = (pool.height[usable].max() - pool.height[usable]) / (_NEAR * problem.n_dim)
+        weight = 1 / (1 + depth**2)
+        features = np.vstack([self._features(pool.u[usable, :k]), known])
+        target = np.vstack([self._scaled(simulated[usable]), here]) - features @ start
+        root = np.sqrt(np.append(weight, 1.0))[:, None]
+        scale = np.concatenate([[10.0], np.full(k, 3.0), np.full(start.shape[0] - 1 - k, _BENT)])
+        # Ridge: each coefficient may differ from what was known by about `scale`, each draw from the polynomial by a
+        # tenth of the scatter.
+        a = np.vstack([root * features * scale, 0.1 * np.eye(scale.size)])
+        y = np.vstack([root * target, np.zeros_like(start)])
+        self._coefficients = start + scale[:, None] * np.linalg.lstsq(a, y, rcond=None)[0]
+        distance = self._distance(pool.u[usable, :k])
+        self._reach = _BEYOND * float(np.quantile(distance, 0.98, weights=weight, method="inverted_cdf"))
+        width = np.ptp(problem.bounds, axis=1)
+        first = before.mixture.around(pool, width)
+
+        def wider(found: _Pool, before: _Density) -> _Density:
+            assert isinstance(before, _Mixture)
+            self.mixture = before.around(found, width)
+            return self.mixture
+
+        self.mixture = first
+        self._pool = _sample(
+            self._height, problem.bounds, first, wider, random, _ROUND_EMULATED, _ROUNDS_EMULATED, _EFFECTIVE_EMULATED
+        )
+
+    def draw(self, n: int, random: np.random.Generator) -> FloatArray:
+        careful = round(_CAUTION * n)
+        chosen = _systematic(self._pool.weights, n - careful, random.uniform())
+        return np.concatenate([self._pool.u[chosen], self.mixture.draw(careful, random)])
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        own = math.log1p(-_CAUTION) + self._height(u) - self._pool.log_evidence
+        return np.logaddexp(own, math.log(_CAUTION) + self.mixture.log_density(u))
+
+    def _scaled(self, ranges: FloatArray) -> FloatArray:
+        return np.asarray(np.arcsinh(ranges * (self._relative / self._absolute)) / self._relative)
+
+    def _features(self, u: FloatArray) -> FloatArray:
+        x = (u - self._mean[: u.shape[1]]) @ self._whiten.T
+        rows, columns = np.triu_indices(x.shape[1])
+        return np.hstack([np.ones((len(x), 1)), x, x[:, rows] * x[:, columns]])
+
+    def _distance(self, u: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.norm((u - self._mean[: u.shape[1]]) @ self._whiten.T, axis=1))
+
+    def _height(self, u: FloatArray) -> FloatArray:
+        """Log posterior of the emulated model, less what distrusts it far out; minus infinity outside the bounds."""
+        k = self._problem.n_model
+        result = np.full(len(u), -np.inf)
+        for part in np.array_split(np.arange(len(u)), max(len(u) // 1024, 1)):
+            scaled = self._features(u[part, :k]) @ self._coefficients
+            ranges = np.sinh(np.clip(scaled * self._relative, -30, 30)) * (self._absolute / self._relative)
+            result[part] = heights(self._problem, u[part], np.maximum(ranges, 0.0), self._problem.observed)
+        far = np.maximum(self._distance(u[:, :k]) / self._reach - 1, 0.0)
+        return result - 50.0 * far**2
