@@ -23,7 +23,6 @@ at work, and nothing else that these readings show".
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -34,7 +33,7 @@ from scipy.special import logsumexp
 
 from psafit.diagnose.candidate import Candidate, fit, settle
 from psafit.diagnose.evidence import Weighed, weigh
-from psafit.diagnose.memory import Memory
+from psafit.diagnose.memory import Arrays, Memory
 from psafit.diagnose.screening import Screened, extended, screen
 from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.optimise import widened
@@ -66,8 +65,11 @@ _HIGHER = 0.5
 _WITHIN_REACH = 200.0
 # Error of Laplace's evidence (nats), as seen against importance sampling; draws over which probabilities are averaged.
 _LAPLACE_DOUBT, _SHAKES = 1.0, 400
+# Draws of the prior looked at, and starts taken from them: for the baseline, one cause, several.
 _DRAWS_BASELINE, _DRAWS_CAUSE, _DRAWS_PAIR = 4096, 256, 128
-_STARTS_BASELINE = 48
+_STARTS_BASELINE, _STARTS_CAUSE, _STARTS_PAIR = 48, 12, 6
+# A rung that gains less than this (nats) is the last.
+_WORTH_GROWING = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,166 +152,205 @@ def climb(
     -------
     Ladder
     """
-    n = len(catalogue)
-    kept = memory or Memory(None)
-    fitted: dict[Ids, Candidate] = {}
-    screenings: dict[Ids, tuple[Screened, ...]] = {}
-    weighed: dict[Ids, Weighed] = {}
+    search = _Search(problem, catalogue, seed, memory or Memory(None), progress)
+    search.begin()
+    for size in range(1, min(MOST_CAUSES, len(catalogue))):
+        if not search.grow(size):
+            break
+    # The beam grows what it has; each cause of the leader may still be had cheaper from another one.
+    for _ in range(_SWAPS):
+        search.compare()
+        if not search.exchange():
+            break
+    else:
+        search.compare()
+    return rank(search.fitted.values(), search.evidence(), search.weighed, search.screenings, len(catalogue))
 
-    def weigh_one(c: Candidate) -> Candidate:
-        """Weigh a model, and return it fitted from the best draw if that is above what its climbs had found."""
-        weighed[c.ids] = _weigh(kept, c, seed)
-        better = weighed[c.ids].height > c.height + _HIGHER
-        fitted[c.ids] = _climbed_from(kept, c, weighed[c.ids].top[None], seed) if better else c
-        return fitted[c.ids]
 
-    baseline = weigh_one(_fit(kept, problem, (), seed, None, _DRAWS_BASELINE, _STARTS_BASELINE))
-    screenings[()] = tuple(screen(baseline, catalogue))
-    rival = None
-    for k, found in enumerate(sorted(screenings[()], key=lambda s: -s.log_bayes)):
-        progress(found.term.id, k, n)
-        larger = extended(problem, found.term, catalogue)
-        one = _fit(kept, larger, (baseline,), seed, found.starts, _DRAWS_CAUSE, 12, rival)
-        fitted[one.ids] = one
-        rival = _higher(rival, one)
+@dataclass(eq=False)
+class _Wanted:
+    """A model to fit: from where, and what it promises."""
 
-    def worth(c: Candidate) -> float:
-        evidence = weighed[c.ids].log_evidence if c.ids in weighed else c.laplace
-        return evidence + log_prior(len(c.terms), n)
+    problem: Problem
+    nested: list[Candidate]
+    starts: list[FloatArray]
+    promise: float
 
-    def best() -> float:
-        return max(worth(c) for c in fitted.values())
 
-    for size in range(1, min(MOST_CAUSES, n)):
-        parents = _parents([c for c in fitted.values() if len(c.terms) == size], worth)
-        wanted: dict[Ids, tuple[Problem, list[Candidate], list[FloatArray], list[float]]] = {}
+class _Search:
+    """What is fitted, screened and weighed so far, and the rungs that add to it."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        catalogue: Sequence[Term],
+        seed: int,
+        memory: Memory,
+        progress: Callable[[str, int, int], None],
+    ) -> None:
+        self.problem, self.catalogue, self.seed = problem, tuple(catalogue), seed
+        self.fitted: dict[Ids, Candidate] = {}
+        self.screenings: dict[Ids, tuple[Screened, ...]] = {}
+        self.weighed: dict[Ids, Weighed] = {}
+        self._memory, self._progress = memory, progress
+
+    def begin(self) -> None:
+        """Fit the baseline, and every cause alone."""
+        baseline = self._fit(self.problem, (), None, _DRAWS_BASELINE, _STARTS_BASELINE)
+        baseline = self._weigh(baseline)
+        wanted = [
+            _Wanted(extended(self.problem, s.term, self.catalogue), [baseline], [s.starts], s.log_bayes)
+            for s in self._screen(())
+        ]
+        self._fit_all(wanted, _DRAWS_CAUSE, _STARTS_CAUSE)
+
+    def grow(self, size: int) -> bool:
+        """Add a cause to the best models of one size; whether that was worth it."""
+        parents = _parents([c for c in self.fitted.values() if len(c.terms) == size], self._worth)
+        wanted: dict[Ids, _Wanted] = {}
         for parent in parents:
-            progress(f"{' + '.join(parent.ids)}: what else", 0, 1)
-            screenings[parent.ids] = tuple(screen(parent, catalogue))
-            for found in _promising(screenings[parent.ids], fitted, worth):
-                larger = extended(parent.problem, found.term, catalogue)
-                ids = tuple(t.id for t in larger.terms)
-                entry = wanted.setdefault(ids, (larger, [], [], []))
-                entry[1].append(parent)
-                entry[2].append(found.starts)
-                entry[3].append(worth(parent) + found.log_bayes)
-        before = best()
-        rival = None
-        # The most promising first: what falls hopelessly behind it is not fitted to the end.
-        for k, (ids, (larger, nested, starts, _)) in enumerate(sorted(wanted.items(), key=lambda w: -max(w[1][3]))):
-            progress(" + ".join(ids), k, len(wanted))
-            singles = [fitted[(t.id,)] for t in larger.terms if (t.id,) in fitted and size > 1]
-            extra = np.vstack(starts)
-            fitted[ids] = _fit(kept, larger, [*nested, *singles][:4], seed, extra, _DRAWS_PAIR, 6, rival)
-            rival = _higher(rival, fitted[ids])
-        if not wanted or best() < before + 0.5:
-            break
+            self._progress(f"{' + '.join(parent.ids)}: what else", 0, 1)
+            for found in self._promising(parent.ids):
+                larger = extended(parent.problem, found.term, self.catalogue)
+                entry = wanted.setdefault(_ids(larger), _Wanted(larger, [], [], -math.inf))
+                entry.nested.append(parent)
+                entry.starts.append(found.starts)
+                entry.promise = max(entry.promise, self._worth(parent) + found.log_bayes)
+        for one in wanted.values():
+            if size > 1:
+                one.nested += [self.fitted[(t.id,)] for t in one.problem.terms]
+        before = self._best()
+        self._fit_all(wanted.values(), _DRAWS_PAIR, _STARTS_PAIR)
+        return bool(wanted) and self._best() > before + _WORTH_GROWING
 
-    # The beam grows what it has; each cause of the leader may still be had cheaper from another one. Who leads is
-    # said by evidence, of which Laplace's may be off by several nats.
-    for turn in range(_SWAPS + 1):
-        order = sorted(fitted.values(), key=worth, reverse=True)
-        finalists = [c for c in order if worth(c) > best() - _HOPELESS][:_WEIGHED]
+    def compare(self) -> None:
+        """Weigh the finalists: who leads is said by evidence, of which Laplace's may be off by several nats."""
+        order = sorted(self.fitted.values(), key=self._worth, reverse=True)
+        finalists = [c for c in order if self._worth(c) > self._best() - _HOPELESS][:_WEIGHED]
         for k, c in enumerate(finalists):
-            if c.ids not in weighed:
-                progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
-                weigh_one(c)
-        leader = max(fitted.values(), key=worth)
-        # What the leader does without one of its causes is seen best from where the leader is.
-        for smaller in [c for c in fitted.values() if set(c.terms) < set(leader.terms) and c.terms]:
-            starts = leader_starts(smaller.problem, leader)[:1]
-            if float(smaller.problem.log_posterior(starts)[0]) > smaller.height - _WITHIN_REACH:
-                better = _climbed_from(kept, smaller, starts, seed)
-                if better.height > smaller.height + _HIGHER:
-                    fitted[smaller.ids] = better
-                    weighed.pop(smaller.ids, None)
-        swaps = _swaps(leader, fitted, screenings, catalogue, worth) if turn < _SWAPS else {}
-        for k, (ids, (larger, smaller, extra)) in enumerate(swaps.items()):
-            progress(" + ".join(ids), k, len(swaps))
-            fitted[ids] = _fit(kept, larger, smaller, seed, extra, _DRAWS_PAIR, 6, leader)
-        if not swaps:
-            break
-    evidence = {ids: weighed[ids].log_evidence if ids in weighed else c.laplace for ids, c in fitted.items()}
-    return rank(fitted.values(), evidence, weighed, screenings, n)
+            if c.ids not in self.weighed:
+                self._progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
+                self._weigh(c)
+        # What the leader does without some of its causes is seen best from where the leader is.
+        leader = self._leader()
+        for part in [c for c in self.fitted.values() if c.terms and set(c.terms) < set(leader.terms)]:
+            start = widened(part.problem, leader.values, leader.problem.names)[:1]
+            if float(part.problem.log_posterior(start)[0]) > part.height - _WITHIN_REACH:
+                better = self._climbed_from(part, start)
+                if better.height > part.height + _HIGHER:
+                    self.fitted[part.ids] = better
+                    self.weighed.pop(part.ids, None)
+
+    def exchange(self) -> bool:
+        """Exchange each cause of the leader for what promises most in its place; whether there was anything to try."""
+        leader = self._leader()
+        wanted: dict[Ids, _Wanted] = {}
+        for gone in leader.terms:
+            rest = replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone))
+            ids = _ids(rest)
+            if ids not in self.fitted:  # the leader without one cause is a model in its own right
+                starts = widened(rest, leader.values, leader.problem.names)
+                wanted[ids] = _Wanted(rest, [self.fitted[()]], [starts], 0.0)
+                continue
+            for found in self._promising(ids)[:_SWAPPED]:
+                larger = extended(rest, found.term, self.catalogue)
+                if _ids(larger) not in self.fitted:
+                    starts = np.vstack([found.starts, widened(larger, leader.values, leader.problem.names)])
+                    wanted[_ids(larger)] = _Wanted(larger, [self.fitted[ids]], [starts], found.log_bayes)
+        self._fit_all(wanted.values(), _DRAWS_PAIR, _STARTS_PAIR, leader)
+        return bool(wanted)
+
+    def evidence(self) -> dict[Ids, float]:
+        """Log evidence of every model: by importance sampling where there is one, else Laplace's."""
+        return {
+            ids: self.weighed[ids].log_evidence if ids in self.weighed else c.laplace for ids, c in self.fitted.items()
+        }
+
+    def _worth(self, c: Candidate) -> float:
+        evidence = self.weighed[c.ids].log_evidence if c.ids in self.weighed else c.laplace
+        return evidence + log_prior(len(c.terms), len(self.catalogue))
+
+    def _best(self) -> float:
+        return max(map(self._worth, self.fitted.values()))
+
+    def _leader(self) -> Candidate:
+        return max(self.fitted.values(), key=self._worth)
+
+    def _screen(self, ids: Ids) -> tuple[Screened, ...]:
+        if ids not in self.screenings:
+            self.screenings[ids] = tuple(screen(self.fitted[ids], self.catalogue))
+        return self.screenings[ids]
+
+    def _promising(self, ids: Ids) -> list[Screened]:
+        """Causes to add to a model: the best by expansion, and the best of those that explain most alone."""
+        by_bayes = sorted(self._screen(ids), key=lambda s: -s.log_bayes)
+        alone = sorted(by_bayes, key=lambda s: -self._worth(self.fitted[(s.term.id,)]))
+        sure = [*by_bayes[:_SURE_BY_BAYES], *alone[:_SURE_ALONE]]
+        more = [s for s in by_bayes if s.log_bayes > _PROMISE]
+        return list(dict.fromkeys([*sure, *more]))[:_TRIED]
+
+    def _fit_all(self, wanted: Iterable[_Wanted], draws: int, starts: int, rival: Candidate | None = None) -> None:
+        """Fit models, the most promising first: what falls hopelessly behind is not fitted to the end."""
+        order = sorted(wanted, key=lambda w: -w.promise)
+        for k, one in enumerate(order):
+            self._progress(" + ".join(_ids(one.problem)), k, len(order))
+            made = self._fit(one.problem, one.nested[:4], np.vstack(one.starts), draws, starts, rival)
+            rival = made if rival is None or made.height > rival.height else rival
+
+    def _fit(
+        self,
+        problem: Problem,
+        nested: Sequence[Candidate],
+        extra: FloatArray | None,
+        draws: int,
+        starts: int,
+        rival: Candidate | None = None,
+    ) -> Candidate:
+        made: list[Candidate] = []
+
+        def make() -> dict[str, FloatArray]:
+            made.append(fit(problem, nested, seed=self.seed, extra=extra, draws=draws, most=starts, rival=rival))
+            return {"modes": made[0].modes, "heights": made[0].heights}
+
+        found = self._recall("fit", problem, make)
+        modes = found["modes"]
+        one = made[0] if made else settle(problem, Ascent(modes, found["heights"], problem.predict(modes), 0))
+        self.fitted[one.ids] = one
+        return one
+
+    def _weigh(self, c: Candidate) -> Candidate:
+        """Weigh a model, and return it fitted from the best draw if that is above what its climbs had found."""
+
+        def make() -> dict[str, FloatArray]:
+            return {name: np.asarray(value, float) for name, value in vars(weigh(c, seed=self.seed)).items()}
+
+        found = self._recall("evidence", c.problem, make, c.modes)
+        values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in found.items()}
+        self.weighed[c.ids] = Weighed(**values)
+        if self.weighed[c.ids].height > c.height + _HIGHER:
+            self.fitted[c.ids] = self._climbed_from(c, self.weighed[c.ids].top[None])
+        return self.fitted[c.ids]
+
+    def _climbed_from(self, candidate: Candidate, starts: FloatArray) -> Candidate:
+        """Fit a model anew from its optima and from places that may be above them."""
+        whole = np.vstack([candidate.modes, starts])
+
+        def make() -> dict[str, FloatArray]:
+            end = ascend(candidate.problem, whole)
+            return {"u": end.u, "heights": end.height, "predicted": end.predicted}
+
+        found = self._recall("refit", candidate.problem, make, whole)
+        return settle(candidate.problem, Ascent(found["u"], found["heights"], found["predicted"], 0))
+
+    def _recall(
+        self, kind: str, problem: Problem, make: Callable[[], dict[str, FloatArray]], start: FloatArray | None = None
+    ) -> Arrays:
+        about = [self.seed, [t.id for t in self.catalogue], None if start is None else start.tolist()]
+        return self._memory.recall(kind, problem, about, make)
 
 
-def _higher(one: Candidate | None, other: Candidate) -> Candidate:
-    return other if one is None or other.height > one.height else one
-
-
-def _swaps(
-    leader: Candidate,
-    fitted: dict[Ids, Candidate],
-    screenings: dict[Ids, tuple[Screened, ...]],
-    catalogue: Sequence[Term],
-    worth: Callable[[Candidate], float],
-) -> dict[Ids, tuple[Problem, Sequence[Candidate], FloatArray]]:
-    """Models not fitted yet in which one cause of the leader gives way to another: what to fit, from where."""
-    wanted: dict[Ids, tuple[Problem, Sequence[Candidate], FloatArray]] = {}
-    for gone in leader.terms:
-        rest = replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone))
-        ids = tuple(t.id for t in rest.terms)
-        if ids not in fitted:  # the leader without one cause is a model in its own right
-            wanted[ids] = (rest, [fitted[()]], leader_starts(rest, leader))
-            continue
-        if ids not in screenings:
-            screenings[ids] = tuple(screen(fitted[ids], catalogue))
-        for found in _promising(screenings[ids], fitted, worth)[:_SWAPPED]:
-            larger = extended(rest, found.term, catalogue)
-            key = tuple(t.id for t in larger.terms)
-            if key not in fitted and found.term != gone:
-                starts = np.vstack([found.starts, leader_starts(larger, leader)])
-                wanted[key] = (larger, [fitted[ids]], starts)
-    return wanted
-
-
-def leader_starts(problem: Problem, leader: Candidate) -> FloatArray:
-    """The leader's optimum as starts of a model that shares some of its causes."""
-    return widened(problem, leader.values, leader.problem.names)
-
-
-def _fit(
-    memory: Memory,
-    problem: Problem,
-    nested: Sequence[Candidate],
-    seed: int,
-    extra: FloatArray | None,
-    draws: int,
-    most: int,
-    rival: Candidate | None = None,
-) -> Candidate:
-    made: list[Candidate] = []
-
-    def make() -> dict[str, FloatArray]:
-        made.append(fit(problem, nested, seed=seed, extra=extra, draws=draws, most=most, rival=rival))
-        return {"modes": made[0].modes, "heights": made[0].heights}
-
-    found = memory.recall("fit", problem, seed, make)
-    if made:
-        return made[0]
-    modes = found["modes"]
-    return settle(problem, Ascent(modes, found["heights"], problem.predict(modes), 0))
-
-
-def _weigh(memory: Memory, candidate: Candidate, seed: int) -> Weighed:
-    def make() -> dict[str, FloatArray]:
-        return {name: np.asarray(value, float) for name, value in vars(weigh(candidate, seed=seed)).items()}
-
-    found = memory.recall("evidence", candidate.problem, seed, make)
-    values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in found.items()}
-    return Weighed(**values)
-
-
-def _climbed_from(memory: Memory, candidate: Candidate, starts: FloatArray, seed: int) -> Candidate:
-    """Fit a model anew from its optima and from places that may be above them."""
-    whole = np.vstack([candidate.modes, starts])
-
-    def make() -> dict[str, FloatArray]:
-        end = ascend(candidate.problem, whole)
-        return {"u": end.u, "heights": end.height, "predicted": end.predicted}
-
-    found = memory.recall(f"refit-{zlib.crc32(whole.tobytes()):08x}", candidate.problem, seed, make)
-    return settle(candidate.problem, Ascent(found["u"], found["heights"], found["predicted"], 0))
+def _ids(problem: Problem) -> Ids:
+    return tuple(t.id for t in problem.terms)
 
 
 def _parents(candidates: list[Candidate], worth: Callable[[Candidate], float]) -> list[Candidate]:
@@ -324,19 +365,6 @@ def _parents(candidates: list[Candidate], worth: Callable[[Candidate], float]) -
         chosen.append(next((c for c in left if not used & set(c.terms)), left[0]))
         left.remove(chosen[-1])
     return chosen
-
-
-def _promising(
-    screened: Iterable[Screened],
-    fitted: dict[Ids, Candidate],
-    worth: Callable[[Candidate], float],
-) -> list[Screened]:
-    """Causes to add to a model: the best by expansion, and the best of those that explain most alone."""
-    by_bayes = sorted(screened, key=lambda s: -s.log_bayes)
-    alone = sorted(by_bayes, key=lambda s: -worth(fitted[(s.term.id,)]))
-    sure = [*by_bayes[:_SURE_BY_BAYES], *alone[:_SURE_ALONE]]
-    more = [s for s in by_bayes if s.log_bayes > _PROMISE]
-    return list(dict.fromkeys([*sure, *more]))[:_TRIED]
 
 
 def rank(

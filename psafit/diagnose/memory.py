@@ -29,7 +29,7 @@ class Memory:
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
 
-    def recall(self, kind: str, problem: Problem, seed: int, make: Callable[[], Arrays]) -> Arrays:
+    def recall(self, kind: str, problem: Problem, about: object, make: Callable[[], Arrays]) -> Arrays:
         """Look up what `make` would give, or make and keep it.
 
         Parameters
@@ -37,7 +37,8 @@ class Memory:
         kind : str
             What it is.
         problem : Problem
-        seed : int
+        about : object
+            What else determines it, as JSON can say it.
         make : callable
             Returns named arrays.
         """
@@ -45,7 +46,7 @@ class Memory:
             return make()
         determinants = [
             kind, _FORMAT, psafit.__version__, problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
-            [t.id for t in problem.terms], [[p.name, p.prior.describe()] for p in problem.parameters], seed,
+            [t.id for t in problem.terms], [[p.name, p.prior.describe()] for p in problem.parameters], about,
         ]  # fmt: skip
         key = hashlib.sha256(json.dumps(determinants).encode()).hexdigest()[:24]
         path = self._folder / f"{kind}-{key}.npz"

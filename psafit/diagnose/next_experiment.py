@@ -10,7 +10,7 @@ again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -27,6 +27,8 @@ from psafit.simulate import Design, simulate
 FloatArray = NDArray[np.float64]
 
 _POINTS, _DRAWS, _TRIALS = 16, 150, 200
+# Draws for a first glance, and proposals looked at more closely.
+_GLANCE, _CLOSER = 40, 12
 _WINS = 3.0
 _FACTORS = (0.5, 2.0)
 
@@ -58,7 +60,16 @@ class Proposal:
     success: float
 
 
-def proposals(candidate: Candidate) -> list[tuple[str, Design, dict[str, float]]]:
+@dataclass(frozen=True, eq=False)
+class Possible:
+    """A measurement that the rig allows."""
+
+    text: str
+    design: Design
+    changed: dict[str, float]
+
+
+def proposals(candidate: Candidate) -> list[Possible]:
     """Measurements that the rig allows: sweeps within the measured limits, and each changed constant."""
     problem = candidate.problem
     every = Design.of(problem.experiment.constants, problem.experiment.groups)
@@ -80,36 +91,41 @@ def proposals(candidate: Candidate) -> list[tuple[str, Design, dict[str, float]]
                 volts = top * share
                 sweep = np.geomspace(low_f, high_f, _POINTS)
                 text = f"{waveform}, {volts:.3g} V, {low_f:.3g} to {high_f:.3g} Hz{words}"
-                found.append((text, Design.sweep(rig, waveform, sweep, volts), changed))
+                found.append(Possible(text, Design.sweep(rig, waveform, sweep, volts), changed))
             for at in np.geomspace(low_f, high_f, 6)[1:-1]:
                 at = float(f"{at:.2g}")
                 sweep = np.linspace(bottom, top, _POINTS)
                 text = f"{waveform}, {at:g} Hz, {bottom:.3g} to {top:.3g} V{words}"
-                found.append((text, Design.sweep(rig, waveform, at, sweep), changed))
+                found.append(Possible(text, Design.sweep(rig, waveform, at, sweep), changed))
     return found
 
 
 def propose(leader: Candidate, draws: Weighed, rival: tuple[Candidate, Weighed] | None, *, seed: int) -> list[Proposal]:
     """Measurements by how well they would separate two models, or determine one's weakest parameter; best first."""
-    rng = np.random.default_rng([seed, 17])
-    model = _Model.of(leader, draws, rng)
-    other = _Model.of(*rival, rng) if rival else None
-    found = []
-    for text, design, changed in proposals(leader):
-        first = model.forecast(design)
-        if other is None:
-            separation, success = _informs(first), float("nan")
-        else:
-            second = other.forecast(design)
-            ways = [_trial(first, second, rng), _trial(second, first, rng)]
-            separation, success = min(w[0] for w in ways), min(w[1] for w in ways)
-        waveform = "square" if design.waveform[0] else "sine"
-        found.append(
-            Proposal(
-                text, waveform, design.frequency.tolist(), design.amplitude.tolist(), changed, separation, success
-            )
-        )  # fmt: skip
-    return sorted(found, key=lambda p: -p.separation)
+    possible = proposals(leader)
+    # A glance at all of them, then a closer look at the best.
+    for n_draws, kept in ((_GLANCE, _CLOSER), (_DRAWS, _CLOSER)):
+        rng = np.random.default_rng([seed, 17])
+        models = [_Model.of(c, d, n_draws, rng) for c, d in ((leader, draws), *((rival,) if rival else ()))]
+        judged = sorted(((_judge(p.design, models, rng), p) for p in possible), key=lambda j: -j[0][0])
+        possible = [p for _, p in judged[:kept]]
+    return [
+        Proposal(
+            p.text, "square" if p.design.waveform[0] else "sine", p.design.frequency.tolist(),
+            p.design.amplitude.tolist(), p.changed, separation, success,
+        )
+        for (separation, success), p in judged
+    ]  # fmt: skip
+
+
+def _judge(design: Design, models: Sequence[_Model], rng: np.random.Generator) -> tuple[float, float]:
+    """Separation and success of one measurement; see `Proposal`."""
+    forecasts = [m.forecast(design) for m in models]
+    if len(forecasts) == 1:
+        return _informs(forecasts[0]), float("nan")
+    first, second = forecasts
+    ways = [_trial(first, second, rng), _trial(second, first, rng)]
+    return min(w[0] for w in ways), min(w[1] for w in ways)
 
 
 def weakest(leader: Candidate, draws: Weighed) -> int:
@@ -132,8 +148,8 @@ class _Model:
     weak: FloatArray  # sampling coordinate of the weakest parameter, (n_draws,)
 
     @classmethod
-    def of(cls, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> _Model:
-        problem, u = candidate.problem, draws.resampled(_DRAWS)
+    def of(cls, candidate: Candidate, draws: Weighed, n_draws: int, rng: np.random.Generator) -> _Model:
+        problem, u = candidate.problem, draws.resampled(n_draws)
         # What belongs to sessions is drawn from its prior, not taken over.
         theta = problem.theta(u, ["a session to come"], rng)
         return cls(problem.terms, theta, problem.noise_values(u), u[:, weakest(candidate, draws)])

@@ -159,13 +159,13 @@ def _steps(
     g = np.where(held, 0.0, gradient)
     a = np.where(held[:, :, None] | held[:, None, :], 0.0, curvature)
     d = u.shape[1]
-    diagonal = np.maximum(np.einsum("nii->ni", curvature), 1e-3)
-    levels = damping[:, None] * _DAMPINGS
+    # In units in which the diagonal is one, the least damping keeps the matrix regular whatever the slopes' sizes are.
+    scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", curvature), 1e-3))
+    a *= scale[:, :, None] * scale[:, None, :]
     matrix = np.repeat(a[:, None], len(_DAMPINGS), axis=1)
-    matrix[:, :, np.arange(d), np.arange(d)] += (
-        levels[:, :, None] * diagonal[:, None, :] + np.where(held, 1.0, 1e-9)[:, None, :]
-    )
-    step = np.linalg.solve(matrix, np.repeat(g[:, None, :, None], len(_DAMPINGS), axis=1))[..., 0]
+    matrix[:, :, np.arange(d), np.arange(d)] += (damping[:, None] * _DAMPINGS)[:, :, None] + held[:, None, :]
+    target = np.repeat((g * scale)[:, None, :, None], len(_DAMPINGS), axis=1)
+    step = np.linalg.solve(matrix, target)[..., 0] * scale[:, None, :]
     longest = np.abs(step).max(axis=2, keepdims=True)
     step *= np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))
     return np.clip(u[:, None, :] + step, low, high)
