@@ -36,7 +36,7 @@ PSAFIT := $(BIN)/psafit
 quoted  = '$(subst ','\'',$(1))'
 option  = $(if $(strip $(2)),$(1) $(call quoted,$(2)))
 
-.PHONY: help setup fit validate diagnose sbc reproduce test lint types bench challenge docs-figures lock clean
+.PHONY: help setup fit validate diagnose sbc reproduce test lint types bench challenge docs docs-figures lock clean
 
 help: ## List the targets
 	@echo 'make TARGET [NAME=value ...]'
@@ -80,6 +80,10 @@ challenge: $(STAMP)-run ## Hide effects, diagnose, score: [SEED=n] [JOBS=2] [LIM
 	@$(BIN)/python benchmarks/challenge.py --experiment $(call quoted,$(EXP)) --jobs $(call quoted,$(JOBS)) \
 	    $(call option,--seed,$(SEED)) $(call option,--limit,$(LIMIT)) $(call option,--out,$(OUT))
 
+docs: $(STAMP)-docs ## Build the pages of the docs into site/, to be read from there; a warning is an error
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo 'ready: site/index.html'
+
 docs-figures: $(STAMP)-run ## Draw the figures of the docs anew
 	@for script in docs/make_*.py; do \
 	    [ -e "$$script" ] || { echo 'no figure scripts: docs/make_*.py'; break; }; \
@@ -90,9 +94,10 @@ lock: ## Resolve the lock files anew with uv: [UPGRADE=1] takes newer releases
 	$(call resolve,requirements.lock)
 	$(call resolve,requirements-dev.lock,--extra dev -c requirements.lock)
 	$(call resolve,requirements-bench.lock,--extra bench -c requirements.lock)
+	$(call resolve,requirements-docs.lock,--extra docs -c requirements.lock -c requirements-dev.lock)
 
 clean: ## Remove .venv and the caches (never fits)
-	@rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	@rm -rf $(VENV) build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	@find psafit tests docs benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # $(call resolve,lock,options): one lock for every platform and Python; no address and no path of this machine in it.
@@ -128,6 +133,12 @@ $(STAMP)-dev: requirements-dev.lock $(STAMP)-run
 $(STAMP)-bench: requirements-bench.lock $(STAMP)-run
 	@echo 'Installing what the benchmarks compare with (jax, diffrax) into $(VENV): about half a minute, once'
 	@$(INSTALL) requirements-bench.lock
+	@$(COMPILE)
+	@touch $@
+
+$(STAMP)-docs: requirements-docs.lock $(STAMP)-run
+	@echo 'Installing what the docs are made with into $(VENV): about 20 s, once; 150 MB of disk'
+	@$(INSTALL) requirements-docs.lock
 	@$(COMPILE)
 	@touch $@
 

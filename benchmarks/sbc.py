@@ -24,10 +24,10 @@ from scipy.stats import binom, chisquare
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from psafit.diagnose.candidate import fit
-from psafit.diagnose.evidence import weigh
 from psafit.experiment import read_experiment
 from psafit.inference import noise
+from psafit.inference.candidate import fit
+from psafit.inference.evidence import weigh
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 from psafit.report.style import PALETTE, figure_style

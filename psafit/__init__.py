@@ -1,3 +1,33 @@
-"""psafit: fit contact-impact drives, and find what the simulation gets wrong."""
+"""psafit: fit contact-impact drives, and find what the simulation gets wrong.
+
+For a notebook: ``rig = psafit.open("experiments/psa")``, then ``rig.fit([1])`` and ``rig.diagnose(quick=True)``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from psafit.api import Fitted, Rig
 
 __version__ = "0.1.0"
+
+
+def open(folder: str | Path) -> Rig:
+    """Open an experiment folder: see `psafit.api.Rig`."""
+    from psafit.api import Rig
+    from psafit.experiment import read_experiment
+
+    return Rig(read_experiment(folder))
+
+
+def load(folder: str | Path) -> Fitted:
+    """Open the folder of a finished fit: see `psafit.api.Fitted`."""
+    from pathlib import Path
+
+    from psafit.api import Fitted
+    from psafit.inference.run import load
+
+    return Fitted(load(Path(folder)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import os
 import re
@@ -17,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import psafit
+from psafit import plugins
 from psafit.errors import InputError, PsafitError
 
 if TYPE_CHECKING:
     from psafit.experiment import Experiment, GroupId
-    from psafit.parameters import Parameter
     from psafit.physics.term import Term
     from psafit.records import CauseEntry
 
@@ -83,7 +82,7 @@ class Command(click.Command):
             for p in self.params
             if p.name and isinstance(p.type, Place) and ctx.params.get(p.name) is not None
         ]
-        inputs = [path for role, _, path in places if role == "input"]
+        inputs = [*(path for role, _, path in places if role == "input"), *plugins.files()]
         for role, option, path in places:
             if role != "input":
                 ensure_writable(path, option, folder=role == "folder", inputs=inputs)
@@ -103,6 +102,15 @@ EXPERIMENT = click.argument("experiment", metavar="EXP", type=Place("input"))
 RUN = click.argument("run", metavar="RUN", type=Place("input"))
 QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 JSON = click.option("--json", "json_file", metavar="FILE", type=Place("file"), help="Write the result to FILE as JSON.")
+PLUGIN = click.option(
+    "--plugin",
+    multiple=True,
+    metavar="FILE",
+    type=Place("input"),
+    expose_value=False,
+    callback=lambda ctx, param, value: plugins.add(value),
+    help="A cause of your own; repeat.",
+)
 
 
 def main() -> None:
@@ -131,10 +139,15 @@ def main() -> None:
     except BrokenPipeError:
         _discard_output()
         code = DONE
-    except OSError as error:
-        _discard_output()
-        where = f"{error.filename}: " if error.filename else ""
-        click.echo(f"psafit: {where}{error.strerror or error}; make room, or write elsewhere", err=True)
+    except Exception as error:
+        if blamed := plugins.blamed(error):
+            click.echo(f"psafit: {blamed}", err=True)
+        elif isinstance(error, OSError):
+            _discard_output()
+            where = f"{error.filename}: " if error.filename else ""
+            click.echo(f"psafit: {where}{error.strerror or error}; make room, or write elsewhere", err=True)
+        else:
+            raise
         code = BAD_INPUT
     sys.exit(code if isinstance(code, int) else DONE)
 
@@ -182,103 +195,13 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
 
 @commands.command()
 @EXPERIMENT
-@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
-@click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
-@click.option("--run", type=Place("input"), help="Take model and posterior medians of this run instead.")
-@click.option("--out", type=Place("file"), help="CSV file; standard output by default.")
-@QUIET
-@JSON
-def simulate(
-    experiment: Path,
-    values: tuple[str, ...],
-    ids: str,
-    run: Path | None,
-    out: Path | None,
-    quiet: bool,
-    json_file: Path | None,
-) -> int:
-    """Simulate the launch ranges at an experiment's conditions."""
-    import numpy as np
-
-    from psafit.experiment import read_experiment
-    from psafit.files import write_atomically
-    from psafit.physics.baseline import PARAMETERS
-    from psafit.simulate import Design
-    from psafit.simulate import simulate as simulate_batch
-
-    data = read_experiment(experiment)
-    chosen = causes(ids) if ids else ()
-    asked = _assignments(values)
-    given = asked
-    if run is not None:
-        from psafit.inference.run import load
-
-        finished = load(run)
-        chosen = chosen or finished.problem.terms
-        given = {p.name: p.median for p in finished.summary.parameters} | asked
-    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, None) for p in PARAMETERS}
-    columns = [p.name for p in PARAMETERS]
-    for term in chosen:
-        # What is not given takes its prior's median; the strength must be given.
-        for p in term.parameters:
-            own = None if p is term.strength else float(p.to_physical(p.prior_quantile(0.5)))
-            wanted[p.name] = (p, own)
-            columns.append(p.name)
-        if term.latent:
-            for id in data.ids:
-                wanted[f"{term.latent.name}_{id}"] = (term.latent, 0.0)
-                columns.append(f"{term.latent.name}_{id}")
-    unknown = sorted(asked.keys() - set(columns))
-    if unknown:
-        close = [c for c in columns if c.casefold() == unknown[0].casefold()]
-        close = close or difflib.get_close_matches(unknown[0], columns, n=2)
-        remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(columns)}"
-        raise InputError(f"no parameter {unknown[0]}", remedy)
-    theta = []
-    for name in columns:
-        parameter, usual = wanted[name]
-        value = given.get(name, usual)
-        if value is None:
-            raise InputError(f"no value for {name}", f"add --set {name}=VALUE ({parameter.unit}) or --run RUN")
-        if not parameter.bounds.lower <= value <= parameter.bounds.upper:
-            raise InputError(
-                f"{name} = {value:g} {parameter.unit} is impossible",
-                f"choose between {parameter.bounds.lower:g} and {parameter.bounds.upper:g} {parameter.unit}",
-            )
-        theta.append(value)
-    result = simulate_batch(Design.of(data.constants, data.groups), np.array(theta), chosen)
-    micrometres = (result.launch_range[0] * 1e6).tolist()
-    rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
-    position = 0
-    for g in data.groups:
-        for f, v, y in zip(g.frequency_hz.tolist(), g.amplitude_v.tolist(), g.launch_range_um.tolist(), strict=True):
-            rows.append(f"{g.id},{g.waveform},{f!r},{v!r},{y!r},{micrometres[position]!r}")
-            position += 1
-    text = "\n".join(rows) + "\n"
-    if out is not None:
-        write_atomically(out, text.encode())
-    elif not quiet:
-        click.echo(text, nl=False)
-    write_result(
-        json_file,
-        {
-            "terms": [t.id for t in chosen],
-            "parameters": dict(zip(columns, theta, strict=True)),
-            "engine": result.engine,
-            "predicted_um": micrometres,
-        },
-    )
-    return DONE
-
-
-@commands.command()
-@EXPERIMENT
 @click.option("--group", "group", required=True, metavar="ID[,ID...]", help="Group or groups to fit.")
 @click.option("--terms", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
 @click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
 @click.option("--starts", type=click.IntRange(1, 4096), default=32, show_default=True, help="Starts of the search.")
 @click.option("--no-report", is_flag=True, help="Stop after the posterior: no validation, no report.")
+@PLUGIN
 @QUIET
 @JSON
 def fit(
@@ -298,13 +221,13 @@ def fit(
     converged draws on.
     """
     from psafit.experiment import read_experiment
+    from psafit.files import usual_folder
     from psafit.progress import watcher
 
     data = read_experiment(experiment)
     ids = _groups(group, data)
     chosen = causes(terms) if terms else ()
-    name = f"{experiment.resolve().name}-group{'-'.join(str(i) for i in ids)}"
-    folder = out or Path("fits") / "-".join([name, *(t.id for t in chosen)])
+    folder = out or usual_folder(experiment, f"group{'-'.join(str(i) for i in ids)}", *(t.id for t in chosen))
     _refuse_run_file(json_file, folder)
     if not quiet:
         for warning in data.warnings:
@@ -315,6 +238,7 @@ def fit(
         command = ["psafit", "fit", experiment, "--group", group, "--seed", seed, "--starts", starts]
         command += ["--terms", terms] if terms else []
         command += ["--out", out] if out else []
+        command += plugin_words()
         result = running.fit(data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=show, command=command)
         if not no_report:
             show.stage("validate")
@@ -351,6 +275,7 @@ def fit(
 @click.option("--out", type=Place("folder"), help="Folder; fits/<experiment>-diagnosis by default.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
 @click.option("--no-report", is_flag=True, help="Write the result only, no page.")
+@PLUGIN
 @QUIET
 @JSON
 def diagnose(
@@ -369,14 +294,16 @@ def diagnose(
     on where it stopped when the same command is repeated.
     """
     from psafit.experiment import read_experiment
+    from psafit.files import usual_folder
     from psafit.progress import watcher
 
     data = read_experiment(experiment)
     ids = _groups(group, data)
-    folder = out or Path("fits") / f"{experiment.resolve().name}-diagnosis"
+    folder = out or usual_folder(experiment, "diagnosis")
     _refuse_run_file(json_file, folder)
     command = ["psafit", "diagnose", experiment, "--group", group, "--seed", seed, *(["--quick"] if quick else [])]
     command += ["--out", out] if out else []
+    command += plugin_words()
     with watcher(quiet) as show:
         from psafit.diagnose import diagnose as examine
 
@@ -403,6 +330,7 @@ def diagnose(
 
 @commands.command()
 @RUN
+@PLUGIN
 @QUIET
 @JSON
 def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
@@ -414,23 +342,6 @@ def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
     write_result(json_file, validation)
     if not quiet:
         _print_scores(validation)
-    return DONE
-
-
-@commands.command()
-@RUN
-@QUIET
-def report(run: Path, quiet: bool) -> int:
-    """Write a run's report.html again."""
-    from psafit.inference.run import load
-    from psafit.numerics import audit
-    from psafit.report.fit import write_report
-    from psafit.validate import validate as check_predictions
-
-    finished = load(run)
-    page = write_report(finished, *check_predictions(finished), audit(finished))
-    if not quiet:
-        click.echo(f"report: {click.format_filename(page)}")
     return DONE
 
 
@@ -467,6 +378,7 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
 
 @commands.command()
 @click.argument("id", metavar="[ID]", required=False)
+@PLUGIN
 @QUIET
 @JSON
 def terms(id: str | None, quiet: bool, json_file: Path | None) -> int:
@@ -492,7 +404,7 @@ def _listing(entries: Sequence[CauseEntry]) -> str:
                 f"{p.name} ({p.unit})" + ("" if p.neutral is None else f", neutral {p.neutral:g}")
                 for p in entry.parameters
             ]
-            rows.append((f"  {entry.id}", entry.title, told[0]))
+            rows.append((f"  {entry.id}", entry.title + (" (plugin)" if entry.plugin else ""), told[0]))
             rows += [("", "", more) for more in told[1:]]
     widths = [max(len(row[i]) for row in rows) for i in range(2)]
     lines = [f"{a:{widths[0]}}  {b:{widths[1]}}  {c}".rstrip() for a, b, c in rows]
@@ -527,6 +439,7 @@ def _declaration(entry: CauseEntry) -> str:
     lines.append(wrapped("reference", entry.reference))
     lines += [wrapped("check" if i == 0 else "", check) for i, check in enumerate(entry.checks)]
     lines.append(wrapped("simulated", f"by the {entry.path}"))
+    lines += [wrapped("plugin", f"SHA-256 {entry.plugin}...")] if entry.plugin else []
     return "\n".join(lines)
 
 
@@ -548,17 +461,9 @@ def causes(text: str) -> tuple[Term, ...]:
     return catalogue(ids)
 
 
-def _assignments(values: tuple[str, ...]) -> dict[str, float]:
-    given: dict[str, float] = {}
-    for text in values:
-        name, _, number = (part.strip() for part in text.partition("="))
-        if name in given:
-            raise InputError(f"--set gives {name} twice", "give each parameter once")
-        try:
-            given[name] = float(number)
-        except ValueError:
-            raise InputError(f"--set {text!r} is not NAME=VALUE", "write for example --set k_c=1.4e5") from None
-    return given
+def plugin_words() -> list[object]:
+    """The options that name the plugins at work, however they were named."""
+    return [word for file in plugins.files() for word in ("--plugin", file)]
 
 
 def _span(span: list[float], unit: str) -> str:
@@ -592,8 +497,11 @@ def write_result(json_file: Path | None, record: Any) -> None:
 def _attach() -> None:
     """Hang on the commands that are built from what stands above."""
     from psafit.cli_challenge import challenge
+    from psafit.cli_explore import report, simulate, watch
+    from psafit.cli_rig import check_cause, new
 
-    commands.add_command(challenge)
+    for command in (simulate, report, watch, challenge, check_cause, new):
+        commands.add_command(command)
 
 
 _attach()

@@ -135,6 +135,11 @@ def ensure_writable(path: Path, option: str, *, folder: bool = False, inputs: It
             pass
 
 
+def usual_folder(experiment: Path, *what: str) -> Path:
+    """Where a result goes unless told otherwise: below `fits`, named after the experiment and what was done."""
+    return Path("fits") / "-".join([experiment.resolve().name, *what])
+
+
 def encodable(text: str) -> str:
     """Text that UTF-8 can hold: a file name that is no UTF-8 has surrogates in it."""
     return re.sub(r"[\ud800-\udfff]", "\N{REPLACEMENT CHARACTER}", text)

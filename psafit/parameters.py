@@ -8,6 +8,7 @@ that model evidences compare.
 
 from __future__ import annotations
 
+import keyword
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -159,7 +160,7 @@ class Parameter:
     neutral: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier():
+        if not self.name.isidentifier() or keyword.iskeyword(self.name):
             raise ValueError(f"parameter name {self.name!r} is not an identifier")
         if self.prior.coordinate == "log" and self.bounds.lower <= 0:
             raise ValueError(f"{self.name}: a logarithmic prior needs a positive lower bound")

@@ -87,6 +87,8 @@ class CauseEntry:
         The calculations by hand.
     path : str
         Of the simulator: "closed form" or "stepper".
+    plugin : str
+        Leading digits of the SHA-256 of its file, where that is no part of psafit.
     """
 
     id: str
@@ -100,6 +102,7 @@ class CauseEntry:
     reference: str
     checks: list[str]
     path: str
+    plugin: str = ""
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,7 @@ class Fit:
         Its settings.
     lmfit_report : str
     versions : dict
-        Of Python and the libraries that matter.
+        Of Python, the libraries that matter, and plugins (SHA-256 of their files).
     command : str
         That made it, if any did; absolute paths are cut to their last part.
     """

@@ -53,7 +53,7 @@ GOOD, FAIR = 0.15, 0.30
 # One sign dominates where it has this share of the errors, or where chance would rarely part them so.
 _ONE_SIGN = 0.70
 # Of every test; it is run once a group.
-_LEVEL = 0.01
+LEVEL = 0.01
 # Readings above zero without which a group tells nothing, and readings without which a band cannot be judged.
 _FEWEST, _FEWEST_FOR_BAND = 3, 5
 
@@ -232,7 +232,7 @@ def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Predictio
     return result
 
 
-def _silence(group: Group) -> str:
+def silence(group: Group) -> str:
     """Why a group cannot tell a good prediction from a bad one; empty where it can."""
     if not group.amplitude_v.any():
         return "nothing drives it"
@@ -244,8 +244,8 @@ def score(prediction: Prediction) -> GroupScore:
     """Scores of one group."""
     measured = prediction.group.launch_range_um
     error = log_ratio(prediction.median, measured)
-    silence = _silence(prediction.group)
-    told = f"says nothing of the model: {silence}; left out of every mean" if silence else ""
+    silent = silence(prediction.group)
+    told = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
     return GroupScore(
@@ -261,7 +261,7 @@ def score(prediction: Prediction) -> GroupScore:
         elpd_per_point=float(np.mean(prediction.log_density)),
         pit_p_value=prediction.pit_p_value,
         drift_p_value=prediction.drift_p_value,
-        informative=not silence,
+        informative=not silent,
         verdict=told or verdict(error, float(np.mean(inside_90)), prediction.pit_p_value, prediction.drift_p_value),
     )
 
@@ -270,7 +270,7 @@ def _direction(error: FloatArray) -> str:
     """Whether a prediction errs to one side, by the count of signs."""
     large, small = int((error > 0).sum()), int((error < 0).sum())
     most = max(large, small)
-    if most == 0 or (most <= _ONE_SIGN * error.size and binomtest(large, large + small).pvalue >= _LEVEL):
+    if most == 0 or (most <= _ONE_SIGN * error.size and binomtest(large, large + small).pvalue >= LEVEL):
         return "either way"
     side, bias = ("large", float(np.mean(error))) if large > small else ("small", -float(np.mean(error)))
     # A few large errors of the other sign may outweigh the many in the mean.
@@ -287,12 +287,12 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     # Two standard deviations of a binomial count around 90 %.
     slack = 2 * math.sqrt(0.9 * 0.1 / n)
     too_narrow = coverage < 0.9 - slack
-    drifts = drift_p_value < _LEVEL
+    drifts = drift_p_value < LEVEL
     if too_narrow:
         parts.append(f"its 90 % band holds only {100 * coverage:.0f} % of the readings")
-    elif coverage > 0.9 + slack and pit_p_value < _LEVEL:
+    elif coverage > 0.9 + slack and pit_p_value < LEVEL:
         parts.append(f"its 90 % band is too wide ({100 * coverage:.0f} % of the readings inside)")
-    elif pit_p_value < _LEVEL:
+    elif pit_p_value < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
     elif not drifts:
         parts.append("its band is honest")

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import re
 from html.parser import HTMLParser
+from importlib import resources
 
 HOSTILE = "<script>alert(1)</script> </style> \"quoted\" 'single' & {{ 7 * 7 }} $x_"
+
+
+SCRIPT = resources.files("psafit.report").joinpath("templates/explore.js").read_text("utf-8")
+"""The one script of a page."""
 
 
 class Reader(HTMLParser):
@@ -22,10 +27,10 @@ class Reader(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
-        self._hidden += tag == "style"
+        self._hidden += tag in ("style", "script")
 
     def handle_endtag(self, tag):
-        self._hidden -= tag == "style"
+        self._hidden -= tag in ("style", "script")
 
     def handle_data(self, data):
         if not self._hidden:
@@ -42,6 +47,11 @@ class Reader(HTMLParser):
     @property
     def first_screen(self) -> str:
         return Reader(self.html[self.html.index('class="summary"') : self.html.index("<h2")]).text
+
+    @property
+    def foreign(self) -> str:
+        """The page without its images and its own script."""
+        return re.sub(r"data:image/[^\"]*", "", self.html.replace(f"<script>{SCRIPT}</script>", "", 1))
 
     def all(self, tag: str) -> list[dict[str, str | None]]:
         return [attrs for name, attrs in self.tags if name == tag]

@@ -18,16 +18,16 @@ PACKAGE = ROOT / "psafit"
 
 # From the ground up. A module imports from its own floor or from below, never from above.
 FLOORS = (
-    {"", "errors", "files", "parameters"},  # "" is psafit/__init__.py
+    {"", "errors", "files", "parameters", "plugins"},  # "" is psafit/__init__.py
     {"experiment", "records"},
     {"physics"},
     {"simulate"},
     {"inference"},
-    {"validate", "numerics", "reproduce"},
+    {"validate", "numerics", "reproduce", "watch"},
     {"diagnose"},
-    {"challenge"},
+    {"challenge", "compare"},
     {"report"},
-    {"cli", "cli_challenge", "progress", "__main__"},
+    {"api", "cli", "cli_challenge", "cli_explore", "cli_rig", "progress", "__main__"},
 )
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 DRAWS = {"matplotlib", "cycler", "corner", "jinja2", "markupsafe"}
@@ -123,7 +123,9 @@ def test_every_module_has_a_floor() -> None:
 
 
 def test_imports_go_only_downward() -> None:
-    upward = [i for i in INTERNAL if LEVEL.get(i.to_part, 0) > LEVEL.get(i.from_part, 0)]
+    # But for the front door, which opens on the top floor when it is asked to.
+    inside = [i for i in INTERNAL if i.module != "psafit"]
+    upward = [i for i in inside if LEVEL.get(i.to_part, 0) > LEVEL.get(i.from_part, 0)]
     assert not upward, listed(upward)
 
 

@@ -12,7 +12,13 @@ from pathlib import Path
 
 import pytest
 from reader import HOSTILE
+from test_explore import made
 from test_report import build, make_run, sweep_groups
+from test_report_diagnosis import make_experiment, make_record
+
+from psafit.compare import compare
+from psafit.report.comparison import write_comparison
+from psafit.report.diagnosis import write_diagnosis
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 SIZES = ((1280, 900), (400, 800))
@@ -121,6 +127,76 @@ def test_first_screen_shows_warning_and_sentences(opened):
     assert 0 <= top < 420
     assert opened.page.locator(".summary img").is_visible()
     assert HOSTILE in opened.page.title()
+
+
+def test_curves_answer_to_the_keyboard(opened):
+    page = opened.page
+    chart, readout = page.locator(".explorer > svg"), page.locator(".readout")
+    assert "arrow keys" in readout.inner_text()
+    chart.focus()
+    page.keyboard.press("ArrowRight")
+    first = readout.inner_text()
+    assert first.startswith("100 Hz, 20 V: measured 13.0 µm; predicted median 17.3 µm (90 % of readings ")
+    assert chart.get_attribute("role") == "slider" and chart.get_attribute("aria-valuetext") == first
+    page.keyboard.press("End")
+    assert readout.inner_text().startswith("10000 Hz") and chart.get_attribute("aria-valuenow") == "8"
+    page.keyboard.press("Escape")
+    assert "arrow keys" in readout.inner_text()
+
+
+def test_curves_answer_to_the_pointer(opened):
+    page = opened.page
+    chart = page.locator(".explorer > svg")
+    chart.scroll_into_view_if_needed()
+    box = chart.bounding_box()
+    page.mouse.move(box["x"] + box["width"] - 16, box["y"] + 40)
+    assert page.locator(".readout").inner_text().startswith("10000 Hz")
+
+
+def test_curves_are_switched_on_and_off(opened):
+    page = opened.page
+    drawn = "[...document.querySelectorAll('.explorer > svg .{}')].length"
+    readings = page.evaluate(drawn.format("reading"))
+    assert readings == 8 and page.evaluate(drawn.format("line")) == 1 and page.evaluate(drawn.format("band")) == 2
+    for name, kind in (("measured", "reading"), ("90 % of the model", "band")):
+        before = page.evaluate(drawn.format(kind))
+        page.get_by_role("checkbox", name=name).uncheck()
+        assert page.evaluate(drawn.format(kind)) < before
+        page.get_by_role("checkbox", name=name).check()
+        assert page.evaluate(drawn.format(kind)) == before
+    ticks = "[...document.querySelectorAll('.explorer > svg text[text-anchor=end]')].map(t => t.textContent)"
+    linear = page.evaluate(ticks)
+    page.get_by_role("checkbox", name="launch range").check()
+    assert page.evaluate(ticks) != linear and "0" in linear and "0" not in page.evaluate(ticks)
+    page.get_by_role("checkbox", name="launch range").uncheck()
+    page.locator(".explorer select").select_option("1")
+    assert "Drive amplitude (V)" in page.locator(".explorer > svg").text_content()
+    page.locator(".explorer select").select_option("0")
+
+
+@pytest.fixture(scope="module")
+def other_pages(tmp_path_factory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("pages")
+    experiment = make_experiment(HOSTILE)
+    sides = made(HOSTILE, 2.0), made("b", 1.1)
+    return [
+        write_diagnosis(make_record(experiment, title=HOSTILE), experiment, folder),
+        write_comparison(*sides, compare(*sides), folder / "comparison.html"),
+    ]
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}px")
+def test_every_page_has_the_same_manners(browser, other_pages, size):
+    for path in other_pages:
+        one = Opened(browser, path, size)
+        one.page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+        assert one.width() <= one.page.evaluate("innerWidth")
+        assert one.page.locator(".verdict .badge").is_visible() and one.page.locator(".summary img").count() == 1
+        assert one.page.locator(".explorer > svg .reading").count() > 0
+        unnamed = "[...document.querySelectorAll('input, select, svg[tabindex]')].filter(e =>"
+        assert one.page.evaluate(f"{unnamed} !e.ariaLabel && !e.labels?.[0]?.textContent).length") == 0
+        assert one.complaints == [] and [url for url in one.requests if not url.startswith("data:")] == [one.address]
+        one.context.close()
 
 
 def contrast(one: str, other: str) -> float:

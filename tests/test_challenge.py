@@ -588,7 +588,7 @@ def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
     page = write_page(score(results), tmp_path / "score.html", {"Version": "0"}).read_text()
     assert "95 % interval" in page and "misses" in page and "&lt;b&gt;" in page and "<b>" not in page
     assert page.count("<img") == 3
-    assert "http" not in re.sub(r'src="data:[^"]*"', "", page)
+    assert "://" not in re.sub(r'src="data:[^"]*"', "", page)
     empty = write_page(score([result([], verdict="adequate")]), tmp_path / "empty.html").read_text()
     assert "not asked" in empty
 

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from test_report_diagnosis import make_experiment, make_record
 
 from psafit import cli, progress
 from psafit.experiment import read_experiment
@@ -100,14 +101,16 @@ def test_validate_and_report_again(fitted: Path, tmp_path: Path, monkeypatch, ca
 
 
 def test_the_readme_s_python_runs_and_prints(fitted: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    from psafit.inference import run as running
+    from psafit import api
+    from psafit.inference.run import load
 
     text = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
     monkeypatch.chdir(Path(__file__).parents[1])
-    monkeypatch.setattr(running, "fit", lambda *a, **k: running.load(fitted))
+    monkeypatch.setattr(api, "fit", lambda *a, **k: load(fitted))
+    monkeypatch.setattr(api, "diagnose", lambda *a, **k: make_record(make_experiment()))
     exec(text.split("```python\n")[1].split("```")[0], {})
     said = capsys.readouterr().out
-    assert "k_c = " in said and "2 holdout log_rmse" in said
+    assert "k_c " in said and "holdout" in said and "ambiguous (hysteresis)" in said
 
 
 def test_terms(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -254,7 +257,7 @@ def test_interrupt_is_one_line(known_folder: Path, tmp_path: Path, monkeypatch, 
 def test_help_lists_every_command(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     assert run(monkeypatch, "--help") == 0
     text = capsys.readouterr().out
-    for name in ("check", "fit", "report", "reproduce", "simulate", "terms", "validate"):
+    for name in ("check", "fit", "report", "reproduce", "simulate", "terms", "validate", "watch"):
         assert name in text
         assert run(monkeypatch, name, "--help") == 0
         assert "PATH  Write" not in capsys.readouterr().out

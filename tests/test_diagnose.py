@@ -12,18 +12,18 @@ import pytest
 from scipy.special import logsumexp
 
 from psafit.diagnose import diagnose
-from psafit.diagnose.candidate import fit, thinned
-from psafit.diagnose.evidence import weigh
 from psafit.diagnose.gain import split, summarise
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
 from psafit.diagnose.leftover import leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.next_experiment import propose
-from psafit.diagnose.screening import screen
+from psafit.diagnose.screening import _unclear, screen
 from psafit.diagnose.show import drift, growth
 from psafit.diagnose.verdict import conclude
 from psafit.experiment import Constants, Experiment, Group
+from psafit.inference.candidate import fit, thinned
+from psafit.inference.evidence import weigh
 from psafit.inference.problem import MICRO, Problem
 from psafit.physics import TERMS, terms
 from psafit.simulate import Design, simulate
@@ -343,3 +343,12 @@ def test_prior_width_survives_draws_of_hardly_any_weight():
     weights = np.r_[1e-310, np.full(len(found.weights) - 1, 1 / (len(found.weights) - 1))]
     factor = np.r_[700.0, np.zeros(len(weights) - 1)]
     assert replace(found, weights=weights).mean_of(factor) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_screening_looks_between_where_gains_are_steep():
+    """A cause that acts by thresholds helps in a narrow range, beside which it harms."""
+    q = np.array([0.1, 0.3, 0.5, 0.9])
+    assert _unclear(q, np.array([0.0, 0.0, -30.0, -31.0])) == pytest.approx([0.4])
+    assert _unclear(q, np.array([0.0, 1.0, 2.0, 1.0])).size == 0
+    # Far below the best nothing is worth a look.
+    assert _unclear(q, np.array([40.0, 39.0, 0.0, -30.0])) == pytest.approx([0.4])

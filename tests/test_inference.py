@@ -162,7 +162,7 @@ def test_same_seed_same_draws_and_a_killed_chain_resumes(problem: Problem, tmp_p
 class TwoHills:
     """Two normal hills in the plane, 17 standard deviations apart, with masses 0.8 and 0.2, under a uniform prior."""
 
-    n_dim, half = 2, 40.0
+    n_dim, half, terms = 2, 40.0, ()
     centres, masses = np.array([[0.0, 0.0], [12.0, -12.0]]), np.array([0.8, 0.2])
 
     def to_sampling(self, x: np.ndarray) -> np.ndarray:

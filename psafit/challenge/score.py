@@ -23,6 +23,8 @@ Ids = frozenset[str]
 
 # Of two causes, each must add so much beside the other to be asked for.
 SEEN_BESIDE_NATS = 10.0
+SHOWING_NATS = 3.0
+"""An oracle gain (log likelihood) below which nothing shows: as the evidence that a further cause must add."""
 GAIN_EDGES = (0.0, 5.0, 10.0, 25.0, 50.0, 100.0, math.inf)
 PROBABILITY_EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 # Of what a diagnosis points at, so much must lie where an outside effect acts.
@@ -402,13 +404,19 @@ def _table(pairs: Iterable[tuple[str, str]]) -> dict[str, dict[str, int]]:
     return table
 
 
+def _showing(result: Result) -> frozenset[str]:
+    """The true causes that an oracle gains by: a printed probability is that of what the readings show."""
+    gains = result.oracle.without or dict.fromkeys(result.answer.terms, result.oracle.gain)
+    return frozenset(id for id in result.answer.terms if gains.get(id, 0.0) >= SHOWING_NATS)
+
+
 def _reliability(results: Sequence[Result]) -> list[ProbabilityBin]:
-    """Every printed probability against whether its set of causes is exactly the truth."""
+    """Every printed probability against whether its set of causes is exactly the truth, as far as that shows."""
     printed: list[tuple[float, bool]] = []
     for result in results:
         if result.spec.kind == "outside":
             continue  # none of the candidates can be right, and the probabilities are conditional on one being so
-        truth = frozenset(result.answer.terms)
+        truth = _showing(result)
         for cause in result.diagnosis.get("causes", []):
             p = cause.get("probability")
             if isinstance(p, int | float) and math.isfinite(p):

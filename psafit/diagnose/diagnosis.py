@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
-from psafit.diagnose.candidate import Candidate
-from psafit.diagnose.evidence import Weighed
 from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
@@ -25,6 +23,8 @@ from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
 from psafit.files import portable_command
+from psafit.inference.candidate import Candidate
+from psafit.inference.evidence import Weighed
 from psafit.inference.problem import Problem
 from psafit.inference.run import Silent, Watcher, versions
 from psafit.numerics import refine

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from psafit.diagnose.evidence import quantiles
 from psafit.diagnose.ladder import Ids, Ladder
 from psafit.experiment import Experiment, GroupId
 from psafit.inference import noise
+from psafit.inference.evidence import quantiles
 from psafit.validate import COLUMNS, log_ratio, prediction_rows, root_mean_square, write_table
 
 FloatArray = NDArray[np.float64]

@@ -31,11 +31,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from psafit.diagnose.candidate import Candidate, fit, settle
-from psafit.diagnose.evidence import Weighed, weigh
 from psafit.diagnose.memory import Arrays, Memory
 from psafit.diagnose.screening import Screened, extended, screen
 from psafit.inference.ascent import Ascent, ascend
+from psafit.inference.candidate import Candidate, fit, settle
+from psafit.inference.evidence import Weighed, weigh
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term

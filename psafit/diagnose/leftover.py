@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from psafit.diagnose.candidate import Candidate
 from psafit.diagnose.misfit import sweeps
 from psafit.experiment import GroupId
 from psafit.inference.ascent import prior_slopes
+from psafit.inference.candidate import Candidate
 
 FloatArray = NDArray[np.float64]
 

@@ -46,7 +46,7 @@ class Memory:
             return make()
         determinants = [
             kind, _FORMAT, psafit.__version__, problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
-            [t.id for t in problem.terms], [[p.name, p.prior.describe()] for p in problem.parameters], about,
+            [t.signature for t in problem.terms], [[p.name, p.prior.describe()] for p in problem.parameters], about,
         ]  # fmt: skip
         key = hashlib.sha256(json.dumps(determinants).encode()).hexdigest()[:24]
         path = self._folder / f"{kind}-{key}.npz"

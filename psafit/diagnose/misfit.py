@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from psafit.diagnose.candidate import Candidate, settle
 from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
+from psafit.inference.candidate import Candidate, settle
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.simulate import Design, path_of

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from psafit.diagnose.candidate import Candidate
-from psafit.diagnose.evidence import Weighed
 from psafit.inference import noise
+from psafit.inference.candidate import Candidate
+from psafit.inference.evidence import Weighed
 from psafit.inference.problem import MICRO
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate

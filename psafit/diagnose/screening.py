@@ -5,16 +5,16 @@ scatter included, is then refitted in the expansion of the model, which costs no
 in log posterior give the three answers of a score test at once: the best of them the statistic, the place where it lies
 the expected strength, and their mean over the prior,
 
-.. math:: B \approx \frac1Q \sum_q e^{\Delta_q},
+.. math:: B \approx \sum_q w_q e^{\Delta_q},
 
-the evidence that the cause would add (quantiles of a prior are equally likely under it). Slopes at the neutral value
+the evidence that the cause would add, where :math:`w_q` is the part of the prior that is nearest to :math:`q`. Where
+gains change steeply, quantiles between are tried, too. Slopes at the neutral value
 would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, that of `preload` infinite, and a boundary makes the
 law of the usual statistic a mixture.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from psafit.diagnose.candidate import Candidate
 from psafit.inference.ascent import ascend_linearly
+from psafit.inference.candidate import Candidate
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import plausible
@@ -32,6 +32,9 @@ FloatArray = NDArray[np.float64]
 
 _QUANTILES = (0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
 _ITERATIONS = 12
+# Between quantiles whose gains differ by more than this (nats), the better of them this near the best, another one is
+# tried, so many times: a cause that acts by thresholds helps in a narrow range only.
+_STEEP, _PROMISING, _HALVINGS, _MOST_HALVED = 3.0, 15.0, 5, 3
 # Whitened size of a plausible effect, after the refit, below which a cause could not have been seen: power of one half
 # for a gain of two and a half standard deviations.
 VISIBLE = 2.5
@@ -90,39 +93,56 @@ def screen(candidate: Candidate, catalogue: Sequence[Term]) -> list[Screened]:
 
 
 def _screen(candidate: Candidate, term: Term, catalogue: Sequence[Term]) -> Screened:
-    small = candidate.problem
-    large = extended(small, term, catalogue)
+    large = extended(candidate.problem, term, catalogue)
     at, shared = candidate.within(large)
     own = [large.names.index(p.name) for p in term.parameters]
-    rows = np.repeat(at[None, :], len(_QUANTILES) + 1, axis=0)
-    rows[:-1, own[0]] = term.strength.prior_quantile(np.array(_QUANTILES))
-    # Never quite neutral: a path that changes there would be another model.
-    rows[-1, own] = [p.to_sampling(v) for p, v in zip(term.parameters, plausible(term), strict=True)]
     latent = [i for i in range(large.n_dim) if i not in own and i not in shared]
-    moved = []
-    for i in latent:
-        row = rows.copy()
-        row[:, i] += 0.1
-        moved.append(row)
-    found = large.predict(np.vstack([rows, *moved])).reshape(1 + len(latent), len(rows), -1)
-    predicted, n = np.maximum(found[0], 1e-9), len(_QUANTILES)
-    slope = np.zeros((len(rows), large.n_model, predicted.shape[1]))
-    slope[:, shared[: small.n_model]] = candidate.relative_slope
-    for k, i in enumerate(latent):
-        slope[:, i] = (np.maximum(found[1 + k], 1e-9) - predicted) / (0.1 * predicted)
-    end = ascend_linearly(
-        large, rows[:n], predicted[:n], slope[:n], frozen=own, iterations=_ITERATIONS
-    )  # fmt: skip
-    # The cause's own prior is not a gain or loss here; that of its latents is.
-    prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
     neutral = float(sum(large.parameters[i].log_prior(at[i]) for i in latent))
-    gain = end.height - prior - neutral - candidate.height
-    gain = np.where(np.isfinite(gain), gain, -1e3)
+
+    def refitted(quantiles: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where refits at these quantiles of the strength end, and what they gain."""
+        rows = np.repeat(at[None, :], len(quantiles), axis=0)
+        rows[:, own[0]] = term.strength.prior_quantile(quantiles)
+        found = large.predict(np.vstack([rows, *(rows + 0.1 * np.eye(large.n_dim)[i] for i in latent)]))
+        found = np.maximum(found.reshape(1 + len(latent), len(rows), -1), 1e-9)
+        slope = np.zeros((len(rows), large.n_model, found.shape[2]))
+        slope[:, shared[: candidate.problem.n_model]] = candidate.relative_slope
+        for k, i in enumerate(latent, start=1):
+            slope[:, i] = (found[k] - found[0]) / (0.1 * found[0])
+        end = ascend_linearly(large, rows, found[0], slope, frozen=own, iterations=_ITERATIONS)
+        # The cause's own prior is not a gain or loss here; that of its latents is.
+        prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
+        gain = end.height - prior - neutral - candidate.height
+        return end.u, np.where(np.isfinite(gain), gain, -1e3)
+
+    q = np.array(_QUANTILES)
+    ends, gain = refitted(q)
+    for _ in range(_HALVINGS):
+        between = _unclear(q, gain)
+        if not between.size:
+            break
+        more_ends, more_gain = refitted(between)
+        order = np.argsort(np.concatenate([q, between]))
+        q, gain = np.concatenate([q, between])[order], np.concatenate([gain, more_gain])[order]
+        ends = np.concatenate([ends, more_ends])[order]
+    # Each quantile stands for what is nearer to it than to its neighbours.
+    share = np.diff(np.concatenate([[0.0], 0.5 * (q[1:] + q[:-1]), [1.0]]))
+    # Never quite neutral: a path that changes there would be another model.
+    shown = at.copy()
+    shown[own] = [p.to_sampling(v) for p, v in zip(term.parameters, plausible(term), strict=True)]
     return Screened(
         term=term,
-        strength=term.strength.to_physical(rows[:n, own[0]]),
+        strength=term.strength.to_physical(term.strength.prior_quantile(q)),
         gain=gain,
-        log_bayes=float(logsumexp(gain) - math.log(n)),
-        visible=float(np.linalg.norm(candidate.beside(predicted[-1:] - candidate.predicted))),
-        starts=end.u[np.argsort(-gain, kind="stable")[:4]],
+        log_bayes=float(logsumexp(gain + np.log(share))),
+        visible=float(np.linalg.norm(candidate.beside(large.predict(shown[None]) - candidate.predicted))),
+        starts=ends[np.argsort(-gain, kind="stable")[:4]],
     )
+
+
+def _unclear(q: FloatArray, gain: FloatArray) -> FloatArray:
+    """Quantiles half way between neighbours whose gains differ so much that more may hide there than at either."""
+    end = np.maximum(gain[1:], gain[:-1])
+    wanted = np.flatnonzero((np.abs(np.diff(gain)) > _STEEP) & (end > gain.max() - _PROMISING))
+    wanted = wanted[np.argsort(-end[wanted], kind="stable")[:_MOST_HALVED]]
+    return np.asarray(0.5 * (q[wanted] + q[wanted + 1]))

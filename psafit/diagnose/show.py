@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.diagnose.candidate import Candidate
 from psafit.diagnose.misfit import sweeps
 from psafit.experiment import GroupId
+from psafit.inference.candidate import Candidate
 
 FloatArray = NDArray[np.float64]
 

@@ -5,7 +5,9 @@ by one rename. Whatever kills the run, a consistent chain with its generator's s
 resumed run draws what an undisturbed one would have drawn.
 
 emcee's ensemble moves cannot carry a lone walker out of a mode that no other walker shares, so some of
-the moves are independent draws from a fixed density that reaches everywhere: see `Proposal`.
+the moves are independent draws from a fixed density that reaches everywhere: see `Proposal`. With causes added,
+posteriors are bent and cut; there most moves are strides through an emulated posterior: see
+`psafit.inference.evidence.Emulated.wander`.
 """
 
 from __future__ import annotations
@@ -29,6 +31,9 @@ from scipy.special import gammaln, logsumexp
 from psafit.errors import InputError
 from psafit.files import replacing
 from psafit.inference import store
+from psafit.inference.ascent import ascend
+from psafit.inference.candidate import settle
+from psafit.inference.evidence import emulate
 from psafit.inference.optimise import Optimum
 from psafit.inference.problem import Problem
 
@@ -37,6 +42,10 @@ _GROUP = "psafit"
 
 # The proposal's tails (degrees of freedom) and the prior's share in it.
 _TAILS, _PRIOR_SHARE = 4.0, 0.1
+# Share of strides through an emulated posterior, where causes extend the model.
+_STRIDES = 0.7
+# A chain is long: its emulator may cost more than one for an evidence.
+_CAREFULLY: dict[str, int] = {"rounds": 24, "effective": 1000}
 # A Laplace mass may err by a factor of a hundred: no minimum that counts gets less than this share, and one counts
 # unless its mass is negligible (log, against the greatest) even so.
 _LEAST_SHARE, _NEGLIGIBLE = 0.01, -12.0
@@ -266,19 +275,18 @@ def sample(
     else:
         backend.reset(settings.n_walkers, problem.n_dim)
     proposal = Proposal(problem, optimum)
+    moves = [
+        (emcee.moves.DEMove(), 0.3),
+        (emcee.moves.DEMove(gamma0=1.0), 0.05),
+        (emcee.moves.DESnookerMove(), 0.1),
+        (emcee.moves.KDEMove(), 0.3),
+        (emcee.moves.MHMove(proposal.move), 0.25),
+    ]
+    if problem.terms:
+        moves = [(move, (1 - _STRIDES) * share) for move, share in moves]
+        moves.append((emcee.moves.MHMove(_strides(problem, optimum, seed)), _STRIDES))
     sampler = emcee.EnsembleSampler(
-        settings.n_walkers,
-        problem.n_dim,
-        problem.log_posterior,
-        vectorize=True,
-        backend=backend,
-        moves=[
-            (emcee.moves.DEMove(), 0.3),
-            (emcee.moves.DEMove(gamma0=1.0), 0.05),
-            (emcee.moves.DESnookerMove(), 0.1),
-            (emcee.moves.KDEMove(), 0.3),
-            (emcee.moves.MHMove(proposal.move), 0.25),
-        ],
+        settings.n_walkers, problem.n_dim, problem.log_posterior, vectorize=True, backend=backend, moves=moves
     )
     if backend.iteration == 0:
         random = np.random.RandomState(seed)  # emcee draws from the legacy generator
@@ -304,6 +312,20 @@ def sample(
                 stop_if_asked()
             _checkpoint(backend, path, identity)
             stop_if_asked()
+
+
+def _strides(
+    problem: Problem, optimum: Optimum, seed: int
+) -> Callable[[FloatArray, np.random.RandomState], tuple[FloatArray, FloatArray]]:
+    """Proposals by strides through an emulated posterior, as `emcee.moves.MHMove` takes them."""
+    starts = np.array([problem.to_sampling(m.values) for m in optimum.minima])
+    emulated = emulate(settle(problem, ascend(problem, starts, schedule=((0, len(starts)),))), seed=seed, **_CAREFULLY)
+
+    def move(u: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        # Seeded by the chain's own generator, whose state is in the checkpoint.
+        return emulated.wander(u, np.random.default_rng(random.randint(0, 2**32, size=4, dtype=np.uint32)))
+
+    return move
 
 
 def _chain(backend: emcee.backends.Backend, settings: Settings) -> Chain:

@@ -29,7 +29,7 @@ from psafit.files import is_temporary, portable_command, remove_temporaries, sha
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
-from psafit.physics import terms as catalogue
+from psafit.physics import plugin_versions, recorded, signatures
 from psafit.physics.term import Term
 from psafit.records import (
     Fit,
@@ -103,7 +103,7 @@ def _determinants(
     return {
         "data": problem.experiment.fingerprint,
         "groups": [str(g) for g in problem.group_ids],
-        "terms": [t.id for t in problem.terms],
+        "terms": [t.signature for t in problem.terms],
         "priors": [[p.name, p.bounds.lower, p.bounds.upper, p.prior.describe()] for p in problem.parameters],
         "seed": seed,
         "starts": n_starts,
@@ -117,7 +117,7 @@ def _recorded(record: Fit) -> dict[str, Any]:
     return {
         "data": record.fingerprint,
         "groups": [str(g) for g in record.groups],
-        "terms": record.terms,
+        "terms": signatures(record.terms, record.versions),
         "priors": [[e.name, e.lower, e.upper, e.prior] for e in record.parameters],
         "seed": record.seed,
         "starts": record.n_starts,
@@ -135,9 +135,9 @@ def _identity(determinants: Mapping[str, Any]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of psafit, Python and the libraries that shape a result."""
+    """Versions of psafit, Python, the libraries and the plugins that shape a result."""
     found = {"psafit": psafit.__version__, "python": platform.python_version()}
-    return found | {name: importlib.metadata.version(name) for name in LIBRARIES}
+    return found | {name: importlib.metadata.version(name) for name in LIBRARIES} | plugin_versions()
 
 
 def fit(
@@ -283,7 +283,8 @@ def load(folder: Path) -> Run:
         if sha256(folder / name) != summary.files.get(name):
             raise InputError("was changed after the fit", _AGAIN, file=folder / name)
     experiment = read_experiment(folder / "experiment")
-    problem = Problem(experiment, tuple(record.groups), catalogue(record.terms))
+    chosen = recorded(record.terms, record.versions, folder / "fit.json")
+    problem = Problem(experiment, tuple(record.groups), chosen)
     found = _recorded(record)
     expected = _determinants(problem, record.seed, record.n_starts, record.sampler, found["version"])
     if differing := _differing(expected, found):

@@ -1,13 +1,15 @@
 """The physics: the baseline and, one file each, the candidate causes. This is their registry.
 
-To add a cause, write its file, import it here and put it in its slot's line.
+To add a cause to psafit, write its file, import it here and put it in its slot's line. Causes from elsewhere
+(`psafit.physics.plugin`) join the registry when it is imported.
 """
 
 from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 from psafit.errors import InputError
 from psafit.physics import (
@@ -24,6 +26,7 @@ from psafit.physics import (
     indentation_damping,
     modal_mass,
     no_tension,
+    plugin,
     preload,
     reading_gain,
     reading_offset,
@@ -36,11 +39,11 @@ from psafit.physics import (
     stroke_tolerance,
     swing_drag,
 )
-from psafit.physics.term import SLOTS, Term
+from psafit.physics.term import SLOTS, Term, signature
 
-__all__ = ["TERMS", "baseline", "term", "terms"]
+__all__ = ["TERMS", "baseline", "plugin_versions", "recorded", "signatures", "term", "terms"]
 
-TERMS: tuple[Term, ...] = tuple(
+_BUILT_IN: tuple[Term, ...] = tuple(
     module.TERM
     for module in (
         amplifier_lag, slew_limit, start_phase,  # drive
@@ -57,7 +60,7 @@ def _refuse_clashes(registry: tuple[Term, ...]) -> None:
     ids = [t.id for t in registry]
     names = [p.name for p in baseline.PARAMETERS]
     for t in registry:
-        names += [p.name for p in t.parameters] + ([t.latent.name] if t.latent else [])
+        names += plugin.names(t)
     twice = [name for kind in (ids, names) for name, count in Counter(kind).items() if count > 1]
     if twice:
         raise ValueError(f"the registry of causes has names twice: {', '.join(twice)}")
@@ -65,7 +68,7 @@ def _refuse_clashes(registry: tuple[Term, ...]) -> None:
         raise ValueError(f"the registry of causes is not in the order of the slots {', '.join(SLOTS)}")
 
 
-_refuse_clashes(TERMS)
+_refuse_clashes(_BUILT_IN)
 
 
 def term(id: str) -> Term:
@@ -99,3 +102,55 @@ def terms(ids: Iterable[str]) -> tuple[Term, ...]:
         twice = [id for id, count in Counter(asked).items() if count > 1]
         raise InputError(f"cause {', '.join(twice)} is named twice", "name each cause once")
     return tuple(t for t in TERMS if t.id in chosen)
+
+
+def recorded(ids: Iterable[str], versions: Mapping[str, str], file: Path) -> tuple[Term, ...]:
+    """Look up the causes of a stored result, of which plugins must be the very files of then.
+
+    Parameters
+    ----------
+    ids : iterable of str
+    versions : mapping
+        What the result says it was made with; see `plugin_versions`.
+    file : Path
+        The result.
+
+    Raises
+    ------
+    InputError
+        If a cause is unknown, or a plugin is missing or has changed.
+    """
+    here = {t.id: t.plugin for t in TERMS}
+    for id in ids:
+        then = versions.get(_VERSION.format(id), "")
+        if then and id not in here:
+            remedy = "name its file with --plugin or in PSAFIT_PLUGINS"
+            raise InputError(f"was made with the plugin {id} (SHA-256 {then}), which is not here", remedy, file=file)
+        if id in here and then != here[id]:
+            was, now = (f"a plugin of SHA-256 {h}" if h else "built in" for h in (then, here[id]))
+            what = f"was made with another cause {id}: it was {was} and is now {now}"
+            raise InputError(what, "name the file of then, or fit again", file=file)
+    return terms(ids)
+
+
+def plugin_versions() -> dict[str, str]:
+    """The causes that are plugins, as a result lists them among versions."""
+    return {_VERSION.format(t.id): t.plugin for t in TERMS if t.plugin}
+
+
+def signatures(ids: Iterable[str], versions: Mapping[str, str]) -> list[str]:
+    """See `Term.signature`, for the causes of a stored result."""
+    return [signature(id, versions.get(_VERSION.format(id), "")) for id in ids]
+
+
+def _with_plugins(built_in: tuple[Term, ...]) -> tuple[Term, ...]:
+    known = built_in
+    for file, found in plugin.discover():
+        plugin.refuse_clash(file, found, known)
+        known += (found,)
+    return tuple(sorted(known, key=lambda t: SLOTS.index(t.slot)))
+
+
+_VERSION = "plugin {}"
+# Last: a plugin that imports what builds on the registry fails, instead of leaving it without plugins.
+TERMS = _with_plugins(_BUILT_IN)

@@ -80,4 +80,5 @@ TERM = Term(
     ),
     literal=literal,
     setup=setup,
+    limit=("separation_height", (1.0,)),
 )

@@ -245,6 +245,11 @@ class Term:
         ``reading(L, p, group)``: (n_sets, n_points) ranges, m, as read; `group` (n_points,) numbers the sessions.
     latent : Parameter, optional
         One more parameter for every session, appended to `p` in the order of the sessions.
+    limit : (str, tuple of float), optional
+        Where a vanishing strength does not tend to the baseline: the cause it tends to, with that one's values. The
+        description says why.
+    plugin : str
+        Leading digits of the SHA-256 of the file, where that is no part of psafit; set when it is read.
     """
 
     id: str
@@ -265,6 +270,8 @@ class Term:
     swing_offset: Callable[[FloatArray], FloatArray] | None = None
     reading: Callable[[FloatArray, FloatArray, NDArray[np.int64]], FloatArray] | None = None
     latent: Parameter | None = None
+    limit: tuple[str, tuple[float, ...]] | None = None
+    plugin: str = ""
 
     def __post_init__(self) -> None:
         if not self.id.isidentifier() or self.id != self.id.lower():
@@ -290,6 +297,16 @@ class Term:
         return self.parameters[0]
 
     @property
+    def signature(self) -> str:
+        """What a stored result knows it by: the identifier, and of a plugin the file."""
+        return signature(self.id, self.plugin)
+
+    @property
     def stepped(self) -> bool:
         """Whether a function of this cause acts while the ball is in contact, so that the motion has no closed form."""
         return not (self.law is None and self.stack_factor is None and self.branch is None)
+
+
+def signature(id: str, plugin: str) -> str:
+    """See `Term.signature`."""
+    return f"{id}@{plugin}" if plugin else id

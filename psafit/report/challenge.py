@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from psafit.challenge.score import SEEN_NATS, GainBin, ProbabilityBin, Rate, Recovery, Score, percent
+from psafit.challenge.score import SEEN_NATS, GainBin, ProbabilityBin, Rate, Recovery, Score
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
+from psafit.report.wording import NBSP, count, percent
 
 
 def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | None = None) -> Path:
@@ -35,17 +37,25 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
             drawn["confusion"] = _confusion_figure(score.confusion)
         if score.recovery:
             drawn["recovery"] = _recovery_figure(score.recovery)
+    sections = [("targets", "Targets"), ("finding", "Finding and naming")]
+    sections += [("confusion", "What is taken for what")] if score.confusion else []
+    sections += [("parameters", "Parameters")] if score.recovery else []
+    sections += [("outside", "Effects outside the catalogue")] if score.outside else []
     return render(
         "challenge.html.j2",
         out_path,
         provenance=dict(provenance or {}),
         score=score,
+        verdict=_verdict(score),
+        sentences=_sentences(score),
+        tiles=_tiles(score),
+        sections=[*sections, ("misses", "Misses")],
         uris={name: figure_data_uri(figure) for name, figure in drawn.items()},
         targets=[
             [
                 t.what,
-                t.target,
-                percent(t.value),
+                _held(t.target),
+                _share(t.value),
                 _interval(t.rate),
                 f"{t.rate.k} of {t.rate.n}",
                 {"text": t.verdict, "kind": _KINDS[t.holds]},
@@ -54,9 +64,9 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
         ],
         gains=[
             [
-                f"{b.lower:g} or more" if b.upper is None else f"{b.lower:g}-{b.upper:g}",
+                f"{b.lower:g} or more" if b.upper is None else f"{b.lower:g} to {b.upper:g}",
                 str(b.named.n),
-                *(f"{percent(r.share)} ({_interval(r)})" for r in (b.detected, b.named, b.in_set)),
+                *(f"{_share(r.share)} ({_interval(r)})" if r.n else "–" for r in (b.detected, b.named, b.in_set)),
             ]
             for b in score.by_gain
         ],
@@ -66,7 +76,6 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
             for r in score.rows
             if r.missed
         ],
-        percent=percent,
         seen_nats=f"{SEEN_NATS:g}",
     )
 
@@ -74,8 +83,66 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
 _KINDS = {True: "good", False: "bad", None: "warn"}
 
 
+def _share(share: float | None) -> str:
+    return "–" if share is None else percent(share)
+
+
 def _interval(r: Rate) -> str:
-    return "-" if r.lower is None or r.upper is None else f"{100 * r.lower:.0f}-{100 * r.upper:.0f} %"
+    return "–" if r.lower is None or r.upper is None else f"{100 * r.lower:.0f} to {100 * r.upper:.0f}{NBSP}%"
+
+
+def _beside(r: Rate) -> str:
+    return f"; 95{NBSP}%: {_interval(r)}" if r.n else ""
+
+
+def _held(text: str) -> str:
+    """Keep a number and its sign on one line."""
+    return text.replace(" %", f"{NBSP}%")
+
+
+def _verdict(score: Score) -> dict[str, str]:
+    asked = [t for t in score.targets if t.holds is not None]
+    missed = [t for t in asked if not t.holds]
+    if missed:
+        return {"text": f"misses {len(missed)} of {len(asked)}", "kind": "bad"}
+    return {"text": "holds", "kind": "good"} if asked else {"text": "not asked", "kind": "warn"}
+
+
+def _sentences(score: Score) -> list[Markup]:
+    failed = f"; {score.n_failed} without a verdict, which count as misses" if score.n_failed else ""
+    missed = [t for t in score.targets if t.holds is False]
+    told = Markup("; ").join(
+        Markup("{} (wanted {}, found {})").format(t.what, _held(t.target), _share(t.value)) for t in missed
+    )
+    alarms, seen = score.false_alarms, [r for r in score.rows if r.kind != "nothing" and r.gain >= SEEN_NATS]
+    return [
+        Markup(
+            "<strong>Asked:</strong> {} with a known truth {} diagnosed{}. Strength is what an oracle gains, in nats:"
+            " the log likelihood of the true model, fitted, less that of the baseline, refitted."
+        ).format(count(score.n, "data set"), "was" if score.n == 1 else "were", failed),
+        Markup("<strong>Can the verdicts be trusted?</strong> {}").format(
+            Markup("Not in: {}.").format(told) if missed else "Every target that could be asked holds."
+        ),
+        Markup(
+            "<strong>What goes wrong?</strong> False alarms: {} of {} with nothing hidden. Missed: {} of {} that an"
+            " oracle sees with {} nats or more."
+        ).format(alarms.k, alarms.n, sum(r.missed for r in seen), len(seen), f"{SEEN_NATS:g}"),
+    ]
+
+
+def _tiles(score: Score) -> list[dict[str, str]]:
+    def seconds(value: float | None) -> str:
+        return "–" if value is None else f"{value:.1f}{NBSP}s"
+
+    alarms, covered = score.false_alarms, score.coverage
+    return [
+        {"value": _share(alarms.share),
+         "label": f"false alarms of {count(alarms.n, 'data set')} with nothing hidden{_beside(alarms)}"},
+        {"value": _share(covered.share),
+         "label": f"of {count(covered.n, 'parameter interval')} hold the truth{_beside(covered)}"},
+        {"value": seconds(score.seconds["median"]), "label": "median time of a diagnosis"},
+        {"value": seconds(score.seconds["p90"]), "label": "nine of ten are done by"},
+    ]  # fmt: skip
 
 
 def _bars(axes: Axes, x: Sequence[float], rates: Sequence[Rate], color: str, label: str, marker: str) -> None:
@@ -97,7 +164,7 @@ def _gain_figure(bins: Sequence[GainBin]) -> Figure:
     )
     for k, (label, pick, color, marker) in enumerate(kinds):
         _bars(axes, list(x + 0.14 * (k - 1)), [pick(b) for b in bins], PALETTE[color], label, marker)
-    names = [f"≥{b.lower:g}" if b.upper is None else f"{b.lower:g}-{b.upper:g}" for b in bins]
+    names = [f"≥{b.lower:g}" if b.upper is None else f"{b.lower:g}–{b.upper:g}" for b in bins]
     axes.set_xticks(list(x), [f"{name}\n(n={b.named.n})" for name, b in zip(names, bins, strict=True)], fontsize=8)
     axes.set_ylim(-0.03, 1.03)
     axes.set_xlabel("Oracle gain (nats)")

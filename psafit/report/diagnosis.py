@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from numpy.typing import NDArray
 
+from psafit.compare import Told, read_predictions
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Experiment, GroupId
-from psafit.inference import noise
-from psafit.parameters import Parameter
-from psafit.physics import TERMS, baseline
 from psafit.report import diagnosis_pictures, figures
+from psafit.report.catalogue import TITLES, cause, declared, model, parameter
 from psafit.report.diagnosis_pictures import Shown
 from psafit.report.figures.sweep import SWEPT
 from psafit.report.page import Picture, render
@@ -30,7 +29,6 @@ from psafit.report.wording import (
     groups,
     interval,
     listed,
-    noted,
     number,
     p_value,
     percent,
@@ -46,11 +44,6 @@ REPORT: Final = "diagnosis.html"
 
 _MAX_PICTURED, _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 24, 10, 8, 12
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
-_TITLES: Final[dict[str, str]] = {t.id: t.title for t in TERMS}
-_PARAMETERS: Final[dict[str, Parameter]] = {
-    p.name: p for p in (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters), *noise.PARAMETERS)
-}
-_LATENTS: Final[dict[str, Parameter]] = {t.latent.name: t.latent for t in TERMS if t.latent}
 _SCREENED: Final = {
     "present": "bad",
     "explains part alone": "warn",
@@ -71,6 +64,7 @@ _LOOKS_AT: Final = {
     "point": "single readings",
     "replicate": "sessions at the same condition",
 }
+_LOOKS: Final = {"baseline": ("baseline", "grey"), "extended": ("extended model", "vermillion")}
 _COVARIATES: Final = {**SWEPT, "range": "launch range"}
 _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
@@ -95,21 +89,17 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     Path
         Of the page.
     """
-    shown = _shown(result, experiment)
+    shown = shown_groups(result, experiment, folder)
     pictured = _pictured(shown)
     leader = _leader(result)
     content = {
         "title": f"Diagnosis: {result.title}",
-        "verdict": result.verdict,
-        "verdict_kind": _KINDS.get(result.verdict, "warn"),
-        "sentences": [
-            _examined(result, experiment),
-            _adequate(result),
-            _wrong(result),
-            _gained(result),
-        ],
+        "verdict": {"text": result.verdict, "kind": _KINDS.get(result.verdict, "warn")},
+        "sentences": [_examined(result, experiment) + " " + _adequate(result), _wrong(result), _gained(result)],
         "own_sentences": result.sentences,
         "tiles": _tiles(result, shown),
+        "summary": diagnosis_pictures.summary_picture(pictured),
+        "explorable": diagnosis_pictures.explorable(shown),
         "overview": diagnosis_pictures.overview_pictures(pictured),
         "left_out": len(shown) - len(pictured),
         "extended": "extended" in result.show,
@@ -118,14 +108,14 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "growth": _growth(result, experiment),
         "drift": _drift_rows(result),
         "models": _model_rows(result.causes),
-        "leader": None if leader is None else {"name": _model(leader.terms), "rows": _parameter_rows(leader)},
+        "leader": None if leader is None else {"name": model(leader.terms), "rows": _parameter_rows(leader)},
         "other_models": [
-            {"name": _model(c.terms), "rows": _parameter_rows(c)} for c in result.causes if c is not leader
+            {"name": model(c.terms), "rows": _parameter_rows(c)} for c in result.causes if c is not leader
         ],
         "leader_listed": leader is _listed_leader(result),
         "unnamed": _share(result.unnamed),
         "mostly_unnamed": result.unnamed > 0.5,
-        "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, _TITLES, result.named),
+        "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, TITLES, result.named),
         "screening": _screening_rows(result.screening),
         "alternatives": _alternatives(result),
         "tests_before": _tests(result.misfit.get("baseline", {})),
@@ -175,28 +165,9 @@ def _share(value: object) -> str:
     return percent(x) if math.isfinite(x) else "–"
 
 
-def _cause(id: str) -> Markup:
-    title = _TITLES.get(id)
-    return noted(title, f"({id})") if title else escape(id)
-
-
-def _model(terms: Sequence[str]) -> Markup:
-    """A set of causes in words."""
-    return Markup(" + ").join(_TITLES.get(t, t) for t in terms) if terms else Markup("the baseline alone")
-
-
 def _ids(ids: Iterable[GroupId]) -> Markup:
     found = list(ids)
     return groups(found) if found else Markup("none")
-
-
-def _known_parameter(name: str) -> Parameter | None:
-    return _PARAMETERS.get(name) or _LATENTS.get(name.rpartition("_")[0])
-
-
-def _parameter(name: str, description: str) -> Markup:
-    known = _known_parameter(name)
-    return noted(symbol_html(known.symbol) if known else Markup("<code>{}</code>").format(name), description)
 
 
 def _of_group(group: GroupId, text: str) -> Markup:
@@ -218,7 +189,7 @@ def _leader(result: Diagnosis) -> CauseResult | None:
     values = result.show.get("extended" if result.named else "baseline", {}).get("parameters", {})
     found = {}
     for name, value in values.items():
-        p = _known_parameter(name)
+        p = declared(name)
         about = {"unit": p.unit, "description": p.description} if p else {}
         found[name] = {"median": value, "lower": value, "upper": value, **about}
     return CauseResult(result.named, math.nan, found, {}, []) if found else None
@@ -227,33 +198,57 @@ def _leader(result: Diagnosis) -> CauseResult | None:
 # The first screen -----------------------------------------------------------------------------------------------
 
 
-def _shown(result: Diagnosis, experiment: Experiment) -> list[Shown]:
-    """The groups of the record with both models' predictions, which the record holds one group after the other."""
+def _told(path: Path, model: str | None = None) -> dict[str, Told]:
+    """What a table beside the record says of each group; nothing where it is not there."""
+    return {str(t.group.id): t for t in read_predictions(path, model)} if path.is_file() else {}
+
+
+def _band(told: Told | None, n: int) -> tuple[figures.Band, ...]:
+    return (figures.Band(figures.READING_BAND, told.lower, told.upper),) if told and told.lower.size == n else ()
+
+
+def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> list[Shown]:
+    """The groups of the record with the models' predictions, which the record holds one group after the other."""
     members = experiment.select(result.groups)
     n = sum(g.n_points for g in members)
-    told = [result.show.get(name, {}).get("predicted_um", []) for name in ("baseline", "extended")]
-    models = [np.asarray(values, dtype=float) if len(values) == n else None for values in told]
+    told = {name: np.asarray(model.get("predicted_um", []), dtype=float) for name, model in result.show.items()}
+    adopted = _told(folder / result.predictions)
+    strict = result.gain.get("strict")
+    unseen = _told(folder / strict["predictions"], "extended") if strict else {}
     found, start = [], 0
     for group in members:
         part = slice(start, start + group.n_points)
-        start = part.stop
-        before, after = (None if m is None else m[part] for m in models)
-        y = group.launch_range_um
-        errors = (None if m is None else root_mean_square(log_ratio(m, y)) for m in (before, after))
-        found.append(Shown(group, figures.sweep_of(group), before, after, *errors))
+        start, name = part.stop, str(group.id)
+        looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in told.items() if values.size == n}
+        last = "extended" if "extended" in looks else "baseline"
+        curves = {
+            model: figures.Curve(
+                *look,
+                told[model][part],
+                _band(adopted.get(name), group.n_points) if model == last else (),
+                dashed=model == "baseline",
+            )
+            for model, look in looks.items()
+        }
+        shown = [curve for model, curve in curves.items() if model in _LOOKS]
+        more = [curve for model, curve in curves.items() if model not in _LOOKS]
+        if band := _band(unseen.get(name), group.n_points):
+            more.append(figures.Curve("extended model without this group", "blue", unseen[name].median, band))
+        errors = [root_mean_square(log_ratio(c.middle, group.launch_range_um)) for c in shown]
+        found.append(Shown(group, figures.sweep_of(group), shown, errors, more))
     return found
 
 
 def _pictured(shown: list[Shown]) -> list[Shown]:
     """All groups, or where they are very many those that the baseline misses most, in the order of the experiment."""
-    worst = sorted(range(len(shown)), key=lambda i: -(shown[i].baseline_error or 0.0))[:_MAX_PICTURED]
+    worst = sorted(range(len(shown)), key=lambda i: -max(shown[i].errors, default=0.0))[:_MAX_PICTURED]
     return [shown[i] for i in sorted(worst)]
 
 
 def _examined(result: Diagnosis, experiment: Experiment) -> Markup:
     readings = sum(g.n_points for g in experiment.select(result.groups))
-    return Markup("<strong>Examined:</strong> {} of {} ({}), against the study’s model, the baseline, and {}.").format(
-        count(readings, "reading"), _ids(result.groups), result.title, count(len(result.screening), "candidate cause")
+    return Markup("<strong>Examined:</strong> {} of {}, against the study’s model, the baseline, and {}.").format(
+        count(readings, "reading"), _ids(result.groups), count(len(result.screening), "candidate cause")
     )
 
 
@@ -279,13 +274,14 @@ def _p(p: float) -> str:
 
 def _wrong(result: Diagnosis) -> Markup:
     head = Markup("<strong>What is wrong, and why?</strong> ")
-    named = Markup(" + ").join(Markup("<strong>{}</strong>").format(_TITLES.get(t, t)) for t in result.named)
-    tied = Markup("; or ").join(_model(ids) for ids in result.alternatives[:3])
+    named = Markup(" + ").join(Markup("<strong>{}</strong>").format(TITLES.get(t, t)) for t in result.named)
+    tied = Markup("; or ").join(model(ids) for ids in result.alternatives[:3])
     more = len(result.alternatives) - 3
     if more > 0:
         tied += Markup(" (and {} more)").format(count(more, "set"))
     listed_one = _listed_leader(result)
-    share = f" (probability {_share(listed_one.probability)})" if listed_one else ""
+    # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
+    share = f" (probability {_share(listed_one.probability)})" if listed_one and result.unnamed <= 0.5 else ""
     if result.verdict == "adequate":
         return head + "Nothing that these readings show."
     if result.verdict == "explained":
@@ -324,9 +320,10 @@ def _gained(result: Diagnosis) -> Markup:
         one = result.gain.get(name)
         if one:
             parts.append(
-                Markup("{}, the typical error on unseen groups goes from ×{} to ×{}").format(
+                Markup("{}, the typical error on unseen groups goes from ×{} to ×{} (log RMSE {} to {}, 90 %)").format(
                     Markup(text).format(_ids(result.training)),
                     factor(_known(one["log_rmse_before"])), factor(_known(one["log_rmse_after"])),
+                    *(typeset(f"{_known(x):+.2f}") for x in one["log_rmse_interval"]),
                 )
             )  # fmt: skip
     text = Markup("; ").join(parts)
@@ -340,11 +337,12 @@ def _tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
     if "extended" in result.misfit:
         after = p_value(_known(result.misfit["extended"].get("p_value")))
         tiles.append({"value": after, "label": "p value: extension against the readings"})
-    for word, name in (("baseline", "baseline_error"), ("extension", "extended_error")):
-        errors = [e for e in (getattr(g, name) for g in shown) if e is not None]
-        if errors:
-            label = f"typical factor between {word} and reading, fitted to all groups"
-            tiles.append({"value": f"×{factor(float(np.mean(errors)))}", "label": label})
+    for k, curve in enumerate(shown[0].curves):
+        errors = [g.errors[k] for g in shown]
+        label = f"typical factor between {curve.name} and reading, fitted to all groups"
+        if len(errors) > 1:
+            label += f"; ×{factor(min(errors))} to ×{factor(max(errors))}"
+        tiles.append({"value": f"×{factor(float(np.mean(errors)))}", "label": label})
     return tiles
 
 
@@ -367,9 +365,9 @@ def _drift_rows(result: Diagnosis) -> list[list[Any]]:
     extended = "extended" in result.show
     rows = []
     for d in result.show.get("baseline", {}).get("drift", [])[:_MAX_DRIFTS]:
-        known = _PARAMETERS.get(d["parameter"])
+        p = declared(d["parameter"])
         row = [
-            _parameter(d["parameter"], known.description if known else ""),
+            parameter(d["parameter"], p.description if p else ""),
             _COVARIATES.get(d["variable"], d["variable"]),
             f"{_nats(d['gain'])} nats",
             _change(_known(d["factor"])),
@@ -406,7 +404,7 @@ def _model_rows(causes: Sequence[CauseResult]) -> list[list[Any]]:
         width = e.get("prior_width") or {}
         rows.append(
             [
-                _model(c.terms),
+                model(c.terms),
                 _share(c.probability),
                 _signed(e.get("gain")),
                 over,
@@ -435,7 +433,7 @@ def _parameter_rows(cause: CauseResult) -> list[list[Any]]:
         share = _known(p.get("prior_share"))
         rows.append(
             [
-                _parameter(name, str(p.get("description", ""))),
+                parameter(name, str(p.get("description", ""))),
                 with_unit(number(median, spread if spread > 0 else None), unit),
                 with_unit(interval(low, high, spread), unit) if high > low else "not sampled",
                 _at_prior(share),
@@ -460,7 +458,7 @@ def _at_prior(share: float) -> str:
 def _screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
     return [
         [
-            _cause(s.id),
+            cause(s.id),
             {"text": s.verdict, "kind": _SCREENED.get(s.verdict, "")},
             _nats(s.refit_gain),
             _nats(s.gain),
@@ -480,14 +478,14 @@ def _alternatives(result: Diagnosis) -> dict[str, Any]:
         c = known.get(tuple(ids))
         rows.append(
             [
-                _model(ids),
+                model(ids),
                 _share(c.probability) if c else "–",
                 _signed(c.evidence.get("over_baseline")) if c else "–",
                 ("refitted" if c else "judged by the expansion only, not refitted"),
             ]
         )
     return {
-        "named": _model(result.named) if result.named else None,
+        "named": model(result.named) if result.named else None,
         "rows": rows,
         "more": max(0, len(result.alternatives) - _MAX_ALTERNATIVES),
     }
@@ -574,7 +572,7 @@ def _gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
             [
                 Markup("Group {}").format(g["group"]),
                 _ids(g["seen"]),
-                _model(g["named"]),
+                model(g["named"]),
                 f"{_known(g['log_rmse_before']):.3f} (×{factor(_known(g['log_rmse_before']))})",
                 f"{_known(g['log_rmse_after']):.3f} (×{factor(_known(g['log_rmse_after']))})",
                 _signed(_known(g["elpd_after"]) - _known(g["elpd_before"])),
@@ -592,7 +590,7 @@ def _ledger(ledger: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
     for entry in ledger:
         models = entry.get("models") or {}
         shares = sorted(models.items(), key=lambda item: -_known(item[1]))
-        words = listed(Markup("{} {}").format(_model(_split(name)), _share(share)) for name, share in shares)
+        words = listed(Markup("{} {}").format(model(_split(name)), _share(share)) for name, share in shares)
         rows.append([str(entry["choice"]), _ids(entry["saw"]), _ids(entry["scored_on"]), words or "–"])
     return rows
 
@@ -630,9 +628,9 @@ def _about(text: str) -> Markup | str:
     verb, _, what = text.partition(" ")
     if verb == "tells" and " from " in what:
         first, second = what.split(" from ", 1)
-        return Markup("tells {} from {}").format(*(_model(_split(ids)) for ids in (first, second)))
-    known = _PARAMETERS.get(what)
-    return Markup("determines {}").format(_parameter(what, known.description)) if verb and known else text
+        return Markup("tells {} from {}").format(*(model(_split(ids)) for ids in (first, second)))
+    p = declared(what)
+    return Markup("determines {}").format(parameter(what, p.description)) if verb and p else text
 
 
 def _split(ids: str) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from psafit.diagnose.record import ScreeningResult
 from psafit.experiment import Group, GroupId
-from psafit.report.figures import Sweep
-from psafit.report.figures.axes import label, reading_range, scale_axis, widened
-from psafit.report.figures.groups import draw_readings, short
+from psafit.report import figures
+from psafit.report.figures.axes import label, scale_axis, scale_sweep, widened
+from psafit.report.figures.curves import DASHES
+from psafit.report.figures.groups import short
 from psafit.report.figures.sweep import AXIS, SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
@@ -25,8 +26,8 @@ from psafit.report.wording import factor, number, percent
 FloatArray = NDArray[np.float64]
 
 _MAX_SVG = 12
-_BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": (0, (4, 2)), "linewidth": 1.6, "zorder": 2}
-_EXTENDED: Final[dict[str, Any]] = {"color": PALETTE["vermillion"], "linewidth": 1.9, "zorder": 2.5}
+_BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
+_EXTENDED: Final[dict[str, Any]] = {"color": PALETTE["vermillion"], "linewidth": 1.6, "zorder": 2.5}
 _VERDICT_COLOR: Final = {
     "present": PALETTE["vermillion"],
     "explains part alone": PALETTE["orange"],
@@ -37,7 +38,7 @@ _HATCH: Final = {"could not have been seen": "////"}
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shown:
     """A group with what the models say of it.
 
@@ -45,18 +46,29 @@ class Shown:
     ----------
     group : Group
     sweep : Sweep
-    baseline, extended : (n_points,) array, um, optional
-        Predictions, in the group's order.
-    baseline_error, extended_error : float, optional
-        Root mean square of ln((predicted + 0.3 um)/(measured + 0.3 um)).
+    curves : list of Curve
+        Baseline and extended model, as far as they are on record.
+    errors : list of float
+        Of each: root mean square of ln((predicted + 0.3 um)/(measured + 0.3 um)).
+    more : list of Curve
+        What else is on record, to be switched on.
     """
 
     group: Group
-    sweep: Sweep
-    baseline: FloatArray | None
-    extended: FloatArray | None
-    baseline_error: float | None
-    extended_error: float | None
+    sweep: figures.Sweep
+    curves: list[figures.Curve]
+    errors: list[float]
+    more: list[figures.Curve]
+
+    @property
+    def told(self) -> str:
+        """By what factor each model is off."""
+        return "; ".join(f"{c.name} off by ×{factor(e)}" for c, e in zip(self.curves, self.errors, strict=True))
+
+    @property
+    def title(self) -> str:
+        """The group and what is held."""
+        return f"Group {self.group.id}: {self.sweep.condition}"
 
 
 def _uri(figure: Figure, n: int) -> str:
@@ -73,54 +85,61 @@ def _scale_x(axes: Axes, values: FloatArray, *, log: bool) -> None:
     scale_axis(axes, "x", *limits, log=log)
 
 
-def _swept(sweep: Sweep) -> str:
+def _swept(sweep: figures.Sweep) -> str:
     return SWEPT.get(sweep.variable, "the number of the reading")
 
 
-def _along(sweep: Sweep, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A line in the order of the abscissa."""
-    order = np.argsort(sweep.values, kind="stable")
-    return sweep.values[order], values[order]
+def summary_picture(pictured: Sequence[Shown]) -> Picture:
+    """The picture of the first screen: both models' error in each group, and the groups that they miss most."""
+    rows = factor_rows(pictured)
+    told = [g for g in pictured if g.errors]
+    # The one that the baseline misses most, and of the others the one that the last model does.
+    worst = sorted(told, key=lambda g: -g.errors[0])[:1] or list(pictured[:1])
+    worst += sorted((g for g in told if g is not worst[0]), key=lambda g: -g.errors[-1])[:1]
+    examples = [figures.Example(f"Group {short(g.group.id)}", "ink", g.group, g.sweep, g.curves) for g in worst]
+    legend = figures.handles([replace(c, bands=()) for c in pictured[0].curves])
+    groups = " and ".join(f"group {e.group.id}" for e in examples)
+    return Picture(
+        figure_data_uri(figures.summary_figure(rows if told else [], examples, legend)),
+        "Typical factor between model and reading: "
+        + "; ".join(f"group {g.group.id} {g.told or 'readings alone'}" for g in pictured[:20])
+        + ".",
+        "Above, how far the fitted models are off in each group: ×1 would be perfect. Below, those that they miss most:"
+        f" {groups}.",
+    )
+
+
+def factor_rows(shown: Sequence[Shown]) -> list[figures.Row]:
+    """Each group's error by both models."""
+    return [
+        figures.Row(
+            figures.row_name(g.group.id, g.sweep),
+            [
+                figures.Mark(e, c.color, "s" if c.dashed else "o", hollow=c.dashed)
+                for c, e in zip(g.curves, g.errors, strict=True)
+            ],
+        )
+        for g in shown
+    ]
 
 
 def overview_pictures(shown: Sequence[Shown]) -> list[Picture]:
     """Measured against baseline and extension: small multiples, one image each so that they reflow."""
-    return [_overview(g, len(shown)) for g in shown]
+    pictures = []
+    for g in shown:
+        measured = g.group.launch_range_um
+        alt = (
+            f"Launch range against {_swept(g.sweep)}, group {g.group.id}, {g.sweep.condition}:"
+            f" measured {number(float(measured.min()))} to {number(float(measured.max()))} µm; {g.told}."
+        )
+        caption = f"{g.told[:1].upper()}{g.told[1:]}." if g.told else "Readings alone."
+        pictures.append(Picture(_uri(figures.group_figure(g.group, g.sweep, g.curves), len(shown)), alt, caption))
+    return pictures
 
 
-def _overview(g: Shown, n: int) -> Picture:
-    measured, x = g.group.launch_range_um, g.sweep.values
-    models = [(m, look) for m, look in ((g.baseline, _BASELINE), (g.extended, _EXTENDED)) if m is not None]
-    everything = np.concatenate([m for m, _ in models]) if models else measured
-    with figure_style():
-        figure, (axes,) = new_figure(height=2.75)
-        bottom, top, log = reading_range(measured, everything, everything)
-        for model, look in models:
-            at, line = _along(g.sweep, np.maximum(model, bottom) if log else model)
-            if np.unique(at).size == 1:
-                axes.plot(at, line, "_", ms=12, mew=2, color=look["color"])
-            else:
-                axes.plot(at, line, **look)
-        draw_readings(axes, x, measured, bottom, log=log)
-        scale_axis(axes, "y", bottom, top, log=log)
-        _scale_x(axes, x, log=g.sweep.log)
-        axes.set_xlabel(g.sweep.label)
-        axes.set_ylabel("Launch range (µm)")
-        _heading(axes, g.group.id, g.sweep.condition)
-    errors = [
-        f"{word} off by ×{factor(error)}"
-        for word, error in (("baseline", g.baseline_error), ("extended model", g.extended_error))
-        if error is not None
-    ]
-    alt = (
-        f"Launch range against {_swept(g.sweep)}, group {g.group.id}, {g.sweep.condition}:"
-        f" measured {number(float(measured.min()))} to {number(float(measured.max()))} µm"
-        + (", typically " + ", ".join(errors) if errors else "")
-        + "."
-    )
-    text = "; ".join(errors)
-    caption = f"{text[:1].upper()}{text[1:]}." if errors else "Readings alone."
-    return Picture(_uri(figure, n), alt, caption)
+def explorable(shown: Sequence[Shown]) -> list[dict[str, Any]]:
+    """The curves of all groups as numbers for the page's script."""
+    return [figures.explorable(g.title, g.group, g.sweep, g.curves, g.more) for g in shown]
 
 
 def growth_pictures(
@@ -172,7 +191,7 @@ def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: s
 
 
 def _extent(values: Sequence[float]) -> str:
-    low, high = (f"{x:.2f}".replace("-", "\N{MINUS SIGN}") for x in (min(values), max(values)))
+    low, high = (f"{round(x, 2) + 0.0:.2f}".replace("-", "\N{MINUS SIGN}") for x in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"
 
 
@@ -325,7 +344,7 @@ def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) 
         axes.fill_between(x, np.exp(m - 1.645 * s), np.exp(m + 1.645 * s), color=PALETTE["purple"], **BAND)
         axes.plot(x, np.exp(m), color=PALETTE["purple"], marker="." if x.size < 3 else None)
         scale_axis(axes, "y", float(np.exp(-reach)), float(np.exp(reach)), log=True)
-        _scale_x(axes, g.sweep.values, log=g.sweep.log)
+        scale_sweep(axes, g.sweep)
         axes.set_xlabel(g.sweep.label)
         axes.set_ylabel("Reading / prediction")
         _heading(axes, g.group.id, g.sweep.condition)

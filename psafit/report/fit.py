@@ -13,7 +13,7 @@ from markupsafe import Markup
 from psafit.inference.identify import limits
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
-from psafit.report import figures, fit_pictures
+from psafit.report import fit_pictures
 from psafit.report.fit_pictures import Shown
 from psafit.report.page import render
 from psafit.report.wording import (
@@ -33,7 +33,7 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
-from psafit.validate import FAIR, GOOD, Prediction
+from psafit.validate import FAIR, GOOD, LEVEL, Prediction
 
 REPORT = "report.html"
 
@@ -57,21 +57,17 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
     Path
         Of the page.
     """
-    sweeps = [figures.sweep_of(p.group) for p in predictions]
-    shown = [Shown(*t) for t in zip(validation.groups, predictions, sweeps, strict=True)]
+    shown = fit_pictures.shown_groups(validation, predictions)
     pictured = fit_pictures.pictured(shown)
     marginals = fit_pictures.marginals(run)
     content = {
         "title": f"Fit of {groups(run.fit.groups).unescape()}: {run.fit.title}",
         "warning": None if run.summary.converged else run.summary.message,
-        "sentences": [
-            _what_was_fitted(run, shown),
-            _what_it_predicts(validation),
-            _what_is_not_determined(run),
-            *_what_is_implausible(run),
-        ],
+        "verdict": _verdict(validation),
+        "sentences": [_what_was_fitted(run, shown), _what_it_predicts(validation), _what_is_wrong(run, validation)],
         "tiles": _tiles(validation),
         "summary": fit_pictures.summary_picture(pictured),
+        "explorable": fit_pictures.explorable(shown),
         "parameters": _parameter_rows(run),
         "implausible": [s for s in run.summary.parameters if _implausible(s)],
         "minima": _minima(run),
@@ -132,9 +128,9 @@ def _what_it_predicts(validation: Validation) -> Markup:
     unseen, seen = _telling(validation, "holdout"), _telling(validation, "fit")
     if not unseen:
         held_out = any(s.role == "holdout" for s in validation.groups)
-        why = "no group that could tell" if held_out else "no group; every one was fitted"
+        why = "there is no group that could tell" if held_out else "every group was fitted"
         return Markup(
-            "<strong>Never seen:</strong> {}, so nothing is left to test the prediction on."
+            "<strong>Is it adequate?</strong> Not tested: {}, so nothing is left to test the prediction on."
             " The fitted readings themselves are typically off by {}."
         ).format(why, listed(f"×{factor(s.log_rmse)} (group {s.group})" for s in seen))
     mean = validation.holdout_log_rmse
@@ -142,13 +138,8 @@ def _what_it_predicts(validation: Validation) -> Markup:
     readings = sum(s.n_points for s in unseen)
     best = min(unseen, key=lambda s: s.log_rmse)
     worst = max(unseen, key=lambda s: s.log_rmse)
-    how = (
-        "the fit predicts"
-        if mean <= GOOD
-        else "the fit roughly predicts"
-        if mean <= FAIR
-        else "the fit does not predict"
-    )
+    words = {"good": "Yes: the fit predicts", "warn": "Only just: the fit roughly predicts"}
+    how = words.get(_verdict(validation)["kind"], "No: the fit does not predict")
     which = groups([s.group for s in unseen]) if len(unseen) <= 6 else f"the {len(unseen)} other groups"
     spread = (
         Markup(" (from ×{} for group {} to ×{} for group {})").format(
@@ -158,11 +149,33 @@ def _what_it_predicts(validation: Validation) -> Markup:
         else ""
     )
     return Markup(
-        "<strong>Never seen:</strong> {} {}: typically a factor of {} off{}, where the fitted"
+        "<strong>Is it adequate?</strong> {} {}: typically a factor of {} off{}, where the fitted"
         " readings themselves are off by ×{}; {} of the {} unseen readings lie in the 90 % predictive band."
     ).format(
         how, which, factor(mean), spread, factor(_mean_log_rmse(seen)), percent(_coverage(unseen)), readings
     )  # fmt: skip
+
+
+def _verdict(validation: Validation) -> dict[str, str]:
+    """Whether the fit predicts what it never saw, in a word."""
+    mean = validation.holdout_log_rmse
+    if mean is None:
+        return {"text": "not tested", "kind": "warn"}
+    if mean <= GOOD:
+        return {"text": "predicts", "kind": "good"}
+    return {"text": "roughly predicts", "kind": "warn"} if mean <= FAIR else {"text": "does not predict", "kind": "bad"}
+
+
+def _what_is_wrong(run: Run, validation: Validation) -> Markup:
+    drifting = [s.group for s in validation.groups if s.informative and s.drift_p_value < LEVEL]
+    trend = Markup("No sweep shows a trend that the model misses.")
+    if drifting:
+        trend = Markup(
+            "In {} the errors drift along the sweep: the model misses a trend, and <code>psafit diagnose</code> looks"
+            " for its cause."
+        ).format(groups(drifting))
+    head = Markup("<strong>What is wrong?</strong>")
+    return Markup(" ").join([head, trend, _what_is_not_determined(run), *_what_is_implausible(run)])
 
 
 def _telling(validation: Validation, role: str) -> list[GroupScore]:
@@ -198,7 +211,7 @@ def _what_is_not_determined(run: Run) -> Markup:
         parts.append(Markup("of the scatter, {} {} the prior").format(
             listed(symbols[s.name] for s in scatter), "follows" if len(scatter) == 1 else "follow"
         ))  # fmt: skip
-    return Markup("<strong>Not determined:</strong> ") + Markup("; ").join(parts) + "."
+    return Markup("Not determined: ") + Markup("; ").join(parts) + "."
 
 
 def _what_is_implausible(run: Run) -> list[Markup]:
@@ -206,18 +219,25 @@ def _what_is_implausible(run: Run) -> list[Markup]:
     strange = [s for s in run.summary.parameters if _implausible(s)]
     if not strange:
         return []
-    text = "<strong>Implausible:</strong> {} {} out where the prior saw less than one chance in ten."
+    text = "Implausible: {} {} out where the prior saw less than one chance in ten."
     return [Markup(text).format(listed(symbols[s.name] for s in strange), "comes" if len(strange) == 1 else "come")]
 
 
 def _tiles(validation: Validation) -> list[dict[str, str]]:
     unseen, seen = _telling(validation, "holdout"), _telling(validation, "fit")
-    tiles = [{"value": f"×{factor(_mean_log_rmse(seen))}", "label": "typical factor, fitted readings"}]
+    tiles = [{"value": f"×{factor(_mean_log_rmse(seen))}", "label": "typical factor, fitted readings" + _spread(seen)}]
     if unseen:
-        tiles.append({"value": f"×{factor(_mean_log_rmse(unseen))}", "label": "typical factor, unseen groups"})
-    tiles.append({"value": percent(_coverage(unseen or seen)),
-                  "label": f"of the {'unseen' if unseen else 'fitted'} readings in the 90{NBSP}% band"})  # fmt: skip
-    return tiles
+        tiles.append(
+            {"value": f"×{factor(_mean_log_rmse(unseen))}", "label": "typical factor, unseen groups" + _spread(unseen)}
+        )
+    label = f"of the {'unseen' if unseen else 'fitted'} readings in the 90{NBSP}% band; 90{NBSP}% belong there"
+    return [*tiles, {"value": percent(_coverage(unseen or seen)), "label": label}]
+
+
+def _spread(scores: Sequence[GroupScore]) -> str:
+    """From the best group to the worst, where there are several."""
+    errors = [s.log_rmse for s in scores]
+    return f"; ×{factor(min(errors))} to ×{factor(max(errors))}" if len(errors) > 1 else ""
 
 
 def _coverage(scores: Sequence[GroupScore]) -> float:

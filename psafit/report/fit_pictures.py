@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from scipy.stats import binom
 
 from psafit.inference.identify import DROP_90
 from psafit.inference.run import Run
-from psafit.records import GroupScore
+from psafit.records import GroupScore, Validation
 from psafit.report import figures
-from psafit.report.figures.groups import ROLE_TEXT
+from psafit.report.figures.curves import ROLE_COLOR
+from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, short
 from psafit.report.figures.sweep import SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
-from psafit.report.wording import count, factor, interval, number, percent, typeset, with_unit
+from psafit.report.style import MEASURED, PALETTE
+from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, with_unit
 from psafit.validate import Prediction, log_ratio
 
 _MAX_PICTURED = 24
@@ -30,6 +35,17 @@ class Shown:
     score: GroupScore
     prediction: Prediction
     sweep: figures.Sweep
+
+    @property
+    def curves(self) -> list[figures.Curve]:
+        """Its prediction."""
+        return [figures.curve_of(self.prediction)]
+
+
+def shown_groups(validation: Validation, predictions: Sequence[Prediction]) -> list[Shown]:
+    """The groups of a validation with their predictions, in the same order."""
+    sweeps = [figures.sweep_of(p.group) for p in predictions]
+    return [Shown(*t) for t in zip(validation.groups, predictions, sweeps, strict=True)]
 
 
 def pictured(shown: list[Shown]) -> list[Shown]:
@@ -53,7 +69,12 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     seen = [g for g in pictured if g.score.role == "fit"]
     unseen = sorted((g for g in pictured if g.score.role == "holdout"), key=lambda g: g.score.log_rmse)
     typical = unseen[len(unseen) // 2 : len(unseen) // 2 + 1]
-    examples = [(g.prediction, g.sweep) for g in [*seen[:1], *typical]]
+    examples = [
+        figures.Example(
+            f"Group {short(g.score.group)}", ROLE_COLOR[g.score.role], g.prediction.group, g.sweep, g.curves
+        )
+        for g in [*seen[:1], *typical]
+    ]
     scores = [g.score for g in pictured]
     listing = "; ".join(f"group {s.group} {ROLE_TEXT[s.role]} {factor(s.log_rmse)}" for s in scores[:20])
     below = (
@@ -62,12 +83,39 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
         if typical
         else f"Below, fitted group {seen[0].score.group}."
     )
+    legend = [Line2D([], [], **MEASURED, label="measured")] + [
+        Line2D([], [], color=PALETTE[ROLE_COLOR[r]], marker=ROLE_MARKER[r], ms=5.5, lw=1.5, label=ROLE_TEXT[r])
+        for r in ("fit", "holdout")
+        if any(s.role == r for s in scores)
+    ]
     return Picture(
-        figure_data_uri(figures.summary_figure(scores, [g.sweep for g in pictured], examples)),
+        figure_data_uri(figures.summary_figure(factor_rows(pictured), examples, legend)),
         f"Typical factor between prediction and reading: {listing}.",
         f"Above, how far the prediction is off in each group: ×1 would be perfect. {below} Line: predicted median."
         " Dark band: 90 % of the model. Light band: where 90 % of readings should fall.",
     )
+
+
+def factor_rows(shown: Sequence[Shown]) -> list[figures.Row]:
+    """Each group's error, marked by its role."""
+    return [
+        figures.Row(
+            figures.row_name(g.score.group, g.sweep),
+            [figures.Mark(g.score.log_rmse, ROLE_COLOR[g.score.role], ROLE_MARKER[g.score.role])],
+        )
+        for g in shown
+    ]
+
+
+def explorable(shown: Sequence[Shown]) -> list[dict[str, Any]]:
+    """The curves of all groups as numbers for the page's script."""
+    return [
+        figures.explorable(
+            f"Group {g.score.group}: {g.sweep.condition} ({ROLE_TEXT[g.score.role]})",
+            g.prediction.group, g.sweep, g.curves,
+        )
+        for g in shown
+    ]  # fmt: skip
 
 
 def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
@@ -89,7 +137,7 @@ def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
             caption += f" {zeros} of them {'is' if zeros == 1 else 'are'} zero."
         if p.group.sigma_um is not None:
             caption += " Bars: the readings’ own standard uncertainty."
-        pictures.append(Picture(_uri(figures.group_figure(p, w), pictured), alt, caption))
+        pictures.append(Picture(_uri(figures.group_figure(p.group, w, g.curves, p.role), pictured), alt, caption))
     return pictures
 
 
@@ -181,7 +229,11 @@ def marginal_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> list[P
                 f"Prior and posterior density of {m.entry.description}: prior 90 % interval"
                 f" {with_unit(interval(*m.prior_interval), unit)}, posterior {with_unit(interval(*m.interval), unit)};"
                 f" {s.verdict}{', with the profile likelihood' if m.profile else ''}.",
-                f"{m.entry.description[:1].upper()}{m.entry.description[1:]}. {typeset(s.text)}.",
+                Markup("{}. {}{}.").format(
+                    f"{m.entry.description[:1].upper()}{m.entry.description[1:]}",
+                    symbol_html(m.entry.symbol),
+                    typeset(s.text.removeprefix(s.name)),
+                ),
             )
         )
     return pictures

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 from dataclasses import dataclass
 from functools import cache
@@ -41,9 +42,13 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    css = resources.files("psafit.report").joinpath("templates/style.css").read_text("utf-8")
-    # Our own file: the only text that is not escaped.
-    environment.globals["style_css"] = Markup(css)
+    css, js = (
+        resources.files("psafit.report").joinpath(f"templates/{name}").read_text("utf-8")
+        for name in ("style.css", "explore.js")
+    )
+    digest = base64.b64encode(hashlib.sha256(js.encode()).digest()).decode()
+    # Our own files: the only text that is not escaped. The browser runs the script by its hash, and no other.
+    environment.globals |= {"style_css": Markup(css), "explore_js": Markup(js), "explore_hash": f"sha256-{digest}"}
     return environment
 
 

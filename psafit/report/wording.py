@@ -9,7 +9,7 @@ from typing import Final
 
 from markupsafe import Markup, escape
 
-from psafit.report.figures.axes import power_of_ten
+from psafit.report.figures.axes import SUPERSCRIPT, power_of_ten
 
 _GREEK: Final = {
     "alpha": "α",
@@ -43,8 +43,9 @@ TIMES: Final = f"{NBSP}×{NBSP}"
 
 
 def unit_text(unit: str) -> str:
-    """Unit as shown: µm for um, nothing for a pure number; it does not break."""
-    return {"1": "", "um": "µm"}.get(unit, unit).replace(" ", NBSP)
+    """Unit as shown: µm for um, m/s² for m/s^2, nothing for a pure number; it does not break."""
+    raised = re.sub(r"\^(-?\d)", lambda m: m[1].translate(SUPERSCRIPT), unit)
+    return {"1": "", "um": "µm"}.get(unit, raised).replace(" ", NBSP)
 
 
 def with_unit(text: str, unit: str) -> str:
@@ -120,12 +121,17 @@ def two_digits(value: float) -> str:
 
 
 def percent(fraction: float) -> str:
-    """A fraction in whole per cent; never 0 or 100 unless it is."""
-    if 0 < fraction < 0.005:
-        return f"under 1{NBSP}%"
-    if 0.995 < fraction < 1:
-        return f"over 99{NBSP}%"
-    return f"{100 * fraction:.0f}{NBSP}%"
+    """A fraction in whole per cent; never 0 or 100 unless it is.
+
+    >>> percent(0.005).replace(NBSP, " ")
+    'under 1 %'
+    """
+    text = f"{100 * fraction:.0f}"
+    if text == "0" and fraction > 0:
+        text = "under 1"
+    elif text == "100" and fraction < 1:
+        text = "over 99"
+    return f"{text}{NBSP}%"
 
 
 def p_value(p: float) -> str:

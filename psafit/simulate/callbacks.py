@@ -8,7 +8,11 @@ from typing import Any
 
 from numba import cfunc, types
 from numba.core import cgutils
+from numba.core.errors import NumbaError
 from numba.extending import intrinsic
+
+from psafit.errors import InputError
+from psafit.plugins import told
 
 _NUMBER = types.float64
 _LIST = types.CPointer(types.float64)
@@ -30,8 +34,23 @@ def _compiled(kind: str, function: Callable[..., Any]) -> Any:
 
 
 def address(kind: str, function: Callable[..., Any]) -> int:
-    """Address of a slot's function, compiled on first use and kept on disk."""
-    return int(_compiled(kind, function).address)
+    """Address of a slot's function, compiled on first use and kept on disk.
+
+    Raises
+    ------
+    InputError
+        If it cannot be compiled.
+    """
+    try:
+        return int(_compiled(kind, function).address)
+    except NumbaError as error:
+        code = function.__code__
+        raise InputError(
+            f"{kind} cannot be compiled ({told(error)})",
+            "keep to numbers, `math`, and indices of the arguments",
+            file=code.co_filename,
+            line=code.co_firstlineno,
+        ) from error
 
 
 def _caller(result: Any, n_numbers: int, n_lists: int) -> Any:

@@ -25,6 +25,7 @@ def declaration(term: Term) -> CauseEntry:
         reference=term.reference,
         checks=[check.working for check in term.checks],
         path=path_of([term]),
+        plugin=term.plugin,
     )  # fmt: skip
 
 

@@ -9,6 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
+from psafit.report.figures.sweep import Sweep
+
 FloatArray = NDArray[np.float64]
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -73,6 +75,18 @@ def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool, fe
     powers = max(abs(low), abs(high)) >= 1e5 or bool(log and low < 2e-4)
     axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value, powers=powers)))
     axis.set_minor_formatter(NullFormatter())
+
+
+def scale_sweep(
+    axes: Axes, sweep: Sweep, low: float | None = None, high: float | None = None, *, few: bool = False
+) -> None:
+    """Scale the x axis to a sweep, or to given ends."""
+    low = float(sweep.values.min()) if low is None else low
+    high = float(sweep.values.max()) if high is None else high
+    scale_axis(axes, "x", *widened(low, high, 0.03, log=sweep.log), log=sweep.log, few=few)
+    if sweep.variable == "order":
+        ticks = MaxNLocator(5, integer=True).tick_values(low, high + 1)
+        axes.xaxis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high and t == int(t)]))
 
 
 def reading_range(measured: FloatArray, predicted: FloatArray, upper: FloatArray) -> tuple[float, float, bool]:

@@ -16,7 +16,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from psafit.records import ParameterEntry, ProfilePoint
-from psafit.report.figures.axes import scale_axis, widened
+from psafit.report.figures.axes import label, scale_axis, widened
 from psafit.report.style import PALETTE, WIDTH, figure_style, new_figure
 
 FloatArray = NDArray[np.float64]
@@ -61,18 +61,27 @@ class Marginal:
 
     @property
     def symbol(self) -> str:
-        """The symbol for matplotlib's mathtext, words upright."""
-        return "$" + re.sub(r"_\{([A-Za-z]{2,})\}", r"_{\\mathrm{\1}}", self.entry.symbol) + "$"
+        """The symbol for matplotlib's mathtext."""
+        return _mathtext(self.entry.symbol)
 
     @property
     def label(self) -> str:
         """Symbol and unit."""
-        unit = {"1": "", "um": " (µm)"}.get(self.entry.unit, f" ({self.entry.unit})")
-        return self.symbol + unit
+        return axis_label(self.entry.symbol, self.entry.unit)
 
     def coordinate(self, value: FloatArray) -> FloatArray:
         """Common logarithm where the coordinate is logarithmic, else the value."""
         return np.log10(value) if self.log else np.asarray(value, dtype=float)
+
+
+def _mathtext(symbol: str) -> str:
+    """A LaTeX symbol, words upright."""
+    return "$" + re.sub(r"_\{([A-Za-z]{2,})\}", r"_{\\mathrm{\1}}", symbol) + "$"
+
+
+def axis_label(symbol: str, unit: str) -> str:
+    """Symbol and unit of a parameter."""
+    return _mathtext(symbol) + {"1": "", "um": " (µm)"}.get(unit, f" ({unit})")
 
 
 def _span(values: FloatArray) -> tuple[float, float]:
@@ -145,6 +154,43 @@ def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figur
             axes.tick_params(labelsize=9, labelrotation=0)
         figure.subplots_adjust(left=0.84 / size, bottom=0.52 / size, right=1 - 0.1 / size, top=1 - 0.06 / size,
                                wspace=0.08, hspace=0.08)  # fmt: skip
+    return figure
+
+
+def estimates_figure(
+    rows: Sequence[tuple[str, Sequence[tuple[float, float, float]]]], names: Sequence[str], colors: Sequence[str]
+) -> Figure:
+    """Medians and intervals of several results, each parameter on its own scale.
+
+    Parameters
+    ----------
+    rows : sequence of (str, sequence of (median, lower, upper))
+        Label of a parameter, and its estimate in each result.
+    names, colors : sequences of str
+        Of the results; colours by their names in the palette.
+    """
+    from matplotlib.lines import Line2D
+
+    with figure_style():
+        figure = Figure(figsize=(WIDTH, 0.62 * len(rows) + 0.5), layout="constrained")
+        for axes, (text, estimates) in zip(figure.subplots(len(rows), 1, squeeze=False)[:, 0], rows, strict=True):
+            ends = np.array(estimates)
+            log = bool(ends.min() > 0 and ends.max() >= 3 * ends.min())
+            for place, ((median, low, high), color) in enumerate(zip(estimates, colors, strict=True)):
+                axes.plot([low, high], [-place] * 2, color=PALETTE[color], lw=4, alpha=0.45)
+                axes.plot(median, -place, "os"[place % 2], color=PALETTE[color], ms=5)
+            scale_axis(axes, "x", *widened(float(ends.min()), float(ends.max()), 0.08, log=log), log=log)
+            axes.set_ylim(-len(estimates) + 0.4, 0.6)
+            axes.yaxis.set_major_locator(NullLocator())
+            axes.set_ylabel(text, rotation=0, ha="right", va="center")
+            axes.tick_params(labelsize=8.5)
+        figure.legend(
+            handles=[
+                Line2D([], [], color=PALETTE[c], marker="os"[k % 2], ms=5, lw=3, label=label(name, 28))
+                for k, (name, c) in enumerate(zip(names, colors, strict=True))
+            ],
+            loc="outside upper left", ncols=len(names),
+        )  # fmt: skip
     return figure
 
 

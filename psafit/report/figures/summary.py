@@ -1,45 +1,86 @@
-"""The picture of the first screen: what was fitted, and does it predict what it never saw."""
+"""The picture of a first screen: how far models are off in each group, above one or two groups as examples."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-from psafit.records import GroupScore
+from psafit.experiment import Group
 from psafit.report.figures.axes import label
-from psafit.report.figures.groups import ROLE_COLOR, ROLE_MARKER, ROLE_TEXT, draw_group, short
+from psafit.report.figures.curves import Curve, draw_curves
+from psafit.report.figures.groups import short
 from psafit.report.figures.sweep import Sweep
-from psafit.report.style import MEASURED, PALETTE, WIDTH, figure_style
-
-if TYPE_CHECKING:
-    from psafit.validate import Prediction
+from psafit.report.style import PALETTE, WIDTH, figure_style
 
 _FACTORS = (1.0, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0, 1000.0)
 
 
-def _dots(axes: Axes, scores: Sequence[GroupScore], sweeps: Sequence[Sweep]) -> None:
-    rows = np.arange(len(scores))
-    for row, s in zip(rows, scores, strict=True):
-        color = ROLE_COLOR[s.role]
-        axes.plot([0, s.log_rmse], [row, row], color=color, lw=1.6, alpha=0.45, zorder=2)
-        axes.plot(s.log_rmse, row, ROLE_MARKER[s.role], color=color, ms=6.5, zorder=3)
+@dataclass(frozen=True)
+class Mark:
+    """One model's error in a group: its log RMSE, and how it is drawn."""
+
+    log_rmse: float
+    color: str
+    marker: str = "o"
+    hollow: bool = False
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """Keyword arguments of `Axes.plot`."""
+        color = PALETTE[self.color]
+        face = "white" if self.hollow else color
+        return {"color": color, "marker": self.marker, "ms": 6.5, "mfc": face, "mec": color, "mew": 1.5}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A group's line in the picture; several marks are what it goes through, in this order."""
+
+    name: str
+    marks: Sequence[Mark]
+
+
+@dataclass(frozen=True)
+class Example:
+    """A group that is shown below."""
+
+    title: str
+    color: str
+    group: Group
+    sweep: Sweep
+    curves: Sequence[Curve]
+
+
+def draw_factors(axes: Axes, rows: Sequence[Row]) -> None:
+    """Typical factor between prediction and reading of each row, one below the other."""
+    places = np.arange(len(rows))
+    most = max((m.log_rmse for r in rows for m in r.marks), default=0.0)
+    for place, row in zip(places, rows, strict=True):
+        errors = [m.log_rmse for m in row.marks]
+        if len(errors) > 1:
+            axes.plot([min(errors), max(errors)], [place, place], color=PALETTE["faint"], lw=3, zorder=2)
+        for mark in row.marks:
+            if len(errors) == 1:
+                axes.plot([0, mark.log_rmse], [place] * 2, color=PALETTE[mark.color], lw=1.6, alpha=0.45, zorder=2)
+            axes.plot(mark.log_rmse, place, linestyle="none", zorder=3, **mark.look)
         axes.annotate(
-            f"×{math.exp(s.log_rmse):.2f}", (s.log_rmse, row), (7, 0), textcoords="offset points", va="center",
-            fontsize=9.5, color=PALETTE["ink"],
+            " → ".join(f"×{math.exp(e):.2f}" for e in errors), (max(errors, default=0.0), place), (7, 0),
+            textcoords="offset points", va="center", fontsize=9.5, color=PALETTE["ink"],
         )  # fmt: skip
-    names = [f"{short(s.group)}: {w.condition}" for s, w in zip(scores, sweeps, strict=True)]
-    axes.yaxis.set_major_locator(FixedLocator(list(rows)))
-    axes.yaxis.set_major_formatter(FixedFormatter([label(n, 24) for n in names]))
-    axes.set_ylim(len(scores) - 0.5, -0.5)
+    axes.yaxis.set_major_locator(FixedLocator(list(places)))
+    axes.yaxis.set_major_formatter(FixedFormatter([label(r.name, 24) for r in rows]))
+    axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    right = 1.22 * max(max(s.log_rmse for s in scores), 0.05)
+    room = 1.22 if all(len(r.marks) == 1 for r in rows) else 1.6
+    right = room * max(most, 0.05)
     axes.set_xlim(0, right)
     axes.set_xlabel("log RMSE (0 = perfect)")
     above = axes.secondary_xaxis("top")
@@ -50,41 +91,37 @@ def _dots(axes: Axes, scores: Sequence[GroupScore], sweeps: Sequence[Sweep]) -> 
     above.xaxis.set_minor_locator(NullLocator())
 
 
-def summary_figure(
-    scores: Sequence[GroupScore], sweeps: Sequence[Sweep], examples: Sequence[tuple[Prediction, Sweep]]
-) -> Figure:
-    """Score of every group above one or two examples.
+def row_name(group_id: object, sweep: Sweep) -> str:
+    """A group in a list of rows."""
+    return f"{short(group_id)}: {sweep.condition}"
+
+
+def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Sequence[Artist]) -> Figure:
+    """Error in every group above one or two examples.
 
     Parameters
     ----------
-    scores : sequence of GroupScore
-    sweeps : sequence of Sweep
-        Of the same groups.
-    examples : one or two (Prediction, Sweep)
-        A fitted group, and one the fit never saw where there is one.
+    rows : sequence of Row
+        May be empty.
+    examples : one or two of Example
+    legend : sequence of artists
     """
     with figure_style():
-        upper, lower = 0.95 + 0.24 * len(scores), 2.85
-        figure = Figure(figsize=(WIDTH + 0.2, upper + lower), layout="constrained")
-        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[upper, lower])[
-            :, 0
-        ]  # neither sets the other's margins
-        above.suptitle("Typical factor between prediction and reading", fontsize=10)
-        _dots(above.subplots(), scores, sweeps)
-        for column, (axes, (p, sweep)) in enumerate(
-            zip(below.subplots(1, len(examples), squeeze=False)[0], examples, strict=True)
-        ):
-            draw_group(axes, p, sweep, small=len(examples) > 1)
-            axes.set_title(f"Group {short(p.group.id)}", color=ROLE_COLOR[p.role])
+        upper, lower = 0.95 + 0.24 * len(rows), 2.85
+        figure = Figure(figsize=(WIDTH + 0.2, (upper if rows else 0.0) + lower), layout="constrained")
+        below: Any = figure
+        if rows:  # neither sets the other's margins
+            above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[upper, lower])[:, 0]
+            above.suptitle("Typical factor between prediction and reading", fontsize=10)
+            draw_factors(above.subplots(), rows)
+        panels = below.subplots(1, len(examples), squeeze=False)[0]
+        for column, (axes, e) in enumerate(zip(panels, examples, strict=True)):
+            draw_curves(axes, e.group, e.sweep, e.curves, small=len(examples) > 1)
+            axes.set_title(e.title, color=PALETTE[e.color])
             axes.set_xlabel(
-                {"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)"}.get(sweep.variable, "Reading")
+                {"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)"}.get(e.sweep.variable, "Reading")
             )
             if column == 0:
                 axes.set_ylabel("Launch range (µm)")
-        handles = [Line2D([], [], **MEASURED, label="measured")] + [
-            Line2D([], [], color=ROLE_COLOR[r], marker=ROLE_MARKER[r], ms=5.5, lw=1.5, label=ROLE_TEXT[r])
-            for r in ("fit", "holdout")
-            if any(s.role == r for s in scores)
-        ]
-        below.legend(handles=handles, loc="outside lower center", ncols=len(handles), columnspacing=1.1)
+        below.legend(handles=list(legend), loc="outside lower center", ncols=len(legend), columnspacing=1.1)
     return figure

@@ -2,7 +2,7 @@ r"""Evidence and posterior of a fitted model, by importance sampling from an emu
 
 In ten and more dimensions a normal or Student density is a poor picture of a posterior: bounds cut it, the scatter and
 the strengths bend it. Simulations are dear, but launch ranges are smooth in the parameters almost everywhere. So the
-draws already simulated give an emulator, for every reading a quadratic polynomial in the model's parameters; the
+draws already simulated give an emulator, for every reading a polynomial in the model's parameters; the
 posterior that goes with it costs nothing to sample, and its draws are simulated next. Whatever the emulator is worth,
 the weights are those of importance sampling, with the densities of all rounds as a mixture (J.-M. Cornuet et al.,
 Scand. J. Stat. 39 (2012) 798): a poor emulator costs draws, it does not bias.
@@ -10,6 +10,7 @@ Scand. J. Stat. 39 (2012) 798): a poor emulator costs draws, it does not bias.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp, ndtri
 from scipy.stats import chi2, qmc
 
-from psafit.diagnose.candidate import Candidate
 from psafit.inference.ascent import heights
+from psafit.inference.candidate import Candidate
 
 FloatArray = NDArray[np.float64]
 
@@ -32,17 +33,23 @@ FloatArray = NDArray[np.float64]
 _TRUSTED, _FEW, _DOUBTS = 0.7, 30.0, (2.0, 5.0)
 # Student densities: degrees of freedom, widening (over the number of dimensions), most in a mixture.
 _TAILS, _WIDER, _MOST = 6.0, 1.8, 8
-# Draws a round, effective draws wanted, and both for the emulated posterior.
-_ROUND, _EFFECTIVE = 256, 120.0
-_ROUND_EMULATED, _EFFECTIVE_EMULATED, _ROUNDS_EMULATED = 2048, 800.0, 6
+# Draws a round, rounds at least (the first emulators may not know all of a bent posterior yet) and at most, effective
+# draws wanted; and the same for the emulated posterior.
+_ROUND, _LEAST, _ROUNDS, _EFFECTIVE = 256, 4, 12, 150.0
+_ROUND_EMULATED, _EFFECTIVE_EMULATED, _ROUNDS_EMULATED = 2048, 800.0, 10
 # Share of the draws that do not come from the emulated posterior, for its tails may be too light. (A quarter of a power
 # of two is one, as quasi-random draws want.)
 _CAUTION = 0.25
-# Draws that inform an emulator most lie this many nats per dimension below the best; its least standard deviation of a
-# coefficient, in the whitened coordinate and in units of the scatter, says what a curvature may be.
-_NEAR, _BENT = 1.5, 1.0
-# An emulator is not believed further out than its draws (in their standard deviations).
-_BEYOND = 1.2
+# Draws that inform an emulator most lie this many nats per dimension below the best. What its coefficients of each
+# degree, in the whitened coordinate and in units of the scatter, may differ by from what was known; and draws wanted
+# for each of them in degrees above two.
+_NEAR, _FREEDOM, _DRAWS_PER_COEFFICIENT = 1.5, np.array([10.0, 3.0, 1.0, 0.3, 0.1]), 5
+# An emulator is not believed much further out than its better draws: nats that are lost at twice that distance.
+_BEYOND, _DISTRUST = 1.2, 20.0
+# Metropolis steps in an emulated posterior between two in the posterior itself (few where the emulator is poor), and
+# their length in its widths (over the root of the number of dimensions: G. O. Roberts, A. Gelman and W. R. Gilks, Ann.
+# Appl. Probab. 7 (1997) 110).
+_STRIDES, _JUMP = (1, 3, 10, 30), 1.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +118,7 @@ def _systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.i
     return np.minimum(np.searchsorted(np.cumsum(weights), positions), len(weights) - 1)
 
 
-def weigh(candidate: Candidate, *, seed: int, rounds: int = 12, effective: float = _EFFECTIVE) -> Weighed:
+def weigh(candidate: Candidate, *, seed: int, rounds: int = _ROUNDS, effective: float = _EFFECTIVE) -> Weighed:
     """Evidence and posterior of a fitted model.
 
     Parameters
@@ -123,8 +130,21 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = 12, effective: float
     effective : float
         Effective draws at which it is enough.
     """
-    problem = candidate.problem
+    return _importance(candidate, np.random.default_rng([seed, 5]), rounds, effective)[0].weighed()
+
+
+def emulate(candidate: Candidate, *, seed: int, rounds: int = _ROUNDS, effective: float = _EFFECTIVE) -> Emulated:
+    """Emulate the posterior of a fitted model; arguments as of `weigh`."""
     random = np.random.default_rng([seed, 5])
+    pool, simulated = _importance(candidate, random, rounds, effective)
+    return Emulated(candidate, pool, simulated, _laplace_mixture(candidate).around(pool, _width(candidate)), random)
+
+
+def _importance(
+    candidate: Candidate, random: np.random.Generator, rounds: int, effective: float
+) -> tuple[_Pool, FloatArray]:
+    """Simulated draws with their weights, and their launch ranges."""
+    problem = candidate.problem
     simulated: list[FloatArray] = []
 
     def height(u: FloatArray) -> FloatArray:
@@ -133,10 +153,15 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = 12, effective: float
         return heights(problem, u, found, problem.observed)
 
     def next_one(pool: _Pool, before: _Density) -> _Density:
-        return _Emulated(candidate, pool, np.concatenate(simulated), before, random)
+        return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
 
-    pool = _sample(height, problem.bounds, _laplace_mixture(candidate), next_one, random, _ROUND, rounds, effective)
-    return pool.weighed()
+    first = _laplace_mixture(candidate)
+    pool = _sample(height, problem.bounds, first, next_one, random, _ROUND, rounds, effective)
+    return pool, np.concatenate(simulated)
+
+
+def _width(candidate: Candidate) -> FloatArray:
+    return np.asarray(np.ptp(candidate.problem.bounds, axis=1))
 
 
 # --- adaptive importance sampling -----------------------------------------------------------------------------------
@@ -145,13 +170,13 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = 12, effective: float
 class _Density(Protocol):
     """What can be drawn from, and evaluated."""
 
-    def draw(self, n: int, random: np.random.Generator) -> FloatArray: ...
-
-    def log_density(self, u: FloatArray) -> FloatArray: ...
-
     @property
     def mixture(self) -> _Mixture:
         """Student densities that resemble it."""
+
+    def draw(self, n: int, random: np.random.Generator) -> FloatArray: ...
+
+    def log_density(self, u: FloatArray) -> FloatArray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +235,7 @@ def _sample(
             density = np.hstack([density, [p.log_density(draws) for p in proposals]])
             u, h = np.concatenate([u, draws]), np.concatenate([h, height(draws)])
         pool = _Pool(u, h, h - logsumexp(density, axis=0) + math.log(len(proposals)), n)
-        if len(proposals) == rounds or pool.effective > effective:
+        if len(proposals) == rounds or (len(proposals) >= _LEAST and pool.effective > effective):
             return pool
         proposals.append(adapted(pool, proposals[-1]))
 
@@ -249,6 +274,13 @@ class _Mixture:
         normal = ndtri(points[:, 2:]) * np.sqrt(_TAILS / chi2.ppf(points[:, 1], _TAILS))[:, None]
         return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
 
+    def scatter(self, n: int, random: np.random.Generator) -> FloatArray:
+        """Independent draws."""
+        which = random.choice(len(self.share), n, p=self.share)
+        normal = random.standard_normal((n, self.centre.shape[1]))
+        normal /= np.sqrt(random.chisquare(_TAILS, (n, 1)) / _TAILS)
+        return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
+
     def log_density(self, u: FloatArray) -> FloatArray:
         d = u.shape[1]
         z = self._inverse @ (u.T - self.centre[:, :, None])  # (k, d, n)
@@ -284,9 +316,8 @@ class _Mixture:
 
 def _laplace_mixture(candidate: Candidate) -> _Mixture:
     """Student densities at the modes with the expected curvature."""
-    problem = candidate.problem
-    width = np.ptp(problem.bounds, axis=1)
-    wider = (1 + _WIDER / problem.n_dim) ** 2
+    width = _width(candidate)
+    wider = (1 + _WIDER / candidate.problem.n_dim) ** 2
     masses = np.maximum(np.exp(candidate.heights - candidate.heights[0]), 0.02)
     return _Mixture.of(
         [
@@ -320,11 +351,22 @@ def _positive(covariance: FloatArray, width: FloatArray) -> FloatArray:
     return np.asarray(clipped * np.outer(scale, scale))
 
 
+def _powers(n: int, n_draws: int) -> list[tuple[int, ...]]:
+    """Monomials in so many variables, as the indices of their factors, of the highest degree that the draws allow."""
+    found: list[tuple[int, ...]] = []
+    for degree in range(len(_FREEDOM)):
+        more = list(itertools.combinations_with_replacement(range(n), degree))
+        if degree > 2 and _DRAWS_PER_COEFFICIENT * (len(found) + len(more)) > n_draws:
+            break
+        found += more
+    return found
+
+
 # --- the emulated posterior -----------------------------------------------------------------------------------------
 
 
-class _Emulated:
-    """The posterior of a model whose launch ranges are quadratic in its parameters, fitted to simulated draws.
+class Emulated:
+    """The posterior of a model whose launch ranges are polynomials in its parameters, fitted to simulated draws.
 
     Ranges are emulated in the coordinate in which the fitted scatter has unit width, so that all readings have equal
     rights and none becomes negative. Linear terms start from the slopes at the mode; what the draws do not tell stays
@@ -332,67 +374,111 @@ class _Emulated:
     """
 
     def __init__(
-        self, candidate: Candidate, pool: _Pool, simulated: FloatArray, before: _Density, random: np.random.Generator
+        self, candidate: Candidate, pool: _Pool, simulated: FloatArray, before: _Mixture, random: np.random.Generator
     ) -> None:
         problem = candidate.problem
         self._problem = problem
         k = problem.n_model
         self._relative, self._absolute = problem.noise_values(candidate.modes[:1])[0, :2]
-        self._mean, covariance = _moments(pool.u, _tempered(pool.weights), np.ptp(problem.bounds, axis=1))
+        self._mean, covariance = _moments(pool.u, _tempered(pool.weights), _width(candidate))
         self._whiten = np.linalg.inv(np.linalg.cholesky(covariance[:k, :k]))
         # Known beforehand: the mode, and the slopes there.
         mode = candidate.modes[0, :k]
         here = self._scaled(candidate.predicted)
         slope = candidate.slope / np.hypot(self._absolute, self._relative * candidate.predicted)
         unwhiten = np.linalg.inv(self._whiten)
-        start = np.zeros((1 + k + k * (k + 1) // 2, here.size))
+        self._powers = _powers(k, len(pool.u))
+        column = {p: i for i, p in enumerate(self._powers)}
+        self._products = [(column[p[:-1]], p[-1]) for p in self._powers[1:]]
+        start = np.zeros((len(self._powers), here.size))
         start[1 : 1 + k] = unwhiten.T @ slope
         start[0] = here + (self._mean[:k] - mode) @ slope
-        known = self._features(mode[None])
         # Far from the posterior nothing need be right.
         usable = np.isfinite(pool.height)
         depth = (pool.height[usable].max() - pool.height[usable]) / (_NEAR * problem.n_dim)
         weight = 1 / (1 + depth**2)
-        features = np.vstack([self._features(pool.u[usable, :k]), known])
+        self._reach = _BEYOND * float(self._distance(pool.u[usable, :k])[depth < 1].max())
+        features = np.vstack([self._features(pool.u[usable, :k]), self._features(mode[None])])
         target = np.vstack([self._scaled(simulated[usable]), here]) - features @ start
         root = np.sqrt(np.append(weight, 1.0))[:, None]
-        scale = np.concatenate([[10.0], np.full(k, 3.0), np.full(start.shape[0] - 1 - k, _BENT)])
+        scale = _FREEDOM[[len(p) for p in self._powers]]
         # Ridge: each coefficient may differ from what was known by about `scale`, each draw from the polynomial by a
         # tenth of the scatter.
         a = np.vstack([root * features * scale, 0.1 * np.eye(scale.size)])
         y = np.vstack([root * target, np.zeros_like(start)])
         self._coefficients = start + scale[:, None] * np.linalg.lstsq(a, y, rcond=None)[0]
-        distance = self._distance(pool.u[usable, :k])
-        self._reach = _BEYOND * float(np.quantile(distance, 0.98, weights=weight, method="inverted_cdf"))
-        width = np.ptp(problem.bounds, axis=1)
-        first = before.mixture.around(pool, width)
+        self._jump = np.linalg.cholesky(covariance) * (_JUMP / math.sqrt(problem.n_dim))
+        width = _width(candidate)
+        first = before.around(pool, width)
 
-        def wider(found: _Pool, before: _Density) -> _Density:
-            assert isinstance(before, _Mixture)
-            self.mixture = before.around(found, width)
-            return self.mixture
+        def wider(found: _Pool, last: _Density) -> _Density:
+            return last.mixture.around(found, width)
 
-        self.mixture = first
         self._pool = _sample(
             self._height, problem.bounds, first, wider, random, _ROUND_EMULATED, _ROUNDS_EMULATED, _EFFECTIVE_EMULATED
         )
+        self.mixture = first.around(self._pool, width)
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:
+        """Draws, some of them from a mixture of Student densities instead."""
         careful = round(_CAUTION * n)
         chosen = _systematic(self._pool.weights, n - careful, random.uniform())
         return np.concatenate([self._pool.u[chosen], self.mixture.draw(careful, random)])
 
     def log_density(self, u: FloatArray) -> FloatArray:
+        """Log density of such draws."""
         own = math.log1p(-_CAUTION) + self._height(u) - self._pool.log_evidence
         return np.logaddexp(own, math.log(_CAUTION) + self.mixture.log_density(u))
+
+    def wander(self, u: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Take a few Metropolis steps in the emulated posterior from each row of `u`.
+
+        The steps are reversible in it, so that the end is accepted as a step in the posterior `p` with probability
+        ``p(u') q(u) / p(u) q(u')``, where `q` is the emulated density (J. S. Liu, Monte Carlo Strategies in Scientific
+        Computing, Springer 2001, section 9.4.3: the surrogate transition method). Whatever the emulator is worth, the
+        chain is exact.
+
+        Parameters
+        ----------
+        u : (n, n_dim) array
+        random : Generator
+
+        Returns
+        -------
+        (n, n_dim) array and (n,) array
+            Where the steps end, and ``ln q(u) - ln q(u')``.
+        """
+        here, height = u, self._height(u)
+        begun = height
+        n, d = u.shape
+        for _ in range(random.choice(_STRIDES)):
+            # One kind of step for all, chosen by chance: a fixed order of kinds would not be reversible.
+            if random.uniform() < 0.5:
+                there = here + random.standard_normal((n, d)) @ self._jump.T
+                ratio = np.zeros(n)
+            else:
+                there = self.mixture.scatter(n, random)
+                ratio = self.mixture.log_density(here) - self.mixture.log_density(there)
+            found = self._height(there)
+            with np.errstate(invalid="ignore"):
+                accepted = np.log(random.uniform(size=n)) < found - height + ratio
+            here, height = np.where(accepted[:, None], there, here), np.where(accepted, found, height)
+        with np.errstate(invalid="ignore"):
+            gone = begun - height
+        return here, np.where(np.isnan(gone), -np.inf, gone)
 
     def _scaled(self, ranges: FloatArray) -> FloatArray:
         return np.asarray(np.arcsinh(ranges * (self._relative / self._absolute)) / self._relative)
 
     def _features(self, u: FloatArray) -> FloatArray:
         x = (u - self._mean[: u.shape[1]]) @ self._whiten.T
-        rows, columns = np.triu_indices(x.shape[1])
-        return np.hstack([np.ones((len(x), 1)), x, x[:, rows] * x[:, columns]])
+        # Beyond the draws ranges stay as they are at their edge: no polynomial is to be trusted there.
+        x *= np.minimum(1.0, self._reach / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300))
+        result = np.empty((len(x), len(self._powers)))
+        result[:, 0] = 1.0
+        for column, (shorter, last) in enumerate(self._products, start=1):
+            np.multiply(result[:, shorter], x[:, last], out=result[:, column])
+        return result
 
     def _distance(self, u: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.norm((u - self._mean[: u.shape[1]]) @ self._whiten.T, axis=1))
@@ -406,4 +492,4 @@ class _Emulated:
             ranges = np.sinh(np.clip(scaled * self._relative, -30, 30)) * (self._absolute / self._relative)
             result[part] = heights(self._problem, u[part], np.maximum(ranges, 0.0), self._problem.observed)
         far = np.maximum(self._distance(u[:, :k]) / self._reach - 1, 0.0)
-        return result - 50.0 * far**2
+        return result - _DISTRUST * far**2

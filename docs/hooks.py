@@ -1,0 +1,89 @@
+"""What mkdocs and mkdocstrings do not do by themselves: equations without a script, and units in docstrings."""
+
+from __future__ import annotations
+
+import html
+import re
+from typing import Any
+
+import griffe
+from latex2mathml.converter import convert
+from markdown import Extension, Markdown
+from markdown.postprocessors import Postprocessor
+from markdown.preprocessors import Preprocessor
+
+# What pymdownx.arithmatex leaves.
+_LATEX = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', flags=re.DOTALL)
+# The dash before a description that is not there.
+_DASH = re.compile(r'–(\s*<div class="doc-md-description">\s*</div>)')
+_FUNCTIONS = "sin|cos|tan|sech|arcsin|asinh|ln|exp|max|min|Re"
+# The spaces TeX would set, and characters that browsers do not derive from an attribute.
+_SETTING = (
+    (
+        re.compile(r"<mo[^>]*>(&#x0007C;|&#x0002F;|\.|&#x0002E;)</mo>"),
+        r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>',
+    ),
+    (re.compile(rf"(<m[io]>(?:{_FUNCTIONS})</m[io]>)(?!<mo[^>]*>&#x00028;)"), r'\1<mspace width="0.167em"/>'),
+    (re.compile(rf"(</m\w+>)(<m[io]>(?:{_FUNCTIONS})</m[io]>)"), r'\1<mspace width="0.167em"/>\2'),
+    (re.compile(r"<mi>&#x0007E;</mi>"), "<mo>&#x0223C;</mo>"),
+    (re.compile(r'<mi mathvariant="script">N</mi>'), "<mi>&#x1D4A9;</mi>"),
+)
+
+
+def mathml(latex: str, *, block: bool) -> str:
+    """Translate LaTeX."""
+    text = convert(latex.strip(), display="block" if block else "inline")
+    for pattern, better in _SETTING:
+        text = pattern.sub(better, text)
+    return f'<div class="math">{text}</div>' if block else text
+
+
+class RestMath(Preprocessor):
+    """The mathematics of docstrings, which are reStructuredText there."""
+
+    def run(self, lines: list[str]) -> list[str]:
+        blocks = "\n".join(lines).split("\n\n")
+        for i, block in enumerate(blocks):
+            if block.lstrip("\n").startswith(".. math::"):
+                inner = block.lstrip("\n").removeprefix(".. math::").splitlines()
+                blocks[i] = "\n".join(["$$", *filter(None, map(str.strip, inner)), "$$"])
+        text = "\n\n".join(blocks)
+        return re.sub(r":math:`([^`]+)`", lambda m: f"${' '.join(m[1].split())}$", text).split("\n")
+
+
+class MathML(Postprocessor):
+    """LaTeX out, MathML in."""
+
+    def run(self, text: str) -> str:
+        return _LATEX.sub(lambda m: mathml(html.unescape(m[3]), block=m[2] == "["), text)
+
+
+class Mathematics(Extension):
+    """Both of them."""
+
+    def extendMarkdown(self, md: Markdown) -> None:
+        md.preprocessors.register(RestMath(md), "rest-math", 24)  # fenced code has been taken out at 25
+        md.postprocessors.register(MathML(md), "mathml", 0)  # everything has been put back
+
+
+class Units(griffe.Extension):
+    """Types such as "array, m/s" as they were written: griffe takes them for tuples and quotients."""
+
+    def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
+        for section in obj.docstring.parsed if obj.docstring else ():
+            if section.kind.value not in ("parameters", "returns"):
+                continue
+            for item in section.value:
+                if isinstance(item.annotation, griffe.ExprTuple | griffe.ExprBinOp) and "," in str(item.annotation):
+                    item.annotation = str(item.annotation).strip("()").replace(" / ", "/")
+
+
+def on_config(config: Any) -> Any:
+    """Join the Markdown extensions of mkdocs.yml."""
+    config.markdown_extensions.append(Mathematics())
+    return config
+
+
+def on_page_content(content: str, /, **_: Any) -> str:
+    """Tidy what mkdocstrings wrote."""
+    return _DASH.sub(r"\1", content)

@@ -1,0 +1,264 @@
+"""The notebook's way in: thin views of an experiment and of its results.
+
+Everything here calls what the command line calls, and leaves the same files; tables are pandas', plots take an `ax`
+and return it. ``import psafit`` loads none of this before it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from psafit.diagnose import diagnose
+from psafit.diagnose.record import Diagnosis
+from psafit.experiment import Experiment, GroupId
+from psafit.files import usual_folder
+from psafit.inference.run import Run, fit
+from psafit.physics import terms as catalogue
+from psafit.progress import watcher
+from psafit.records import Validation
+from psafit.report import notebook
+from psafit.report.notebook import Axes
+from psafit.validate import COLUMNS, Prediction, prediction_rows, validate
+
+
+class _Shown:
+    """What a notebook shows of a view: a headline above tables."""
+
+    def _told(self) -> tuple[str, list[pd.DataFrame]]:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return notebook.text(*self._told())
+
+    def _repr_html_(self) -> str:
+        return notebook.html(*self._told())
+
+
+class Rig(_Shown):
+    """An experiment: its measurements, and what can be asked of them.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        self.experiment = experiment
+
+    @property
+    def data(self) -> pd.DataFrame:
+        """The readings, one a row."""
+        return pd.concat(
+            [
+                pd.DataFrame({
+                    "group": g.id, "waveform": g.waveform, "frequency_hz": g.frequency_hz,
+                    "amplitude_v": g.amplitude_v, "launch_range_um": g.launch_range_um,
+                })
+                for g in self.experiment.groups
+            ],
+            ignore_index=True,
+        )  # fmt: skip
+
+    def fit(
+        self,
+        groups: GroupId | Sequence[GroupId],
+        *,
+        terms: str | Sequence[str] = (),
+        out: str | Path | None = None,
+        seed: int = 1,
+        starts: int = 32,
+        quiet: bool = False,
+    ) -> Fitted:
+        """Fit and sample, or take up the run that the folder holds: see `psafit.inference.run.fit`.
+
+        Parameters
+        ----------
+        groups : group id or sequence of group ids
+            What the fit sees.
+        terms : str or sequence of str
+            Causes that extend the baseline.
+        out : path-like, optional
+            Run folder; the command line's by default.
+        seed, starts : int
+        quiet : bool
+            Whether to show no progress.
+
+        Returns
+        -------
+        Fitted
+        """
+        ids, causes = _listed(groups), catalogue([terms] if isinstance(terms, str) else terms)
+        name = f"group{'-'.join(str(g) for g in ids)}"
+        folder = Path(out) if out else usual_folder(self.experiment.folder, name, *(t.id for t in causes))
+        with watcher(quiet) as show:
+            return Fitted(fit(self.experiment, ids, folder, terms=causes, seed=seed, n_starts=starts, watcher=show))
+
+    def diagnose(
+        self,
+        groups: GroupId | Sequence[GroupId] | None = None,
+        *,
+        quick: bool = False,
+        out: str | Path | None = None,
+        seed: int = 1,
+        quiet: bool = False,
+    ) -> Diagnosed:
+        """Find what the simulation gets wrong, and why: see `psafit.diagnose.diagnose`.
+
+        Parameters
+        ----------
+        groups : group id or sequence of group ids, optional
+            Training groups of the strict gain; the first group by default.
+        quick : bool
+            The verdict alone.
+        out : path-like, optional
+            Folder; the command line's by default.
+        seed : int
+        quiet : bool
+            Whether to show no progress.
+
+        Returns
+        -------
+        Diagnosed
+        """
+        ids = [self.experiment.ids[0]] if groups is None else _listed(groups)
+        folder = Path(out) if out else usual_folder(self.experiment.folder, "diagnosis")
+        with watcher(quiet) as show:
+            record = diagnose(self.experiment, ids, folder, quick=quick, seed=seed, watcher=show)
+        return Diagnosed(record, self.experiment, folder)
+
+    def plot(self, group: GroupId, ax: Axes | None = None) -> Axes:
+        """Draw the readings of a group."""
+        return notebook.plot_group(self.experiment.group(group), (), ax)
+
+    def _told(self) -> tuple[str, list[pd.DataFrame]]:
+        rows = [
+            [str(g.id), g.waveform, g.n_points, *(_span(x) for x in (g.frequency_hz, g.amplitude_v, g.launch_range_um))]
+            for g in self.experiment.groups
+        ]
+        columns = ["group", "waveform", "readings", "frequency (Hz)", "amplitude (V)", "launch range (um)"]
+        return self.experiment.title, [pd.DataFrame(rows, columns=columns).set_index("group")]
+
+
+class Fitted(_Shown):
+    """A finished fit.
+
+    Parameters
+    ----------
+    run : Run
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+
+    @cached_property
+    def _validated(self) -> tuple[Validation, list[Prediction]]:
+        return validate(self.run)
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """Posterior medians, central 90 % intervals and what the data say of each."""
+        rows = [
+            [s.name, s.median, s.lower, s.upper, e.unit, s.verdict, s.r_hat]
+            for e, s in zip(self.run.fit.parameters, self.run.summary.parameters, strict=True)
+        ]
+        columns = ["parameter", "median", "lower_90", "upper_90", "unit", "verdict", "r_hat"]
+        return pd.DataFrame(rows, columns=columns).set_index("parameter")
+
+    @property
+    def scores(self) -> pd.DataFrame:
+        """How well each group is predicted: see `psafit.records.GroupScore`."""
+        return pd.DataFrame(self._validated[0].groups).set_index("group")
+
+    @property
+    def predictions(self) -> pd.DataFrame:
+        """Posterior median and 90 % predictive interval of every reading."""
+        rows = (r for p in self._validated[1] for r in prediction_rows(p.group, p.median, p.lower, p.upper, p.role))
+        return pd.DataFrame(rows, columns=list(COLUMNS))
+
+    def plot(self, group: GroupId | None = None, ax: Axes | None = None) -> Axes:
+        """Draw a group's readings and prediction; without a group, how far off the prediction is in each."""
+        chosen = None if group is None else self.run.problem.experiment.group(group)
+        return notebook.plot_fit(*self._validated, chosen, ax)
+
+    def report(self) -> Path:
+        """Write `report.html`."""
+        from psafit.numerics import audit
+        from psafit.report.fit import write_report
+
+        return write_report(self.run, *self._validated, audit(self.run))
+
+    def _told(self) -> tuple[str, list[pd.DataFrame]]:
+        record, mean = self.run.fit, self._validated[0].holdout_log_rmse
+        model = " + ".join(["baseline", *record.terms])
+        unseen = "no group was held out" if mean is None else f"mean log_rmse of unseen groups {mean:.3f}"
+        headline = f"{model}, fitted to {', '.join(str(g) for g in record.groups)} of {record.title}: {unseen}"
+        state = "" if self.run.summary.converged else f"; {self.run.summary.message}"
+        scores = self.scores[["role", "n_points", "log_rmse", "coverage_90", "verdict"]]
+        scores = scores.assign(verdict=scores["verdict"].str.partition(",")[0])
+        return headline + state, [self.parameters, scores]
+
+
+class Diagnosed(_Shown):
+    """A diagnosis.
+
+    Parameters
+    ----------
+    record : Diagnosis
+    experiment : Experiment
+        That was diagnosed.
+    folder : Path
+    """
+
+    def __init__(self, record: Diagnosis, experiment: Experiment, folder: Path) -> None:
+        self.record = record
+        self.experiment = experiment
+        self.folder = folder
+
+    @property
+    def verdict(self) -> str:
+        """One of adequate, explained, ambiguous and unexplained."""
+        return self.record.verdict
+
+    @property
+    def named(self) -> list[str]:
+        """The adopted extension, best first."""
+        return self.record.named
+
+    @property
+    def causes(self) -> pd.DataFrame:
+        """The models that were compared, most probable first; gain and evidence over the baseline in nats."""
+        rows = [
+            [" + ".join(c.terms) or "baseline", c.probability, c.evidence.get("gain"), c.evidence.get("over_baseline")]
+            for c in self.record.causes
+        ]
+        return pd.DataFrame(rows, columns=["model", "probability", "gain", "evidence"]).set_index("model")
+
+    def plot(self, group: GroupId | None = None, ax: Axes | None = None) -> Axes:
+        """Draw a group's readings and both models; without a group, how far off they are in each."""
+        chosen = None if group is None else self.experiment.group(group)
+        return notebook.plot_diagnosis(self.record, self.experiment, self.folder, chosen, ax)
+
+    def report(self) -> Path:
+        """Write `diagnosis.html`."""
+        from psafit.report.diagnosis import write_diagnosis
+
+        return write_diagnosis(self.record, self.experiment, self.folder)
+
+    def _told(self) -> tuple[str, list[pd.DataFrame]]:
+        named = f" ({' + '.join(self.named)})" if self.named else ""
+        return " ".join([f"{self.verdict}{named}.", *self.record.sentences]), [self.causes]
+
+
+def _listed(given: GroupId | Sequence[GroupId]) -> list[GroupId]:
+    return [given] if isinstance(given, str | int) else list(given)
+
+
+def _span(values: NDArray[np.float64]) -> str:
+    low, high = values.min(), values.max()
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"

@@ -1,0 +1,324 @@
+"""`psafit simulate`, `report` and `watch`: thin, and lazy like the command line they hang on."""
+
+from __future__ import annotations
+
+import difflib
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from psafit.cli import DONE, EXPERIMENT, JSON, PLUGIN, QUIET, Command, Place, causes, write_result
+from psafit.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from psafit.experiment import Experiment
+    from psafit.parameters import Parameter
+    from psafit.physics.term import Term
+    from psafit.watch import State
+
+PICTURES = (".png", ".svg", ".pdf")
+
+
+@click.command(cls=Command)
+@EXPERIMENT
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
+@click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
+@click.option("--run", type=Place("input"), help="Take model and posterior medians of this run instead.")
+@click.option("--out", type=Place("file"), help="CSV file; standard output by default.")
+@click.option("--plot", type=Place("file"), metavar="FILE", help="Draw every group: .png, .svg or .pdf.")
+@PLUGIN
+@QUIET
+@JSON
+def simulate(
+    experiment: Path,
+    values: tuple[str, ...],
+    ids: str,
+    run: Path | None,
+    out: Path | None,
+    plot: Path | None,
+    quiet: bool,
+    json_file: Path | None,
+) -> int:
+    """Simulate the launch ranges at an experiment's conditions."""
+    import numpy as np
+
+    from psafit.experiment import read_experiment
+    from psafit.files import write_atomically
+    from psafit.simulate import Design
+    from psafit.simulate import simulate as simulate_batch
+
+    if plot is not None and plot.suffix.lower() not in PICTURES:
+        raise InputError("is no kind of picture psafit writes", f"end its name in {' or '.join(PICTURES)}", file=plot)
+    data = read_experiment(experiment)
+    chosen = causes(ids) if ids else ()
+    given = asked = _assignments(values)
+    if run is not None:
+        from psafit.inference.run import load
+
+        finished = load(run)
+        chosen = chosen or finished.problem.terms
+        given = {p.name: p.median for p in finished.summary.parameters} | asked
+    theta = _completed(data, chosen, given, asked)
+    result = simulate_batch(Design.of(data.constants, data.groups), np.array(list(theta.values())), chosen)
+    micrometres = result.launch_range[0] * 1e6
+    each = np.split(micrometres, np.cumsum([g.n_points for g in data.groups])[:-1])
+    rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
+    for g, predicted in zip(data.groups, each, strict=True):
+        columns = (g.frequency_hz, g.amplitude_v, g.launch_range_um, predicted)
+        rows += [
+            f"{g.id},{g.waveform},{f!r},{v!r},{y!r},{p!r}"
+            for f, v, y, p in zip(*(c.tolist() for c in columns), strict=True)
+        ]
+    text = "\n".join(rows) + "\n"
+    if out is not None:
+        write_atomically(out, text.encode())
+    elif not quiet and plot is None:
+        click.echo(text, nl=False)
+    if plot is not None:
+        from psafit.report.simulated import write_picture
+
+        write_picture(data.groups, each, plot)
+        if not quiet:
+            click.echo(f"picture: {click.format_filename(plot)}")
+    write_result(
+        json_file,
+        {
+            "terms": [t.id for t in chosen],
+            "parameters": theta,
+            "engine": result.engine,
+            "predicted_um": micrometres,
+        },
+    )
+    return DONE
+
+
+def _assignments(values: tuple[str, ...]) -> dict[str, float]:
+    given: dict[str, float] = {}
+    for text in values:
+        name, _, number = (part.strip() for part in text.partition("="))
+        if name in given:
+            raise InputError(f"--set gives {name} twice", "give each parameter once")
+        try:
+            given[name] = float(number)
+        except ValueError:
+            raise InputError(f"--set {text!r} is not NAME=VALUE", "write for example --set k_c=1.4e5") from None
+    return given
+
+
+def _completed(
+    data: Experiment, chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
+) -> dict[str, float]:
+    """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
+    from psafit.physics.baseline import PARAMETERS
+
+    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, None) for p in PARAMETERS}
+    for term in chosen:
+        for p in term.parameters:
+            wanted[p.name] = (p, None if p is term.strength else float(p.to_physical(p.prior_quantile(0.5))))
+        if term.latent:
+            wanted |= {f"{term.latent.name}_{id}": (term.latent, 0.0) for id in data.ids}
+    unknown = sorted(asked.keys() - wanted.keys())
+    if unknown:
+        close = [name for name in wanted if name.casefold() == unknown[0].casefold()]
+        close = close or difflib.get_close_matches(unknown[0], wanted, n=2)
+        remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(wanted)}"
+        raise InputError(f"no parameter {unknown[0]}", remedy)
+    theta = {}
+    for name, (parameter, usual) in wanted.items():
+        value = given.get(name, usual)
+        if value is None:
+            raise InputError(f"no value for {name}", f"add --set {name}=VALUE ({parameter.unit}) or --run RUN")
+        if not parameter.bounds.lower <= value <= parameter.bounds.upper:
+            raise InputError(
+                f"{name} = {value:g} {parameter.unit} is impossible",
+                f"choose between {parameter.bounds.lower:g} and {parameter.bounds.upper:g} {parameter.unit}",
+            )
+        theta[name] = value
+    return theta
+
+
+@click.command(cls=Command)
+@click.argument("run", metavar="RUN", type=Place("input"))
+@click.argument("other", metavar="[RUN]", type=Place("input"), required=False)
+@click.option("--experiment", type=Place("input"), metavar="EXP", help="Measurements of a diagnosis, which keeps none.")
+@click.option("--out", type=Place("file"), help="Page of two runs; comparison-<second>.html in the first by default.")
+@PLUGIN
+@QUIET
+@JSON
+def report(
+    run: Path, other: Path | None, experiment: Path | None, out: Path | None, quiet: bool, json_file: Path | None
+) -> int:
+    """Write the page of a run again, or of two runs side by side.
+
+    A run is a folder of psafit fit or psafit diagnose.
+    """
+    if other is not None:
+        if experiment is not None:
+            raise InputError("--experiment is of no use for two runs", "leave it out: they hold what is compared")
+        page, record = _compared(run, other, out)
+    else:
+        if out is not None or json_file is not None:
+            raise InputError("--out and --json are for two runs", "leave them out: the page goes into the run's folder")
+        page, record = _again(run, experiment), None
+    write_result(json_file, record)
+    if not quiet:
+        click.echo(f"report: {click.format_filename(page)}")
+    return DONE
+
+
+def _compared(first: Path, second: Path, out: Path | None) -> tuple[Path, Any]:
+    from psafit.compare import compare, read_side, told_apart
+    from psafit.report.comparison import write_comparison
+
+    a, b = told_apart(read_side(first), read_side(second))
+    found = compare(a, b)
+    page = out or first / f"comparison-{second.resolve().name}.html"
+    return write_comparison(a, b, found, page), found
+
+
+def _again(run: Path, experiment: Path | None) -> Path:
+    from psafit.diagnose.record import RESULT, Diagnosis
+
+    if (run / RESULT).exists() and not (run / "fit.json").exists():
+        from psafit.experiment import read_experiment
+        from psafit.records import read_json
+        from psafit.report.diagnosis import write_diagnosis
+
+        record = read_json(run / RESULT, Diagnosis, remedy="run psafit diagnose again")
+        if experiment is None:
+            raise InputError("keeps no measurements", "name them with --experiment EXP", file=run)
+        data = read_experiment(experiment)
+        if data.fingerprint != record.fingerprint:
+            raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment)
+        return write_diagnosis(record, data, run)
+    if experiment is not None:
+        raise InputError("--experiment is for a diagnosis", "leave it out: a fit keeps its measurements")
+    import psafit
+
+    return psafit.load(run).report()
+
+
+@click.command(cls=Command)
+@click.argument("run", metavar="RUN", type=Place("input"))
+@click.option("--once", is_flag=True, help="Say how far it is, and end.")
+@click.option("--every", type=click.FloatRange(0.1), default=2.0, show_default=True, help="Seconds between looks.")
+@JSON
+def watch(run: Path, once: bool, every: float, json_file: Path | None) -> int:
+    """Show how far a running fit is, until it has ended.
+
+    It only reads: nothing in the folder is changed or locked. Ctrl-C ends the watching, not the fit.
+    """
+    import sys
+
+    from psafit.watch import look
+
+    state = look(run)
+    if once or state.finished:
+        click.echo(_line(state))
+    else:
+        show = _live if sys.stdout.isatty() else _lines
+        with suppress(KeyboardInterrupt):
+            for found in show(run, state, every):
+                state = found
+    write_result(json_file, state)
+    return DONE
+
+
+def _looks(run: Path, state: State, every: float) -> Any:
+    """One state after the other, until nothing more will come."""
+    from psafit.watch import look
+
+    while True:
+        yield state
+        if state.finished:
+            return
+        time.sleep(every)
+        state = look(run, state)
+
+
+def _lines(run: Path, state: State, every: float) -> Any:
+    """A line whenever something has changed."""
+    said = ""
+    for found in _looks(run, state, every):
+        if (line := _line(found)) != said:
+            said = line
+            click.echo(line)
+        yield found
+
+
+def _live(run: Path, state: State, every: float) -> Any:
+    """A table that stays in its place."""
+    from rich.live import Live
+
+    with Live(auto_refresh=False) as live:
+        for found in _looks(run, state, every):
+            live.update(_table(run, found), refresh=True)
+            yield found
+
+
+_STAGES = {
+    "search": "searching for minima; sampling has not begun",
+    "sample": "sampling",
+    "profile": "the chain is long enough; describing the posterior",
+    "done": "done",
+    "gave up": "gave up before it converged; repeat the psafit fit command to draw on",
+}
+
+
+def _stage(state: State) -> str:
+    if state.stalled:
+        return "no new checkpoint for long: has it been stopped? Repeat the psafit fit command to go on"
+    if state.stage == "sample" and state.steps is None:
+        return "sampling; no checkpoint yet"
+    return _STAGES[state.stage]
+
+
+def _facts(state: State) -> list[tuple[str, str]]:
+    """What there is to tell, each with its goal and unit."""
+    s = state
+    facts = []
+    if s.steps is not None:
+        facts.append(("steps", f"{s.steps} of each of {s.walkers} walkers"))
+    if s.acceptance is not None:
+        facts.append(("acceptance", f"{100 * s.acceptance:.0f} %"))
+    if s.autocorrelation_times is not None and s.autocorrelation_time is not None:
+        length = f"{s.autocorrelation_times:.0f} autocorrelation times of {s.autocorrelation_time:.0f} steps"
+        facts.append(("length", f"{length} (goal {s.wanted_times:.0f})"))
+    if s.r_hat is not None:
+        facts.append(("R-hat", f"{s.r_hat:.3f} (goal {s.wanted_r_hat:g})"))
+    if s.log_posterior is not None:
+        facts.append(("best log posterior", f"{s.log_posterior:.2f} (the search's {s.best_minimum:.2f})"))
+    elif s.best_minimum is not None:
+        facts.append(("best log posterior", f"{s.best_minimum:.2f}, of the search"))
+    if s.seconds_left is not None and not s.stalled:
+        facts.append(("time left", f"about {_duration(s.seconds_left)}"))
+    return facts
+
+
+def _duration(seconds: float) -> str:
+    minutes, hours = seconds / 60, seconds / 3600
+    return f"{seconds:.0f} s" if seconds < 100 else f"{minutes:.0f} min" if minutes < 100 else f"{hours:.0f} h"
+
+
+def _line(state: State) -> str:
+    return "; ".join([_stage(state), *(f"{name} {text}" for name, text in _facts(state))])
+
+
+def _table(run: Path, state: State) -> Table:
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    table.add_row(Text(run.name, style="bold"), Text(_stage(state)))
+    if state.autocorrelation_times is not None and state.wanted_times is not None:
+        table.add_row("", ProgressBar(total=state.wanted_times, completed=state.autocorrelation_times, width=40))
+    for name, text in _facts(state):
+        table.add_row(Text(name, style="dim"), Text(text))
+    return table

@@ -1,0 +1,351 @@
+"""Two results side by side: what they were given, what they found, and how well they predict the same readings.
+
+A result is the folder of a fit or of a diagnosis; of a diagnosis, the extension it adopted. A change of a score is the
+second result's minus the first's, with a central 90 % interval over readings redrawn in blocks of five neighbours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.diagnose.record import RESULT, Diagnosis
+from psafit.errors import InputError
+from psafit.experiment import Group, GroupId
+from psafit.inference.run import load
+from psafit.records import read_json
+from psafit.validate import COLUMNS, log_ratio, predict, root_mean_square, silence
+
+FloatArray = NDArray[np.float64]
+
+_BLOCK, _BOOTSTRAPS = 5, 1000
+_MEASURED = ("frequency_hz", "amplitude_v", "launch_range_um")
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What a result says of one group; arrays (n_points,).
+
+    Parameters
+    ----------
+    group : Group
+        The measurements.
+    role : {"fit", "holdout"}
+    median, lower, upper : arrays, um
+        Of the launch range, and of the 90 % predictive interval of a reading.
+    log_density : array, 1/um, optional
+        Log predictive density of each reading, where it is on record.
+    """
+
+    group: Group
+    role: str
+    median: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    log_density: FloatArray | None = None
+
+    @property
+    def error(self) -> FloatArray:
+        """``ln((predicted + 0.3 um)/(measured + 0.3 um))``."""
+        return log_ratio(self.median, self.group.launch_range_um)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter: its median and central 90 % interval, and what the data say of it."""
+
+    median: float
+    lower: float
+    upper: float
+    unit: str
+    description: str
+    verdict: str = ""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of two results.
+
+    Parameters
+    ----------
+    name : str
+        Of its folder.
+    kind : {"fit", "diagnosis"}
+    title : str
+        Of the experiment.
+    groups : list of group ids
+        That it was fitted to.
+    terms : list of str
+        Causes in the model.
+    facts : dict of str to str
+        All that determined it, each under the word a user knows it by.
+    parameters : dict of str to Estimate
+    told : list of Told
+    """
+
+    name: str
+    kind: str
+    title: str
+    groups: list[GroupId]
+    terms: list[str]
+    facts: dict[str, str]
+    parameters: dict[str, Estimate]
+    told: list[Told]
+
+
+@dataclass(frozen=True)
+class Fact:
+    """What determined both results, "" where one has no such thing."""
+
+    what: str
+    first: str
+    second: str
+
+
+@dataclass(frozen=True)
+class ParameterPair:
+    """A parameter of both results.
+
+    `overlap` is the shared part of the intervals over the shorter one, in the logarithm of values above zero; None
+    where a result lacks the parameter.
+    """
+
+    name: str
+    first: Estimate | None
+    second: Estimate | None
+    overlap: float | None
+
+
+@dataclass(frozen=True)
+class GroupPair:
+    """How well both predict one group; `elpd_change` is None where a density is not on record."""
+
+    group: GroupId
+    roles: list[str]
+    informative: bool
+    n_points: int
+    log_rmse: list[float]
+    log_rmse_interval: list[float]
+    coverage_90: list[float]
+    elpd_change: float | None
+    elpd_interval: list[float] | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What `psafit report A B` finds.
+
+    Parameters
+    ----------
+    names : list of str
+    facts : list of Fact
+    parameters : list of ParameterPair
+    groups : list of GroupPair
+        With the same readings in both.
+    apart : list of group ids
+        That only one of them has, or that hold other readings.
+    judged : list of group ids
+        That the means are over: informative and fitted by neither.
+    log_rmse : list of float, optional
+        Means over the judged groups, None without any.
+    log_rmse_interval : list of float, optional
+        Of the change of the mean.
+    """
+
+    names: list[str]
+    facts: list[Fact]
+    parameters: list[ParameterPair]
+    groups: list[GroupPair]
+    apart: list[GroupId]
+    judged: list[GroupId]
+    log_rmse: list[float] | None
+    log_rmse_interval: list[float] | None
+
+
+def read_side(folder: Path) -> Side:
+    """Read a result; `InputError` where the folder holds neither a finished fit nor a diagnosis."""
+    if (folder / RESULT).exists() and not (folder / "fit.json").exists():
+        return _of_diagnosis(folder)
+    run = load(folder)
+    facts = {
+        "data": _data(run.fit.title, run.fit.fingerprint),
+        "fitted groups": _listed(run.fit.groups),
+        "model": _listed(["baseline", *run.fit.terms], " + "),
+        "simulator": run.fit.engine,
+        "seed": str(run.fit.seed),
+        "starts of the search": str(run.fit.n_starts),
+        "sampler": ", ".join(f"{name} {value:g}" for name, value in run.fit.sampler.items()),
+        "posterior": run.summary.message,
+        **{f"prior of {e.name}": f"{e.prior}, within {e.lower:g} to {e.upper:g}" for e in run.fit.parameters},
+        **{f"version of {name}": version for name, version in run.fit.versions.items()},
+        "command": run.fit.command,
+    }
+    parameters = {
+        e.name: Estimate(s.median, s.lower, s.upper, e.unit, e.description, s.verdict)
+        for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True)
+    }
+    told = [Told(p.group, p.role, p.median, p.lower, p.upper, p.log_density) for p in predict(run)]
+    return Side(_name(folder), "fit", run.fit.title, run.fit.groups, run.fit.terms, facts, parameters, told)
+
+
+def _of_diagnosis(folder: Path) -> Side:
+    record = read_json(folder / RESULT, Diagnosis, remedy="run psafit diagnose again")
+    adopted = next((c for c in record.causes if c.terms == record.named), None)
+    facts = {
+        "data": _data(record.title, record.fingerprint),
+        "fitted groups": _listed(record.groups),
+        "model": _listed(["baseline", *record.named], " + "),
+        "simulator": str(record.numerics.get("engine", "")),
+        "seed": str(record.seed),
+        "verdict": record.verdict,
+        **{f"version of {name}": version for name, version in record.versions.items()},
+        "command": record.command,
+    }
+    parameters = {
+        name: Estimate(
+            _known(p.get("median")), _known(p.get("lower")), _known(p.get("upper")), str(p.get("unit", "1")),
+            str(p.get("description", "")),
+        )
+        for name, p in (adopted.parameters if adopted else {}).items()
+    }  # fmt: skip
+    told = read_predictions(folder / record.predictions)
+    return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, told)
+
+
+def _known(value: object) -> float:
+    """A number of the record; what was not finite is None in a record read back."""
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def read_predictions(path: Path, model: str | None = None) -> list[Told]:
+    """Read a `predictions.csv` back, a group after the other, or one model's rows where it has a column `model`.
+
+    Raises
+    ------
+    InputError
+        If it is missing or damaged.
+    """
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(path, dtype={"group": str})
+        table = (table if model is None else table[table["model"] == model])[list(COLUMNS)]
+        return [
+            Told(
+                Group(
+                    str(id), rows["waveform"].iloc[0], path.name, *(rows[name].to_numpy(float) for name in _MEASURED)
+                ),
+                str(rows["role"].iloc[0]),
+                *(rows[name].to_numpy(float) for name in ("predicted_um", "lower_um", "upper_um")),
+            )
+            for id, rows in table.groupby("group", sort=False)
+        ]
+    except FileNotFoundError as error:
+        raise InputError("is missing", "run psafit diagnose again", file=path) from error
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError("does not hold predictions", "run psafit diagnose again", file=path) from error
+
+
+def compare(first: Side, second: Side) -> Comparison:
+    """Set two results side by side.
+
+    Raises
+    ------
+    InputError
+        If they have no group in common.
+    """
+    mates = {str(t.group.id): t for t in second.told}
+    pairs = [(t, mates[str(t.group.id)]) for t in first.told if _same(t, mates.get(str(t.group.id)))]
+    common = {str(t.group.id) for t, _ in pairs}
+    if not pairs:
+        what = f"{first.name} and {second.name} have no group with the same readings"
+        raise InputError(what, "compare results of one experiment")
+    rows, changes = zip(*(_pair(a, b, seed) for seed, (a, b) in enumerate(pairs)), strict=True)
+    judged = [k for k, row in enumerate(rows) if row.informative and "fit" not in row.roles]
+    apart = {str(t.group.id): t.group.id for t in (*first.told, *second.told)}
+    return Comparison(
+        names=[first.name, second.name],
+        facts=[
+            Fact(what, first.facts.get(what, ""), second.facts.get(what, ""))
+            for what in dict.fromkeys([*first.facts, *second.facts])
+            if first.kind == second.kind or (what in first.facts and what in second.facts)
+        ],
+        parameters=[
+            _parameter(name, first.parameters.get(name), second.parameters.get(name))
+            for name in dict.fromkeys([*first.parameters, *second.parameters])
+        ],
+        groups=list(rows),
+        apart=[id for name, id in apart.items() if name not in common],
+        judged=[rows[k].group for k in judged],
+        log_rmse=[float(np.mean([rows[k].log_rmse[i] for k in judged])) for i in (0, 1)] if judged else None,
+        log_rmse_interval=_interval(np.mean([changes[k] for k in judged], axis=0)) if judged else None,
+    )
+
+
+def told_apart(first: Side, second: Side) -> tuple[Side, Side]:
+    """Give two results of the same name different ones."""
+    if first.name != second.name:
+        return first, second
+    return replace(first, name=f"first {first.name}"), replace(second, name=f"second {second.name}")
+
+
+def _name(folder: Path) -> str:
+    return folder.resolve().name
+
+
+def _data(title: str, fingerprint: str) -> str:
+    return f"{title} (fingerprint {fingerprint[:12]})"
+
+
+def _listed(words: Sequence[object], between: str = ", ") -> str:
+    return between.join(str(w) for w in words)
+
+
+def _same(one: Told, other: Told | None) -> bool:
+    return (
+        other is not None
+        and one.group.waveform == other.group.waveform
+        and all(np.array_equal(getattr(one.group, name), getattr(other.group, name)) for name in _MEASURED)
+    )
+
+
+def _pair(a: Told, b: Told, seed: int) -> tuple[GroupPair, FloatArray]:
+    """Both scores of a group, and the bootstrap of the change of its log RMSE."""
+    measured, n = a.group.launch_range_um, a.group.n_points
+    rng = np.random.default_rng(seed)
+    begin = rng.integers(0, n, (_BOOTSTRAPS, math.ceil(n / _BLOCK), 1))
+    rows = ((begin + np.arange(_BLOCK)) % n).reshape(_BOOTSTRAPS, -1)[:, :n]
+    roots = [np.sqrt(np.mean(t.error[rows] ** 2, axis=1)) for t in (a, b)]
+    gain = None if a.log_density is None or b.log_density is None else b.log_density - a.log_density
+    pair = GroupPair(
+        group=a.group.id,
+        roles=[a.role, b.role],
+        informative=not silence(a.group),
+        n_points=n,
+        log_rmse=[root_mean_square(t.error) for t in (a, b)],
+        log_rmse_interval=_interval(roots[1] - roots[0]),
+        coverage_90=[float(np.mean((measured >= t.lower) & (measured <= t.upper))) for t in (a, b)],
+        elpd_change=None if gain is None else float(gain.sum()),
+        elpd_interval=None if gain is None else _interval(gain[rows].sum(axis=1)),
+    )
+    return pair, roots[1] - roots[0]
+
+
+def _interval(values: FloatArray) -> list[float]:
+    return [float(q) for q in np.quantile(values, [0.05, 0.95])]
+
+
+def _parameter(name: str, a: Estimate | None, b: Estimate | None) -> ParameterPair:
+    if a is None or b is None:
+        return ParameterPair(name, a, b, None)
+    ends = np.array([[a.lower, a.upper], [b.lower, b.upper]])
+    ends = np.log(ends) if (ends > 0).all() else ends
+    shared = ends[:, 1].min() - ends[:, 0].max()
+    shortest = float((ends[:, 1] - ends[:, 0]).min())
+    overlap = float(np.clip(shared / shortest, 0, 1)) if shortest > 0 else math.nan
+    return ParameterPair(name, a, b, overlap)

@@ -1,0 +1,283 @@
+"""The page of two results side by side: what differs between them, in what they saw, found and predict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from markupsafe import Markup
+
+from psafit.compare import Comparison, Estimate, GroupPair, ParameterPair, Side
+from psafit.experiment import Group
+from psafit.report import figures
+from psafit.report.catalogue import declared, model, parameter, symbol
+from psafit.report.figures.groups import short
+from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, render
+from psafit.report.wording import (
+    count,
+    factor,
+    groups,
+    interval,
+    listed,
+    number,
+    percent,
+    typeset,
+    with_unit,
+)
+
+_LOOKS: Final = (("blue", False), ("vermillion", True))
+_MAX_PICTURED, _MAX_SVG = 24, 8
+# Intervals that share less of the shorter one are told on the first screen.
+_LEAST_OVERLAP: Final = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    pair: GroupPair
+    sweep: figures.Sweep
+    group: Group
+    curves: list[figures.Curve]
+
+
+def write_comparison(first: Side, second: Side, found: Comparison, out_path: Path) -> Path:
+    """Write the page of two results.
+
+    Parameters
+    ----------
+    first, second : Side
+    found : Comparison
+        Of the two.
+    out_path : Path
+        The HTML file.
+
+    Returns
+    -------
+    Path
+    """
+    shown = _shown(first, second, found)
+    pictured = sorted(shown, key=lambda g: -max(g.pair.log_rmse))[:_MAX_PICTURED]
+    pictured = [g for g in shown if g in pictured]
+    differing = [f for f in found.facts if f.first != f.second]
+    return render(
+        "comparison.html.j2",
+        out_path,
+        title=f"{first.name} and {second.name} side by side",
+        names=[first.name, second.name],
+        verdict=_verdict(found),
+        sentences=[_compared(first, second, found), _better(found), _what_differs(found)],
+        tiles=_tiles(found),
+        summary=_summary(pictured, found),
+        parameters=[_parameter_row(p) for p in found.parameters],
+        estimates=_estimates(found),
+        scores=[_score_row(p, [short(name) for name in found.names]) for p in found.groups],
+        explorable=[
+            figures.explorable(f"Group {g.pair.group}: {g.sweep.condition}", g.group, g.sweep, g.curves) for g in shown
+        ],
+        pictures=_pictures(pictured),
+        left_out=len(shown) - len(pictured),
+        apart=groups(found.apart) if found.apart else None,
+        differing=[[f.what, f.first or "–", f.second or "–"] for f in differing],
+        same=[[f.what, f.first] for f in found.facts if f.first == f.second],
+        provenance={"first": first.name, "second": second.name, "psafit": first.facts.get("version of psafit", "?")},
+    )
+
+
+def _shown(first: Side, second: Side, found: Comparison) -> list[_Shown]:
+    sides = [{str(t.group.id): t for t in side.told} for side in (first, second)]
+    shown = []
+    for pair in found.groups:
+        told = [side[str(pair.group)] for side in sides]
+        curves = [
+            figures.Curve(name, color, t.median, (figures.Band(figures.READING_BAND, t.lower, t.upper),), dashed)
+            for t, name, (color, dashed) in zip(told, found.names, _LOOKS, strict=True)
+        ]
+        shown.append(_Shown(pair, figures.sweep_of(told[0].group), told[0].group, curves))
+    return shown
+
+
+# The first screen -----------------------------------------------------------------------------------------------
+
+
+def _verdict(found: Comparison) -> dict[str, str]:
+    if found.log_rmse is None or found.log_rmse_interval is None:
+        return {"text": "no group to judge by", "kind": "warn"}
+    low, high = found.log_rmse_interval
+    if low <= 0 <= high:
+        return {"text": "no clear difference", "kind": "warn"}
+    return {"text": f"{short(found.names[high < 0], 28)} predicts better", "kind": "good"}
+
+
+def _compared(first: Side, second: Side, found: Comparison) -> Markup:
+    def told(side: Side) -> Markup:
+        return Markup("<strong>{}</strong> ({} of {}, {})").format(
+            side.name, side.kind, groups(side.groups), model(side.terms)
+        )
+
+    return Markup("<strong>Compared:</strong> {} and {}, on {} in {} with the same readings{}.").format(
+        told(first),
+        told(second),
+        count(sum(g.n_points for g in found.groups), "reading"),
+        count(len(found.groups), "group"),
+        Markup("; without {}").format(groups(found.apart)) if found.apart else "",
+    )
+
+
+def _better(found: Comparison) -> Markup:
+    head = Markup("<strong>Which predicts better?</strong> ")
+    if found.log_rmse is None or found.log_rmse_interval is None:
+        return head + "Nobody can tell: there is no group that both could fail at and neither has fitted."
+    low, high = found.log_rmse_interval
+    clear = "no clear difference" if low <= 0 <= high else f"{found.names[high < 0]} is better"
+    return head + Markup(
+        "On {}, which neither has fitted, {} is typically off by ×{} and {} by ×{}; change of the mean log RMSE {} to"
+        " {} (90 %): {}."
+    ).format(
+        groups(found.judged), found.names[0], factor(found.log_rmse[0]), found.names[1], factor(found.log_rmse[1]),
+        _signed(low), _signed(high), clear,
+    )  # fmt: skip
+
+
+def _what_differs(found: Comparison) -> Markup:
+    what = [f.what for f in found.facts if f.first != f.second and f.what not in ("command", "posterior", "verdict")]
+    shared = [p for p in found.parameters if p.overlap is not None]
+    apart = [p for p in shared if p.overlap is not None and p.overlap < _LEAST_OVERLAP]
+    told = Markup("{} in both").format(count(len(shared), "parameter"))
+    if apart:
+        told += Markup(", of which {} share less than half of the shorter interval").format(
+            listed(symbol(p.name) for p in apart)
+        )
+    elif shared:
+        told += ", the intervals of each overlapping"
+    given = listed(what) if what else Markup("nothing in what they were given")
+    return Markup("<strong>What differs?</strong> Given: {}. Found: {}.").format(given, told)
+
+
+def _signed(x: float) -> str:
+    return typeset(f"{x:+.3f}")
+
+
+def _tiles(found: Comparison) -> list[dict[str, str]]:
+    over = "mean over the groups that neither has fitted" if found.judged else "mean over the groups of both"
+    tiles = []
+    for k, name in enumerate(found.names):
+        errors = [g.log_rmse[k] for g in found.groups if not found.judged or g.group in found.judged]
+        spread = f"; ×{factor(min(errors))} to ×{factor(max(errors))}" if len(errors) > 1 else ""
+        mean = math.fsum(errors) / len(errors)
+        tiles.append({"value": f"×{factor(mean)}", "label": f"typical factor, {name}, {over}{spread}"})
+    return tiles
+
+
+def _summary(pictured: Sequence[_Shown], found: Comparison) -> Picture:
+    rows = [
+        figures.Row(
+            figures.row_name(g.pair.group, g.sweep),
+            [
+                figures.Mark(e, color, "s" if dashed else "o", hollow=dashed)
+                for e, (color, dashed) in zip(g.pair.log_rmse, _LOOKS, strict=True)
+            ],
+        )
+        for g in pictured
+    ]
+    ranked = sorted(
+        pictured, key=lambda g: (g.pair.group not in found.judged, -abs(g.pair.log_rmse[1] - g.pair.log_rmse[0]))
+    )
+    examples = [figures.Example(f"Group {short(g.pair.group)}", "ink", g.group, g.sweep, g.curves) for g in ranked[:2]]
+    told = "; ".join(
+        f"group {g.pair.group} {factor(g.pair.log_rmse[0])} and {factor(g.pair.log_rmse[1])}" for g in pictured[:20]
+    )
+    legend = figures.handles([figures.Curve(c.name, c.color, c.middle, (), c.dashed) for c in pictured[0].curves])
+    return Picture(
+        figure_data_uri(figures.summary_figure(rows, examples, legend)),
+        f"Typical factor between prediction and reading, {found.names[0]} and {found.names[1]}: {told}.",
+        f"Above, how far {found.names[0]} (filled) and {found.names[1]} (hollow) are off in each group: ×1 would be"
+        " perfect. Below, where they differ most. Lines: predicted medians. Bands: where 90 % of readings should fall.",
+    )
+
+
+# Parameters -----------------------------------------------------------------------------------------------------
+
+
+def _value(e: Estimate | None) -> list[str]:
+    """Median and interval, as far as they are on record."""
+    if e is None:
+        return ["–"]
+    spread = (e.upper - e.lower) / 2
+    ends = [with_unit(interval(e.lower, e.upper, spread), e.unit)] if spread > 0 else []
+    return [with_unit(number(e.median, spread), e.unit), *ends]
+
+
+def _parameter_row(p: ParameterPair) -> list[Any]:
+    about = p.first or p.second
+    overlap: Any = "–"
+    if p.overlap is not None and math.isfinite(p.overlap):
+        kind = "good" if p.overlap >= _LEAST_OVERLAP else "warn" if p.overlap > 0 else "bad"
+        overlap = {"text": percent(p.overlap) if p.overlap > 0 else "apart", "kind": kind}
+    verdicts = [e.verdict for e in (p.first, p.second) if e and e.verdict]
+    return [
+        parameter(p.name, about.description if about else ""),
+        *(Markup("<br>").join(_value(e)) for e in (p.first, p.second)),
+        overlap,
+        " / ".join(dict.fromkeys(verdicts)) or "–",
+    ]
+
+
+def _estimates(found: Comparison) -> Picture | None:
+    drawn = [p for p in found.parameters if p.overlap is not None and math.isfinite(p.overlap)]
+    if not drawn:
+        return None
+    rows = []
+    for p in drawn:
+        own = declared(p.name)
+        estimates = [(e.median, e.lower, e.upper) for e in (p.first, p.second) if e]
+        rows.append((figures.axis_label(own.symbol, own.unit) if own else p.name, estimates))
+    figure = figures.estimates_figure(rows, found.names, [color for color, _ in _LOOKS])
+    told = "; ".join(f"{p.name} {_value(p.first)[-1]} and {_value(p.second)[-1]}" for p in drawn)
+    return Picture(
+        figure_data_uri(figure),
+        f"90 % intervals of the parameters in both: {told}.",
+        f"Median and 90 % interval, {found.names[0]} above {found.names[1]}, each parameter on its own scale.",
+    )
+
+
+# Groups ---------------------------------------------------------------------------------------------------------
+
+
+def _role(roles: Sequence[str]) -> str:
+    words = {"fit": "fitted", "holdout": "unseen"}
+    return " / ".join(dict.fromkeys(words[r] for r in roles))
+
+
+def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
+    elpd = "–"
+    if g.elpd_change is not None and g.elpd_interval is not None:
+        low, high = g.elpd_interval
+        elpd = typeset(f"{g.elpd_change:+.1f} ({low:+.1f} to {high:+.1f})")
+    low, high = g.log_rmse_interval
+    better: Any = "not certain"
+    if low > 0 or high < 0:
+        better = {"text": names[high < 0], "kind": "good"}
+    return [
+        f"Group {g.group}",
+        _role(g.roles),
+        *(f"{e:.3f} (×{factor(e)})" for e in g.log_rmse),
+        f"{_signed(g.log_rmse[1] - g.log_rmse[0])} ({_signed(low)} to {_signed(high)})",
+        better,
+        " / ".join(percent(c) for c in g.coverage_90),
+        elpd,
+    ]
+
+
+def _pictures(pictured: Sequence[_Shown]) -> list[Picture]:
+    limit = SVG_LIMIT if len(pictured) <= _MAX_SVG else 0
+    return [
+        Picture(
+            figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), svg_limit=limit),
+            f"Launch range of group {g.pair.group}, {g.sweep.condition}: measured, and predicted by {told}.",
+            f"Off by {told}.",
+        )
+        for g in pictured
+        for told in [" and ".join(f"×{factor(e)} ({c.name})" for e, c in zip(g.pair.log_rmse, g.curves, strict=True))]
+    ]

@@ -1,0 +1,175 @@
+"""The curves of one group: readings, and what models say of them, for a picture or for the page to explore."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from psafit.experiment import Group
+from psafit.report.figures.axes import label, reading_range, scale_axis, scale_sweep
+from psafit.report.figures.sweep import Sweep
+from psafit.report.style import MEASURED, PALETTE
+
+if TYPE_CHECKING:
+    from psafit.validate import Prediction
+
+FloatArray = NDArray[np.float64]
+
+ROLE_COLOR: Final = {"fit": "blue", "holdout": "vermillion"}
+MODEL_BAND: Final = "90 % of the model"
+READING_BAND: Final = "90 % of readings"
+_ALPHA: Final = {MODEL_BAND: 0.42, READING_BAND: 0.17}
+DASHES: Final = (0, (4, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A central 90 % interval about a curve; arrays (n_points,), um, in the group's order."""
+
+    name: str
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """What one model says of a group.
+
+    Parameters
+    ----------
+    name : str
+    color : str
+        A name of `psafit.report.style.PALETTE`.
+    middle : (n_points,) array, um
+        In the group's order.
+    bands : tuple of Band
+        The widest first.
+    dashed : bool
+    """
+
+    name: str
+    color: str
+    middle: FloatArray
+    bands: tuple[Band, ...] = ()
+    dashed: bool = False
+
+
+def curve_of(p: Prediction) -> Curve:
+    """A posterior prediction as a curve whose colour says its role."""
+    bands = (Band(READING_BAND, p.lower, p.upper), Band(MODEL_BAND, p.model_lower, p.model_upper))
+    return Curve("predicted median", ROLE_COLOR[p.role], p.median, bands)
+
+
+def envelope(x: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Band over ascending distinct x; replicates share the widest."""
+    order = np.argsort(x, kind="stable")
+    distinct, first = np.unique(x[order], return_index=True)
+    return distinct, np.minimum.reduceat(low[order], first), np.maximum.reduceat(high[order], first)
+
+
+def draw_readings(axes: Axes, x: FloatArray, measured: FloatArray, bottom: float, *, log: bool, **look: Any) -> None:
+    """Readings as circles; zeros, where a logarithmic axis has none, as triangles at its end."""
+    look = {**MEASURED, **look}
+    shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
+    axes.plot(x[shown], measured[shown], **look)
+    if not shown.all():
+        zeros = x[~shown]
+        axes.plot(zeros, np.full(zeros.size, bottom), **{**look, "marker": "v", "clip_on": False})
+
+
+def draw_curves(axes: Axes, group: Group, sweep: Sweep, curves: Sequence[Curve], *, small: bool = False) -> None:
+    """Readings, models and their bands into given axes, which are scaled to them."""
+    measured, x = group.launch_range_um, sweep.values
+    middles = np.concatenate([c.middle for c in curves]) if curves else measured
+    tops = np.concatenate([c.bands[0].high if c.bands else c.middle for c in curves]) if curves else measured
+    bottom, top, log = reading_range(measured, middles, tops)
+    single = len(np.unique(x)) == 1
+    for place, curve in enumerate(curves):
+        color = PALETTE[curve.color]
+        for band in curve.bands:
+            alpha = _ALPHA[band.name]
+            if single:  # a band needs a width: bars instead
+                axes.vlines(x, band.low, band.high, color=color, lw=9, alpha=alpha)
+                continue
+            at, floor, ceiling = envelope(x, band.low, band.high)
+            floor, ceiling = np.maximum(floor, bottom), np.maximum(ceiling, bottom)
+            axes.fill_between(at, floor, ceiling, color=color, alpha=alpha, linewidth=0.0, zorder=1)
+        if single:
+            axes.plot(x, curve.middle, "_", ms=11, mew=2, color=color, zorder=2)
+            continue
+        at, _, line = envelope(x, curve.middle, curve.middle)
+        style = DASHES if curve.dashed else "-"
+        axes.plot(
+            at, np.maximum(line, bottom) if log else line, color=color, lw=1.6, ls=style, zorder=2 + 0.1 * place
+        )  # fmt: skip
+    if group.sigma_um is not None:
+        shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
+        foot = np.minimum(group.sigma_um, measured - bottom if log else measured)
+        axes.errorbar(
+            x[shown], measured[shown], np.maximum([foot[shown], group.sigma_um[shown]], 0.0), fmt="none",
+            ecolor=PALETTE["ink"], elinewidth=0.7, zorder=2.5,
+        )  # fmt: skip
+    look = {"markersize": 3.0, "markeredgewidth": 0.7} if small else {}
+    draw_readings(axes, x, measured, bottom, log=log, **look)
+    scale_axis(axes, "y", bottom, top, log=log)
+    scale_sweep(axes, sweep, few=small)
+
+
+def handles(curves: Sequence[Curve], *, zeros: bool = False) -> list[Artist]:
+    """What a legend says of readings and curves; bands of the first curve only."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    found: list[Artist] = [Line2D([], [], **MEASURED, label="measured")]
+    if zeros:
+        found.append(Line2D([], [], **{**MEASURED, "marker": "v"}, label="measured: zero"))
+    found += [
+        Line2D([], [], color=PALETTE[c.color], lw=1.6, ls=DASHES if c.dashed else "-", label=label(c.name, 28))
+        for c in curves
+    ]
+    # Over the other one, the inner band is darker than its own alpha.
+    darker = {MODEL_BAND: 0.6, READING_BAND: 0.17}
+    found += [
+        Patch(color=PALETTE[curves[0].color], alpha=darker[b.name], lw=0, label=b.name)
+        for b in reversed(curves[0].bands if curves else ())
+    ]
+    return found
+
+
+def explorable(
+    title: str, group: Group, sweep: Sweep, curves: Sequence[Curve], more: Sequence[Curve] = ()
+) -> dict[str, Any]:
+    """The same as numbers for the page's script, in the order of the sweep, to five digits; `more` begins hidden."""
+    order = np.argsort(sweep.values, kind="stable")
+
+    def column(values: FloatArray) -> list[float]:
+        return [float(f"{v:.5g}") for v in values[order]]
+
+    everything = np.concatenate([group.launch_range_um, *(c.middle for c in curves)])
+    return {
+        "title": title,
+        "label": sweep.label,
+        "x": column(sweep.values),
+        "frequency": column(group.frequency_hz),
+        "amplitude": column(group.amplitude_v),
+        "measured": column(group.launch_range_um),
+        "sigma": None if group.sigma_um is None else column(group.sigma_um),
+        "log": [sweep.log, reading_range(group.launch_range_um, everything, everything)[2]],
+        "curves": [
+            {
+                "name": c.name,
+                "color": c.color,
+                "dashed": c.dashed,
+                "off": c in more,
+                "middle": column(c.middle),
+                "bands": [{"name": b.name, "low": column(b.low), "high": column(b.high)} for b in c.bands],
+            }
+            for c in (*curves, *more)
+        ],
+    }

@@ -1,0 +1,87 @@
+"""What a notebook shows: tables as text or HTML, and plots into given axes."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from psafit.diagnose.record import Diagnosis
+from psafit.experiment import Experiment, Group
+from psafit.records import Validation
+from psafit.report import diagnosis_pictures, figures, fit_pictures
+from psafit.report.diagnosis import shown_groups
+from psafit.report.figures.groups import title
+from psafit.report.style import figure_style
+from psafit.validate import Prediction
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Axes", "html", "plot_diagnosis", "plot_fit", "plot_group", "text"]
+
+_FORMAT: dict[str, Any] = {"float_format": "{:.3g}".format, "na_rep": "-"}
+
+
+def text(headline: str, tables: Sequence[pd.DataFrame]) -> str:
+    """A headline above tables, for a terminal."""
+    told = [t.to_string(**_FORMAT) for t in tables]
+    return "\n\n".join([textwrap.fill(headline, 110), *told])
+
+
+def html(headline: str, tables: Sequence[pd.DataFrame]) -> str:
+    """The same for a notebook; everything is escaped."""
+    told = (Markup(t.to_html(**_FORMAT, border=0)) for t in tables)  # pandas escapes
+    return str(Markup("<p><strong>{}</strong></p>").format(headline) + Markup("").join(told))
+
+
+def _axes(ax: Axes | None) -> Axes:
+    """The caller's axes, or new ones of a figure that the notebook will show."""
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.subplots()[1]
+    return ax
+
+
+def plot_group(group: Group, curves: Sequence[figures.Curve], ax: Axes | None, role: str | None = None) -> Axes:
+    """A group's readings and what models say of them."""
+    sweep = figures.sweep_of(group)
+    with figure_style():
+        ax = _axes(ax)
+        figures.draw_curves(ax, group, sweep, curves)
+        title(ax, group.id, sweep, role)
+        ax.set_xlabel(sweep.label)
+        ax.set_ylabel("Launch range (µm)")
+        ax.legend(handles=figures.handles(curves))
+    return ax
+
+
+def _plot_factors(rows: Sequence[figures.Row], ax: Axes | None) -> Axes:
+    with figure_style():
+        ax = _axes(ax)
+        figures.draw_factors(ax, rows)
+    return ax
+
+
+def plot_fit(validation: Validation, predictions: Sequence[Prediction], group: Group | None, ax: Axes | None) -> Axes:
+    """A group's prediction; without a group, the error in each."""
+    shown = fit_pictures.shown_groups(validation, predictions)
+    if group is None:
+        return _plot_factors(fit_pictures.factor_rows(shown), ax)
+    g = next(g for g in shown if g.prediction.group is group)
+    return plot_group(group, g.curves, ax, g.score.role)
+
+
+def plot_diagnosis(
+    record: Diagnosis, experiment: Experiment, folder: Path, group: Group | None, ax: Axes | None
+) -> Axes:
+    """Both models of a group; without a group, their error in each."""
+    shown = shown_groups(record, experiment, folder)
+    if group is None:
+        return _plot_factors(diagnosis_pictures.factor_rows(shown), ax)
+    return plot_group(group, next(g.curves for g in shown if g.group is group), ax)

@@ -1,0 +1,206 @@
+"""How far a running fit has come, from the files it leaves behind; nothing is written and no file is locked.
+
+The checkpoint is replaced in one step, so whatever is opened is whole. It may yet be gone, or be another program's
+half-written file: then there is no chain to tell of.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import emcee
+import h5py
+import numpy as np
+
+from psafit.errors import InputError
+from psafit.inference import emcee_adaptor
+from psafit.inference.emcee_adaptor import Settings
+from psafit.records import Fit, PosteriorSummary, read_json
+
+Stage = Literal["search", "sample", "profile", "done", "gave up"]
+
+_MARKER = ".psafit-run"
+# Of a longer chain, fewer steps are looked at: about a second's work.
+_VALUES = 2_000_000
+_FOREIGN = "give a folder that psafit fit writes to"
+# Without a checkpoint for so many times the usual wait, the run has probably been stopped.
+_PATIENCE, _LEAST_PATIENCE = 10.0, 60.0
+
+
+@dataclass(frozen=True)
+class State:
+    """A run as its folder shows it; None where there is nothing to tell yet.
+
+    Parameters
+    ----------
+    stage : {"search", "sample", "profile", "done", "gave up"}
+    steps, walkers : int, optional
+    acceptance : float, optional
+        Share of the moves that were accepted.
+    autocorrelation_time : float, optional
+        Of the slowest parameter, steps.
+    autocorrelation_times, wanted_times : float, optional
+        How many of them the chain holds after burn-in, and should.
+    r_hat, wanted_r_hat : float, optional
+        The largest.
+    log_posterior, best_minimum : float, optional
+        The highest of the chain and of the search.
+    seconds_per_step, seconds_left : float, optional
+        Pace, and a rough estimate of what is left.
+    written : float, optional
+        When the last checkpoint was, seconds since the epoch.
+    """
+
+    stage: Stage
+    steps: int | None = None
+    walkers: int | None = None
+    acceptance: float | None = None
+    autocorrelation_time: float | None = None
+    autocorrelation_times: float | None = None
+    wanted_times: float | None = None
+    r_hat: float | None = None
+    wanted_r_hat: float | None = None
+    log_posterior: float | None = None
+    best_minimum: float | None = None
+    seconds_per_step: float | None = None
+    seconds_left: float | None = None
+    written: float | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing more will come by itself."""
+        return self.stage in ("done", "gave up")
+
+    @property
+    def stalled(self) -> bool:
+        """Whether checkpoints have stayed away for so long that nobody seems to be drawing."""
+        if self.stage != "sample" or self.written is None:
+            return False
+        usual = (self.seconds_per_step or 0.0) * Settings.chunk
+        return time.time() - self.written > max(_PATIENCE * usual, _LEAST_PATIENCE)
+
+
+def look(folder: Path, before: State | None = None) -> State:
+    """How far the run in a folder is.
+
+    Parameters
+    ----------
+    folder : Path
+    before : State, optional
+        What the last look has shown: the pace is measured from there, and an old checkpoint is not read again.
+
+    Returns
+    -------
+    State
+
+    Raises
+    ------
+    InputError
+        If no fit has been there.
+    """
+    if not (folder / "fit.json").exists():
+        if (folder / _MARKER).exists():
+            return State("search")
+        what = "is not a run folder" if folder.is_dir() else "is no folder"
+        if (folder / "diagnosis.json").exists() or (folder / "steps").is_dir():
+            what = "is a diagnosis, which draws no chain that could be watched"
+        raise InputError(what, _FOREIGN, file=folder)
+    record = read_json(folder / "fit.json", Fit)
+    ended = folder / "posterior.json"
+    chain = folder / "chain.h5"
+    if ended.exists():
+        try:
+            summary = read_json(ended, PosteriorSummary)
+        except InputError:
+            if ended.exists():  # else it has just been taken away, since the chain goes on
+                raise
+        else:
+            # A run that gave up and is drawn on keeps its summary until it ends again.
+            if summary.converged or (_written(chain) or 0.0) <= (_written(ended) or math.inf):
+                return _ended(record, summary)
+    return _sampling(record, folder / "fit.json", chain, before)
+
+
+def _written(path: Path) -> float | None:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return None
+
+
+def _ended(record: Fit, summary: PosteriorSummary) -> State:
+    best = record.minima[0].log_posterior
+    return State(
+        "done" if summary.converged else "gave up",
+        steps=summary.n_steps,
+        walkers=summary.n_walkers,
+        acceptance=summary.acceptance,
+        autocorrelation_time=max(p.autocorrelation_time for p in summary.parameters),
+        autocorrelation_times=summary.autocorrelation_times,
+        wanted_times=float(record.sampler["autocorrelation_times"]),
+        r_hat=max(p.r_hat for p in summary.parameters),
+        wanted_r_hat=float(record.sampler["r_hat"]),
+        best_minimum=best,
+    )
+
+
+def _read(path: Path) -> tuple[int, emcee.backends.Backend] | None:
+    """Every so many-th step of the checkpoint's chain, or None where there is none that can be read."""
+    try:
+        with h5py.File(path, "r", locking=False) as f:
+            group = f["psafit"]
+            n = int(group.attrs["iteration"])
+            every = math.ceil(n * math.prod(group["chain"].shape[1:]) / _VALUES) or 1
+            backend = emcee.backends.Backend()
+            backend.reset(*group["chain"].shape[1:])
+            backend.chain, backend.log_prob = group["chain"][:n:every], group["log_prob"][:n:every]
+            backend.accepted, backend.iteration = group["accepted"][:] / every, len(backend.chain)
+            backend.initialized = True
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError):  # as h5py says: not there, not yet, or foreign
+        return None
+    return (every, backend) if n and np.isfinite(backend.log_prob).all() else None
+
+
+def _sampling(record: Fit, begun: Path, path: Path, before: State | None) -> State:
+    written = _written(path)  # before it is read: a newer one is then read again
+    if before is not None and before.stage in ("sample", "profile") and before.written == written is not None:
+        return before
+    found = _read(path)
+    if found is None or written is None:
+        return State("sample", best_minimum=record.minima[0].log_posterior)
+    settings = Settings(**cast(dict[str, Any], record.sampler))
+    every, backend = found
+    chain = emcee_adaptor._chain(backend, settings)
+    steps, kept = every * backend.iteration, every * chain.draws.shape[1]
+    tau, r_hat = every * float(chain.autocorrelation_time.max()), float(chain.r_hat.max())
+    since, done = _written(begun) or written, 0
+    if before is not None and before.steps is not None and before.written is not None and before.steps < steps:
+        since, done = before.written, before.steps
+    pace = max(written - since, 0.0) / (steps - done)
+    # The excess of R-hat falls as the chain grows, so that its goal is a length, too.
+    wanted = max(
+        settings.autocorrelation_times * tau,
+        settings.effective_samples * tau / settings.n_walkers,
+        kept * (r_hat - 1) / (settings.r_hat - 1),
+    )
+    missing = settings.chunk * math.ceil(max(wanted - kept, 0.0) / settings.chunk)
+    return State(
+        "profile" if chain.converged else "sample",
+        steps=steps,
+        walkers=settings.n_walkers,
+        acceptance=chain.acceptance,
+        autocorrelation_time=tau,
+        autocorrelation_times=kept / tau,
+        wanted_times=settings.autocorrelation_times,
+        r_hat=r_hat,
+        wanted_r_hat=settings.r_hat,
+        log_posterior=chain.height,
+        best_minimum=record.minima[0].log_posterior,
+        seconds_per_step=pace,
+        seconds_left=None if chain.converged else pace * max(missing, settings.chunk),
+        written=written,
+    )

@@ -1,0 +1,466 @@
+"""The front door: notebooks, two results side by side, a picture of a simulation, a fit that is watched."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from reader import HOSTILE, Reader
+from test_architecture import HEAVY
+from test_report_diagnosis import make_experiment, make_record
+
+import psafit
+from psafit import cli, cli_explore, watch
+from psafit.api import Diagnosed, Fitted, Rig
+from psafit.compare import Estimate, Side, Told, compare, read_predictions, read_side
+from psafit.errors import InputError
+from psafit.experiment import Experiment, Group, write_experiment
+from psafit.inference import emcee_adaptor
+from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.run import fit
+from psafit.records import write_json
+from psafit.report import figures
+from psafit.report.comparison import write_comparison
+from psafit.validate import COLUMNS, prediction_rows, write_table
+
+ROOT = Path(__file__).resolve().parents[1]
+SHORT = Settings(chunk=60, max_steps=60)
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["psafit", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    return int(caught.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def fitted(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two fits of group 1, too short to converge: nothing here hangs on that."""
+    folder = tmp_path_factory.mktemp("fits")
+    for name, seed in (("one", 1), ("other", 2)):
+        fit(known, [1], folder / name, seed=seed, n_starts=2, settings=SHORT)
+    return folder / "one", folder / "other"
+
+
+@pytest.fixture(scope="module")
+def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Experiment]:
+    """A made-up diagnosis with its predictions, beside the experiment it belongs to."""
+    folder = tmp_path_factory.mktemp("diagnosis")
+    experiment = make_experiment()
+    record = make_record(experiment)
+    write_json(folder / "diagnosis.json", record)
+    rows = (
+        row
+        for g in experiment.groups
+        for row in prediction_rows(g, 1.1 * g.launch_range_um, 0.8 * g.launch_range_um, 1.3 * g.launch_range_um, "fit")
+    )
+    write_table(folder / record.predictions, COLUMNS, rows)
+    return folder, experiment
+
+
+# The notebook ----------------------------------------------------------------------------------------------------
+
+
+def test_import_is_light() -> None:
+    heavy = (*HEAVY, "numpy", "jinja2", "rich", "click", "pydantic")
+    code = f"import sys, psafit; psafit.open, psafit.load; print(*[m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
+def test_a_rig_in_a_notebook(known: Experiment, known_folder: Path) -> None:
+    rig = psafit.open(known_folder)
+    assert isinstance(rig, Rig) and rig.experiment.fingerprint == known.fingerprint
+    assert list(rig.data.columns) == ["group", "waveform", "frequency_hz", "amplitude_v", "launch_range_um"]
+    assert len(rig.data) == 62
+    assert "A rig with known truth" in repr(rig) and "1500" in repr(rig)
+    axes = rig.plot("3")
+    assert axes.get_xlabel() == "Drive amplitude (V)" and axes.get_ylabel() == "Launch range (µm)"
+    with pytest.raises(InputError, match="there is no group"):
+        rig.plot(9)
+
+
+def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> None:
+    from matplotlib.figure import Figure
+
+    one = psafit.load(fitted[0])
+    assert list(one.parameters.index[:3]) == ["k_c", "c_s", "c_c"]
+    assert (one.parameters["lower_90"] < one.parameters["median"]).all()
+    assert list(one.scores["role"]) == ["fit", "holdout", "holdout"] and len(one.predictions) == 62
+    assert "fitted to 1 of A rig with known truth" in " ".join(repr(one).split()) and "not converged" in repr(one)
+    html = one._repr_html_()
+    assert html.count("<table") == 2 and "k_c" in html and "N s/m" in html
+    ax = Figure().subplots()
+    assert one.plot(ax=ax) is ax and one.plot(2, ax=ax) is ax
+    with pytest.raises(InputError, match="there is no group"):
+        one.plot(9, ax)
+    assert one.report() == fitted[0] / "report.html"
+
+
+def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    from psafit import api
+
+    asked: list[Path] = []
+
+    def told(experiment, ids, folder, **options):  # type: ignore[no-untyped-def]
+        asked.append(folder)
+        raise InputError("enough", "stop")
+
+    monkeypatch.setattr(api, "fit", told)
+    monkeypatch.setattr(api, "diagnose", told)
+    rig = Rig(known)
+    for ask in (lambda: rig.fit(1, quiet=True), lambda: rig.fit([1, 2], terms=["preload", "gap"], quiet=True),
+                lambda: rig.diagnose(quick=True, quiet=True)):  # fmt: skip
+        with pytest.raises(InputError, match="enough"):
+            ask()
+    assert [p.name for p in asked] == ["known-group1", "known-group1-2-gap-preload", "known-diagnosis"]
+
+
+def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
+    from matplotlib.figure import Figure
+
+    folder, experiment = diagnosis
+    found = Diagnosed(make_record(experiment), experiment, folder)
+    assert found.verdict == "ambiguous" and found.named == ["hysteresis"]
+    assert found.causes.loc["hysteresis", "probability"] == 0.61
+    assert "ambiguous (hysteresis)" in repr(found) and "baseline" in found._repr_html_()
+    ax = Figure().subplots()
+    assert found.plot(ax=ax) is ax and found.plot(2, ax=ax) is ax
+    assert found.report() == folder / "diagnosis.html"
+
+
+def test_what_others_wrote_is_escaped(known: Experiment) -> None:
+    groups = (replace(known.groups[0], id=HOSTILE),)
+    html = Rig(replace(known, title=HOSTILE, groups=groups))._repr_html_()
+    assert "<script" not in html and html.count("&lt;script&gt;") == 2
+
+
+# Two results side by side ----------------------------------------------------------------------------------------
+
+
+def made(name: str, factor: float, *, role: str = "holdout", spread: float = 0.1) -> Side:
+    """A result whose predictions are all off by a factor."""
+    f = np.geomspace(100, 1e4, 30)
+    y = 20 * (f / 100) ** -0.3
+    told = [
+        Told(Group(id, "sine", "x.csv", f, np.full(30, 20.0), y), r, factor * y, factor * y / 2, factor * y * 2,
+             np.full(30, -factor))
+        for id, r in ((1, "fit"), ("two", role))
+    ]  # fmt: skip
+    low, high = np.exp(-spread) * factor, np.exp(spread) * factor
+    parameters = {"k_c": Estimate(1e6 * factor, 1e6 * low, 1e6 * high, "N/m", "contact stiffness", "determined")}
+    return Side(name, "fit", "Made up", [1], [], {"data": "same", "seed": name}, parameters, told)
+
+
+def test_the_better_one_is_named_and_overlap_is_measured() -> None:
+    found = compare(made("a", 2.0), made("b", 1.1))
+    assert found.judged == ["two"] and found.log_rmse is not None
+    # 0.3 um beside the readings takes a little of the factor away.
+    assert found.log_rmse == pytest.approx([np.log(2), np.log(1.1)], rel=0.05)
+    low, high = found.log_rmse_interval or (0, 0)
+    assert low <= found.log_rmse[1] - found.log_rmse[0] <= high < 0
+    assert found.groups[1].elpd_change == pytest.approx(30 * 0.9)
+    assert [f.what for f in found.facts if f.first != f.second] == ["seed"]
+    assert found.parameters[0].overlap == 0
+    assert compare(made("a", 1.0), made("b", 1.0)).parameters[0].overlap == pytest.approx(1)
+    shifted = compare(made("a", 1.0), made("b", float(np.exp(0.1))))
+    assert shifted.parameters[0].overlap == pytest.approx(0.5)
+
+
+def test_without_a_group_to_judge_by_nobody_wins(tmp_path: Path) -> None:
+    one, other = made("a", 2.0, role="fit"), made("b", 1.1)
+    found = compare(one, other)
+    assert found.judged == [] and found.log_rmse is None
+    page = Reader(write_comparison(one, other, found, tmp_path / "c.html").read_text("utf-8"))
+    assert "no group to judge by" in page.text and "Nobody can tell" in page.text
+
+
+def test_other_readings_are_not_compared() -> None:
+    one, other = made("a", 2.0), made("b", 1.1)
+    changed = replace(other.told[1].group, launch_range_um=other.told[1].group.launch_range_um + 1)
+    other.told[1] = replace(other.told[1], group=changed)
+    found = compare(one, other)
+    assert [g.group for g in found.groups] == [1] and found.apart == ["two"]
+    other.told.pop(0)
+    with pytest.raises(InputError, match="no group with the same readings"):
+        compare(one, other)
+
+
+def test_the_page_of_two_fits(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    before = {p: p.read_bytes() for folder in fitted for p in folder.rglob("*") if p.is_file()}
+    out = tmp_path / "c.html"
+    assert run(monkeypatch, "report", *fitted, "--out", out, "--json", tmp_path / "c.json") == 0
+    assert capsys.readouterr().out == f"report: {out}\n"
+    page = Reader(out.read_text("utf-8"))
+    assert page.headings == ["What differs", "Parameters", "Scores", "Predictions"]
+    assert "Compared: one (fit of group 1, the baseline alone) and other" in page.first_screen
+    assert "Given: seed" in page.first_screen and "contact stiffness" in page.text
+    images = page.all("img")
+    assert len(images) == 1 + 1 + 3 and all(len(i["alt"] or "") > 30 for i in images)
+    assert not re.search(r"\b(nan|inf|None)\b|\bum\b", page.text)
+    content = json.loads((tmp_path / "c.json").read_text())
+    assert content["names"] == ["one", "other"] and len(content["groups"]) == 3
+    for g in content["groups"]:
+        assert f"{g['log_rmse'][0]:.3f}" in page.text
+    assert {p: p.read_bytes() for p in before} == before  # the runs are only read
+
+
+def test_hostile_names_are_escaped(tmp_path: Path) -> None:
+    one, other = made(HOSTILE, 2.0), made(HOSTILE + "2", 1.1)
+    for side in (one, other):
+        side.told[1] = replace(side.told[1], group=replace(side.told[1].group, id=HOSTILE))
+    page = Reader(write_comparison(one, other, compare(one, other), tmp_path / "c.html").read_text("utf-8"))
+    assert page.foreign.lower().count("<script") == 1 and page.html.count("</style>") == 1
+    assert page.all("script") == [{"type": "application/json"}, {}] and HOSTILE in page.text
+    assert len(page.html) < 5e6
+
+
+def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-def]
+    diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys
+) -> None:
+    folder, experiment = diagnosis
+    side = read_side(folder)
+    assert side.kind == "diagnosis" and side.terms == ["hysteresis"] and side.parameters["k_c"].unit == "N/m"
+    assert [str(t.group.id) for t in side.told] == [str(i) for i in experiment.ids]
+    assert run(monkeypatch, "report", folder, folder, "--out", tmp_path / "c.html") == 0
+    write_experiment(experiment, tmp_path / "rig")
+    assert run(monkeypatch, "report", folder, "--experiment", tmp_path / "rig", "--quiet") == 0
+    assert "Diagnosis: Made-up rig" in (folder / "diagnosis.html").read_text("utf-8")
+    capsys.readouterr()
+    write_experiment(replace(experiment, groups=experiment.groups[:2]), tmp_path / "less")
+    for words, said in (
+        (["report", folder], "keeps no measurements; name them with --experiment EXP"),
+        (["report", folder, "--experiment", tmp_path / "less"], "is not the experiment that was diagnosed"),
+        (["report", folder, folder, "--experiment", tmp_path / "rig"], "is of no use for two runs"),
+        (["report", folder, "--out", tmp_path / "x.html"], "are for two runs"),
+        (["report", folder, tmp_path], "fit.json: is missing"),
+    ):
+        assert run(monkeypatch, *words) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1
+
+
+def test_damaged_predictions_are_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "p.csv"
+    for text, said in ((None, "is missing"), ("a,b\n1,2\n", "does not hold predictions"), ("", "does not hold")):
+        if text is not None:
+            file.write_text(text)
+        with pytest.raises(InputError, match=said):
+            read_predictions(file)
+
+
+# A picture of a simulation ---------------------------------------------------------------------------------------
+
+
+def test_simulate_draws_what_it_simulates(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    values = ["--set", "k_c=4e5", "--set", "c_s=9e3", "--set", "c_c=60"]
+    for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")):
+        file = tmp_path / f"picture{ending}"
+        assert run(monkeypatch, "simulate", known_folder, *values, "--plot", file) == 0
+        assert capsys.readouterr().out == f"picture: {file}\n"
+        first = file.read_bytes()
+        assert first.startswith(magic)
+        assert run(monkeypatch, "simulate", known_folder, *values, "--plot", file, "--out", tmp_path / "s.csv") == 0
+        assert file.read_bytes() == first and (tmp_path / "s.csv").exists()
+        capsys.readouterr()
+    for name, said in (("x.jpg", "end its name in .png or .svg or .pdf"), ("x", "no kind of picture")):
+        assert run(monkeypatch, "simulate", known_folder, *values, "--plot", tmp_path / name) == 2
+        assert said in capsys.readouterr().err and not (tmp_path / name).exists()
+
+
+def test_measured_and_simulated_are_told_apart(known: Experiment) -> None:
+    sweeps = [figures.sweep_of(g) for g in known.groups]
+    curves = [[figures.Curve("simulated", "vermillion", 1.2 * g.launch_range_um)] for g in known.groups]
+    figure = figures.groups_figure(known.groups, sweeps, curves)
+    assert len(figure.axes) == 3
+    for axes, group in zip(figure.axes, known.groups, strict=True):
+        assert axes.get_ylabel() == "Launch range (µm)" and re.search(r"\((Hz|V)\)", axes.get_xlabel())
+        line = next(x for x in axes.lines if x.get_linestyle() == "-")
+        circles = next(x for x in axes.lines if x.get_marker() == "o")
+        assert line.get_color() != circles.get_markeredgecolor() and line.get_marker() in (None, "None", "")
+        assert len(circles.get_xdata()) == np.count_nonzero(group.launch_range_um > 0) or axes.get_yscale() == "linear"
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["measured", "simulated"]
+
+
+def test_numbers_to_explore_are_those_of_the_curves(known: Experiment) -> None:
+    group = known.groups[2]
+    curve = figures.Curve("model", "blue", 2 * group.launch_range_um)
+    told = figures.explorable("t", group, figures.sweep_of(group), [curve], [replace(curve, name="more")])
+    order = np.argsort(group.amplitude_v, kind="stable")
+    assert told["x"] == pytest.approx(group.amplitude_v[order], rel=1e-4)
+    assert told["measured"] == pytest.approx(group.launch_range_um[order], rel=1e-4)
+    assert told["curves"][0]["middle"] == pytest.approx(2 * group.launch_range_um[order], rel=1e-4)
+    assert [c["off"] for c in told["curves"]] == [False, True]
+
+
+# A fit that is watched -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def running(fitted: tuple[Path, Path], tmp_path: Path) -> Path:
+    """A fit in the middle of its chain."""
+    folder = tmp_path / "running"
+    shutil.copytree(fitted[0], folder)
+    (folder / "posterior.json").unlink()
+    begun = time.time() - 12
+    os.utime(folder / "fit.json", (begun, begun))
+    os.utime(folder / "chain.h5", (begun + 6, begun + 6))
+    return folder
+
+
+def test_a_finished_run_is_told(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    state = watch.look(fitted[0])
+    assert (state.stage, state.steps, state.walkers) == ("gave up", 60, 32) and state.finished
+    file = tmp_path / "w.json"
+    assert run(monkeypatch, "watch", fitted[0], "--json", file) == 0  # does not wait for more
+    line = capsys.readouterr().out
+    assert line.startswith("gave up before it converged") and line.count("\n") == 1
+    assert json.loads(file.read_text())["steps"] == 60
+
+
+def test_a_running_one_is_told_of(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in running.rglob("*") if p.is_file()}
+    state = watch.look(running)
+    assert (state.stage, state.steps) == ("sample", 60) and not state.stalled
+    assert state.seconds_per_step == pytest.approx(0.1) and (state.seconds_left or 0) >= 0.1 * SHORT.chunk
+    assert state.log_posterior is not None and state.best_minimum is not None
+    assert state.log_posterior <= state.best_minimum + 1
+    assert watch.look(running, state) is state  # the same checkpoint is not read again
+    assert run(monkeypatch, "watch", running, "--once") == 0
+    line = capsys.readouterr().out
+    words = ("sampling; steps 60", "acceptance", "autocorrelation times", "R-hat", "best log posterior", "time left")
+    assert all(word in line for word in words)
+    assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in before} == before
+
+
+def test_the_pace_is_that_of_the_last_checkpoints(running: Path) -> None:
+    state = watch.look(running)
+    later = (state.written or 0) + 3
+    with h5py.File(running / "chain.h5", "a") as f:
+        group = f["psafit"]
+        chain, height = group["chain"][:], group["log_prob"][:]
+        for name, values in (("chain", chain), ("log_prob", height)):
+            group[name].resize(2 * len(values), axis=0)
+            group[name][len(values) :] = values
+        group.attrs["iteration"] = 120
+    os.utime(running / "chain.h5", (later, later))
+    after = watch.look(running, state)
+    assert after.steps == 120 and after.seconds_per_step == pytest.approx(3 / 60)
+    assert replace(after, written=time.time() - 3600).stalled
+
+
+def test_a_long_chain_is_thinned(running: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    whole = watch.look(running)
+    monkeypatch.setattr(watch, "_VALUES", 60 * 32 * 6 // 3)
+    part = watch.look(running)
+    assert part.steps == 60 and part.acceptance == pytest.approx(whole.acceptance)
+    assert part.autocorrelation_time == pytest.approx(whole.autocorrelation_time, rel=0.8)
+
+
+def test_a_file_that_is_written_is_neither_locked_nor_trusted(running: Path) -> None:
+    hold = f"import h5py; f = h5py.File({str(running / 'chain.h5')!r}, 'a'); print('held', flush=True); input()"
+    with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None and writer.stdout.readline() == b"held\n"
+        with pytest.raises(OSError):
+            h5py.File(running / "chain.h5", "r")
+        assert watch.look(running).steps == 60
+        writer.communicate(b"\n")
+    content = (running / "chain.h5").read_bytes()
+    for damaged in (content[: len(content) // 2], b"", b"no HDF5 at all"):
+        (running / "chain.h5").write_bytes(damaged)
+        state = watch.look(running)
+        assert (state.stage, state.steps) == ("sample", None)
+    (running / "chain.h5").unlink()  # between a missed minimum and the next checkpoint
+    assert watch.look(running).steps is None
+
+
+def test_before_the_chain(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / ".psafit-run").write_text("ab")
+    assert run(monkeypatch, "watch", tmp_path, "--once") == 0
+    assert "searching for minima; sampling has not begun" in capsys.readouterr().out
+    shutil.copy(fitted[0] / "fit.json", tmp_path)
+    assert run(monkeypatch, "watch", tmp_path, "--once") == 0
+    assert "sampling; no checkpoint yet; best log posterior" in capsys.readouterr().out
+
+
+def test_a_foreign_folder_is_one_line(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / "fit.json").write_text("{")
+    for folder, said in (
+        (tmp_path, "is not a run folder"),
+        (tmp_path / "none", "is no folder"),
+        (tmp_path / "damaged", "is damaged"),
+        (diagnosis[0], "is a diagnosis, which draws no chain"),
+    ):
+        assert run(monkeypatch, "watch", folder, "--once") == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1
+
+
+def test_a_chain_that_is_long_enough_is_being_described(running: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    real = emcee_adaptor._chain
+    monkeypatch.setattr(emcee_adaptor, "_chain", lambda *a: replace(real(*a), converged=True))
+    state = watch.look(running)
+    assert state.stage == "profile" and state.seconds_left is None
+
+
+def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-untyped-def]
+    fitted: tuple[Path, Path], running: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    looks = 0
+
+    def pause(seconds: float) -> None:
+        nonlocal looks
+        looks += 1
+        if looks == 3:
+            shutil.copy(fitted[0] / "posterior.json", running)
+
+    monkeypatch.setattr(cli_explore.time, "sleep", pause)
+    assert run(monkeypatch, "watch", running) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2 and lines[0].startswith("sampling") and lines[1].startswith("gave up")
+
+    def stop(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    (running / "posterior.json").unlink()
+    monkeypatch.setattr(cli_explore.time, "sleep", stop)
+    assert run(monkeypatch, "watch", running) == 0
+    told = capsys.readouterr()
+    assert told.err == "" and told.out.startswith("sampling")
+
+
+def test_a_terminal_gets_a_table(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    from rich.console import Console
+
+    console = Console(width=100, record=True, force_terminal=True)
+    console.print(cli_explore._table(running, watch.look(running)))
+    text = console.export_text()
+    assert "running" in text and "R-hat" in text and "━" in text and "60 of each of 32 walkers" in text
+
+
+@pytest.mark.slow
+def test_a_fit_is_watched_while_it_runs(known_folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    words = [sys.executable, "-m", "psafit"]
+    one = subprocess.Popen([*words, "fit", known_folder, "--group", "1", "--out", out, "--quiet", "--no-report"])
+    while not (out / "fit.json").exists():
+        time.sleep(0.1)
+    watching = [*words, "watch", out, "--every", "0.3"]
+    seen = subprocess.run(watching, capture_output=True, text=True, timeout=300, check=True)
+    assert one.wait(timeout=60) == 0
+    lines = seen.stdout.splitlines()
+    assert len(lines) > 2 and lines[-1].startswith("done; steps ")
+    assert any("time left about" in line for line in lines)
+    assert isinstance(psafit.load(out), Fitted)
