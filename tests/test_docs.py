@@ -29,7 +29,11 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
 PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
-SHELL, PSAFIT = ("sh", "bash", "shell", "console"), ("psafit", ".venv/bin/psafit")
+# These need causes from files and runs of another rig: tests/test_rig.py has both, and follows them.
+FOLLOWED_ELSEWHERE = ("elsewhere.md", "own-causes.md", "tutorial.md")
+# A transcript shows commands, after a dollar, and what they printed; its script is run where it is made.
+TRANSCRIPT = "console"
+SHELL, PSAFIT = ("sh", "bash", "shell", TRANSCRIPT), ("psafit", ".venv/bin/psafit")
 # What a page may ask of a shell beside psafit and make; run as it stands.
 PLAIN = {"cat", "cp", "head", "ls", "mkdir", "mv"}
 # They take minutes and have tests of their own: test_reproduce.py, test_challenge.py.
@@ -85,6 +89,9 @@ def mentions(text: str) -> list[Mention]:
             continue
         number = block.line
         for line in re.sub(r"\\\n", "\0", block.text).split("\n"):
+            if block.language == TRANSCRIPT and not line.startswith("$ "):
+                number += 1 + line.count("\0")
+                continue
             words = shlex.split(line.replace("\0", " ").removeprefix("$ "), comments=True)
             if words:
                 found.append(Mention(words, number, whole=True))
@@ -358,7 +365,7 @@ def run_page(
     make = any(m.words[0] in PSAFIT for m in typed(text))
     names: dict[str, object] = {"__name__": "page"}
     for block in blocks(text):
-        if block.language in SHELL:
+        if block.language in SHELL and block.language != TRANSCRIPT:
             run_shell(block, monkeypatch, make)
         elif block.language in ("python", "py"):
             run_python(block, page, names, capsys)
@@ -374,7 +381,7 @@ def is_slow(page: Path) -> bool:
     return calls or any(m.words[0] in PSAFIT for m in typed(text))
 
 
-WITH_BLOCKS = [p for p in PAGES if blocks(p.read_text("utf-8"))]
+WITH_BLOCKS = [p for p in PAGES if p.name not in FOLLOWED_ELSEWHERE and blocks(p.read_text("utf-8"))]
 
 
 @pytest.mark.parametrize(
@@ -397,6 +404,8 @@ def test_every_block_has_a_language(page: Path) -> None:
 
 @PAGE
 def test_every_command_exists(page: Path) -> None:
+    if page.name in FOLLOWED_ELSEWHERE:
+        pytest.skip("followed in tests/test_rig.py")
     found = wrong(page.read_text("utf-8"))
     assert not found, "\n".join(found)
 

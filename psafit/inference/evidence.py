@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
-import arviz
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp, ndtri
 from scipy.stats import chi2, qmc
 
+from psafit.inference import store
 from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate
 
@@ -203,7 +203,7 @@ class _Pool:
     def weighed(self) -> Weighed:
         weights, count = self.weights, self.effective
         finite = np.isfinite(self.log_weight)
-        k_hat = float(np.asarray(arviz.psislw(self.log_weight[finite])[1])) if finite.sum() > 25 else math.inf
+        k_hat = store.pareto_k(self.log_weight[finite]) if finite.sum() > 25 else math.inf
         error = float(np.sqrt(max(1 / count - 1 / self.n, 0.0)))
         kept = weights > 0
         best = int(np.argmax(self.height))

@@ -110,6 +110,11 @@ def _each(function: Any, values: FloatArray, **options: Any) -> FloatArray:
     return np.array([float(function(values[..., i], **options)) for i in range(values.shape[-1])])
 
 
+def pareto_k(log_weights: FloatArray) -> float:
+    """Shape of the tail of importance weights (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72)."""
+    return float(np.asarray(_arviz().psislw(log_weights)[1]))
+
+
 def r_hat(values: FloatArray) -> FloatArray:
     """Rank-normalised split R-hat of (n_chains, n_draws, n_dim) draws; (n_dim,)."""
     az = _arviz()
