@@ -249,9 +249,8 @@ def solve(
         try:
             diagnose(experiment, experiment.ids, folder / "diagnosis", quick=True, seed=spec.seed % 2**31)
             diagnosis = read_diagnosis(folder / "diagnosis" / RESULT)
-        except Exception as error:  # a diagnosis that breaks is a result, and ends no campaign
-            told = str(error) if isinstance(error, PsafitError) else f"{type(error).__name__}: {error}"
-            status, message = "failed", told.replace(name, "")
+        except PsafitError as error:
+            status, message = "failed", str(error).replace(name, "")
         seconds["diagnose"] = time.monotonic() - begun
     oracle = consult(experiment, made.answer, seed=1, rivals_from=SEEN_NATS)
     seconds["oracle"] = oracle.seconds
