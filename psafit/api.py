@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from psafit.diagnose import diagnose
 from psafit.diagnose.record import Diagnosis
 from psafit.experiment import Experiment, GroupId
-from psafit.files import usual_folder
+from psafit.files import usual_fit_folder, usual_folder
 from psafit.inference.run import Run, fit
 from psafit.physics import terms as catalogue
 from psafit.progress import watcher
@@ -94,8 +94,7 @@ class Rig(_Shown):
         Fitted
         """
         ids, causes = _listed(groups), catalogue([terms] if isinstance(terms, str) else terms)
-        name = f"group{'-'.join(str(g) for g in ids)}"
-        folder = Path(out) if out else usual_folder(self.experiment.folder, name, *(t.id for t in causes))
+        folder = Path(out) if out else usual_fit_folder(self.experiment.folder, ids, [t.id for t in causes])
         with watcher(quiet) as show:
             return Fitted(fit(self.experiment, ids, folder, terms=causes, seed=seed, n_starts=starts, watcher=show))
 

@@ -221,13 +221,13 @@ def fit(
     converged draws on.
     """
     from psafit.experiment import read_experiment
-    from psafit.files import usual_folder
+    from psafit.files import usual_fit_folder
     from psafit.progress import watcher
 
     data = read_experiment(experiment)
     ids = _groups(group, data)
     chosen = causes(terms) if terms else ()
-    folder = out or usual_folder(experiment, f"group{'-'.join(str(i) for i in ids)}", *(t.id for t in chosen))
+    folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])
     _refuse_run_file(json_file, folder)
     if not quiet:
         for warning in data.warnings:

@@ -19,11 +19,11 @@ from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
 from psafit.inference.run import load
 from psafit.records import read_json
-from psafit.validate import COLUMNS, log_ratio, predict, root_mean_square, silence
+from psafit.validate import COLUMNS, log_ratio, neighbours_redrawn, predict, root_mean_square, silence
 
 FloatArray = NDArray[np.float64]
 
-_BLOCK, _BOOTSTRAPS = 5, 1000
+_BOOTSTRAPS = 1000
 _MEASURED = ("frequency_hz", "amplitude_v", "launch_range_um")
 
 
@@ -318,8 +318,7 @@ def _pair(a: Told, b: Told, seed: int) -> tuple[GroupPair, FloatArray]:
     """Both scores of a group, and the bootstrap of the change of its log RMSE."""
     measured, n = a.group.launch_range_um, a.group.n_points
     rng = np.random.default_rng(seed)
-    begin = rng.integers(0, n, (_BOOTSTRAPS, math.ceil(n / _BLOCK), 1))
-    rows = ((begin + np.arange(_BLOCK)) % n).reshape(_BOOTSTRAPS, -1)[:, :n]
+    rows = neighbours_redrawn(n, _BOOTSTRAPS, rng)
     roots = [np.sqrt(np.mean(t.error[rows] ** 2, axis=1)) for t in (a, b)]
     gain = None if a.log_density is None or b.log_density is None else b.log_density - a.log_density
     pair = GroupPair(

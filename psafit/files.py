@@ -140,6 +140,11 @@ def usual_folder(experiment: Path, *what: str) -> Path:
     return Path("fits") / "-".join([experiment.resolve().name, *what])
 
 
+def usual_fit_folder(experiment: Path, groups: Iterable[object], terms: Iterable[str]) -> Path:
+    """The same of a fit."""
+    return usual_folder(experiment, f"group{'-'.join(map(str, groups))}", *terms)
+
+
 def encodable(text: str) -> str:
     """Text that UTF-8 can hold: a file name that is no UTF-8 has surrogates in it."""
     return re.sub(r"[\ud800-\udfff]", "\N{REPLACEMENT CHARACTER}", text)

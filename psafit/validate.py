@@ -56,6 +56,8 @@ _ONE_SIGN = 0.70
 LEVEL = 0.01
 # Readings above zero without which a group tells nothing, and readings without which a band cannot be judged.
 _FEWEST, _FEWEST_FOR_BAND = 3, 5
+# Neighbours in a block of the bootstrap.
+_BLOCK = 5
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,17 @@ class Prediction:
 def log_ratio(predicted: FloatArray, measured: FloatArray) -> FloatArray:
     """``ln((predicted + 0.3 um)/(measured + 0.3 um))``, the error whose root mean square is `log_rmse`."""
     return np.log((predicted + OFFSET_UM) / (measured + OFFSET_UM))
+
+
+def neighbours_redrawn(n: int, times: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Rows drawn with replacement, in blocks of neighbours: readings of a sweep are not independent.
+
+    Returns
+    -------
+    (times, n) array
+    """
+    begin = rng.integers(0, n, (times, math.ceil(n / _BLOCK), 1))
+    return np.asarray(((begin + np.arange(_BLOCK)) % n).reshape(times, -1)[:, :n])
 
 
 def root_mean_square(error: FloatArray) -> float:

@@ -19,11 +19,11 @@ import numpy as np
 from psafit.errors import InputError
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.run import MARKER
 from psafit.records import Fit, PosteriorSummary, read_json
 
 Stage = Literal["search", "sample", "profile", "done", "gave up"]
 
-_MARKER = ".psafit-run"
 # Of a longer chain, fewer steps are looked at: about a second's work.
 _VALUES = 2_000_000
 _FOREIGN = "give a folder that psafit fit writes to"
@@ -103,7 +103,7 @@ def look(folder: Path, before: State | None = None) -> State:
         If no fit has been there.
     """
     if not (folder / "fit.json").exists():
-        if (folder / _MARKER).exists():
+        if (folder / MARKER).exists():
             return State("search")
         what = "is not a run folder" if folder.is_dir() else "is no folder"
         if (folder / "diagnosis.json").exists() or (folder / "steps").is_dir():
@@ -152,7 +152,7 @@ def _read(path: Path) -> tuple[int, emcee.backends.Backend] | None:
     """Every so many-th step of the checkpoint's chain, or None where there is none that can be read."""
     try:
         with h5py.File(path, "r", locking=False) as f:
-            group = f["psafit"]
+            group = f[emcee_adaptor.GROUP]
             n = int(group.attrs["iteration"])
             every = math.ceil(n * math.prod(group["chain"].shape[1:]) / _VALUES) or 1
             backend = emcee.backends.Backend()
@@ -174,7 +174,7 @@ def _sampling(record: Fit, begun: Path, path: Path, before: State | None) -> Sta
         return State("sample", best_minimum=record.minima[0].log_posterior)
     settings = Settings(**cast(dict[str, Any], record.sampler))
     every, backend = found
-    chain = emcee_adaptor._chain(backend, settings)
+    chain = emcee_adaptor.chain_of(backend, settings)
     steps, kept = every * backend.iteration, every * chain.draws.shape[1]
     tau, r_hat = every * float(chain.autocorrelation_time.max()), float(chain.r_hat.max())
     since, done = _written(begun) or written, 0

@@ -409,8 +409,8 @@ def test_a_foreign_folder_is_one_line(diagnosis: tuple[Path, Experiment], tmp_pa
 
 
 def test_a_chain_that_is_long_enough_is_being_described(running: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    real = emcee_adaptor._chain
-    monkeypatch.setattr(emcee_adaptor, "_chain", lambda *a: replace(real(*a), converged=True))
+    real = emcee_adaptor.chain_of
+    monkeypatch.setattr(emcee_adaptor, "chain_of", lambda *a: replace(real(*a), converged=True))
     state = watch.look(running)
     assert state.stage == "profile" and state.seconds_left is None
 

@@ -12,7 +12,6 @@ blocks of five neighbours in the sweep.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,14 +24,14 @@ from psafit.diagnose.ladder import Ids, Ladder
 from psafit.experiment import Experiment, GroupId
 from psafit.inference import noise
 from psafit.inference.evidence import quantiles
-from psafit.validate import COLUMNS, log_ratio, prediction_rows, root_mean_square, write_table
+from psafit.validate import COLUMNS, log_ratio, neighbours_redrawn, prediction_rows, root_mean_square, write_table
 
 FloatArray = NDArray[np.float64]
 
 _DRAWS = 400
 # Models with less than this share of the best's probability are left out of the mixture.
 _NEGLIGIBLE = 0.02
-_BLOCK, _BOOTSTRAPS = 5, 1000
+_BOOTSTRAPS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,23 +139,26 @@ def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int) -> Split:
     }
     total = sum(shares.values())
     mixture = {ids: p / total for ids, p in shares.items()}
-    counts = {ids: max(round(_DRAWS * p), 16) for ids, p in mixture.items()}
+    # Once for all groups: a model that the search did not weigh is weighed here.
+    draws = {ids: ladder.draws(ids, seed) for ids in {(): 0.0, **mixture}}
+    before: dict[Ids, FloatArray] = {(): draws[()].resampled(_DRAWS)}
+    after = {ids: draws[ids].resampled(max(round(_DRAWS * p), 16)) for ids, p in mixture.items()}
     return Split(
         seen=ladder.baseline.problem.group_ids,
         named=ladder.leader.ids,
         mixture=mixture,
-        before=[_forecast(ladder, {(): 1.0}, {(): _DRAWS}, g, seed) for g in held_out],
-        after=[_forecast(ladder, mixture, counts, g, seed) for g in held_out],
+        before=[_forecast(ladder, {(): 1.0}, before, g, seed) for g in held_out],
+        after=[_forecast(ladder, mixture, after, g, seed) for g in held_out],
     )
 
 
 def _forecast(
-    ladder: Ladder, mixture: dict[Ids, float], counts: dict[Ids, int], group_id: GroupId, seed: int
+    ladder: Ladder, mixture: dict[Ids, float], drawn: dict[Ids, FloatArray], group_id: GroupId, seed: int
 ) -> Forecast:
     ranges, readings, density, weight = [], [], [], []
     for ids, share in mixture.items():
         problem = ladder.of(ids).problem
-        draws = ladder.draws(ids, seed).resampled(counts[ids])
+        draws = drawn[ids]
         rng = np.random.default_rng([seed, 11, len(ids)])
         group = problem.experiment.group(group_id)
         found = problem.predict(draws, [group_id], rng)
@@ -202,9 +204,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         changes, scores = [], 0.0
         for k in rng.integers(0, len(pairs), len(pairs)):
             before, after = pairs[k]
-            n = before.median.size
-            first = rng.integers(0, n, math.ceil(n / _BLOCK))
-            chosen = ((first[:, None] + np.arange(_BLOCK)) % n).ravel()[:n]
+            chosen = neighbours_redrawn(before.median.size, 1, rng)[0]
             changes.append(root_mean_square(after.error[chosen]) - root_mean_square(before.error[chosen]))
             scores += float((after.log_density - before.log_density)[chosen].sum())
         rmse_change[b], elpd_change[b] = np.mean(changes), scores

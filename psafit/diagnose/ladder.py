@@ -212,7 +212,7 @@ class _Search:
             self._progress(f"{' + '.join(parent.ids)}: what else", 0, 1)
             for found in self._promising(parent.ids):
                 larger = extended(parent.problem, found.term, self.catalogue)
-                entry = wanted.setdefault(_ids(larger), _Wanted(larger, [], [], -math.inf))
+                entry = wanted.setdefault(larger.ids, _Wanted(larger, [], [], -math.inf))
                 entry.nested.append(parent)
                 entry.starts.append(found.starts)
                 entry.promise = max(entry.promise, self._worth(parent) + found.log_bayes)
@@ -247,28 +247,28 @@ class _Search:
         wanted: dict[Ids, _Wanted] = {}
         for gone in leader.terms:
             rest = replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone))
-            ids = _ids(rest)
+            ids = rest.ids
             if ids not in self.fitted:  # the leader without one cause is a model in its own right
                 starts = widened(rest, leader.values, leader.problem.names)
                 wanted[ids] = _Wanted(rest, [self.fitted[()]], [starts], 0.0)
                 continue
             for found in self._promising(ids)[:_SWAPPED]:
                 larger = extended(rest, found.term, self.catalogue)
-                if _ids(larger) not in self.fitted:
+                if larger.ids not in self.fitted:
                     starts = np.vstack([found.starts, widened(larger, leader.values, leader.problem.names)])
-                    wanted[_ids(larger)] = _Wanted(larger, [self.fitted[ids]], [starts], found.log_bayes)
+                    wanted[larger.ids] = _Wanted(larger, [self.fitted[ids]], [starts], found.log_bayes)
         self._fit_all(wanted.values(), _DRAWS_PAIR, _STARTS_PAIR, leader)
         return bool(wanted)
 
     def evidence(self) -> dict[Ids, float]:
         """Log evidence of every model: by importance sampling where there is one, else Laplace's."""
-        return {
-            ids: self.weighed[ids].log_evidence if ids in self.weighed else c.laplace for ids, c in self.fitted.items()
-        }
+        return {ids: self._evidence(c) for ids, c in self.fitted.items()}
 
     def _worth(self, c: Candidate) -> float:
-        evidence = self.weighed[c.ids].log_evidence if c.ids in self.weighed else c.laplace
-        return evidence + log_prior(len(c.terms), len(self.catalogue))
+        return self._evidence(c) + log_prior(len(c.terms), len(self.catalogue))
+
+    def _evidence(self, c: Candidate) -> float:
+        return self.weighed[c.ids].log_evidence if c.ids in self.weighed else c.laplace
 
     def _best(self) -> float:
         return max(map(self._worth, self.fitted.values()))
@@ -293,7 +293,7 @@ class _Search:
         """Fit models, the most promising first: what falls hopelessly behind is not fitted to the end."""
         order = sorted(wanted, key=lambda w: -w.promise)
         for k, one in enumerate(order):
-            self._progress(" + ".join(_ids(one.problem)), k, len(order))
+            self._progress(" + ".join(one.problem.ids), k, len(order))
             made = self._fit(one.problem, one.nested[:4], np.vstack(one.starts), draws, starts, rival)
             rival = made if rival is None or made.height > rival.height else rival
 
@@ -347,10 +347,6 @@ class _Search:
     ) -> Arrays:
         about = [self.seed, [t.id for t in self.catalogue], None if start is None else start.tolist()]
         return self._memory.recall(kind, problem, about, make)
-
-
-def _ids(problem: Problem) -> Ids:
-    return tuple(t.id for t in problem.terms)
 
 
 def _parents(candidates: list[Candidate], worth: Callable[[Candidate], float]) -> list[Candidate]:

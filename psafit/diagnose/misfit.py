@@ -26,7 +26,7 @@ from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
-from psafit.inference.candidate import Candidate, settle
+from psafit.inference.candidate import ENOUGH, Candidate, settle
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.simulate import Design, path_of
@@ -46,8 +46,6 @@ _ODD = 4.0
 _FEWEST = 5
 # Iterations of an exact refit, after that in the expansion.
 _EXACT = 4
-# Gain of a climb (nats) that makes no difference to a test.
-_ENOUGH = 0.05
 # Simulated data sets for the question whether one group is all that is wrong.
 _INFLUENCE = 149
 
@@ -422,4 +420,4 @@ def _character(
 
 def _refitted(problem: Problem, like: Candidate) -> Candidate:
     """The same model on fewer groups, climbed from where it was."""
-    return settle(problem, ascend(problem, like.widened(problem)[0][:1], still_below=_ENOUGH))
+    return settle(problem, ascend(problem, like.widened(problem)[0][:1], still_below=ENOUGH))

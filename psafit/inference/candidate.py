@@ -22,8 +22,8 @@ FloatArray = NDArray[np.float64]
 
 # Climbs on some of the readings, then on all: iterations, and how many go on after each.
 _TRIAL, _FULL = ((3, 12), (5, 6), (12, 3)), ((3, 2), (30, 2))
-# Gain of a climb (nats) below which it ends: well within the error of Laplace's evidence.
-_ENOUGH = 0.05
+ENOUGH = 0.05
+"""Gain of a climb (nats) below which it ends: well within the error of Laplace's evidence."""
 # ... and of a model that all others are built on, all on all readings.
 _THOROUGH = ((4, 24), (8, 12), (30, 6))
 # One reading in so many is a trial's; fewer readings than this are not thinned.
@@ -71,7 +71,7 @@ class Candidate:
     @property
     def ids(self) -> tuple[str, ...]:
         """Their identifiers."""
-        return tuple(t.id for t in self.problem.terms)
+        return self.problem.ids
 
     @property
     def height(self) -> float:
@@ -184,7 +184,8 @@ def fit(
         The problem's own optimum is never below that of a nested model by more than a strength off its neutral value
         costs.
     """
-    rows = [r for c in nested for r in c.widened(problem, 2)]
+    widest = [c.widened(problem, 2) for c in nested]
+    rows = [r for of_one in widest for r in of_one]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [rows[0], *(r[:1] for r in rows[1:]), extra] if len(nested) == 1 else [*(r[:1] for r in rows), extra]
@@ -196,16 +197,16 @@ def fit(
     starts = np.vstack(rows)
     if not nested:
         return settle(problem, ascend(problem, starts, schedule=_THOROUGH))
-    trial = ascend(coarse, starts, schedule=_TRIAL, still_below=_ENOUGH)
+    trial = ascend(coarse, starts, schedule=_TRIAL, still_below=ENOUGH)
     if rival is not None and coarse is not problem:
         other = replace(coarse, terms=rival.terms)
         if trial.height[trial.best] < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS:
             return settle(problem, ascend(problem, trial.u, schedule=((0, 1),)))
-    end = ascend(problem, trial.u, schedule=_FULL, still_below=_ENOUGH)
+    end = ascend(problem, trial.u, schedule=_FULL, still_below=ENOUGH)
     # A cause at its neutral value is a ridge that climbs may leave and not find again.
-    neutral = np.vstack([c.widened(problem)[0][:1] for c in nested])
+    neutral = np.vstack([of_one[0][:1] for of_one in widest])
     if problem.log_posterior(neutral).max() > end.height[end.best]:
-        end = ascend(problem, np.vstack([neutral, end.u]), schedule=_FULL, still_below=_ENOUGH)
+        end = ascend(problem, np.vstack([neutral, end.u]), schedule=_FULL, still_below=ENOUGH)
     return settle(problem, end)
 
 

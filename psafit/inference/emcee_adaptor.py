@@ -26,19 +26,19 @@ import emcee
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 from psafit.errors import InputError
 from psafit.files import replacing
 from psafit.inference import store
 from psafit.inference.ascent import ascend
 from psafit.inference.candidate import settle
-from psafit.inference.evidence import emulate
+from psafit.inference.evidence import emulate, student_log_density
 from psafit.inference.optimise import Optimum
 from psafit.inference.problem import Problem
 
 FloatArray = NDArray[np.float64]
-_GROUP = "psafit"
+GROUP = "psafit"
 
 # The proposal's tails (degrees of freedom) and the prior's share in it.
 _TAILS, _PRIOR_SHARE = 4.0, 0.1
@@ -156,6 +156,7 @@ class Proposal:
         self._problem = problem
         self._centre = np.array([problem.to_sampling(m.values) for m in optimum.minima])[kept]
         self._root = np.linalg.cholesky(optimum.covariance[kept])
+        self._inverse = np.linalg.inv(self._root)
 
     def draw(self, n: int, random: np.random.RandomState) -> FloatArray:
         """Draw from it; (n, n_dim)."""
@@ -168,12 +169,7 @@ class Proposal:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log of `g` at the rows of `u`; (n,)."""
-        n_dim = u.shape[1]
-        shifts = np.moveaxis(u[:, None, :] - self._centre, 0, 2)
-        distance = (np.linalg.solve(self._root, shifts) ** 2).sum(axis=1)  # (n_modes, n)
-        height = gammaln((_TAILS + n_dim) / 2) - gammaln(_TAILS / 2) - 0.5 * n_dim * np.log(_TAILS * np.pi)
-        height = height - np.log(np.diagonal(self._root, axis1=1, axis2=2)).sum(axis=1)
-        student = height[:, None] - 0.5 * (_TAILS + n_dim) * np.log1p(distance / _TAILS)
+        student = student_log_density(u, self._centre, self._inverse, _TAILS)
         return logsumexp(np.vstack([student, self._problem.log_prior(u)]), b=self._share[:, None], axis=0)
 
     def move(self, u: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
@@ -296,7 +292,7 @@ def sample(
     with _interruptible() as stop_if_asked:
         while True:
             if backend.iteration:
-                chain = _chain(backend, settings)
+                chain = chain_of(backend, settings)
                 progress(
                     Progress(
                         int(backend.iteration),
@@ -328,8 +324,8 @@ def _strides(
     return move
 
 
-def _chain(backend: emcee.backends.Backend, settings: Settings) -> Chain:
-    """The draws so far, and whether they suffice."""
+def chain_of(backend: emcee.backends.Backend, settings: Settings) -> Chain:
+    """The draws in a back-end after burn-in, and whether they suffice."""
     n = backend.iteration
     steps = backend.get_chain()
     burn, tau = _state(steps)
@@ -359,12 +355,12 @@ def _chain(backend: emcee.backends.Backend, settings: Settings) -> Chain:
 def _checkpoint(backend: emcee.backends.Backend, path: Path, identity: str) -> None:
     """Write the chain where `emcee.backends.HDFBackend(path, name="psafit")` finds it, in one step."""
     with replacing(path) as temporary:
-        stored = emcee.backends.HDFBackend(str(temporary), name=_GROUP)
+        stored = emcee.backends.HDFBackend(str(temporary), name=GROUP)
         stored.reset(*backend.shape)
         stored.grow(backend.iteration, None)
         with stored.open("a") as f:
             f.attrs["identity"] = identity
-            group = f[_GROUP]
+            group = f[GROUP]
             group["chain"][:] = backend.chain
             group["log_prob"][:] = backend.log_prob
             group["accepted"][:] = backend.accepted
@@ -378,7 +374,7 @@ def _resume(backend: emcee.backends.Backend, path: Path, identity: str, shape: t
     try:
         with h5py.File(path, "r") as f:
             found = str(f.attrs["identity"])
-        stored = emcee.backends.HDFBackend(str(path), name=_GROUP, read_only=True)
+        stored = emcee.backends.HDFBackend(str(path), name=GROUP, read_only=True)
         backend.reset(*shape)
         backend.chain, backend.log_prob = stored.get_chain(), stored.get_log_prob()
         backend.accepted, backend.iteration = stored.accepted, int(stored.iteration)

@@ -282,11 +282,7 @@ class _Mixture:
         return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
 
     def log_density(self, u: FloatArray) -> FloatArray:
-        d = u.shape[1]
-        z = self._inverse @ (u.T - self.centre[:, :, None])  # (k, d, n)
-        constant = gammaln((_TAILS + d) / 2) - gammaln(_TAILS / 2) - 0.5 * d * math.log(_TAILS * math.pi)
-        constant = constant - np.log(np.diagonal(self.root, axis1=1, axis2=2)).sum(axis=1) + np.log(self.share)
-        parts = constant[:, None] - 0.5 * (_TAILS + d) * np.log1p(np.square(z).sum(axis=1) / _TAILS)
+        parts = student_log_density(u, self.centre, self._inverse, _TAILS) + np.log(self.share)[:, None]
         return np.asarray(logsumexp(parts, axis=0))
 
     def around(self, pool: _Pool, width: FloatArray) -> _Mixture:
@@ -312,6 +308,29 @@ class _Mixture:
             (c, r @ r.T, 0.1 * float(w)) for c, r, w in zip(self.centre, self.root, self.share, strict=True)
         ]  # fmt: skip
         return _Mixture.of([*parts, *old][:_MOST])
+
+
+def student_log_density(u: FloatArray, centre: FloatArray, inverse: FloatArray, tails: float) -> FloatArray:
+    """Log of several Student densities at the rows of `u`.
+
+    Parameters
+    ----------
+    u : (n, d) array
+    centre : (k, d) array
+    inverse : (k, d, d) array
+        Inverses of the lower roots of the scale matrices.
+    tails : float
+        Degrees of freedom.
+
+    Returns
+    -------
+    (k, n) array
+    """
+    d = u.shape[1]
+    z = inverse @ (u.T - centre[:, :, None])  # (k, d, n)
+    constant = gammaln((tails + d) / 2) - gammaln(tails / 2) - 0.5 * d * math.log(tails * math.pi)
+    constant = constant + np.log(np.diagonal(inverse, axis1=1, axis2=2)).sum(axis=1)
+    return np.asarray(constant[:, None] - 0.5 * (tails + d) * np.log1p(np.square(z).sum(axis=1) / tails))
 
 
 def _laplace_mixture(candidate: Candidate) -> _Mixture:

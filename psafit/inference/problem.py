@@ -53,6 +53,11 @@ class Problem:
         own = tuple(p for term in self.terms for p in term.parameters)
         return baseline.PARAMETERS + own + self._latents + noise.PARAMETERS
 
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Identifiers of the causes."""
+        return tuple(t.id for t in self.terms)
+
     @cached_property
     def _latents(self) -> tuple[Parameter, ...]:
         return tuple(

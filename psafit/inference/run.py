@@ -53,7 +53,7 @@ _LIKELIHOODS = 2**23
 # most so many times.
 _MISSED, _RESTARTS = 1.0, 5
 # In a folder whose search is not done yet, with the run's identity.
-_MARKER = ".psafit-run"
+MARKER = ".psafit-run"
 # What posterior.json vouches for.
 _SIGNED = ("fit.json", "posterior.nc")
 _AGAIN = "remove the folder and run psafit fit again"
@@ -195,7 +195,7 @@ def fit(
         optimum = optimise(problem, seed=seed, n_starts=n_starts, progress=watcher.update)
         record = _record(problem, optimum, identity, seed, settings, command)
         write_json(folder / "fit.json", record, sealed=True)
-    (folder / _MARKER).unlink(missing_ok=True)
+    (folder / MARKER).unlink(missing_ok=True)
     limit = settings.max_steps
     if (folder / "posterior.json").exists():
         finished = load(folder)
@@ -298,7 +298,7 @@ def load(folder: Path) -> Run:
 
 def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
     """The folder's fit if it is of this very run, None if it is free and now ours; anything else is refused."""
-    identity, marker = _identity(determinants), folder / _MARKER
+    identity, marker = _identity(determinants), folder / MARKER
     another = "choose another --out, or remove the folder to start over"
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file", "choose another --out", file=folder)

@@ -93,7 +93,7 @@ class Setup:
         neutral = {name: np.zeros(len(theta)) for name in names[names.index("phase") :]}
         return cls(k_c, c_s, c_c, **given, **neutral | {"pull": np.ones(len(theta))})
 
-    def take(self, sets: NDArray[np.intp]) -> Setup:
+    def take(self, sets: NDArray[np.intp] | slice) -> Setup:
         """Some of the parameter sets."""
         return Setup(*(getattr(self, f.name)[sets] for f in dataclasses.fields(self)))
 

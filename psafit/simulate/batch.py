@@ -232,9 +232,11 @@ def simulate(
     after = np.zeros(len(names), bool)
     for term, columns_ in zip(terms, own, strict=True):
         after[columns_] = term.setup is None and not term.stepped
-    first, back = np.arange(len(sets)), np.arange(len(sets))
+    first: NDArray[np.intp] | slice = slice(None)
+    back: NDArray[np.intp] | slice = slice(None)
     if after.any():
-        _, first, back = np.unique(sets[:, ~after], axis=0, return_index=True, return_inverse=True)
+        _, first, inverse = np.unique(sets[:, ~after], axis=0, return_index=True, return_inverse=True)
+        back = inverse.ravel()
     rig = rig_of(design.constants, sets, terms, n_sessions)
     weight = np.zeros(len(sets))
     for term, columns_ in zip(terms, own, strict=True):
@@ -242,7 +244,7 @@ def simulate(
             weight = weight + term.swing_offset(sets[:, columns_])
     placed = bool((rig.lean > 0.0).any() or (weight > 0.0).any())
     when, speed, place, status, stepped = (
-        a[back.ravel()] for a in _contact(design, rig.take(first), sets[first], terms, own, placed, path, tolerance)
+        a[back] for a in _contact(design, rig.take(first), sets[first], terms, own, placed, path, tolerance)
     )
 
     losses = [
