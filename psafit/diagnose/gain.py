@@ -6,6 +6,11 @@ the models that its own ladder found, weighted by their probabilities: averaging
 tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error metric)
 and its predictive density (the log score). A ledger says which groups each choice saw.
 
+A model that cannot be told from the truth in one session may err in the next. The predictive density therefore holds
+the unnamed discrepancy (`psafit.diagnose.leftover`) before and after alike: as large as the fitted groups allow where
+they tell, as large as its prior where they do not, which is the level of a session when only one has been seen. It
+widens intervals and moves no median.
+
 Uncertainty: readings of one group are not independent, so groups are drawn with replacement, and within each group
 blocks of five neighbours in the sweep.
 """
@@ -21,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.diagnose.ladder import Ids, Ladder
+from psafit.diagnose.leftover import Leftover, leftover
 from psafit.experiment import Experiment, GroupId
 from psafit.inference import noise
 from psafit.inference.evidence import quantiles
@@ -143,17 +149,23 @@ def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int) -> Split:
     draws = {ids: ladder.draws(ids, seed) for ids in {(): 0.0, **mixture}}
     before: dict[Ids, FloatArray] = {(): draws[()].resampled(_DRAWS)}
     after = {ids: draws[ids].resampled(max(round(_DRAWS * p), 16)) for ids, p in mixture.items()}
+    left = {ids: leftover(ladder.of(ids)) for ids in draws}
     return Split(
         seen=ladder.baseline.problem.group_ids,
         named=ladder.leader.ids,
         mixture=mixture,
-        before=[_forecast(ladder, {(): 1.0}, before, g, seed) for g in held_out],
-        after=[_forecast(ladder, mixture, after, g, seed) for g in held_out],
+        before=[_forecast(ladder, {(): 1.0}, before, left, g, seed) for g in held_out],
+        after=[_forecast(ladder, mixture, after, left, g, seed) for g in held_out],
     )
 
 
 def _forecast(
-    ladder: Ladder, mixture: dict[Ids, float], drawn: dict[Ids, FloatArray], group_id: GroupId, seed: int
+    ladder: Ladder,
+    mixture: dict[Ids, float],
+    drawn: dict[Ids, FloatArray],
+    left: dict[Ids, Leftover],
+    group_id: GroupId,
+    seed: int,
 ) -> Forecast:
     ranges, readings, density, weight = [], [], [], []
     for ids, share in mixture.items():
@@ -164,6 +176,8 @@ def _forecast(
         found = problem.predict(draws, [group_id], rng)
         scatter = problem.noise_values(draws)
         ranges.append(found)
+        off = left[ids].elsewhere(scatter[:, 0], rng)[:, None] * rng.standard_normal(found.shape)
+        found = found * np.exp(off)
         readings.append(noise.draw(found, scatter, group.sigma_um, rng))
         density.append(noise.log_density(group.launch_range_um, found, scatter, group.sigma_um))
         weight.append(np.full(len(draws), share / len(draws)))

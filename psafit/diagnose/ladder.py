@@ -1,18 +1,20 @@
-r"""The ladder: from every cause alone to combinations of up to four, and a probability for each model.
+r"""The ladder: from every cause alone to combinations of up to six, and a probability for each model.
 
 1. The baseline is fitted; every cause is screened by expansion (`psafit.diagnose.screening`) and then fitted in
    earnest, alone: expansions at a badly wrong fit may mislead.
 2. From the best models so far (the beam: the best, and the best that have no cause in common with it) each of the most
    promising further causes is added, and the larger model fitted. This goes on while a larger model gains more than
    it costs, up to four causes.
-3. Each cause of the leader is exchanged for those that promise most in its place: rivals that a beam has dropped.
+3. Each cause of the leader is exchanged for those that promise most in its place, rivals that a beam has dropped, and
+   what promises most is added to it; so with every model that comes to lead or is as good as the leader, up to six
+   causes.
 4. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
    them and the prior probabilities below.
 
-*Prior over models.* The number of causes that matter is 0 to 4 with weights 0.4, 0.36, 0.16, 0.06, 0.02, shared
-equally by all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one cause, and
-each further cause is about as surprising as the first. Models that were not fitted are counted with the evidence that
-the expansion gives them, so that a leader is not certain only because its rivals were not tried.
+*Prior over models.* The number of causes that matter is 0 to 6 with weights 0.4, 0.36, 0.16, 0.06, 0.015, 0.004,
+0.001, shared equally by all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one
+cause, and each further cause is about as surprising as the first. Models that were not fitted are counted with the
+evidence that the expansion gives them, so that a leader is not certain only because its rivals were not tried.
 
 *What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
 refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
@@ -43,19 +45,26 @@ from psafit.physics.term import Term
 FloatArray = NDArray[np.float64]
 Ids = tuple[str, ...]
 
-SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.02)
-"""Prior probability of 0, 1, 2, 3, 4 causes."""
+SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.015, 0.004, 0.001)
+"""Prior probability of 0 to 6 causes."""
 
 VISIBLE_EVIDENCE = 3.0
 """Evidence, nats, by which a further cause must improve a model to count as one of its own (20 to 1)."""
 
-MOST_CAUSES = 4
+MOST_CAUSES = len(SIZE_WEIGHTS) - 1
+# Causes up to which several models are grown; from there on the leader alone is.
+_WIDE = 4
 # Models kept at each size, and causes tried on each of them.
 _BEAM, _TRIED = 3, 5
+# Of models of several causes, those this far below the best (nats) are not grown.
+_OUTCLASSED = 60.0
 # ... of which so many by expansion and alone in any case; more only where the expansion promises this much (nats).
 _SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
-# Rounds in which causes of the leader are exchanged, and exchanges tried for each.
-_SWAPS, _SWAPPED = 4, 3
+# Models of which causes are exchanged, at most, and exchanges tried for each cause; those that the expansion sees this
+# far behind (nats) are not.
+_ROUNDS, _SWAPPED, _UNLIKELY = 6, 3, 15.0
+# Fitted models from which a larger one, and one with an exchanged cause, is begun.
+_NESTED, _LIKE = 4, 2
 # A model this far below the best (nats of evidence and prior) is not weighed.
 _HOPELESS = 7.0
 _WEIGHED = 4
@@ -123,7 +132,7 @@ class Ladder:
 
 def log_prior(n_causes: int, n_catalogue: int) -> float:
     """Log prior probability of one model with so many causes out of a catalogue."""
-    weights = SIZE_WEIGHTS[: min(n_catalogue, MOST_CAUSES) + 1]
+    weights = SIZE_WEIGHTS[: n_catalogue + 1]
     return math.log(weights[n_causes] / sum(weights) / math.comb(n_catalogue, n_causes))
 
 
@@ -154,13 +163,13 @@ def climb(
     """
     search = _Search(problem, catalogue, seed, memory or Memory(None), progress)
     search.begin()
-    for size in range(1, min(MOST_CAUSES, len(catalogue))):
+    for size in range(1, min(_WIDE, len(catalogue))):
         if not search.grow(size):
             break
     # The beam grows what it has; each cause of the leader may still be had cheaper from another one.
-    for _ in range(_SWAPS):
+    for _ in range(_ROUNDS):
         search.compare()
-        if not search.exchange():
+        if not search.refine():
             break
     else:
         search.compare()
@@ -169,10 +178,9 @@ def climb(
 
 @dataclass(eq=False)
 class _Wanted:
-    """A model to fit: from where, and what it promises."""
+    """A model to fit: from where besides the models that are like it, and what it promises."""
 
     problem: Problem
-    nested: list[Candidate]
     starts: list[FloatArray]
     promise: float
 
@@ -192,36 +200,24 @@ class _Search:
         self.fitted: dict[Ids, Candidate] = {}
         self.screenings: dict[Ids, tuple[Screened, ...]] = {}
         self.weighed: dict[Ids, Weighed] = {}
+        self._refined: set[Ids] = set()
         self._memory, self._progress = memory, progress
 
     def begin(self) -> None:
         """Fit the baseline, and every cause alone."""
-        baseline = self._fit(self.problem, (), None, _DRAWS_BASELINE, _STARTS_BASELINE)
-        baseline = self._weigh(baseline)
+        self._weigh(self._fit(_Wanted(self.problem, [], 0.0), _DRAWS_BASELINE, _STARTS_BASELINE))
         wanted = [
-            _Wanted(extended(self.problem, s.term, self.catalogue), [baseline], [s.starts], s.log_bayes)
-            for s in self._screen(())
+            _Wanted(extended(self.problem, s.term, self.catalogue), [s.starts], s.log_bayes) for s in self._screen(())
         ]
         self._fit_all(wanted, _DRAWS_CAUSE, _STARTS_CAUSE)
 
     def grow(self, size: int) -> bool:
         """Add a cause to the best models of one size; whether that was worth it."""
-        parents = _parents([c for c in self.fitted.values() if len(c.terms) == size], self._worth)
-        wanted: dict[Ids, _Wanted] = {}
-        for parent in parents:
-            self._progress(f"{' + '.join(parent.ids)}: what else", 0, 1)
-            for found in self._promising(parent.ids):
-                larger = extended(parent.problem, found.term, self.catalogue)
-                entry = wanted.setdefault(larger.ids, _Wanted(larger, [], [], -math.inf))
-                entry.nested.append(parent)
-                entry.starts.append(found.starts)
-                entry.promise = max(entry.promise, self._worth(parent) + found.log_bayes)
-        for one in wanted.values():
-            if size > 1:
-                one.nested += [self.fitted[(t.id,)] for t in one.problem.terms]
         before = self._best()
-        self._fit_all(wanted.values(), _DRAWS_PAIR, _STARTS_PAIR)
-        return bool(wanted) and self._best() > before + _WORTH_GROWING
+        parents = _parents([c for c in self.fitted.values() if len(c.terms) == size], self._worth)
+        larger = self._larger([p.problem for p in parents], _TRIED)
+        self._fit_all(larger, _DRAWS_PAIR, _STARTS_PAIR)
+        return bool(larger) and self._best() > before + _WORTH_GROWING
 
     def compare(self) -> None:
         """Weigh the finalists: who leads is said by evidence, of which Laplace's may be off by several nats."""
@@ -241,24 +237,42 @@ class _Search:
                     self.fitted[part.ids] = better
                     self.weighed.pop(part.ids, None)
 
-    def exchange(self) -> bool:
-        """Exchange each cause of the leader for what promises most in its place; whether there was anything to try."""
-        leader = self._leader()
+    def refine(self) -> bool:
+        """Exchange each cause of a model that may lead, and add one, by what promises most; whether one was left."""
+        order = sorted(self.fitted.values(), key=self._worth, reverse=True)
+        ahead = [c for c in order if c.terms and self._worth(c) > self._best() - VISIBLE_EVIDENCE]
+        leader = next((c for c in ahead if c.ids not in self._refined), None)
+        if leader is None:
+            return False
+        self._refined.add(leader.ids)
+        rests = [replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone)) for gone in leader.terms]
+        # The leader without one cause is a model in its own right, perhaps far from the leader.
+        for rest in rests:
+            if rest.ids not in self.fitted:
+                self._fit(
+                    _Wanted(rest, [widened(rest, leader.values, leader.problem.names)], 0.0), _DRAWS_PAIR, _STARTS_PAIR
+                )
+        hopeful = [
+            one for one in self._larger([*rests, leader.problem], _SWAPPED) if one.promise > self._best() - _UNLIKELY
+        ]
+        self._fit_all(hopeful, _DRAWS_PAIR, _STARTS_PAIR, leader)
+        return True
+
+    def _larger(self, problems: Sequence[Problem], most: int) -> list[_Wanted]:
+        """What is not fitted yet of models with one more cause, at most so many from each."""
         wanted: dict[Ids, _Wanted] = {}
-        for gone in leader.terms:
-            rest = replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone))
-            ids = rest.ids
-            if ids not in self.fitted:  # the leader without one cause is a model in its own right
-                starts = widened(rest, leader.values, leader.problem.names)
-                wanted[ids] = _Wanted(rest, [self.fitted[()]], [starts], 0.0)
+        for smaller in problems:
+            if len(smaller.terms) >= min(MOST_CAUSES, len(self.catalogue)):
                 continue
-            for found in self._promising(ids)[:_SWAPPED]:
-                larger = extended(rest, found.term, self.catalogue)
+            self._progress(f"{' + '.join(smaller.ids)}: what else", 0, 1)
+            for found in self._promising(smaller.ids)[:most]:
+                larger = extended(smaller, found.term, self.catalogue)
                 if larger.ids not in self.fitted:
-                    starts = np.vstack([found.starts, widened(larger, leader.values, leader.problem.names)])
-                    wanted[larger.ids] = _Wanted(larger, [self.fitted[ids]], [starts], found.log_bayes)
-        self._fit_all(wanted.values(), _DRAWS_PAIR, _STARTS_PAIR, leader)
-        return bool(wanted)
+                    entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
+                    entry.starts.append(found.starts)
+                    promise = self._evidence(self.fitted[smaller.ids]) + found.log_bayes
+                    entry.promise = max(entry.promise, promise + log_prior(len(larger.terms), len(self.catalogue)))
+        return list(wanted.values())
 
     def evidence(self) -> dict[Ids, float]:
         """Log evidence of every model: by importance sampling where there is one, else Laplace's."""
@@ -294,29 +308,29 @@ class _Search:
         order = sorted(wanted, key=lambda w: -w.promise)
         for k, one in enumerate(order):
             self._progress(" + ".join(one.problem.ids), k, len(order))
-            made = self._fit(one.problem, one.nested[:4], np.vstack(one.starts), draws, starts, rival)
+            made = self._fit(one, draws, starts, rival)
             rival = made if rival is None or made.height > rival.height else rival
 
-    def _fit(
-        self,
-        problem: Problem,
-        nested: Sequence[Candidate],
-        extra: FloatArray | None,
-        draws: int,
-        starts: int,
-        rival: Candidate | None = None,
-    ) -> Candidate:
+    def _fit(self, one: _Wanted, draws: int, starts: int, rival: Candidate | None = None) -> Candidate:
+        problem = one.problem
         made: list[Candidate] = []
+        own = set(problem.terms)
+        order = sorted(self.fitted.values(), key=lambda c: -c.height)
+        nested = [c for c in order if set(c.terms) < own][:_NESTED]
+        # What is exchanged for a like cause leaves all else where it is.
+        like = [c for c in order if len(c.terms) == len(own) and len(own - set(c.terms)) == 1 < len(own)][:_LIKE]
+        more = [*one.starts, *(widened(problem, c.values, c.problem.names) for c in like)]
 
         def make() -> dict[str, FloatArray]:
+            extra = np.vstack(more) if more else None
             made.append(fit(problem, nested, seed=self.seed, extra=extra, draws=draws, most=starts, rival=rival))
             return {"modes": made[0].modes, "heights": made[0].heights}
 
         found = self._recall("fit", problem, make)
         modes = found["modes"]
-        one = made[0] if made else settle(problem, Ascent(modes, found["heights"], problem.predict(modes), 0))
-        self.fitted[one.ids] = one
-        return one
+        candidate = made[0] if made else settle(problem, Ascent(modes, found["heights"], problem.predict(modes), 0))
+        self.fitted[candidate.ids] = candidate
+        return candidate
 
     def _weigh(self, c: Candidate) -> Candidate:
         """Weigh a model, and return it fitted from the best draw if that is above what its climbs had found."""
@@ -352,9 +366,12 @@ class _Search:
 def _parents(candidates: list[Candidate], worth: Callable[[Candidate], float]) -> list[Candidate]:
     """Models to grow: the best, and the best that have no cause in common with those before.
 
-    The best single cause may lead into a valley: of a combination, each part alone may explain little.
+    The best single cause may lead into a valley: of a combination, each part alone may explain little. What is far
+    behind with two causes does not catch up with one more.
     """
     left = sorted(candidates, key=worth, reverse=True)
+    if left and len(left[0].terms) > 1:
+        left = [c for c in left if worth(c) > worth(left[0]) - _OUTCLASSED]
     chosen: list[Candidate] = []
     while left and len(chosen) < _BEAM:
         used = {t for c in chosen for t in c.terms}

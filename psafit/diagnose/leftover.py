@@ -51,6 +51,9 @@ class Leftover:
         Relative scatter beside it.
     mean, sd : (n_points,) arrays
         ``ln(reading/prediction)`` that it explains, and its posterior standard deviation.
+    hyper, covariance : (5,) and (5, 5) arrays
+        Laplace's posterior of the scatter (sampling coordinates: relative, absolute) and of the logarithms of
+        `amplitude`, `level` and `reach`.
     """
 
     log_bayes: float
@@ -60,6 +63,26 @@ class Leftover:
     sigma_rel: float
     mean: FloatArray
     sd: FloatArray
+    hyper: FloatArray
+    covariance: FloatArray
+
+    def elsewhere(self, sigma_rel: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Relative standard deviation of the discrepancy in groups that were not fitted.
+
+        Parameters
+        ----------
+        sigma_rel : (n,) array
+            Draws of the relative scatter of the model without a discrepancy, which had to stand for part of it and is
+            not counted twice.
+        rng : Generator
+
+        Returns
+        -------
+        (n,) array
+        """
+        drawn = rng.multivariate_normal(self.hyper, self.covariance, len(sigma_rel), method="eigh")
+        _, a, b, _ = np.exp(np.clip(drawn[:, 1:], -20.0, 1.0)).T
+        return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + self.sigma_rel**2 - sigma_rel**2, 0.0)))
 
     def largest(self, candidate: Candidate) -> list[tuple[GroupId, float, float]]:
         """Each group's mean and largest absolute leftover, in ln units."""
@@ -125,7 +148,7 @@ def leftover(candidate: Candidate) -> Leftover:
         quadratic = float(residual @ cho_solve(factor, residual))
         return 0.5 * quadratic + float(np.log(np.diag(factor[0])).sum()) - density
 
-    def evidence(start: FloatArray, with_it: bool) -> tuple[float, FloatArray]:
+    def evidence(start: FloatArray, with_it: bool) -> tuple[float, FloatArray, FloatArray]:
         bounds = [(p.sampling_bounds.lower, p.sampling_bounds.upper) for p in parameters]
         bounds += [(m - 4 * sd, m + 4 * sd) for m, sd in (_AMPLITUDE, _AMPLITUDE, _REACH)] if with_it else []
         end = minimize(loss, start, args=(with_it,), method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
@@ -140,12 +163,14 @@ def leftover(candidate: Candidate) -> Leftover:
                     + loss(v - e - f, with_it)
                 ) / (4 * h * h)  # fmt: skip
         # A direction that the readings leave open is as wide as its prior, not wider.
-        values = np.maximum(np.linalg.eigvalsh(curvature), 0.3)
-        return -float(end.fun) + 0.5 * n * math.log(2 * math.pi) - 0.5 * float(np.log(values).sum()), end.x
+        values, axes = np.linalg.eigh(curvature)
+        values = np.maximum(values, 0.3)
+        value = -float(end.fun) + 0.5 * n * math.log(2 * math.pi) - 0.5 * float(np.log(values).sum())
+        return value, end.x, (axes / values) @ axes.T
 
     at = u[problem.n_model : problem.n_model + 2]
-    without, _ = evidence(at.copy(), False)
-    best, where = -math.inf, np.empty(0)
+    without = evidence(at.copy(), False)[0]
+    best, where, spread = -math.inf, np.empty(0), np.empty((0, 0))
     low = [p.sampling_bounds.lower for p in parameters]
     # A scatter that had to stand for the discrepancy, too, may be either of its parts.
     usual = np.minimum(at, [float(p.prior_quantile(0.5)) for p in parameters])
@@ -156,9 +181,9 @@ def leftover(candidate: Candidate) -> Leftover:
         (usual, 0.3, 0.1),
     ):
         start = np.array([*np.maximum(begin, low), math.log(a), math.log(b), math.log(0.7)])
-        value, v = evidence(start, True)
+        value, v, around = evidence(start, True)
         if value > best:
-            best, where = value, v
+            best, where, spread = value, v, around
     kernel = _kernel(where) * outer
     factor = cho_factor(covariance(where, True), lower=True)
     mean = kernel @ cho_solve(factor, residual)
@@ -173,4 +198,6 @@ def leftover(candidate: Candidate) -> Leftover:
         sigma_rel=float(parameters[0].to_physical(where[0])),
         mean=np.where(heard, np.log(np.maximum(1 + mean / predicted, 1e-3)), 0.0),
         sd=np.where(heard, np.sqrt(np.maximum(variance, 0.0)) / predicted, np.inf),
+        hyper=where,
+        covariance=spread,
     )

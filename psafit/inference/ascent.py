@@ -29,6 +29,8 @@ FloatArray = NDArray[np.float64]
 # Forward differences: far above the jitter of the stepping path (1e-6), far below the width of any posterior.
 _STEP = 1e-3
 _NOISE_STEP = 1e-4
+# A difference of this many standard deviations of the scatter may be a jump.
+_JUMP = 0.1
 # Dampings tried at once in every iteration, as factors on a climb's own.
 _DAMPINGS = np.array([0.1, 1.0, 30.0])
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e8
@@ -91,7 +93,20 @@ def slopes(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray
     moved = np.repeat(u[:, None, :], k, axis=1)
     moved[:, np.arange(k), np.arange(k)] += step
     found = problem.predict(moved.reshape(n * k, -1)).reshape(n, k, -1)
-    return (found - predicted[:, None, :]) / step[:, :, None]
+    slope = (found - predicted[:, None, :]) / step[:, :, None]
+    # A contact that ends a half wave later makes a range jump. Optima lie at the edges of such jumps, and a difference
+    # across one is no slope: the other side's is.
+    scatter = noise.scale(predicted, problem.noise_values(u), problem.known_sigma)
+    row, column = np.nonzero((np.abs(found - predicted[:, None, :]) > _JUMP * scatter[:, None, :]).any(axis=2))
+    inside = u[row, column] - step[row, column] > problem.bounds[column, 0]
+    row, column = row[inside], column[inside]
+    if row.size:
+        other = u[row].copy()
+        other[np.arange(row.size), column] -= step[row, column]
+        behind = (predicted[row] - problem.predict(other)) / step[row, column, None]
+        ahead = slope[row, column]
+        slope[row, column] = np.where(np.abs(behind) < np.abs(ahead), behind, ahead)
+    return slope
 
 
 def prior_slopes(problem: Problem, u: FloatArray) -> tuple[FloatArray, FloatArray]:

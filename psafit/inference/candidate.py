@@ -21,7 +21,8 @@ from psafit.physics.term import Term
 FloatArray = NDArray[np.float64]
 
 # Climbs on some of the readings, then on all: iterations, and how many go on after each.
-_TRIAL, _FULL = ((3, 12), (5, 6), (12, 3)), ((3, 2), (30, 2))
+_TRIAL, _FRESH = ((3, 12), (5, 6), (12, 3)), ((8, 8), (16, 4))
+_FULL = ((6, 5), (30, 3))
 ENOUGH = 0.05
 """Gain of a climb (nats) below which it ends: well within the error of Laplace's evidence."""
 # ... and of a model that all others are built on, all on all readings.
@@ -171,10 +172,9 @@ def fit(
     seed : int
     extra : (n, n_dim) array, optional
         More starts.
-    draws : int
-        Draws of the prior that are looked at for starts.
-    most : int
-        Starts taken from them.
+    draws, most : int
+        Draws of the prior that are looked at for starts, and starts taken from them; a model with nothing nested in it
+        has no others.
     rival : Candidate, optional
         A model of the same readings; one that is hopelessly worse on some of them is not fitted to all.
 
@@ -188,17 +188,23 @@ def fit(
     rows = [r for of_one in widest for r in of_one]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
-        rows = [rows[0], *(r[:1] for r in rows[1:]), extra] if len(nested) == 1 else [*(r[:1] for r in rows), extra]
+        rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
+    known = np.vstack(rows) if rows else None
     coarse = problem
     if nested and problem.observed.size >= _MANY:
         coarse = replace(problem, experiment=thinned(problem.experiment, _THIN))
-    if draws and most:
-        rows.append(starts_of(coarse, seed, most, draws)[0])
-    starts = np.vstack(rows)
     if not nested:
-        return settle(problem, ascend(problem, starts, schedule=_THOROUGH))
-    trial = ascend(coarse, starts, schedule=_TRIAL, still_below=ENOUGH)
-    if rival is not None and coarse is not problem:
+        return settle(problem, ascend(problem, starts_of(coarse, seed, most, draws)[0], schedule=_THOROUGH))
+    trials = []
+    if most:
+        # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
+        rows.append(starts_of(coarse, seed, most // 2, draws // 2, known)[0])
+        fresh = starts_of(coarse, seed, most, draws)[0]
+        trials.append(ascend(coarse, fresh, schedule=_FRESH, still_below=ENOUGH))
+    trials.append(ascend(coarse, np.vstack(rows), schedule=_TRIAL, still_below=ENOUGH))
+    trial = max(trials, key=lambda t: t.height[t.best])
+    trial = replace(trial, u=np.vstack([t.u for t in trials]), height=np.concatenate([t.height for t in trials]))
+    if rival is not None:
         other = replace(coarse, terms=rival.terms)
         if trial.height[trial.best] < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS:
             return settle(problem, ascend(problem, trial.u, schedule=((0, 1),)))

@@ -67,6 +67,15 @@ class Problem:
             for position, g in enumerate(self.group_ids)
         )
 
+    @cached_property
+    def blocks(self) -> NDArray[np.intp]:
+        """Which parameters belong together: each of the baseline's and the scatter's alone, a cause's; (n_dim,)."""
+        n = len(baseline.PARAMETERS)
+        causes = [n + k for k, term in enumerate(self.terms) for _ in term.parameters]
+        latents = [n + k for k, term in enumerate(self.terms) if term.latent for _ in self.group_ids]
+        last = n + len(self.terms)
+        return np.array([*range(n), *causes, *latents, *range(last, last + len(noise.PARAMETERS))])
+
     @property
     def n_physical(self) -> int:
         """Number of parameters of the baseline and the causes."""
