@@ -35,6 +35,44 @@ def test_gradient_is_that_of_the_log_posterior(ids):
     assert np.linalg.eigvalsh(curvature[0]).min() > 0
 
 
+class Jumping:
+    """Ranges 10 + 2 u_0, and 5 more on one side of an edge; 10 + 3 u_1 where there is none."""
+
+    n_model, known_sigma = 2, None
+    bounds = np.array([[-1.0, 1.0], [-1.0, 1.0]])
+
+    def __init__(self, edge: float, side: int) -> None:
+        self.edge, self.side = edge, side
+
+    def predict(self, u):
+        jump = 5.0 * (self.side * (u[:, 0] - self.edge) > 0)
+        return np.stack([10 + 2 * u[:, 0] + jump, 10 + 3 * u[:, 1]], axis=1)
+
+    def noise_values(self, u):
+        return np.tile([0.05, 0.1, 5.0], (len(u), 1))
+
+
+@pytest.mark.parametrize("edge", [0.0, 4e-4, -4e-4])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_jump_is_no_slope(edge, side):
+    """Optima lie at the edges of jumps, where a difference across the edge would be 5 um in a thousandth."""
+    one, u = Jumping(edge, side), np.zeros((1, 2))
+    assert slopes(one, u, one.predict(u))[0] == pytest.approx(np.array([[2.0, 0.0], [0.0, 3.0]]), abs=1e-9)
+
+
+def test_starts_near_what_is_known_keep_causes_together(problem):
+    one = replace(problem, terms=terms(["hysteresis", "reading_gain"]))
+    assert one.blocks.tolist() == [0, 1, 2, 3, 3, 4, 4, 5, 6, 7]
+    assert len(one.blocks) == one.n_dim
+    known = one.prior_transform(np.full((1, one.n_dim), 0.3))
+    found, n_draws = starts_of(one, 3, 8, 64, known)
+    assert n_draws == 64
+    at = np.isclose(found, known)[:, : one.n_model]
+    assert at.any(axis=1).sum() > 0
+    # A cause is wholly there or wholly elsewhere.
+    assert (at[:, 3] == at[:, 4]).all()
+
+
 def test_heights_are_the_log_posterior_and_minus_infinity_outside(problem):
     u = problem.prior_transform(np.random.default_rng(1).uniform(0.1, 0.9, (5, problem.n_dim)))
     u[3, 0] = problem.bounds[0, 1] + 1

@@ -21,10 +21,11 @@ from psafit.diagnose.next_experiment import propose
 from psafit.diagnose.screening import _unclear, screen
 from psafit.diagnose.show import drift, growth
 from psafit.diagnose.verdict import conclude
-from psafit.experiment import Constants, Experiment, Group
+from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.inference.candidate import fit, thinned
 from psafit.inference.evidence import weigh
 from psafit.inference.problem import MICRO, Problem
+from psafit.inference.run import load
 from psafit.physics import TERMS, terms
 from psafit.simulate import Design, simulate
 
@@ -50,7 +51,7 @@ def experiment(ids=(), values=(), *, seed=0, n=24, spoil=None, relative=0.04, gr
         if spoil:
             y = spoil(name, y)
         made.append(Group(name, waveform, f"{name}.csv", f, v, np.maximum(y, 0.0).round(3)))
-    return Experiment("a rig", "a test", RIG, tuple(made), Path(), f"made-{ids}-{seed}-{n}-{spoil}")
+    return Experiment("a rig", "a test", RIG, tuple(made), Path(), fingerprint(RIG, tuple(made)))
 
 
 def problem(e: Experiment, groups=None) -> Problem:
@@ -321,12 +322,32 @@ def test_diagnosis_from_beginning_to_end(tmp_path):
         assert gain["log_rmse_after"] < gain["log_rmse_before"]
         assert seen <= {g for entry in gain["ledger"] for g in entry["saw"]}
     assert (tmp_path / "one" / stored["predictions"]).exists()
+    # What the training group names by itself is a run like any other.
+    if named := stored["gain"]["strict"]["groups"][0]["named"]:
+        extension = load(tmp_path / "one" / stored["extension"]["folder"])
+        assert extension.fit.terms == stored["extension"]["terms"] == named
+        assert stored["extension"]["scored_on"] == ["b", "c"]
+        assert stored["extension"]["converged"] == extension.summary.converged
+    else:
+        assert stored["extension"] == {}
     # Again from what is kept, and once more from nothing: the same.
     again = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW)
     quick = diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
     assert again.causes == result.causes
     assert quick.causes == result.causes
-    assert quick.gain == {}
+    assert quick.gain == {} and quick.extension == {}
+
+
+def test_a_session_not_seen_may_err_as_the_prior_says():
+    """The level of a session is unknown when one was seen; three that agree say that it is small."""
+    rng = np.random.default_rng(1)
+    spreads = []
+    for groups in (("a",), ("a", "b", "c")):
+        e = experiment(groups=groups)
+        candidate = fit(Problem(e, groups), (), seed=1, draws=256, most=8)
+        spreads.append(np.median(leftover(candidate).elsewhere(np.full(2000, 0.04), rng)))
+    assert 0.03 < spreads[0] < 0.3
+    assert spreads[1] < 0.7 * spreads[0]
 
 
 @pytest.mark.slow

@@ -128,6 +128,8 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
         },
         predictions="predictions-diagnosis.csv",
         sentences=["3 sets of causes explain these readings about equally well."],
+        extension={"folder": "extension", "terms": ["hysteresis"], "scored_on": [last], "converged": False,
+                   "message": "", "holdout_log_rmse": 0.2},
         unnamed=0.03,
         screening=[
             ScreeningResult("hysteresis", "present", 120.0, 163.4, 118.0, 0.31, "1", 14.0, 0.64),

@@ -24,19 +24,22 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
 from psafit.files import portable_command
 from psafit.inference.candidate import Candidate
+from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Weighed
 from psafit.inference.problem import Problem
-from psafit.inference.run import Silent, Watcher, versions
+from psafit.inference.run import Silent, Watcher, fit, versions
 from psafit.numerics import refine
 from psafit.parameters import Normal, Parameter
 from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import write_json
-from psafit.validate import predictive, write_predictions
+from psafit.validate import predictive, validate, write_predictions
 
 FloatArray = NDArray[np.float64]
 
 _DRAWS = 400
+# Steps of the sampler for the extension; where they do not suffice, the result says so, and the same command draws on.
+_STEPS = 750
 _SIMULATED_QUICK, _SIMULATED = 199, 499
 # Models in the result; the rest of the ladder has less than this share.
 _SHOWN, _LEAST = 12, 1e-4
@@ -116,6 +119,7 @@ def diagnose(
     lap("next experiment")
 
     measured: dict[str, Any] = {}
+    adopted: tuple[str, ...] = ()
     ledger: list[dict[str, Any]] = [
         {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
     ]
@@ -126,11 +130,21 @@ def diagnose(
             for seen, held_out in splits:
                 own = _ladder(Problem(experiment, seen), catalogue, seed, memory, watcher)
                 done.append(gains.split(own, held_out, seed))
+            if protocol == "strict" and done:
+                adopted = done[0].named
             if done:
                 scored = gains.summarise(protocol, experiment, done, folder, seed)
                 measured[protocol] = asdict(scored)
                 ledger += scored.ledger
             lap(f"{protocol} gain")
+
+    extension: dict[str, Any] = {}
+    if adopted:
+        chosen = [t for t in catalogue if t.id in adopted]
+        extension = _extend(experiment, training, chosen, folder, seed, watcher, command)
+        unseen = extension["scored_on"]
+        ledger.append({"choice": "posterior of the extension", "saw": list(training), "scored_on": unseen})
+        lap("extension")
 
     result = Diagnosis(
         schema=SCHEMA,
@@ -147,6 +161,7 @@ def diagnose(
         unnamed=verdict.unnamed,
         screening=_screening(ladder, verdict),
         show=_show(ladder),
+        extension=extension,
         ledger=ledger,
         title=experiment.title,
         fingerprint=experiment.fingerprint,
@@ -160,6 +175,40 @@ def diagnose(
     )
     write_json(folder / RESULT, result)
     return result
+
+
+def _extend(
+    experiment: Experiment,
+    training: tuple[GroupId, ...],
+    terms: Sequence[Term],
+    folder: Path,
+    seed: int,
+    watcher: Watcher,
+    command: Sequence[object],
+) -> dict[str, Any]:
+    """Fit the causes that the training groups name by themselves, sample, and score what neither choice nor fit saw."""
+    settings = Settings.of(Problem(experiment, training, tuple(terms)))
+    # A diagnosis repeated in its folder with other groups or another seed is another run.
+    place = "-".join(["extension", f"group{'-'.join(map(str, training))}", *(t.id for t in terms), f"seed{seed}"])
+    run = fit(
+        experiment,
+        training,
+        folder / place,
+        terms=terms,
+        seed=seed,
+        settings=replace(settings, max_steps=_STEPS),
+        watcher=watcher,
+        command=command,
+    )
+    validation, _ = validate(run)
+    return {
+        "folder": place,
+        "terms": [t.id for t in terms],
+        "scored_on": [s.group for s in validation.groups if s.role == "holdout"],
+        "converged": run.summary.converged,
+        "message": run.summary.message,
+        "holdout_log_rmse": validation.holdout_log_rmse,
+    }
 
 
 def _ladder(problem: Problem, catalogue: Sequence[Term], seed: int, memory: Memory, watcher: Watcher) -> Ladder:

@@ -52,7 +52,7 @@ VISIBLE_EVIDENCE = 3.0
 """Evidence, nats, by which a further cause must improve a model to count as one of its own (20 to 1)."""
 
 MOST_CAUSES = len(SIZE_WEIGHTS) - 1
-# Causes up to which several models are grown; from there on the leader alone is.
+# Causes up to which several models are grown, and every part of a leader is fitted; from there on the leader alone grows.
 _WIDE = 4
 # Models kept at each size, and causes tried on each of them.
 _BEAM, _TRIED = 3, 5
@@ -247,14 +247,13 @@ class _Search:
         self._refined.add(leader.ids)
         rests = [replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone)) for gone in leader.terms]
         # The leader without one cause is a model in its own right, perhaps far from the leader.
-        for rest in rests:
+        for rest in rests if len(rests) <= _WIDE else ():
             if rest.ids not in self.fitted:
                 self._fit(
                     _Wanted(rest, [widened(rest, leader.values, leader.problem.names)], 0.0), _DRAWS_PAIR, _STARTS_PAIR
                 )
-        hopeful = [
-            one for one in self._larger([*rests, leader.problem], _SWAPPED) if one.promise > self._best() - _UNLIKELY
-        ]
+        known = [p for p in [*rests, leader.problem] if p.ids in self.fitted]
+        hopeful = [one for one in self._larger(known, _SWAPPED) if one.promise > self._best() - _UNLIKELY]
         self._fit_all(hopeful, _DRAWS_PAIR, _STARTS_PAIR, leader)
         return True
 

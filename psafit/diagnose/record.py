@@ -84,6 +84,10 @@ class Diagnosis:
         Growth and drift of baseline and extension.
     ledger : list of dict
         Which data each choice saw.
+    extension : dict
+        The causes that the training groups name by themselves, fitted to them with lmfit and emcee like any run: its
+        folder, terms, whether the chain has converged, and the score on the other groups. Empty after `--quick`, and
+        where the training groups name nothing.
     title, fingerprint, groups, training, seed, versions, command, seconds
         Where it comes from.
     """
@@ -102,6 +106,7 @@ class Diagnosis:
     unnamed: float
     screening: list[ScreeningResult]
     show: dict[str, Any]
+    extension: dict[str, Any]
     ledger: list[dict[str, Any]]
     title: str
     fingerprint: str

@@ -123,6 +123,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "leftover": _leftover(result, shown),
         "quick": result.quick,
         "gains": [_gain(name, result.gain[name]) for name in ("strict", "nested") if result.gain.get(name)],
+        "extension": result.extension,
         "ledger": _ledger(result.ledger),
         "proposals": _proposals(result.next_experiment),
         "numerics": _numerics(result.numerics),
