@@ -312,14 +312,6 @@ def diagnose(
             show.stage("report")
             from psafit.report.diagnosis import write_diagnosis
 
-            if result.extension:
-                from psafit.inference.run import load
-                from psafit.numerics import audit
-                from psafit.report.fit import write_report
-                from psafit.validate import validate as check_predictions
-
-                extension = load(folder / result.extension["folder"])
-                write_report(extension, *check_predictions(extension), audit(extension))
             page = write_diagnosis(result, data, folder)
     write_result(json_file, result)
     if not quiet:

@@ -52,7 +52,7 @@ VISIBLE_EVIDENCE = 3.0
 """Evidence, nats, by which a further cause must improve a model to count as one of its own (20 to 1)."""
 
 MOST_CAUSES = len(SIZE_WEIGHTS) - 1
-# Causes up to which several models are grown, and every part of a leader is fitted; from there on the leader alone grows.
+# Causes up to which several models are grown, and every part of a leader is fitted; beyond, the leader alone grows.
 _WIDE = 4
 # Models kept at each size, and causes tried on each of them.
 _BEAM, _TRIED = 3, 5

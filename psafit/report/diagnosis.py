@@ -16,10 +16,13 @@ from psafit.compare import Told, read_predictions
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Experiment, GroupId
+from psafit.inference.run import load
+from psafit.numerics import audit
 from psafit.report import diagnosis_pictures, figures
 from psafit.report.catalogue import TITLES, cause, declared, model, parameter
 from psafit.report.diagnosis_pictures import Shown
 from psafit.report.figures.sweep import SWEPT
+from psafit.report.fit import write_report
 from psafit.report.page import Picture, render
 from psafit.report.wording import (
     NBSP,
@@ -37,7 +40,7 @@ from psafit.report.wording import (
     typeset,
     with_unit,
 )
-from psafit.validate import log_ratio, root_mean_square
+from psafit.validate import log_ratio, root_mean_square, validate
 
 FloatArray = NDArray[np.float64]
 REPORT: Final = "diagnosis.html"
@@ -74,7 +77,7 @@ _CONSTANTS: Final = {"M": "kg", "m": "kg", "q": "m/V", "l": "m", "k_s": "N/m", "
 
 
 def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> Path:
-    """Write `diagnosis.html`.
+    """Write `diagnosis.html`, and the page of the extension's run beside it.
 
     Parameters
     ----------
@@ -89,6 +92,9 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     Path
         Of the page.
     """
+    if result.extension and (folder / result.extension["folder"]).is_dir():
+        extension = load(folder / result.extension["folder"])
+        write_report(extension, *validate(extension), audit(extension))
     shown = shown_groups(result, experiment, folder)
     pictured = _pictured(shown)
     leader = _leader(result)
