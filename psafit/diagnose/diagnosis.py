@@ -16,8 +16,8 @@ from psafit.diagnose import next_experiment, show
 from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
-from psafit.diagnose.misfit import Misfit, examine
-from psafit.diagnose.record import RESULT, SCHEMA, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
+from psafit.diagnose.record import RESULT, CauseResult, Diagnosis, ScreeningResult
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError
@@ -32,7 +32,7 @@ from psafit.numerics import refine
 from psafit.parameters import Normal, Parameter
 from psafit.physics import TERMS
 from psafit.physics.term import Term
-from psafit.records import write_json
+from psafit.records import SCHEMA, write_json
 from psafit.validate import predictive, validate, write_predictions
 
 FloatArray = NDArray[np.float64]
@@ -411,13 +411,11 @@ def _words(ids: Sequence[str]) -> str:
 def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any]) -> list[str]:
     result = list(verdict.reasons)
     if before.wrong and before.character != "none":
-        what = {
-            "physics": "the misfit follows the covariates, so the physics is wrong, not the scatter",
-            "scatter": "the mean is right; it is the law of the scatter that does not fit",
-            "group": f"all of it is due to group {', '.join(str(g) for g in before.odd_groups)}",
-            "points": f"all of it is due to {len(before.odd_points)} odd readings",
-            "sessions": "sessions at the same condition disagree",
-        }[before.character]
+        which = {
+            "group": f": {', '.join(str(g) for g in before.odd_groups)}",
+            "points": f": {len(before.odd_points)} of them",
+        }
+        what = CHARACTERS[before.character] + which.get(before.character, "")
         result.append(f"Of the baseline: {what}.")
     if verdict.alternatives:
         result.append("As good: " + "; ".join(_words(ids) for ids in verdict.alternatives[:6]) + ".")

@@ -44,6 +44,15 @@ _CLIP = 6.0
 # A point is odd beyond this score (normal law: once in 15,000 readings).
 _ODD = 4.0
 _FEWEST = 5
+CHARACTERS = {
+    "none": "no particular character",
+    "physics": "the misfit follows frequency, amplitude or size: the physics is wrong, not the scatter",
+    "scatter": "the mean is right; the law of the scatter is not",
+    "group": "it is all due to one group",
+    "points": "it is all due to a few odd readings",
+    "sessions": "sessions at the same condition disagree",
+}
+"""What kind of thing a misfit is, in words."""
 # Iterations of an exact refit, after that in the expansion.
 _EXACT = 4
 # Simulated data sets for the question whether one group is all that is wrong.

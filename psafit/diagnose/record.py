@@ -7,7 +7,6 @@ from typing import Any
 
 from psafit.experiment import GroupId
 
-SCHEMA = 1
 RESULT = "diagnosis.json"
 
 

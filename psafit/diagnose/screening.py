@@ -74,13 +74,6 @@ class Screened:
         """Index of the most promising strength."""
         return int(np.argmax(self.gain))
 
-    @property
-    def verdict(self) -> str:
-        """In words: "present", "not present", or "could not have been seen"."""
-        if self.gain[self.best] >= PRESENT and self.log_bayes > 0:
-            return "present"
-        return "not present" if self.visible >= VISIBLE else "could not have been seen"
-
 
 def extended(problem: Problem, term: Term, catalogue: Sequence[Term]) -> Problem:
     """The problem with one more cause, in the catalogue's order: the same model whichever cause came first."""

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from psafit.compare import Told, read_predictions
-from psafit.diagnose.misfit import ALPHA
+from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Experiment, GroupId
 from psafit.inference.run import load
@@ -52,14 +52,6 @@ _SCREENED: Final = {
     "explains part alone": "warn",
     "not present": "good",
     "could not have been seen": "warn",
-}
-_CHARACTERS: Final = {
-    "none": "no particular character",
-    "physics": "the misfit follows frequency, amplitude or size: the physics is wrong, not the scatter",
-    "scatter": "the mean is right; the law of the scatter is not",
-    "group": "it is all due to one group",
-    "points": "it is all due to a few odd readings",
-    "sessions": "sessions at the same condition disagree",
 }
 _LOOKS_AT: Final = {
     "mean": "the physics",
@@ -311,7 +303,7 @@ def _wrong(result: Diagnosis) -> Markup:
 
 def _character(tests: Mapping[str, Any]) -> str:
     found = str(tests.get("character", "none"))
-    return _CHARACTERS.get(found, found)
+    return CHARACTERS.get(found, found)
 
 
 def _gained(result: Diagnosis) -> Markup:
