@@ -318,9 +318,13 @@ def diagnose(
         click.echo(f"verdict: {result.verdict}" + (f": {' + '.join(result.named)}" if result.named else ""))
         for sentence in result.sentences:
             click.echo(f"  {sentence}")
+        unnamed = result.unnamed > 0.5
+        if unnamed:
+            click.echo("  if a model of the catalogue had to do:")
         for cause in result.causes[:5]:
             words = " + ".join(cause.terms) or "no cause"
-            click.echo(f"  {100 * cause.probability:5.1f} %  {words}, {cause.evidence['gain']:+.1f} nats")
+            share = cause.evidence["share"] if unnamed else cause.probability
+            click.echo(f"  {100 * share:5.1f} %  {words}, {cause.evidence['gain']:+.1f} nats")
         for place in result.misfit["where"][:5]:
             click.echo(f"  baseline, {place['text']}")
         if not no_report:

@@ -263,6 +263,7 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
         "log_evidence": ladder.log_evidence[candidate.ids],
         "over_baseline": ladder.log_evidence[candidate.ids] - ladder.log_evidence[()],
         "gain": ladder.gain(candidate.ids),
+        "share": ladder.probability[candidate.ids],
         "method": "adaptive importance sampling" if found else "Laplace",
     }
     if found:

@@ -401,10 +401,11 @@ def _model_rows(causes: Sequence[CauseResult]) -> list[list[Any]]:
         if c.implausible:
             strange = {"text": f"{count(len(c.implausible), 'value')} implausible", "kind": "bad"}
         width = e.get("prior_width") or {}
+        within = e.get("share")
         rows.append(
             [
                 model(c.terms),
-                _share(c.probability),
+                _share(c.probability) + (f" ({_share(within)})" if within is not None else ""),
                 _signed(e.get("gain")),
                 over,
                 f"{_signed(width['half'])} / {_signed(width['twice'])}" if width and c.terms else "–",
