@@ -130,9 +130,8 @@ def diagnose(
             for seen, held_out in splits:
                 own = _ladder(Problem(experiment, seen), catalogue, seed, memory, watcher)
                 done.append(gains.split(own, held_out, seed))
-            if protocol == "strict" and done:
-                adopted = done[0].named
             if done:
+                adopted = done[0].named if protocol == "strict" else adopted
                 scored = gains.summarise(protocol, experiment, done, folder, seed)
                 measured[protocol] = asdict(scored)
                 ledger += scored.ledger

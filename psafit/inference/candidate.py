@@ -173,8 +173,8 @@ def fit(
     extra : (n, n_dim) array, optional
         More starts.
     draws, most : int
-        Draws of the prior that are looked at for starts, and starts taken from them; a model with nothing nested in it
-        has no others.
+        Draws of the prior that are looked at for starts, and starts taken from them, at least two; a model with nothing
+        nested in it has no others.
     rival : Candidate, optional
         A model of the same readings; one that is hopelessly worse on some of them is not fitted to all.
 
@@ -184,31 +184,27 @@ def fit(
         The problem's own optimum is never below that of a nested model by more than a strength off its neutral value
         costs.
     """
+    if not nested:
+        return settle(problem, ascend(problem, starts_of(problem, seed, most, draws)[0], schedule=_THOROUGH))
     widest = [c.widened(problem, 2) for c in nested]
     rows = [r for of_one in widest for r in of_one]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
-    known = np.vstack(rows) if rows else None
-    coarse = problem
-    if nested and problem.observed.size >= _MANY:
-        coarse = replace(problem, experiment=thinned(problem.experiment, _THIN))
-    if not nested:
-        return settle(problem, ascend(problem, starts_of(coarse, seed, most, draws)[0], schedule=_THOROUGH))
-    trials = []
-    if most:
-        # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
-        rows.append(starts_of(coarse, seed, most // 2, draws // 2, known)[0])
-        fresh = starts_of(coarse, seed, most, draws)[0]
-        trials.append(ascend(coarse, fresh, schedule=_FRESH, still_below=ENOUGH))
-    trials.append(ascend(coarse, np.vstack(rows), schedule=_TRIAL, still_below=ENOUGH))
-    trial = max(trials, key=lambda t: t.height[t.best])
-    trial = replace(trial, u=np.vstack([t.u for t in trials]), height=np.concatenate([t.height for t in trials]))
+    known = np.vstack(rows)
+    many = problem.observed.size >= _MANY
+    coarse = replace(problem, experiment=thinned(problem.experiment, _THIN)) if many else problem
+    crossed = starts_of(coarse, seed, most // 2, draws // 2, known)[0]
+    fresh = starts_of(coarse, seed, most, draws)[0]
+    # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
+    races = ((fresh, _FRESH), (np.vstack([known, crossed]), _TRIAL))
+    trials = [ascend(coarse, starts, schedule=schedule, still_below=ENOUGH) for starts, schedule in races]
+    tried = np.vstack([t.u for t in trials])
     if rival is not None:
         other = replace(coarse, terms=rival.terms)
-        if trial.height[trial.best] < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS:
-            return settle(problem, ascend(problem, trial.u, schedule=((0, 1),)))
-    end = ascend(problem, trial.u, schedule=_FULL, still_below=ENOUGH)
+        if max(t.height[t.best] for t in trials) < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS:
+            return settle(problem, ascend(problem, tried, schedule=((0, 1),)))
+    end = ascend(problem, tried, schedule=_FULL, still_below=ENOUGH)
     # A cause at its neutral value is a ridge that climbs may leave and not find again.
     neutral = np.vstack([of_one[0][:1] for of_one in widest])
     if problem.log_posterior(neutral).max() > end.height[end.best]:
