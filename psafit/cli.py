@@ -272,6 +272,12 @@ def fit(
 @EXPERIMENT
 @click.option("--group", "group", required=True, metavar="ID[,ID...]", help="Training groups of the strict gain.")
 @click.option("--quick", is_flag=True, help="The verdict alone: no measured gain.")
+@click.option(
+    "--searches",
+    type=click.IntRange(0, 9999),
+    metavar="N",
+    help="Repeat the whole search on N simulated baselines; 19 by default where a cause is named, 0 with --quick.",
+)
 @click.option("--out", type=Place("folder"), help="Folder; fits/<experiment>-diagnosis by default.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
 @click.option("--no-report", is_flag=True, help="Write the result only, no page.")
@@ -282,6 +288,7 @@ def diagnose(
     experiment: Path,
     group: str,
     quick: bool,
+    searches: int | None,
     out: Path | None,
     seed: int,
     no_report: bool,
@@ -302,12 +309,13 @@ def diagnose(
     folder = out or usual_folder(experiment, "diagnosis")
     _refuse_run_file(json_file, folder)
     command = ["psafit", "diagnose", experiment, "--group", group, "--seed", seed, *(["--quick"] if quick else [])]
+    command += ["--searches", searches] if searches is not None else []
     command += ["--out", out] if out else []
     command += plugin_words()
     with watcher(quiet) as show:
         from psafit.diagnose import diagnose as examine
 
-        result = examine(data, ids, folder, quick=quick, seed=seed, watcher=show, command=command)
+        result = examine(data, ids, folder, quick=quick, searches=searches, seed=seed, watcher=show, command=command)
         if not no_report:
             show.stage("report")
             from psafit.report.diagnosis import write_diagnosis

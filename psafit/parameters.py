@@ -199,6 +199,23 @@ class Parameter:
         density = self.prior.log_density(x, low * self.scale, high * self.scale) + math.log(self.scale)
         return np.where(inside, density, -np.inf)
 
+    @cached_property
+    def parabola(self) -> tuple[float, float, float] | None:
+        """Centre, width and top of the log prior, a parabola of the sampling coordinate; None where it is none.
+
+        A uniform prior is one of infinite width.
+        """
+        if isinstance(self.prior, Normal):
+            centre, width = self.prior.mean / self.scale, self.prior.sd / self.scale
+        elif isinstance(self.prior, LogNormal):
+            centre, width = math.log(self.prior.median), math.log(self.prior.factor)
+        elif isinstance(self.prior, Uniform):
+            centre, width = 0.0, math.inf
+        else:
+            return None
+        low = self.sampling_bounds.lower
+        return centre, width, float(self.log_prior(low)) + 0.5 * ((low - centre) / width) ** 2
+
     def prior_quantile(self, p: ArrayLike) -> FloatArray:
         """Sampling coordinate below which the prior holds the fraction `p`."""
         low, high = self.sampling_bounds.lower, self.sampling_bounds.upper

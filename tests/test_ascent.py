@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import laplace
 
 from psafit.experiment import read_experiment
 from psafit.inference.ascent import ascend, ascend_linearly, expansion, heights, slopes
 from psafit.inference.optimise import climb, starts_of
 from psafit.inference.problem import Problem
-from psafit.physics import terms
+from psafit.physics import TERMS, terms
 
 EXPERIMENT = read_experiment(Path(__file__).parents[1] / "experiments" / "psa")
 
@@ -33,6 +35,24 @@ def test_gradient_is_that_of_the_log_posterior(ids):
     # The forward differences of the ranges are good to a thousandth.
     assert gradient[0] == pytest.approx((both[0] - both[1]) / (2 * h), rel=5e-3, abs=0.5)
     assert np.linalg.eigvalsh(curvature[0]).min() > 0
+
+
+@dataclass(frozen=True)
+class Laplace:
+    """A prior as a plug-in may bring it, exponential to both sides of a median."""
+
+    median: float
+    coordinate: str = "log"
+
+    def log_density(self, u, lower, upper):
+        mass = 1 - 0.5 * np.exp(lower - np.log(self.median)) - 0.5 * np.exp(np.log(self.median) - upper)
+        return -np.abs(u - np.log(self.median)) - np.log(2 * mass)
+
+    def quantile(self, p, lower, upper):
+        return np.clip(laplace.ppf(p, np.log(self.median)), lower, upper)
+
+    def describe(self):
+        return "exponential to both sides"
 
 
 class Jumping:
@@ -103,6 +123,42 @@ def test_each_climb_may_have_its_own_readings(problem):
     end = ascend(problem, np.repeat(u, 2, axis=0), own)
     assert end.u[0] == pytest.approx(u[0], abs=0.05)
     assert np.abs(end.u[1] - u[0]).max() > 0.3
+
+
+def test_log_prior_is_the_sum_of_the_parameters_own():
+    """Over the whole prior range, beyond the bounds, and for a prior of another kind."""
+
+    class Odd(Problem):
+        @cached_property
+        def parameters(self):
+            first, *others = super().parameters
+            return (replace(first, prior=Laplace(first.prior.median)), *others)
+
+    for one in (Problem(EXPERIMENT, EXPERIMENT.ids, TERMS), Odd(EXPERIMENT, EXPERIMENT.ids)):
+        rng = np.random.default_rng()
+        u = one.prior_transform(rng.uniform(size=(200, one.n_dim)))
+        u[100:] += rng.standard_normal((100, one.n_dim)) * (rng.random((100, one.n_dim)) < 0.1)
+        u[0, 0] = np.nan
+        with np.errstate(invalid="ignore"):
+            each = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(one.parameters)], axis=0)
+        assert one.log_prior(u) == pytest.approx(each, rel=1e-12)
+        assert np.isfinite(each).any() and not np.isfinite(each).all()
+        first, second = one.prior_slopes(u[1:100])
+        inside = np.clip(u[1:100], one.bounds[:, 0] + 1e-3, one.bounds[:, 1] - 1e-3)
+        for i, p in enumerate(one.parameters):
+            low, mid, high = (p.log_prior(inside[:, i] + d) for d in (-1e-3, 0.0, 1e-3))
+            bent = (2 * mid - low - high) / 1e-6
+            assert second[:, i] == pytest.approx(bent, rel=1e-3, abs=1e-3)
+            assert first[:, i] == pytest.approx((high - low) / 2e-3 - bent * (u[1:100, i] - inside[:, i]), abs=1e-5)
+
+
+def test_climbs_that_agree_are_one(problem):
+    starts = np.repeat(starts_of(problem, 1, 2, 64)[0], 3, axis=0)
+    apart = ascend(problem, starts, schedule=((3, 6), (20, 6)))
+    united = ascend(problem, starts, schedule=((3, 6), (20, 6)), unite=True)
+    assert len(united.u) <= 2 < len(apart.u)
+    assert united.height[united.best] == pytest.approx(apart.height[apart.best], abs=1e-9)
+    assert united.n_sets < apart.n_sets
 
 
 def test_survivors_are_the_highest(problem):

@@ -18,6 +18,7 @@ from psafit.diagnose.leftover import leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.next_experiment import propose
+from psafit.diagnose.rehearsal import rehearse
 from psafit.diagnose.screening import PRESENT, _unclear, screen
 from psafit.diagnose.show import drift, growth
 from psafit.diagnose.verdict import conclude
@@ -271,6 +272,25 @@ def test_next_experiment_separates_what_is_tied(hidden):
     assert found[0].success > 0.5
     alone = propose(leader, draws[0], None, seed=1)
     assert alone[0].separation > 0
+
+
+def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
+    """Readings from either of two causes, added to what was measured: the cause that made them comes out ahead."""
+    models = [(c, weigh(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
+    best = next(p for p in propose(*models[0], models[1], seed=1) if not p.constants)
+    found = rehearse(models, [0.0, 0.0], best, seed=1)
+    assert found.proposal == best.text
+    assert found.truth[0] == list(hidden.leader.ids)
+    assert found.truth[-1] == ["flight_friction"]
+    assert sum(found.before[i] for i in (0, -1)) == pytest.approx(1)
+    # What was measured names the leader already; a truth that it refutes needs much to come out first.
+    assert all(
+        after > 0.9 for ids, after in zip(found.truth, found.after, strict=True) if ids == list(hidden.leader.ids)
+    )
+    assert np.mean(found.after[-3:]) > found.before[-1]
+    assert found == rehearse(models, [0.0, 0.0], best, seed=1)
+    with pytest.raises(ValueError, match="another rig"):
+        rehearse(models, [0.0, 0.0], replace(best, constants={"l": 1.0}), seed=1)
 
 
 # --- memory and the whole -------------------------------------------------------------------------------------------

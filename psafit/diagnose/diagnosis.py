@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
-from psafit.diagnose.ladder import Ladder, climb
+from psafit.diagnose.ladder import Ladder, climb, log_prior
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
 from psafit.diagnose.record import RESULT, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.rehearsal import rehearse
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
+from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
@@ -38,9 +40,15 @@ from psafit.validate import predictive, validate, write_predictions
 FloatArray = NDArray[np.float64]
 
 _DRAWS = 400
+# Error of a simulator's step that a search admits: its ranges are then good to a millionth (see docs/numerics.md).
+_TOLERANCE = 1e-4
 # Steps of the sampler for the extension; where they do not suffice, the result says so, and the same command draws on.
 _STEPS = 750
 _SIMULATED_QUICK, _SIMULATED = 199, 499
+# Searches on simulated baselines: enough for a p-value of one in twenty.
+_SEARCHES = 19
+# Tied models, the most probable first, that a proposed measurement is rehearsed with.
+_REHEARSED = 4
 # Models in the result; the rest of the ladder has less than this share.
 _SHOWN, _LEAST = 12, 1e-4
 # Outside this part of its prior, or this close to a bound (share of the bounds), a value is reported as implausible.
@@ -53,6 +61,7 @@ def diagnose(
     folder: Path,
     *,
     quick: bool = False,
+    searches: int | None = None,
     seed: int = 1,
     catalogue: Sequence[Term] = TERMS,
     watcher: Watcher | None = None,
@@ -69,6 +78,9 @@ def diagnose(
         Where the result goes; what an interrupted diagnosis has worked out there is used.
     quick : bool
         The verdict alone: no measured gain, no proposals beyond the tied causes.
+    searches : int, optional
+        Repetitions of the whole search on readings simulated from the fitted baseline (`psafit.diagnose.significance`);
+        19 where a cause is named, none with `quick`.
     seed : int
     catalogue : sequence of Term
         Candidate causes.
@@ -95,7 +107,7 @@ def diagnose(
         seconds[name] = round(now - began, 3)
         began = now
 
-    everything = Problem(experiment, experiment.ids)
+    everything = Problem(experiment, experiment.ids, tolerance=_TOLERANCE)
     watcher.stage("causes")
     ladder = _ladder(everything, catalogue, seed, memory, watcher)
     lap("causes")
@@ -115,8 +127,21 @@ def diagnose(
         folder / "predictions-diagnosis.csv", predictive(leader.problem, draws.resampled(_DRAWS), seed)
     )  # fmt: skip
     watcher.stage("next experiment")
-    proposal = _next(ladder, verdict, draws, seed)
+    proposal = _next(ladder, verdict, seed, len(catalogue), None if quick else watcher)
     lap("next experiment")
+
+    misfit = _misfit(before, after, left, leader)
+    if searches is None:
+        searches = 0 if quick or not leader.terms else _SEARCHES
+    if searches:
+        watcher.stage("the search where nothing is hidden")
+        misfit["search"] = asdict(
+            significance(
+                ladder, catalogue, searches, seed=seed, memory=memory,
+                progress=lambda k, n: watcher.update(k, n, "simulated baselines"),
+            )
+        )  # fmt: skip
+        lap("significance")
 
     measured: dict[str, Any] = {}
     adopted: tuple[str, ...] = ()
@@ -128,7 +153,7 @@ def diagnose(
             watcher.stage(f"{protocol} gain")
             done = []
             for seen, held_out in splits:
-                own = _ladder(Problem(experiment, seen), catalogue, seed, memory, watcher)
+                own = _ladder(Problem(experiment, seen, tolerance=_TOLERANCE), catalogue, seed, memory, watcher)
                 done.append(gains.split(own, held_out, seed))
             if done:
                 adopted = done[0].named if protocol == "strict" else adopted
@@ -151,7 +176,7 @@ def diagnose(
         named=list(verdict.named),
         alternatives=[list(ids) for ids in verdict.alternatives],
         causes=_causes(ladder, verdict),
-        misfit=_misfit(before, after, left, leader),
+        misfit=misfit,
         numerics=numerics,
         gain=measured,
         next_experiment=proposal,
@@ -389,19 +414,31 @@ def _show(ladder: Ladder) -> dict[str, Any]:
     }
 
 
-def _next(ladder: Ladder, verdict: Verdict, draws: Weighed, seed: int) -> dict[str, Any]:
-    """Proposals for the verdict at hand: against the best rival, or for the weakest parameter."""
+def _next(ladder: Ladder, verdict: Verdict, seed: int, n_catalogue: int, watcher: Watcher | None) -> dict[str, Any]:
+    """Proposals for the verdict at hand: against the best rival, or for the weakest parameter.
+
+    With a watcher the best that leaves the rig as it is is rehearsed.
+    """
     leader = ladder.leader
     if verdict.verdict == "adequate":
         return {}
-    rival = next((ids for ids in verdict.alternatives if any(c.ids == ids for c in ladder.candidates)), None)
-    if rival is not None:
-        found = next_experiment.propose(leader, draws, (ladder.of(rival), ladder.draws(rival, seed)), seed=seed)
-        about = f"tells {_words(leader.ids)} from {_words(rival)}"
-    else:
-        found = next_experiment.propose(leader, draws, None, seed=seed)
-        about = f"determines {leader.problem.names[next_experiment.weakest(leader, draws)]}"
-    return next_experiment.as_dict(found, about)
+    fitted = {c.ids for c in ladder.candidates}
+    tied = [(ladder.of(ids), ladder.draws(ids, seed)) for ids in [leader.ids, *verdict.alternatives] if ids in fitted]
+    if len(tied) == 1:
+        found = next_experiment.propose(*tied[0], None, seed=seed)
+        about = f"determines {leader.problem.names[next_experiment.weakest(*tied[0])]}"
+        return next_experiment.as_dict(found, about)
+    found = next_experiment.propose(*tied[0], tied[1], seed=seed)
+    about = f"tells {_words(leader.ids)} from {_words(tied[1][0].ids)}"
+    result = next_experiment.as_dict(found, about)
+    here = next((p for p in found if not p.constants), None)
+    if watcher is not None and here is not None:
+        some = tied[:_REHEARSED]
+        prior = [log_prior(len(c.terms), n_catalogue) for c, _ in some]
+        result["rehearsal"] = asdict(
+            rehearse(some, prior, here, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
+        )
+    return result
 
 
 def _words(ids: Sequence[str]) -> str:

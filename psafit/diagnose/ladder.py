@@ -40,6 +40,8 @@ from psafit.inference.candidate import Candidate, fit, settle
 from psafit.inference.evidence import Weighed, weigh
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
+from psafit.parameters import Bounds
+from psafit.physics import baseline
 from psafit.physics.term import Term
 
 FloatArray = NDArray[np.float64]
@@ -54,6 +56,9 @@ VISIBLE_EVIDENCE = 3.0
 MOST_CAUSES = len(SIZE_WEIGHTS) - 1
 # Causes up to which several models are grown, and every part of a leader is fitted; beyond, the leader alone grows.
 _WIDE = 4
+# Log likelihood (nats) that some cause alone must gain before combinations are tried: with nothing hidden the best of
+# two dozen gains more once in fifty times.
+_NOTHING = 6.0
 # Models kept at each size, and causes tried on each of them.
 _BEAM, _TRIED = 3, 5
 # Of models of several causes, those this far below the best (nats) are not grown.
@@ -63,6 +68,11 @@ _SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
 # Models of which causes are exchanged, at most, and exchanges tried for each cause; those that the expansion sees this
 # far behind (nats) are not.
 _ROUNDS, _SWAPPED, _UNLIKELY = 6, 3, 15.0
+# Causes of a leader from which on it is not believed that nothing simpler, or better, lies elsewhere.
+_TANGLED = 3
+# An optimum this near the middle of a prior (sampling coordinate) is the foot of a hill on the other side; one whose
+# ranges are, on average, this near those of another (in units of the scatter) is on the same ridge.
+_LEANS, _APART = 0.1, 0.3
 # Fitted models from which a larger one, and one with an exchanged cause, is begun.
 _NESTED, _LIKE = 4, 2
 # A model this far below the best (nats of evidence and prior) is not weighed.
@@ -164,15 +174,11 @@ def climb(
     search = _Search(problem, catalogue, seed, memory or Memory(None), progress)
     search.begin()
     for size in range(1, min(_WIDE, len(catalogue))):
-        if not search.grow(size):
+        if not (search.found_something() and search.grow(size)):
             break
-    # The beam grows what it has; each cause of the leader may still be had cheaper from another one.
-    for _ in range(_ROUNDS):
-        search.compare()
-        if not search.refine():
-            break
-    else:
-        search.compare()
+    search.settle()
+    if search.cross_over():
+        search.settle()
     return rank(search.fitted.values(), search.evidence(), search.weighed, search.screenings, len(catalogue))
 
 
@@ -201,6 +207,7 @@ class _Search:
         self.screenings: dict[Ids, tuple[Screened, ...]] = {}
         self.weighed: dict[Ids, Weighed] = {}
         self._refined: set[Ids] = set()
+        self._alone: dict[str, float] = {}
         self._memory, self._progress = memory, progress
 
     def begin(self) -> None:
@@ -210,6 +217,12 @@ class _Search:
             _Wanted(extended(self.problem, s.term, self.catalogue), [s.starts], s.log_bayes) for s in self._screen(())
         ]
         self._fit_all(wanted, _DRAWS_CAUSE, _STARTS_CAUSE)
+        self._alone = {c.ids[0]: self._worth(c) for c in self.fitted.values() if c.terms}
+
+    def found_something(self) -> bool:
+        """Whether any cause gains what the best of so many would rarely gain by chance."""
+        least = self.fitted[()].log_likelihood + _NOTHING
+        return any(c.log_likelihood > least for c in self.fitted.values())
 
     def grow(self, size: int) -> bool:
         """Add a cause to the best models of one size; whether that was worth it."""
@@ -219,10 +232,60 @@ class _Search:
         self._fit_all(larger, _DRAWS_PAIR, _STARTS_PAIR)
         return bool(larger) and self._best() > before + _WORTH_GROWING
 
+    def settle(self) -> None:
+        """Compare and refine until nothing is left: causes that the beam has may be had cheaper from others."""
+        for _ in range(_ROUNDS):
+            self.compare()
+            if not self.refine():
+                return
+        self.compare()
+
+    def cross_over(self) -> bool:
+        """Search again on the other side of the baseline's prior; whether that found anything.
+
+        All that was grown stands where its parts fitted best. A cause that promises nothing there may belong to the
+        truth elsewhere: to a contact ten times as stiff, a stack a hundred times less damped.
+        """
+        if len(self._leader().terms) < _TANGLED:
+            return False
+        root = max((c for c in self.fitted.values() if len(c.terms) <= _WIDE), key=self._worth)
+        sides = [self._side(root, k) for k in range(len(baseline.PARAMETERS))]
+        best = max((s for s in sides if s is not None), key=_Search._best, default=None)
+        if best is None or best._best() < self._worth(root) - _OUTCLASSED:
+            return False
+        for _ in range(_ROUNDS):
+            if not best.refine():
+                break
+        found = False
+        for c in [c for c in best.fitted.values() if c.terms and best._worth(c) > self._best() - VISIBLE_EVIDENCE]:
+            known = self.fitted.get(c.ids)
+            moved = self._climbed_from(known or replace(c, problem=replace(c.problem, within=())), c.modes)
+            if known is None or moved.height > known.height + _HIGHER:
+                self.fitted[c.ids] = moved
+                self.weighed.pop(c.ids, None)
+                found = True
+        return found
+
+    def _side(self, root: Candidate, k: int) -> _Search | None:
+        """Take a model to the other side of one baseline parameter's prior; None where that is the same hill."""
+        p = root.problem.parameters[k]
+        middle = p.prior_quantile(0.5)
+        value = float(p.to_physical(middle))
+        bounds = Bounds(p.bounds.lower, value) if root.modes[0, k] > middle else Bounds(value, p.bounds.upper)
+        side = replace(self.problem, within=((p.name, bounds),))
+        search = _Search(side, self.catalogue, self.seed, self._memory, self._progress)
+        search._alone = self._alone
+        self._progress(f"{' + '.join(root.ids)}, {p.name} on the other side", k, len(baseline.PARAMETERS))
+        search._fit(_Wanted(side, [], 0.0), _DRAWS_CAUSE, _STARTS_CAUSE)
+        there = replace(side, terms=root.terms)
+        moved = search._fit(_Wanted(there, [np.clip(root.modes, *there.bounds.T)], 0.0), _DRAWS_CAUSE, _STARTS_CAUSE)
+        apart = float(np.sqrt(np.mean(((moved.predicted - root.predicted) / root.scatter) ** 2)))
+        return search if abs(moved.modes[0, k] - middle) > _LEANS and apart > _APART else None
+
     def compare(self) -> None:
         """Weigh the finalists: who leads is said by evidence, of which Laplace's may be off by several nats."""
         order = sorted(self.fitted.values(), key=self._worth, reverse=True)
-        finalists = [c for c in order if self._worth(c) > self._best() - _HOPELESS][:_WEIGHED]
+        finalists = [c for c in order if self._worth(c) > self._best() - _HOPELESS and not self._absorbed(c)][:_WEIGHED]
         for k, c in enumerate(finalists):
             if c.ids not in self.weighed:
                 self._progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
@@ -283,6 +346,11 @@ class _Search:
     def _evidence(self, c: Candidate) -> float:
         return self.weighed[c.ids].log_evidence if c.ids in self.weighed else c.laplace
 
+    def _absorbed(self, c: Candidate) -> bool:
+        """Whether a model will be counted with a part of it, whatever its evidence is to the last nat."""
+        parts = [self._evidence(p) for p in self.fitted.values() if set(p.terms) < set(c.terms)]
+        return max(parts, default=-math.inf) + VISIBLE_EVIDENCE - 3 * _LAPLACE_DOUBT > self._evidence(c)
+
     def _best(self) -> float:
         return max(map(self._worth, self.fitted.values()))
 
@@ -297,7 +365,7 @@ class _Search:
     def _promising(self, ids: Ids) -> list[Screened]:
         """Causes to add to a model: the best by expansion, and the best of those that explain most alone."""
         by_bayes = sorted(self._screen(ids), key=lambda s: -s.log_bayes)
-        alone = sorted(by_bayes, key=lambda s: -self._worth(self.fitted[(s.term.id,)]))
+        alone = sorted(by_bayes, key=lambda s: -self._alone[s.term.id])
         sure = [*by_bayes[:_SURE_BY_BAYES], *alone[:_SURE_ALONE]]
         more = [s for s in by_bayes if s.log_bayes > _PROMISE]
         return list(dict.fromkeys([*sure, *more]))[:_TRIED]

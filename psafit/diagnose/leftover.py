@@ -23,7 +23,6 @@ from scipy.optimize import minimize
 
 from psafit.diagnose.misfit import sweeps
 from psafit.experiment import GroupId
-from psafit.inference.ascent import prior_slopes
 from psafit.inference.candidate import Candidate
 
 FloatArray = NDArray[np.float64]
@@ -108,7 +107,7 @@ def leftover(candidate: Candidate) -> Leftover:
         lone = (np.abs(z) > _LONE) & (np.abs(beside) < 0.5 * _LONE)
         stretch[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)
     slope = candidate.slope.T
-    bent = prior_slopes(problem, u[None, :])[1][0, : problem.n_model]
+    bent = problem.prior_slopes(u[None, :])[1][0, : problem.n_model]
     width = 1.0 / np.sqrt(np.maximum(bent, (4.0 / np.ptp(problem.bounds[: problem.n_model], axis=1)) ** 2))
     free = slope * width  # columns with unit prior variance
     x = np.empty(problem.observed.size)

@@ -16,7 +16,7 @@ from psafit.files import write_atomically
 from psafit.inference.problem import Problem
 
 # Another number for another meaning of what is kept.
-_FORMAT = 2
+_FORMAT = 3
 Arrays = Mapping[str, NDArray[np.float64]]
 
 
@@ -46,7 +46,8 @@ class Memory:
             return make()
         determinants = [
             kind, _FORMAT, psafit.__version__, problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
-            [t.signature for t in problem.terms], [[p.name, p.prior.describe()] for p in problem.parameters], about,
+            [t.signature for t in problem.terms], problem.tolerance, about,
+            [[p.name, p.prior.describe(), p.bounds.lower, p.bounds.upper] for p in problem.parameters],
         ]  # fmt: skip
         key = hashlib.sha256(json.dumps(determinants).encode()).hexdigest()[:24]
         path = self._folder / f"{kind}-{key}.npz"

@@ -40,6 +40,9 @@ _STILL = 2e-3
 _STUCK, _FARTHEST = 1e4, 2.0
 # Steps for which slopes are carried over, as a rule.
 _LASTING = 3
+# Climbs whose heights differ by less than this (nats), and all whose ranges by less than this part of the scatter, are
+# at one place, or on one ridge.
+_LIKE, _ALIKE = 0.5, 0.1
 # Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
 _LONGEST = 2.0
 
@@ -109,19 +112,6 @@ def slopes(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray
     return slope
 
 
-def prior_slopes(problem: Problem, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """First derivative, and negative second, of the log prior by each coordinate; (n, n_dim) each."""
-    h = 1e-3
-    inside = np.clip(u, problem.bounds[:, 0] + h, problem.bounds[:, 1] - h)
-    first, second = np.empty_like(u), np.empty_like(u)
-    for i, p in enumerate(problem.parameters):
-        low, mid, high = (p.log_prior(inside[:, i] + d) for d in (-h, 0.0, h))
-        # Where the point was moved inside, a normal prior's slope goes on linearly.
-        second[:, i] = np.maximum((2 * mid - low - high) / h**2, 0.0)
-        first[:, i] = (high - low) / (2 * h) - second[:, i] * (u[:, i] - inside[:, i])
-    return first, second
-
-
 def expansion(
     problem: Problem, u: FloatArray, predicted: FloatArray, slope: FloatArray, observed: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -154,7 +144,7 @@ def expansion(
     tails = (ends[0] - ends[1]) / (2 * _NOISE_STEP)
     gradient[:, -1] = tails.sum(axis=1)
     curvature[:, -1, -1] = np.square(tails).sum(axis=1)
-    first, second = prior_slopes(problem, u)
+    first, second = problem.prior_slopes(u)
     gradient += first
     curvature[:, np.arange(d), np.arange(d)] += second
     return gradient, curvature
@@ -201,6 +191,7 @@ def _climb(
     lasting: int,
     still_below: float,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    unite: bool = False,
 ) -> Ascent:
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
     n_dim = u.shape[1]
@@ -257,12 +248,32 @@ def _climb(
                 share /= np.maximum(np.sum(share * step, axis=1, keepdims=True), 1e-300)
                 slopes_at[up] += share[:, :, None] * (change - (step[:, None] @ slopes_at[up])[:, 0])[:, None, :]
         done += iterations
-        if survivors < len(u):
-            kept = np.sort(np.argsort(-height, kind="stable")[:survivors])
+        if survivors < len(u) or unite:
+            kept = np.sort(_kept(problem, u, height, predicted, survivors, unite))
             u, height, predicted, damping, target = (a[kept] for a in (u, height, predicted, damping, target))
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
     progress(total, total)
     return Ascent(u, height, predicted, n_sets)
+
+
+def _kept(
+    problem: Problem, u: FloatArray, height: FloatArray, predicted: FloatArray, most: int, unite: bool
+) -> NDArray[np.intp]:
+    """Climbs that go on, the highest first; of those to be united, the highest alone."""
+    order = np.argsort(-height, kind="stable")
+    if not unite:
+        return order[:most]
+    scatter = noise.scale(predicted, problem.noise_values(u), problem.known_sigma)
+    kept: list[int] = []
+    for k in order:
+        if not any(
+            height[m] - height[k] < _LIKE and np.abs((predicted[k] - predicted[m]) / scatter[m]).max() < _ALIKE
+            for m in kept
+        ):
+            kept.append(int(k))
+        if len(kept) == most:
+            break
+    return np.array(kept)
 
 
 def ascend(
@@ -274,6 +285,7 @@ def ascend(
     lasting: int = _LASTING,
     still_below: float = _STILL,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    unite: bool = False,
 ) -> Ascent:
     """Climb from every start.
 
@@ -293,6 +305,8 @@ def ascend(
         A climb stands still when it has gained less than this (nats) twice in a row.
     progress : callable
         Called with (iterations done, iterations at most).
+    unite : bool
+        After each part of the schedule, climbs that predict the same readings at the same height are one.
 
     Returns
     -------
@@ -316,6 +330,7 @@ def ascend(
         lasting,
         still_below,
         progress,
+        unite,
     )
 
 

@@ -27,9 +27,10 @@ ENOUGH = 0.05
 """Gain of a climb (nats) below which it ends: well within the error of Laplace's evidence."""
 # ... and of a model that all others are built on, all on all readings.
 _THOROUGH = ((4, 24), (8, 12), (30, 6))
-# One reading in so many is a trial's; fewer readings than this are not thinned.
-_THIN, _MANY = 4, 150
-# A model whose trial ends this far (nats) below its rival's stays there.
+# One reading in so many is a trial's, and its simulations are allowed this error of a step; fewer readings than this
+# are not thinned.
+_THIN, _ROUGH, _MANY = 4, 1e-3, 150
+# A model whose trial ends this far (nats) below its rival's stays there; so does a climb so far below the best.
 _HOPELESS = 15.0
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
@@ -184,31 +185,32 @@ def fit(
         The problem's own optimum is never below that of a nested model by more than a strength off its neutral value
         costs.
     """
+    many = problem.observed.size >= _MANY
+    coarse = replace(problem, experiment=thinned(problem.experiment, _THIN), tolerance=_ROUGH) if many else problem
     if not nested:
-        return settle(problem, ascend(problem, starts_of(problem, seed, most, draws)[0], schedule=_THOROUGH))
+        return settle(problem, ascend(problem, starts_of(coarse, seed, most, draws)[0], schedule=_THOROUGH))
     widest = [c.widened(problem, 2) for c in nested]
     rows = [r for of_one in widest for r in of_one]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
     known = np.vstack(rows)
-    many = problem.observed.size >= _MANY
-    coarse = replace(problem, experiment=thinned(problem.experiment, _THIN)) if many else problem
     crossed = starts_of(coarse, seed, most // 2, draws // 2, known)[0]
     fresh = starts_of(coarse, seed, most, draws)[0]
     # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
     races = ((fresh, _FRESH), (np.vstack([known, crossed]), _TRIAL))
-    trials = [ascend(coarse, starts, schedule=schedule, still_below=ENOUGH) for starts, schedule in races]
-    tried = np.vstack([t.u for t in trials])
+    trials = [ascend(coarse, starts, schedule=schedule, still_below=ENOUGH, unite=True) for starts, schedule in races]
+    tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
     if rival is not None:
         other = replace(coarse, terms=rival.terms)
-        if max(t.height[t.best] for t in trials) < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS:
+        if height.max() < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS:
             return settle(problem, ascend(problem, tried, schedule=((0, 1),)))
-    end = ascend(problem, tried, schedule=_FULL, still_below=ENOUGH)
+    tried = tried[height > height.max() - _HOPELESS]
+    end = ascend(problem, tried, schedule=_FULL, still_below=ENOUGH, unite=True)
     # A cause at its neutral value is a ridge that climbs may leave and not find again.
     neutral = np.vstack([of_one[0][:1] for of_one in widest])
     if problem.log_posterior(neutral).max() > end.height[end.best]:
-        end = ascend(problem, np.vstack([neutral, end.u]), schedule=_FULL, still_below=ENOUGH)
+        end = ascend(problem, np.vstack([neutral, end.u]), schedule=_FULL, still_below=ENOUGH, unite=True)
     return settle(problem, end)
 
 

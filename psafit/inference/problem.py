@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
 from psafit.inference import noise
-from psafit.parameters import Parameter
+from psafit.parameters import Bounds, Parameter
 from psafit.physics import baseline
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
+from psafit.simulate.stepper import TOLERANCE
 
 FloatArray = NDArray[np.float64]
 MICRO = 1e6  # um per m: measurements are in um, physics in m
@@ -35,11 +36,17 @@ class Problem:
         The groups the likelihood sees.
     terms : tuple of Term
         Causes that extend the baseline.
+    tolerance : float
+        Of the simulator; see `psafit.simulate.simulate`.
+    within : tuple of (name, Bounds)
+        Narrower bounds for some of the baseline's parameters.
     """
 
     experiment: Experiment
     group_ids: tuple[GroupId, ...]
     terms: tuple[Term, ...] = ()
+    tolerance: float = TOLERANCE
+    within: tuple[tuple[str, Bounds], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.group_ids:
@@ -50,8 +57,10 @@ class Problem:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters, in the order of the columns."""
+        narrower = dict(self.within)
+        plain = tuple(replace(p, bounds=narrower.get(p.name, p.bounds)) for p in baseline.PARAMETERS)
         own = tuple(p for term in self.terms for p in term.parameters)
-        return baseline.PARAMETERS + own + self._latents + noise.PARAMETERS
+        return plain + own + self._latents + noise.PARAMETERS
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -150,7 +159,8 @@ class Problem:
         """
         groups = self.group_ids if group_ids is None else tuple(group_ids)
         design = self.design if group_ids is None else self.design_of(groups)
-        return simulate(design, self.theta(u, groups, rng), self.terms).launch_range * MICRO
+        found = simulate(design, self.theta(u, groups, rng), self.terms, tolerance=self.tolerance)
+        return found.launch_range * MICRO
 
     def theta(self, u: FloatArray, groups: Sequence[GroupId], rng: np.random.Generator | None = None) -> FloatArray:
         """Physical values of `u` in the columns that the simulator takes for a design of `groups`; see `predict`."""
@@ -176,9 +186,33 @@ class Problem:
         """The scatter's parameters, as `noise.scale` takes them; (n_sets, 3)."""
         return self.to_physical(u)[:, self.n_model :]
 
+    @cached_property
+    def _parabolas(self) -> FloatArray:
+        """Centre, width and top of each log prior, (3, n_dim); NaN where it is no parabola."""
+        return np.array([p.parabola or (np.nan, np.nan, np.nan) for p in self.parameters]).T
+
     def log_prior(self, u: FloatArray) -> FloatArray:
-        """Log prior density in the sampling coordinate; (n_sets,)."""
-        return np.sum([p.log_prior(u[:, i]) for i, p in enumerate(self.parameters)], axis=0)
+        """Log prior density in the sampling coordinate, minus infinity outside the bounds; (n_sets,)."""
+        centre, width, top = self._parabolas
+        each = top - 0.5 * np.square((u - centre) / width)
+        for i in np.flatnonzero(np.isnan(top)):
+            each[:, i] = self.parameters[i].log_prior(u[:, i])
+        inside = ((u >= self.bounds[:, 0]) & (u <= self.bounds[:, 1])).all(axis=1)  # False for NaN too
+        return np.where(inside, each.sum(axis=1), -np.inf)
+
+    def prior_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """First derivative, and negative second, of the log prior by each coordinate; (n_sets, n_dim) each."""
+        centre, width, top = self._parabolas
+        second = np.broadcast_to(width**-2.0, u.shape).copy()
+        first = (centre - u) * second
+        h = 1e-3
+        for i in np.flatnonzero(np.isnan(top)):
+            inside = np.clip(u[:, i], self.bounds[i, 0] + h, self.bounds[i, 1] - h)
+            low, mid, high = (self.parameters[i].log_prior(inside + d) for d in (-h, 0.0, h))
+            second[:, i] = np.maximum((2 * mid - low - high) / h**2, 0.0)
+            # Where the point was moved inside, the slope goes on linearly.
+            first[:, i] = (high - low) / (2 * h) - second[:, i] * (u[:, i] - inside)
+        return first, second
 
     def pointwise_log_likelihood(self, u: FloatArray) -> FloatArray:
         """Log density of every reading; (n_sets, n_points)."""

@@ -117,6 +117,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "screening": _screening_rows(result.screening),
         "alternatives": _alternatives(result),
         "tests_before": _tests(result.misfit.get("baseline", {})),
+        "search": _search(result.misfit.get("search")),
         "tests_after": _tests(result.misfit.get("extended", {})),
         "leftover": _leftover(result, shown),
         "quick": result.quick,
@@ -124,6 +125,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "extension": result.extension,
         "ledger": _ledger(result.ledger),
         "proposals": _proposals(result.next_experiment),
+        "rehearsal": _rehearsal(result.next_experiment.get("rehearsal")),
         "numerics": _numerics(result.numerics),
         "data_warnings": experiment.warnings,
         "facts": _facts(result, experiment),
@@ -621,6 +623,28 @@ def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
     about = str(found.get("about", ""))
     tells = about.startswith("tells ")
     return {"about": _about(about), "tells": tells, "rows": rows if tells else [row[:-1] for row in rows]}
+
+
+def _search(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if not found or not found["null"]:
+        return None
+    p, n = found["p_value"], len(found["null"])
+    return {
+        "n": n,
+        "lead": _nats(found["lead"]),
+        "most": _nats(max(found["null"])),
+        "p": f"{'≤' if p <= 1 / (n + 1) else '='} {p:.2g}",
+    }
+
+
+def _rehearsal(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if not found:
+        return None
+    rows = [
+        [model(ids), _share(before), _share(after)]
+        for ids, before, after in zip(found["truth"], found["before"], found["after"], strict=True)
+    ]
+    return {"text": found["proposal"], "first": found["first"], "n": len(rows), "rows": rows}
 
 
 def _about(text: str) -> Markup | str:

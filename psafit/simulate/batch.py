@@ -205,7 +205,8 @@ def simulate(
     path : {"closed form", "stepper"}, optional
         By default each set takes the closed form wherever it has one; "stepper" makes all of them take the steps.
     tolerance : float
-        Of the stepper: error admitted in one step, relative to the ball's speed.
+        Of the stepper: error admitted in one step, relative to the ball's speed. A swing with losses is followed in
+        fewer steps where more than the usual error is admitted.
 
     Returns
     -------
@@ -252,8 +253,9 @@ def simulate(
     ]
     loss = np.ascontiguousarray(np.array(losses, np.int64).reshape(-1, 2).T)
     swung = np.empty(speed.shape)
+    steps = flight.STEPS if tolerance <= stepper.TOLERANCE else flight.FEW_STEPS
     flight.swing(
-        speed, place, status, rig.l, rig.g, rig.lean, weight, loss[0], loss[1], np.ascontiguousarray(sets), swung
+        speed, place, status, rig.l, rig.g, rig.lean, weight, loss[0], loss[1], np.ascontiguousarray(sets), steps, swung
     )
     for k, term in enumerate(terms):
         if term.reading:

@@ -6,7 +6,8 @@ the pendulum's lowest point, at the height :math:`h_s = l - \sqrt{l^2 - s^2}`,
 .. math:: L_r = \sqrt{H (2l - H)} - x_0, \qquad H = h + h_s ,
 
 which keeps its digits for microscopic swings. Losses (`Term.deceleration`) are integrated with the fifth-order method
-of Dormand and Prince in steps of at most a fortieth of the rise; the last step's length is found by Newton's method.
+of Dormand and Prince in steps of at most a fortieth of the rise, with an error of 1e-10, or of a twelfth, with one of
+3e-8, where that will do; the last step's length is found by Newton's method.
 """
 
 from __future__ import annotations
@@ -17,16 +18,22 @@ from psafit.simulate.callbacks import call_deceleration
 from psafit.simulate.closed_form import LAUNCHED
 from psafit.simulate.compiled import compiled
 
-_STEPS = 40
+STEPS, FEW_STEPS = 40, 12
+
+
+@compiled
+def _loss(x, v, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
+    """Deceleration by all causes."""
+    total = 0.0
+    for k in range(len(loss_at)):
+        total += call_deceleration(loss_at[k], x, v, theta_at + loss_p[k])
+    return total
 
 
 @compiled
 def _slow(x, v, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
     """Rate of the speed along the arc."""
-    rate = -g * math.sin(angle + x / length)
-    for k in range(len(loss_at)):
-        rate -= call_deceleration(loss_at[k], x, v, theta_at + loss_p[k])
-    return rate
+    return -g * math.sin(angle + x / length) - _loss(x, v, loss_at, loss_p, theta_at)
 
 
 @compiled
@@ -55,7 +62,7 @@ def _step(x, v, h, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore
 
 
 @compiled
-def _rise(v, start, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
+def _rise(v, start, length, g, loss_at, loss_p, theta_at, n_steps):  # type: ignore[no-untyped-def]
     """Angle at which a swing with losses turns back; at most a right angle."""
     angle = math.asin(min(max(start / length, -1.0), 1.0))
     # No longer than the free pendulum's quarter period, nor than the loss alone needs to stop the ball.
@@ -63,9 +70,9 @@ def _rise(v, start, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-un
     slow = -_slow(0.0, v, angle, length, g, loss_at, loss_p, theta_at)
     if slow > 0.0:
         span = min(span, 2.0 * v / slow)
-    h = span / _STEPS
+    h = span / n_steps
     x = 0.0
-    for _ in range(100 * _STEPS):
+    for _ in range(100 * n_steps):
         new_x, new_v = _step(x, v, h, angle, length, g, loss_at, loss_p, theta_at)
         if new_v <= 0.0:
             last = h
@@ -84,7 +91,7 @@ def _rise(v, start, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-un
 
 
 @compiled
-def swing(speed, place, status, length, g, lean, weight, loss_at, loss_p, theta, out):  # type: ignore[no-untyped-def]
+def swing(speed, place, status, length, g, lean, weight, loss_at, loss_p, theta, n_steps, out):  # type: ignore[no-untyped-def]
     """Launch ranges, m, (n_sets, n_points), into `out`; zero where the ball was not launched."""
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
@@ -101,8 +108,9 @@ def swing(speed, place, status, length, g, lean, weight, loss_at, loss_p, theta,
             elif weight[i] > 0.0:
                 start = math.sqrt(weight[i]) * place[i, j]
             start = min(max(start, -l), l)
-            if len(loss_at) > 0:
-                top = _rise(v, start, l, g[i], loss_at, loss_p, first + i * stride)
+            # Causes at their neutral values lose nothing, to the last digit.
+            if _loss(0.0, v, loss_at, loss_p, first + i * stride) != 0.0:
+                top = _rise(v, start, l, g[i], loss_at, loss_p, first + i * stride, n_steps)
                 out[i, j] = l * math.sin(top) - x_0
             else:
                 height = v * v / (2.0 * g[i]) + start * start / (l + math.sqrt(l * l - start * start))

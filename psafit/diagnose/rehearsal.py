@@ -1,0 +1,116 @@
+"""Rehearse a proposed measurement: its readings are drawn from each tied model in turn, and all of them judged again.
+
+What was measured stays as it is. To it come readings that a draw from the posterior of one model makes of the proposed
+sweep; then every tied model is fitted to the whole, and the probabilities among them are computed as the diagnosis
+does. A proposal that works leaves the model that made the readings ahead of the others, whichever it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import softmax
+
+from psafit.diagnose.next_experiment import Proposal
+from psafit.experiment import Group
+from psafit.inference import noise
+from psafit.inference.ascent import ascend
+from psafit.inference.candidate import ENOUGH, Candidate, settle
+from psafit.inference.evidence import Weighed
+from psafit.inference.problem import MICRO
+from psafit.simulate import Design, simulate
+
+# Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
+_TRIALS, _STARTS = 3, 6
+_CLIMB = ((6, 12), (24, 3))
+NEW = "the proposed sweep"
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """How a measurement did.
+
+    Parameters
+    ----------
+    proposal : str
+        The measurement.
+    truth : list of lists of str
+        Causes that made the readings, once for each rehearsal.
+    before, after : list of float
+        Probability of the truth among the tied models, without and with the new readings, once for each rehearsal.
+    first : int
+        Rehearsals in which the truth came out first.
+    """
+
+    proposal: str
+    truth: list[list[str]]
+    before: list[float]
+    after: list[float]
+    first: int
+
+
+def rehearse(
+    tied: Sequence[tuple[Candidate, Weighed]],
+    log_prior: Sequence[float],
+    proposal: Proposal,
+    *,
+    seed: int,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Rehearsal:
+    """Measure a proposed sweep in simulation, with each of some models as the truth.
+
+    Parameters
+    ----------
+    tied : sequence of (Candidate, Weighed)
+        The models and their posteriors, given the same readings.
+    log_prior : sequence of float
+        Log prior probability of each.
+    proposal : Proposal
+        With the rig's constants as they are.
+    seed : int
+    progress : callable
+        Called with (rehearsals done, rehearsals).
+
+    Returns
+    -------
+    Rehearsal
+    """
+    if proposal.constants:
+        raise ValueError("readings of another rig do not belong to the same experiment")
+    before = softmax([w.log_evidence + p for (_, w), p in zip(tied, log_prior, strict=True)])
+    truth, after, first = [], [], 0
+    for k, (candidate, draws) in enumerate(tied):
+        for trial in range(_TRIALS):
+            progress(_TRIALS * k + trial, _TRIALS * len(tied))
+            rng = np.random.default_rng([seed, 23, k, trial])
+            new = _measured(candidate, draws, proposal, rng)
+            height = [_refitted(c, d, new, rng).laplace + p for (c, d), p in zip(tied, log_prior, strict=True)]
+            truth.append(list(candidate.ids))
+            after.append(float(softmax(height)[k]))
+            first += int(np.argmax(height) == k)
+    return Rehearsal(proposal.text, truth, np.repeat(before, _TRIALS).tolist(), after, first)
+
+
+def _measured(candidate: Candidate, draws: Weighed, proposal: Proposal, rng: np.random.Generator) -> Group:
+    """Readings of the proposed sweep, of a truth drawn from the model's posterior."""
+    problem = candidate.problem
+    u = draws.draws[rng.choice(len(draws.draws), p=draws.weights)][None]
+    frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
+    design = Design.sweep(problem.experiment.constants, proposal.waveform, frequency, voltage)
+    ranges = simulate(design, problem.theta(u, [NEW], rng), problem.terms).launch_range * MICRO
+    readings = np.maximum(noise.draw(ranges, problem.noise_values(u), None, rng), 0.0)[0]
+    return Group(NEW, "square" if proposal.waveform == "square" else "sine", "", frequency, voltage, readings)
+
+
+def _refitted(candidate: Candidate, draws: Weighed, new: Group, rng: np.random.Generator) -> Candidate:
+    """A model fitted to the old readings and the new ones."""
+    old = candidate.problem
+    experiment = replace(old.experiment, groups=(*old.experiment.groups, new))
+    problem = replace(old, experiment=experiment, group_ids=(*old.group_ids, NEW))
+    known = np.vstack([candidate.modes, draws.draws[rng.choice(len(draws.draws), _STARTS, p=draws.weights)]])
+    shared = [problem.names.index(name) for name in old.names]
+    starts = np.tile(problem.prior_transform(np.full(problem.n_dim, 0.5)), (len(known), 1))
+    starts[:, shared] = known
+    return settle(problem, ascend(problem, starts, schedule=_CLIMB, still_below=ENOUGH, unite=True))

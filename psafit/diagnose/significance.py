@@ -1,0 +1,90 @@
+"""How often the whole search finds as much where nothing is hidden.
+
+Probabilities of models rest on priors and on a likelihood; a search through thousands of combinations also has its
+luck. So readings are simulated from the fitted baseline, the whole ladder is run on them, and the best of all models
+with causes that it finds is compared with what it found in the measured readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from psafit.diagnose.ladder import Ladder, climb, log_prior
+from psafit.diagnose.memory import Memory
+from psafit.inference import noise
+from psafit.physics.term import Term
+
+
+@dataclass(frozen=True)
+class Significance:
+    """The best model with causes against the baseline, in measured readings and in simulated ones.
+
+    Parameters
+    ----------
+    lead : float
+        Log posterior odds of the best model with causes against the baseline, nats.
+    null : list of float
+        The same for each set of readings simulated from the fitted baseline.
+    p_value : float
+        Share of the searches, the measured one counted in, that find at least as much.
+    """
+
+    lead: float
+    null: list[float]
+    p_value: float
+
+
+def lead(ladder: Ladder) -> float:
+    """Log posterior odds of the best model with causes against the baseline, nats."""
+    n = len(ladder.screened)
+    worth = {ids: value + log_prior(len(ids), n) for ids, value in ladder.log_evidence.items()}
+    return max(value for ids, value in worth.items() if ids) - worth[()]
+
+
+def significance(
+    ladder: Ladder,
+    catalogue: Sequence[Term],
+    n_searches: int,
+    *,
+    seed: int,
+    memory: Memory,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Significance:
+    """Repeat the search on readings simulated from the fitted baseline.
+
+    Parameters
+    ----------
+    ladder : Ladder
+        Of the measured readings.
+    catalogue : sequence of Term
+    n_searches : int
+        Repetitions; the p-value is at least ``1 / (n_searches + 1)``.
+    seed : int
+    memory : Memory
+        Repetitions already there are not run again.
+    progress : callable
+        Called with (repetitions done, repetitions).
+
+    Returns
+    -------
+    Significance
+    """
+    baseline, own = ladder.baseline, lead(ladder)
+    null = []
+    for k in range(n_searches):
+        progress(k, n_searches)
+
+        def again(k: int = k) -> dict[str, np.ndarray]:
+            rng = np.random.default_rng([seed, 29, k])
+            known = baseline.problem.known_sigma
+            readings = np.maximum(noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], 0.0)
+            simulated = baseline.problem.experiment.with_readings(readings)
+            found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed)
+            return {"lead": np.array(lead(found))}
+
+        about = [seed, k, [t.id for t in catalogue]]
+        null.append(float(memory.recall("null", baseline.problem, about, again)["lead"]))
+    return Significance(own, null, (1 + sum(x >= own for x in null)) / (n_searches + 1))
