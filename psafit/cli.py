@@ -273,6 +273,9 @@ def fit(
 @click.option("--group", "group", required=True, metavar="ID[,ID...]", help="Training groups of the strict gain.")
 @click.option("--quick", is_flag=True, help="The verdict alone: no measured gain.")
 @click.option(
+    "--nautilus", is_flag=True, help="Compute the finalists' evidence by a nested sampler, too: minutes a model."
+)
+@click.option(
     "--searches",
     type=click.IntRange(0, 9999),
     metavar="N",
@@ -289,6 +292,7 @@ def diagnose(
     group: str,
     quick: bool,
     searches: int | None,
+    nautilus: bool,
     out: Path | None,
     seed: int,
     no_report: bool,
@@ -310,12 +314,23 @@ def diagnose(
     _refuse_run_file(json_file, folder)
     command = ["psafit", "diagnose", experiment, "--group", group, "--seed", seed, *(["--quick"] if quick else [])]
     command += ["--searches", searches] if searches is not None else []
+    command += ["--nautilus"] if nautilus else []
     command += ["--out", out] if out else []
     command += plugin_words()
     with watcher(quiet) as show:
         from psafit.diagnose import diagnose as examine
 
-        result = examine(data, ids, folder, quick=quick, searches=searches, seed=seed, watcher=show, command=command)
+        result = examine(
+            data,
+            ids,
+            folder,
+            quick=quick,
+            searches=searches,
+            nautilus=nautilus,
+            seed=seed,
+            watcher=show,
+            command=command,
+        )
         if not no_report:
             show.stage("report")
             from psafit.report.diagnosis import write_diagnosis

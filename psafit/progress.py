@@ -22,6 +22,8 @@ TITLES = {
     "causes": "search the causes, on all groups",
     "tests": "test the baseline and its best extension",
     "next experiment": "look for the measurement that tells most",
+    "significance": "repeat the search where nothing is hidden",
+    "nautilus": "evidence by a nested sampler",
     "strict gain": "strict gain: causes from the training groups alone",
     "nested gain": "nested gain: causes without each group in turn",
     "report": "write the report",

@@ -218,3 +218,13 @@ def test_no_address_of_this_machine(pattern: str, specimen: str) -> None:
         if re.search(pattern, line)
     ]
     assert not found, "\n" + "\n".join(found)
+
+
+def test_every_stage_of_long_work_has_a_title() -> None:
+    from psafit.progress import TITLES
+
+    said = {name for path in PACKAGE.rglob("*.py") for name in re.findall(r'\.stage\(f?"([^"]+)"\)', path.read_text())}
+    # The gain's stages are named by their protocols.
+    said = {name for one in said for name in ([one] if "{" not in one else ["strict gain", "nested gain"])}
+    assert "fit" in said or len(said) > 5
+    assert said <= set(TITLES)

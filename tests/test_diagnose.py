@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,10 +22,13 @@ from psafit.diagnose.next_experiment import propose
 from psafit.diagnose.rehearsal import rehearse
 from psafit.diagnose.screening import PRESENT, _unclear, screen
 from psafit.diagnose.show import drift, growth
+from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
+from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.inference.candidate import fit, thinned
 from psafit.inference.evidence import weigh
+from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import load
 from psafit.physics import TERMS, terms
@@ -81,6 +85,20 @@ def test_evidence_is_that_of_plain_monte_carlo():
     mean = found.weights @ found.draws
     other = np.exp(likelihood - logsumexp(likelihood)) @ draws
     assert mean == pytest.approx(other, abs=6 * error * draws.std(axis=0).max())
+
+
+def test_evidence_is_that_of_a_nested_sampler(sound):
+    """Two ways that share but the simulator: climbs, emulator and weights; and shells from the prior inwards."""
+    pytest.importorskip("nautilus")
+    ours = weigh(sound, seed=1)
+    theirs = nested_evidence(sound.problem, seed=1, n_live=150, effective=150)
+    assert ours.log_evidence == pytest.approx(theirs.log_evidence, abs=0.5)
+
+
+def test_nautilus_is_asked_for_in_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "nautilus", None)
+    with pytest.raises(InputError, match="pip install nautilus-sampler"):
+        require()
 
 
 def test_resampling_keeps_the_weighted_mean(sound):
@@ -291,6 +309,16 @@ def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
     assert found == rehearse(models, [0.0, 0.0], best, seed=1)
     with pytest.raises(ValueError, match="another rig"):
         rehearse(models, [0.0, 0.0], replace(best, constants={"l": 1.0}), seed=1)
+
+
+def test_the_search_finds_less_where_nothing_is_hidden(hidden, tmp_path):
+    memory = Memory(tmp_path)
+    found = significance(hidden, FEW, 3, seed=1, memory=memory)
+    assert found.lead == lead(hidden) > 3 > max(found.null)
+    assert found.p_value == 0.25
+    assert found == significance(hidden, FEW, 3, seed=1, memory=memory)
+    strong = replace(hidden, log_evidence={ids: (1e3 if ids == () else e) for ids, e in hidden.log_evidence.items()})
+    assert significance(strong, FEW, 3, seed=1, memory=memory).p_value == 1.0
 
 
 # --- memory and the whole -------------------------------------------------------------------------------------------

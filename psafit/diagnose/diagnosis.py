@@ -28,6 +28,7 @@ from psafit.files import portable_command
 from psafit.inference.candidate import Candidate
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Weighed
+from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem
 from psafit.inference.run import Silent, Watcher, fit, versions
 from psafit.numerics import refine
@@ -62,6 +63,7 @@ def diagnose(
     *,
     quick: bool = False,
     searches: int | None = None,
+    nautilus: bool = False,
     seed: int = 1,
     catalogue: Sequence[Term] = TERMS,
     watcher: Watcher | None = None,
@@ -81,6 +83,8 @@ def diagnose(
     searches : int, optional
         Repetitions of the whole search on readings simulated from the fitted baseline (`psafit.diagnose.significance`);
         19 where a cause is named, none with `quick`.
+    nautilus : bool
+        Whether to compute the evidence of what the verdict rests on by a nested sampler, too.
     seed : int
     catalogue : sequence of Term
         Candidate causes.
@@ -96,6 +100,8 @@ def diagnose(
     training = tuple(experiment.group(g).id for g in group_ids)
     if not training:
         raise InputError("no training group", "give at least one group id")
+    if nautilus:
+        require()
     watcher = watcher or Silent()
     memory = Memory(folder / "steps")
     seconds: dict[str, float] = {}
@@ -131,17 +137,6 @@ def diagnose(
     lap("next experiment")
 
     misfit = _misfit(before, after, left, leader)
-    if searches is None:
-        searches = 0 if quick or not leader.terms else _SEARCHES
-    if searches:
-        watcher.stage("the search where nothing is hidden")
-        misfit["search"] = asdict(
-            significance(
-                ladder, catalogue, searches, seed=seed, memory=memory,
-                progress=lambda k, n: watcher.update(k, n, "simulated baselines"),
-            )
-        )  # fmt: skip
-        lap("significance")
 
     measured: dict[str, Any] = {}
     adopted: tuple[str, ...] = ()
@@ -170,12 +165,31 @@ def diagnose(
         ledger.append({"choice": "posterior of the extension", "saw": list(training), "scored_on": unseen})
         lap("extension")
 
+    if searches is None:
+        searches = 0 if quick or not leader.terms else _SEARCHES
+    if searches:
+        watcher.stage("significance")
+        misfit["search"] = asdict(
+            significance(
+                ladder, catalogue, searches, seed=seed, memory=memory,
+                progress=lambda k, n: watcher.update(k, n, "simulated baselines"),
+            )
+        )  # fmt: skip
+        lap("significance")
+
+    causes = _causes(ladder, verdict)
+    if nautilus:
+        watcher.stage("nautilus")
+        decisive = {(), tuple(verdict.named), leader.ids, *verdict.alternatives}
+        causes = [_confirmed(c, ladder, seed, memory, watcher) if tuple(c.terms) in decisive else c for c in causes]
+        lap("nautilus")
+
     result = Diagnosis(
         schema=SCHEMA,
         verdict=verdict.verdict,
         named=list(verdict.named),
         alternatives=[list(ids) for ids in verdict.alternatives],
-        causes=_causes(ladder, verdict),
+        causes=causes,
         misfit=misfit,
         numerics=numerics,
         gain=measured,
@@ -296,6 +310,20 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     return CauseResult(
         list(candidate.ids), verdict.probability[candidate.ids], parameters, evidence, implausible
     )  # fmt: skip
+
+
+def _confirmed(cause: CauseResult, ladder: Ladder, seed: int, memory: Memory, watcher: Watcher) -> CauseResult:
+    """The same with the evidence that a nested sampler gives the model."""
+    problem = ladder.of(tuple(cause.terms)).problem
+
+    def make() -> dict[str, FloatArray]:
+        found = nested_evidence(
+            problem, seed=seed, progress=lambda calls: watcher.update(0, 1, f"{_words(cause.terms)}: {calls:,} sets")
+        )
+        return {name: np.asarray(value, float) for name, value in asdict(found).items()}
+
+    found = memory.recall("nautilus", problem, [seed], make)
+    return replace(cause, evidence=cause.evidence | {"nautilus": {name: float(a) for name, a in found.items()}})
 
 
 def _prior_share(p: Parameter, value: float) -> float:

@@ -422,6 +422,9 @@ def _method(evidence: Mapping[str, Any]) -> str:
     text = str(evidence.get("method", "–"))
     if evidence.get("effective_draws") is not None:
         text += f": {_known(evidence['effective_draws']):.0f} effective draws"
+    if evidence.get("nautilus"):
+        other = _known(evidence["nautilus"]["log_evidence"]) - _known(evidence["log_evidence"])
+        text += f"; by nautilus {_signed(other)}"
     if evidence.get("pareto_k") is not None:
         text += typeset(f", Pareto k {_known(evidence['pareto_k']):.2f}")
     return text
