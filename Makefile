@@ -12,6 +12,8 @@ RUN      ?= fits/psa-group1
 JOBS     ?= 2
 ARGS     ?=
 LIMIT    ?=
+CASES    ?=
+KILLS    ?=
 UV       ?= uv
 UPGRADE  ?=
 QUICK    ?=
@@ -36,7 +38,7 @@ PSAFIT := $(BIN)/psafit
 quoted  = '$(subst ','\'',$(1))'
 option  = $(if $(strip $(2)),$(1) $(call quoted,$(2)))
 
-.PHONY: help setup fit validate diagnose sbc reproduce test lint types bench challenge docs docs-figures lock clean
+.PHONY: help setup fit validate diagnose sbc reproduce test fuzz kills lint types bench challenge docs docs-figures lock clean
 
 help: ## List the targets
 	@echo 'make TARGET [NAME=value ...]'
@@ -65,6 +67,12 @@ reproduce: $(STAMP)-run ## Repeat the study's own tables and say where they come
 
 test: $(STAMP)-dev ## Run all tests, the slow ones too: [JOBS=2] [ARGS='-k name'] (plain pytest: the fast ones)
 	@$(BIN)/python -m pytest -m '' -n $(JOBS) $(ARGS)
+
+fuzz: $(STAMP)-dev ## Hostile files and options by the thousand: [CASES=10000] [SEED=n]
+	@$(BIN)/python tests/fuzz.py $(call option,--cases,$(CASES)) $(call option,--seed,$(SEED))
+
+kills: $(STAMP)-dev ## Kill -9 fits, diagnoses and campaigns at random moments: [KILLS=27 of each] [SEED=n]
+	@$(BIN)/python tests/kills.py $(call option,--kills,$(KILLS)) $(call option,--seed,$(SEED))
 
 lint: $(STAMP)-dev ## Check style and formatting
 	@$(BIN)/python -m ruff check .

@@ -29,6 +29,8 @@ for _library in ("OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 DONE, CHECK_FAILED, BAD_INPUT = 0, 1, 2
+# Characters of a word above which a message shows its ends only: no path on a usual machine is longer.
+_LONGEST_WORD = 300
 RUN_FILES = (
     "fit.json",
     "chain.h5",
@@ -124,13 +126,13 @@ def main() -> None:
     except click.ClickException as error:
         where = f"psafit {error.ctx.info_name}" if getattr(error, "ctx", None) and error.ctx.parent else "psafit"  # type: ignore[attr-defined]
         message = " ".join(error.format_message().split())
-        click.echo(f"{where}: {message.rstrip('.')}; see {where} --help", err=True)
+        _say(f"{where}: {message.rstrip('.')}; see {where} --help")
         code = BAD_INPUT
     except InputError as error:
-        click.echo(f"psafit: {error}", err=True)
+        _say(f"psafit: {error}")
         code = BAD_INPUT
     except PsafitError as error:
-        click.echo(f"psafit: {error}", err=True)
+        _say(f"psafit: {error}")
         code = CHECK_FAILED
     except (KeyboardInterrupt, click.Abort):
         typed = "\n" if sys.stderr.isatty() else ""  # the terminal shows ^C
@@ -141,15 +143,21 @@ def main() -> None:
         code = DONE
     except Exception as error:
         if blamed := plugins.blamed(error):
-            click.echo(f"psafit: {blamed}", err=True)
+            _say(f"psafit: {blamed}")
         elif isinstance(error, OSError):
             _discard_output()
             where = f"{error.filename}: " if error.filename else ""
-            click.echo(f"psafit: {where}{error.strerror or error}; make room, or write elsewhere", err=True)
+            _say(f"psafit: {where}{error.strerror or error}; make room, or write elsewhere")
         else:
             raise
         code = BAD_INPUT
     sys.exit(code if isinstance(code, int) else DONE)
+
+
+def _say(message: str) -> None:
+    """One line on standard error; of a word that fills screens, its ends."""
+    words = (word if len(word) <= _LONGEST_WORD else f"{word[:100]}…{word[-40:]}" for word in message.split(" "))
+    click.echo(" ".join(words), err=True)
 
 
 def _discard_output() -> None:
