@@ -70,6 +70,22 @@ def write_atomically(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
+def reserve(path: Path, n_bytes: int) -> None:
+    """See that a file of this size has room where `path` is, which is written over.
+
+    HDF5 does not survive a disk that fills up while it writes: it ends the process.
+
+    Raises
+    ------
+    OSError
+        If there is no room.
+    """
+    with path.open("wb") as f:
+        for _ in range(n_bytes >> 20):
+            f.write(bytes(1 << 20))
+        f.write(bytes(n_bytes & 0xFFFFF))
+
+
 def is_temporary(path: Path) -> bool:
     """Whether a killed `replacing` left it."""
     return _TEMPORARY.fullmatch(path.name) is not None and path.is_file()
@@ -80,6 +96,39 @@ def remove_temporaries(folder: Path) -> None:
     for path in folder.iterdir():
         if is_temporary(path):
             path.unlink()
+
+
+@contextmanager
+def sole(folder: Path) -> Iterator[None]:
+    """Keep a folder, made if need be, to this process while it works there.
+
+    The lock lies on the folder itself and ends with the process, however that ends. Where the system or the file
+    system knows no such locks there is none.
+
+    Raises
+    ------
+    InputError
+        If another process works there.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    with _explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            remedy = "wait until it has ended, or give another --out"
+            raise InputError("another psafit works in this folder", remedy, file=folder) from error
+        except OSError:
+            pass
+        yield
+    finally:
+        os.close(handle)
 
 
 def sha256(path: Path) -> str:

@@ -14,6 +14,7 @@ from test_report_diagnosis import make_experiment, make_record
 
 from psafit import cli, progress
 from psafit.experiment import read_experiment
+from psafit.files import sole
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -285,3 +286,46 @@ def test_diagnose(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> No
     # Once more: the fits are kept.
     assert run(monkeypatch, "diagnose", known_folder, "--group", "1", "--quick", "--out", out, "--quiet") == 0
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", "EXP", "--group", "1", "--out", "OUT"],
+        ["diagnose", "EXP", "--group", "1", "--out", "OUT"],
+        ["challenge", "run", "--seed", "1", "--experiment", "EXP", "--out", "OUT"],
+    ],
+)
+def test_a_folder_in_which_another_process_works_is_left_alone(
+    words: list[str],
+    known_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "out"
+    places = {"EXP": known_folder, "OUT": out}
+    with sole(out):
+        assert run(monkeypatch, *(places.get(word, word) for word in words), "--quiet") == 2
+        assert not list(out.iterdir())
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"{out}: another psafit works in this folder; wait until it has ended" in said
+
+
+@pytest.mark.parametrize("room", [20_000, 250_000])
+def test_a_disk_that_fills_up_during_a_fit_is_one_line_and_loses_nothing(
+    room: int, known_folder: Path, tmp_path: Path
+) -> None:
+    """Room for nothing, and for the search's record but not for a chain; HDF5 alone would end the process."""
+    import resource
+
+    command = [sys.executable, "-m", "psafit", "fit", str(known_folder), "--group", "1", "--starts", "4"]
+    done = subprocess.run(
+        [*command, "--quiet", "--no-report", "--out", "run"], cwd=tmp_path, stderr=subprocess.PIPE, text=True,
+        check=False, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
+    )  # fmt: skip
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "cannot be written" in done.stderr
+    assert not [p for p in (tmp_path / "run").rglob("*") if p.suffix == ".tmp"]
+    assert json.loads((tmp_path / "run" / "fit.json").read_text("utf-8"))["n_starts"] == 4

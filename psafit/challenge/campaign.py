@@ -33,7 +33,7 @@ from psafit.diagnose import diagnose as examine
 from psafit.diagnose.record import RESULT
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
-from psafit.files import remove_temporaries
+from psafit.files import remove_temporaries, sole
 from psafit.physics import TERMS
 from psafit.records import plain, read_content, read_json, write_json
 
@@ -329,27 +329,28 @@ def run(
     if scheduler is not None and importlib.util.find_spec("distributed") is None:
         raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
     campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs))
-    _claim(folder, campaign)
-    results = folder / RESULTS
-    results.mkdir(parents=True, exist_ok=True)
-    remove_temporaries(results)
-    wanted = specs if limit is None else specs[:limit]
-    done = {spec.id: found for spec in wanted if (found := _read(folder, spec)) and found.status == "done"}
-    left = [spec for spec in wanted if spec.id not in done]
-    progress(len(done), len(wanted), "")
-    if left:
-        with _workers(jobs, scheduler) as (n_jobs, shielded):
-            calls = (
-                joblib.delayed(solve)(spec, design_of, diagnose, tuple(outside), shielded=shielded) for spec in left
-            )
-            # One at a time to each worker: what is not begun is not lost.
-            parallel = joblib.Parallel(
-                n_jobs=n_jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
-            )
-            for result in parallel(calls):
-                write_json(results / f"{result.spec.id}.json", result)
-                done[result.spec.id] = result
-                progress(len(done), len(wanted), result.spec.id)
+    with sole(folder):
+        _claim(folder, campaign)
+        results = folder / RESULTS
+        results.mkdir(parents=True, exist_ok=True)
+        remove_temporaries(results)
+        wanted = specs if limit is None else specs[:limit]
+        done = {spec.id: found for spec in wanted if (found := _read(folder, spec)) and found.status == "done"}
+        left = [spec for spec in wanted if spec.id not in done]
+        progress(len(done), len(wanted), "")
+        if left:
+            with _workers(jobs, scheduler) as (n_jobs, shielded):
+                calls = (
+                    joblib.delayed(solve)(spec, design_of, diagnose, tuple(outside), shielded=shielded) for spec in left
+                )
+                # One at a time to each worker: what is not begun is not lost.
+                parallel = joblib.Parallel(
+                    n_jobs=n_jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
+                )
+                for result in parallel(calls):
+                    write_json(results / f"{result.spec.id}.json", result)
+                    done[result.spec.id] = result
+                    progress(len(done), len(wanted), result.spec.id)
     # Read back, so that a fresh result and one of an earlier run are the same to the last digit.
     return load(folder)[1]
 

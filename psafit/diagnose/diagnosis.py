@@ -24,7 +24,7 @@ from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
-from psafit.files import portable_command
+from psafit.files import portable_command, sole
 from psafit.inference.candidate import Candidate
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Weighed
@@ -102,7 +102,25 @@ def diagnose(
         raise InputError("no training group", "give at least one group id")
     if nautilus:
         require()
-    watcher = watcher or Silent()
+    with sole(folder):
+        return _diagnosed(
+            experiment, training, folder, quick, searches, nautilus, seed, catalogue, watcher or Silent(), command
+        )
+
+
+def _diagnosed(
+    experiment: Experiment,
+    training: tuple[GroupId, ...],
+    folder: Path,
+    quick: bool,
+    searches: int | None,
+    nautilus: bool,
+    seed: int,
+    catalogue: Sequence[Term],
+    watcher: Watcher,
+    command: Sequence[object],
+) -> Diagnosis:
+    """What `diagnose` does once it knows what it is asked for."""
     memory = Memory(folder / "steps")
     seconds: dict[str, float] = {}
     began = time.monotonic()

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.errors import InputError
-from psafit.files import replacing
+from psafit.files import replacing, reserve
 from psafit.inference import store
 from psafit.inference.ascent import ascend
 from psafit.inference.candidate import settle
@@ -355,6 +355,8 @@ def chain_of(backend: emcee.backends.Backend, settings: Settings) -> Chain:
 def _checkpoint(backend: emcee.backends.Backend, path: Path, identity: str) -> None:
     """Write the chain where `emcee.backends.HDFBackend(path, name="psafit")` finds it, in one step."""
     with replacing(path) as temporary:
+        # Its chunks are allocated whole; the rest is names and the generator's state.
+        reserve(temporary, 2 * (backend.chain.nbytes + backend.log_prob.nbytes) + store.HDF5_FRAME)
         stored = emcee.backends.HDFBackend(str(temporary), name=GROUP)
         stored.reset(*backend.shape)
         stored.grow(backend.iteration, None)

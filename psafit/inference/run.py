@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 import psafit
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment, write_experiment
-from psafit.files import is_temporary, portable_command, remove_temporaries, sha256, write_atomically
+from psafit.files import is_temporary, portable_command, remove_temporaries, sha256, sole, write_atomically
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
@@ -187,10 +187,25 @@ def fit(
     settings = settings or emcee_adaptor.Settings.of(problem)
     watcher = watcher or Silent()
     determinants = _determinants(problem, seed, n_starts, _sampler(settings))
+    with sole(folder):
+        return _fitted(problem, folder, determinants, seed, n_starts, settings, watcher, command)
+
+
+def _fitted(
+    problem: Problem,
+    folder: Path,
+    determinants: Mapping[str, Any],
+    seed: int,
+    n_starts: int,
+    settings: emcee_adaptor.Settings,
+    watcher: Watcher,
+    command: Sequence[object],
+) -> Run:
+    """What `fit` does once it knows what it is asked for."""
     identity = _identity(determinants)
     record = _claim(folder, determinants)
     if record is None:
-        write_experiment(experiment, folder / "experiment")
+        write_experiment(problem.experiment, folder / "experiment")
         watcher.stage("search")
         optimum = optimise(problem, seed=seed, n_starts=n_starts, progress=watcher.update)
         record = _record(problem, optimum, identity, seed, settings, command)

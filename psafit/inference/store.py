@@ -16,9 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.errors import InputError
-from psafit.files import replacing
+from psafit.files import replacing, reserve
 
 FloatArray = NDArray[np.float64]
+
+HDF5_FRAME = 1 << 18
+"""Bytes that a file of ours needs beside its arrays, at most."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,8 @@ def write(
         part.attrs.pop("created_at", None)  # the same draws are the same file
     data.attrs["psafit_identity"] = draws.identity
     with replacing(path) as temporary:
+        arrays = (draws.values, draws.log_posterior, log_likelihood, observed, *constant.values())
+        reserve(temporary, sum(np.asarray(a).nbytes for a in arrays) + HDF5_FRAME)
         data.to_netcdf(str(temporary), engine="h5netcdf")
 
 
