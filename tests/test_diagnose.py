@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from psafit.diagnose import diagnose
+from psafit.diagnose import diagnose, ladder
 from psafit.diagnose.gain import split, summarise
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
 from psafit.diagnose.leftover import leftover
@@ -31,6 +31,7 @@ from psafit.inference.evidence import weigh
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import load
+from psafit.parameters import Bounds
 from psafit.physics import TERMS, terms
 from psafit.simulate import Design, simulate
 
@@ -203,6 +204,37 @@ def test_ladder_names_a_hidden_cause(hidden):
     assert sum(hidden.probability.values()) + sum(hidden.unfitted.values()) == pytest.approx(1)
     tau = hidden.leader.values[3]
     assert tau == pytest.approx(4e-5, rel=0.3)
+
+
+def test_a_search_that_stands_on_the_wrong_side_crosses_over(monkeypatch):
+    """All models are held below the truth's structural damping, 3000 N s/m; the prior's median is 1000."""
+    monkeypatch.setattr(ladder, "_TANGLED", 1)
+    whole = problem(experiment(["amplifier_lag"], [2e-5]))
+    search = ladder._Search(whole, FEW, 1, Memory(None), lambda what, done, total: None)
+    search.begin()
+    best = search._leader()
+    held = replace(whole, within=(("c_s", Bounds(1.0, 1e3)),))
+    nothing = fit(held, (), seed=1, draws=256, most=8)
+    for ids in list(search.fitted):
+        there = replace(held, terms=terms(ids))
+        stuck = fit(there, [nothing], seed=1) if ids else nothing
+        search.fitted[ids] = replace(stuck, problem=replace(there, within=()))
+    search.weighed.clear()
+    before = search._leader()
+    assert before.values[1] <= 1e3 and before.height < best.height - 10
+    assert search.cross_over()
+    after = search._leader()
+    assert after.values[1] > 1e3 and after.height > best.height - 1
+    assert after.problem.within == ()
+    # Once there, the other sides are worse, and nothing is found.
+    assert not search.cross_over()
+
+
+@pytest.mark.parametrize(("ids", "values"), [((), ()), (("amplifier_lag",), (2e-5,))])
+def test_combinations_are_tried_where_a_cause_gains_something(ids, values):
+    search = ladder._Search(problem(experiment(ids, values)), FEW, 1, Memory(None), lambda what, done, total: None)
+    search.begin()
+    assert search.found_something() == bool(ids)
 
 
 def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden):

@@ -4,11 +4,13 @@ r"""The ladder: from every cause alone to combinations of up to six, and a proba
    earnest, alone: expansions at a badly wrong fit may mislead.
 2. From the best models so far (the beam: the best, and the best that have no cause in common with it) each of the most
    promising further causes is added, and the larger model fitted. This goes on while a larger model gains more than
-   it costs, up to four causes.
+   it costs, up to four causes; it does not begin where no cause alone gains what is rare by chance.
 3. Each cause of the leader is exchanged for those that promise most in its place, rivals that a beam has dropped, and
    what promises most is added to it; so with every model that comes to lead or is as good as the leader, up to six
    causes.
-4. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
+4. A leader of three causes or more is looked for on the other side of the baseline's prior, too: what grows step by
+   step stands where its parts fitted best alone.
+5. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
    them and the prior probabilities below.
 
 *Prior over models.* The number of causes that matter is 0 to 6 with weights 0.4, 0.36, 0.16, 0.06, 0.015, 0.004,
