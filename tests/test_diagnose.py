@@ -384,7 +384,7 @@ def test_thinning_keeps_small_groups():
 
 def test_diagnosis_from_beginning_to_end(tmp_path):
     e = experiment(["amplifier_lag"], [4e-5])
-    result = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW)
+    result = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2)
     stored = json.loads((tmp_path / "one" / "diagnosis.json").read_text())
     assert stored["schema"] == 1
     assert stored["verdict"] in ("explained", "ambiguous")
@@ -394,6 +394,8 @@ def test_diagnosis_from_beginning_to_end(tmp_path):
         assert set(place) == {"group", "variable", "from", "to", "text"}
     assert stored["causes"][0]["terms"] == ["amplifier_lag"]
     assert 0 < stored["causes"][0]["probability"] <= 1
+    assert stored["misfit"]["search"]["lead"] > max(stored["misfit"]["search"]["null"])
+    assert stored["misfit"]["search"]["p_value"] == pytest.approx(1 / 3)
     tau = stored["causes"][0]["parameters"]["amplifier_lag_tau"]
     assert tau["lower"] < 4e-5 < tau["upper"]
     for protocol, seen in (("strict", {"a"}), ("nested", {"b", "c"})):
@@ -411,11 +413,11 @@ def test_diagnosis_from_beginning_to_end(tmp_path):
     else:
         assert stored["extension"] == {}
     # Again from what is kept, and once more from nothing: the same.
-    again = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW)
+    again = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2)
     quick = diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
     assert again.causes == result.causes
     assert quick.causes == result.causes
-    assert quick.gain == {} and quick.extension == {}
+    assert quick.gain == {} and quick.extension == {} and "search" not in quick.misfit
 
 
 def test_a_session_not_seen_may_err_as_the_prior_says():

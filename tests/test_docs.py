@@ -310,6 +310,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(diagnose, "diagnose", few)
     monkeypatch.setattr(diagnosis, "_SIMULATED", 49)
     monkeypatch.setattr(diagnosis, "_SIMULATED_QUICK", 49)
+    monkeypatch.setattr(diagnosis, "_SEARCHES", 1)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
