@@ -71,7 +71,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def reserve(path: Path, n_bytes: int) -> None:
-    """See that a file of this size has room where `path` is, which is written over.
+    """See that a file of this size has room at `path`, where nothing is left.
 
     HDF5 does not survive a disk that fills up while it writes: it ends the process.
 
@@ -84,6 +84,7 @@ def reserve(path: Path, n_bytes: int) -> None:
         for _ in range(n_bytes >> 20):
             f.write(bytes(1 << 20))
         f.write(bytes(n_bytes & 0xFFFFF))
+    path.unlink()
 
 
 def is_temporary(path: Path) -> bool:
