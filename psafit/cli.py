@@ -45,6 +45,11 @@ RUN_FILES = (
     "predictions-diagnosis.csv",
     "predictions-strict.csv",
     "predictions-nested.csv",
+    "reproduction.html",
+    "reproduction.json",
+    "answer.json",
+    "commitment.txt",
+    "campaign.json",
 )
 """What fit and diagnose write into their folders."""
 
@@ -236,7 +241,7 @@ def fit(
     ids = _groups(group, data)
     chosen = causes(terms) if terms else ()
     folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])
-    _refuse_run_file(json_file, folder)
+    refuse_run_file(json_file, folder)
     if not quiet:
         for warning in data.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -319,7 +324,7 @@ def diagnose(
     data = read_experiment(experiment)
     ids = _groups(group, data)
     folder = out or usual_folder(experiment, "diagnosis")
-    _refuse_run_file(json_file, folder)
+    refuse_run_file(json_file, folder)
     command = ["psafit", "diagnose", experiment, "--group", group, "--seed", seed, *(["--quick"] if quick else [])]
     command += ["--searches", searches] if searches is not None else []
     command += ["--nautilus"] if nautilus else []
@@ -387,6 +392,7 @@ def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
 @JSON
 def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) -> int:
     """Recompute the study's published results, with its time step and without."""
+    refuse_run_file(json_file, out)
     from psafit.progress import watcher
 
     with watcher(quiet) as show:
@@ -516,7 +522,8 @@ def _print_scores(validation: Any) -> None:
         click.echo(f"mean log_rmse over held-out groups: {validation.holdout_log_rmse:.3f}")
 
 
-def _refuse_run_file(json_file: Path | None, folder: Path) -> None:
+def refuse_run_file(json_file: Path | None, folder: Path) -> None:
+    """Refuse a ``--json`` file that the command itself writes into its folder."""
     if json_file is not None and json_file.name in RUN_FILES and json_file.resolve().parent == folder.resolve():
         raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
 

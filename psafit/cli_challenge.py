@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place, causes, write_result
+from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place, causes, refuse_run_file, write_result
 from psafit.errors import InputError
 
 _SEED = click.option("--seed", type=click.IntRange(0, 2**32 - 1), required=True, help="Everything is drawn from it.")
@@ -57,6 +57,7 @@ def make(
     from psafit.challenge.hide import make as hide
     from psafit.experiment import read_experiment
 
+    refuse_run_file(json_file, out)
     chosen = None if ids is None else [t.id for t in causes(ids)]
     design = None if drawn_design else read_experiment(experiment)
     made = hide(seed, out, design_of=design, kind=kind, terms=chosen, strength=strength, jobs=jobs)
@@ -107,6 +108,7 @@ def run(
     from psafit.experiment import read_experiment
     from psafit.files import portable_command
 
+    refuse_run_file(json_file, out)
     data = read_experiment(experiment)
     chosen = None if ids is None else [t.id for t in causes(ids)]
     specs = plan(seed, terms=chosen, each=each, nothing=nothing, pairs=pairs)

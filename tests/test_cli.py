@@ -184,6 +184,9 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
         (["fit", "EXP", "--group", "1", "--out", "run", "--json", "run/fit.json"], "is a file of the run itself"),
         (["diagnose", "EXP", "--group", "1", "--out", "d", "--json", "d/diagnosis.html"], "of the run itself"),
         (["diagnose", "EXP", "--group", "1", "--out", "d", "--json", "d/predictions-strict.csv"], "of the run itself"),
+        (["reproduce", "EXP", "--out", "r", "--json", "r/reproduction.json"], "of the run itself"),
+        (["challenge", "make", "--seed", "1", "--out", "c", "--json", "c/answer.json"], "of the run itself"),
+        (["challenge", "run", "--seed", "1", "--out", "c", "--json", "c/campaign.json"], "of the run itself"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(  # type: ignore[no-untyped-def]
