@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -103,174 +105,178 @@ def diagnose(
     if nautilus:
         require()
     with sole(folder):
-        return _diagnosed(
-            experiment, training, folder, quick, searches, nautilus, seed, catalogue, watcher or Silent(), command
-        )
+        work = _Work(experiment, training, folder, seed, catalogue, watcher or Silent(), command)
+        return work.all(quick, searches, nautilus)
 
 
-def _diagnosed(
-    experiment: Experiment,
-    training: tuple[GroupId, ...],
-    folder: Path,
-    quick: bool,
-    searches: int | None,
-    nautilus: bool,
-    seed: int,
-    catalogue: Sequence[Term],
-    watcher: Watcher,
-    command: Sequence[object],
-) -> Diagnosis:
-    """What `diagnose` does once it knows what it is asked for."""
-    memory = Memory(folder / "steps")
-    seconds: dict[str, float] = {}
-    began = time.monotonic()
+@dataclass(eq=False)
+class _Work:
+    """One diagnosis: what its stages share, and the stages."""
 
-    def lap(name: str) -> None:
-        nonlocal began
-        now = time.monotonic()
-        seconds[name] = round(now - began, 3)
-        began = now
+    experiment: Experiment
+    training: tuple[GroupId, ...]
+    folder: Path
+    seed: int
+    catalogue: Sequence[Term]
+    watcher: Watcher
+    command: Sequence[object]
+    seconds: dict[str, float] = field(default_factory=dict)
 
-    everything = Problem(experiment, experiment.ids, tolerance=_TOLERANCE)
-    watcher.stage("causes")
-    ladder = _ladder(everything, catalogue, seed, memory, watcher)
-    lap("causes")
-    watcher.stage("tests")
-    n_simulated = _SIMULATED_QUICK if quick else _SIMULATED
-    before = examine(ladder.baseline, catalogue, seed=seed, n_simulated=n_simulated)
-    leader = ladder.leader
-    after = examine(leader, catalogue, seed=seed, n_simulated=n_simulated) if leader.terms else None
-    # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
-    left = leftover(leader)
-    verdict = conclude(ladder, before, after, left)
-    lap("tests")
-
-    draws = ladder.draws(leader.ids, seed)
-    numerics = asdict(refine(leader.problem, leader.modes[:1], everything.experiment.fingerprint))
-    write_predictions(
-        folder / "predictions-diagnosis.csv", predictive(leader.problem, draws.resampled(_DRAWS), seed)
-    )  # fmt: skip
-    watcher.stage("next experiment")
-    proposal = _next(ladder, verdict, seed, len(catalogue), None if quick else watcher)
-    lap("next experiment")
-
-    misfit = _misfit(before, after, left, leader)
-
-    measured: dict[str, Any] = {}
-    adopted: tuple[str, ...] = ()
-    ledger: list[dict[str, Any]] = [
-        {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
-    ]
-    if not quick:
-        for protocol, splits in _protocols(experiment, training).items():
-            watcher.stage(f"{protocol} gain")
-            done = []
-            for seen, held_out in splits:
-                own = _ladder(Problem(experiment, seen, tolerance=_TOLERANCE), catalogue, seed, memory, watcher)
-                done.append(gains.split(own, held_out, seed))
-            if done:
-                adopted = done[0].named if protocol == "strict" else adopted
-                scored = gains.summarise(protocol, experiment, done, folder, seed)
-                measured[protocol] = asdict(scored)
-                ledger += scored.ledger
-            lap(f"{protocol} gain")
-
-    extension: dict[str, Any] = {}
-    if adopted:
-        chosen = [t for t in catalogue if t.id in adopted]
-        extension = _extend(experiment, training, chosen, folder, seed, watcher, command)
-        unseen = extension["scored_on"]
-        ledger.append({"choice": "posterior of the extension", "saw": list(training), "scored_on": unseen})
-        lap("extension")
-
-    if searches is None:
-        searches = 0 if quick or not leader.terms else _SEARCHES
-    if searches:
-        watcher.stage("significance")
-        misfit["search"] = asdict(
-            significance(
-                ladder, catalogue, searches, seed=seed, memory=memory,
-                progress=lambda k, n: watcher.update(k, n, "simulated baselines"),
-            )
+    def all(self, quick: bool, searches: int | None, nautilus: bool) -> Diagnosis:
+        """Every stage in turn, and the record."""
+        experiment = self.experiment
+        with self._stage("causes"):
+            ladder = self._search(experiment.ids)
+        leader = ladder.leader
+        with self._stage("tests"):
+            n_simulated = _SIMULATED_QUICK if quick else _SIMULATED
+            before = examine(ladder.baseline, self.catalogue, seed=self.seed, n_simulated=n_simulated)
+            after = examine(leader, self.catalogue, seed=self.seed, n_simulated=n_simulated) if leader.terms else None
+            # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
+            left = leftover(leader)
+            verdict = conclude(ladder, before, after, left)
+            misfit = _misfit(before, after, left, leader)
+        draws = ladder.draws(leader.ids, self.seed)
+        numerics = asdict(refine(leader.problem, leader.modes[:1], experiment.fingerprint))
+        write_predictions(
+            self.folder / "predictions-diagnosis.csv", predictive(leader.problem, draws.resampled(_DRAWS), self.seed)
         )  # fmt: skip
-        lap("significance")
+        with self._stage("next experiment"):
+            proposal = _next(ladder, verdict, self.seed, len(self.catalogue), None if quick else self.watcher)
+        ledger: list[dict[str, Any]] = [
+            {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
+        ]
+        measured = {} if quick else self._gains()
+        for scored in measured.values():
+            ledger += scored["ledger"]
+        extension: dict[str, Any] = {}
+        if "strict" in measured and (adopted := measured["strict"]["groups"][0]["named"]):
+            with self._timed("extension"):
+                extension = self._extend(adopted)
+            unseen = extension["scored_on"]
+            ledger.append({"choice": "posterior of the extension", "saw": list(self.training), "scored_on": unseen})
+        if searches is None:
+            searches = 0 if quick or not leader.terms else _SEARCHES
+        if searches:
+            with self._stage("significance"):
+                misfit["search"] = asdict(
+                    significance(
+                        ladder, self.catalogue, searches, seed=self.seed, memory=self._memory,
+                        progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
+                    )
+                )  # fmt: skip
+        causes = _causes(ladder, verdict)
+        if nautilus:
+            decisive = {(), tuple(verdict.named), leader.ids, *verdict.alternatives}
+            with self._stage("nautilus"):
+                causes = [self._confirmed(c, ladder) if tuple(c.terms) in decisive else c for c in causes]
+        result = Diagnosis(
+            schema=SCHEMA,
+            verdict=verdict.verdict,
+            named=list(verdict.named),
+            alternatives=[list(ids) for ids in verdict.alternatives],
+            causes=causes,
+            misfit=misfit,
+            numerics=numerics,
+            gain=measured,
+            next_experiment=proposal,
+            predictions="predictions-diagnosis.csv",
+            sentences=_sentences(verdict, before, measured),
+            unnamed=verdict.unnamed,
+            screening=_screening(ladder, verdict),
+            show=_show(ladder),
+            extension=extension,
+            ledger=ledger,
+            title=experiment.title,
+            fingerprint=experiment.fingerprint,
+            groups=list(experiment.ids),
+            training=list(self.training),
+            seed=self.seed,
+            quick=quick,
+            versions=versions(),
+            command=portable_command(self.command),
+            seconds=self.seconds,
+        )
+        write_json(self.folder / RESULT, result)
+        return result
 
-    causes = _causes(ladder, verdict)
-    if nautilus:
-        watcher.stage("nautilus")
-        decisive = {(), tuple(verdict.named), leader.ids, *verdict.alternatives}
-        causes = [_confirmed(c, ladder, seed, memory, watcher) if tuple(c.terms) in decisive else c for c in causes]
-        lap("nautilus")
+    @cached_property
+    def _memory(self) -> Memory:
+        return Memory(self.folder / "steps")
 
-    result = Diagnosis(
-        schema=SCHEMA,
-        verdict=verdict.verdict,
-        named=list(verdict.named),
-        alternatives=[list(ids) for ids in verdict.alternatives],
-        causes=causes,
-        misfit=misfit,
-        numerics=numerics,
-        gain=measured,
-        next_experiment=proposal,
-        predictions="predictions-diagnosis.csv",
-        sentences=_sentences(verdict, before, measured),
-        unnamed=verdict.unnamed,
-        screening=_screening(ladder, verdict),
-        show=_show(ladder),
-        extension=extension,
-        ledger=ledger,
-        title=experiment.title,
-        fingerprint=experiment.fingerprint,
-        groups=list(experiment.ids),
-        training=list(training),
-        seed=seed,
-        quick=quick,
-        versions=versions(),
-        command=portable_command(command),
-        seconds=seconds,
-    )
-    write_json(folder / RESULT, result)
-    return result
+    @contextmanager
+    def _timed(self, name: str) -> Iterator[None]:
+        began = time.monotonic()
+        yield
+        self.seconds[name] = round(time.monotonic() - began, 3)
 
+    @contextmanager
+    def _stage(self, name: str) -> Iterator[None]:
+        self.watcher.stage(name)
+        with self._timed(name):
+            yield
 
-def _extend(
-    experiment: Experiment,
-    training: tuple[GroupId, ...],
-    terms: Sequence[Term],
-    folder: Path,
-    seed: int,
-    watcher: Watcher,
-    command: Sequence[object],
-) -> dict[str, Any]:
-    """Fit the causes that the training groups name by themselves, sample, and score what neither choice nor fit saw."""
-    settings = Settings.of(Problem(experiment, training, tuple(terms)))
-    # A diagnosis repeated in its folder with other groups or another seed is another run.
-    place = "-".join(["extension", f"group{'-'.join(map(str, training))}", *(t.id for t in terms), f"seed{seed}"])
-    run = fit(
-        experiment,
-        training,
-        folder / place,
-        terms=terms,
-        seed=seed,
-        settings=replace(settings, max_steps=_STEPS),
-        watcher=watcher,
-        command=command,
-    )
-    validation, _ = validate(run)
-    return {
-        "folder": place,
-        "terms": [t.id for t in terms],
-        "scored_on": [s.group for s in validation.groups if s.role == "holdout"],
-        "converged": run.summary.converged,
-        "message": run.summary.message,
-        "holdout_log_rmse": validation.holdout_log_rmse,
-    }
+    def _search(self, groups: tuple[GroupId, ...]) -> Ladder:
+        """The ladder of what some groups say."""
+        problem = Problem(self.experiment, groups, tolerance=_TOLERANCE)
 
+        def progress(what: str, done: int, total: int) -> None:
+            self.watcher.update(done, total, what)
 
-def _ladder(problem: Problem, catalogue: Sequence[Term], seed: int, memory: Memory, watcher: Watcher) -> Ladder:
-    return climb(
-        problem, catalogue, seed=seed, memory=memory, progress=lambda what, k, n: watcher.update(k, n, what)
-    )  # fmt: skip
+        return climb(problem, self.catalogue, seed=self.seed, memory=self._memory, progress=progress)
+
+    def _gains(self) -> dict[str, Any]:
+        """What the extension gains on groups that it has not seen, for each protocol."""
+        measured = {}
+        for protocol, splits in _protocols(self.experiment, self.training).items():
+            if splits:
+                with self._stage(f"{protocol} gain"):
+                    done = [gains.split(self._search(seen), held_out, self.seed) for seen, held_out in splits]
+                    measured[protocol] = asdict(
+                        gains.summarise(protocol, self.experiment, done, self.folder, self.seed)
+                    )  # fmt: skip
+        return measured
+
+    def _extend(self, ids: Sequence[str]) -> dict[str, Any]:
+        """Fit the causes that the training groups name, sample, and score what neither choice nor fit saw."""
+        terms = tuple(t for t in self.catalogue if t.id in ids)
+        settings = Settings.of(Problem(self.experiment, self.training, terms))
+        # A diagnosis repeated in its folder with other groups or another seed is another run.
+        groups = "-".join(map(str, self.training))
+        place = "-".join(["extension", f"group{groups}", *(t.id for t in terms), f"seed{self.seed}"])
+        run = fit(
+            self.experiment,
+            self.training,
+            self.folder / place,
+            terms=terms,
+            seed=self.seed,
+            settings=replace(settings, max_steps=_STEPS),
+            watcher=self.watcher,
+            command=self.command,
+        )
+        validation, _ = validate(run)
+        return {
+            "folder": place,
+            "terms": [t.id for t in terms],
+            "scored_on": [s.group for s in validation.groups if s.role == "holdout"],
+            "converged": run.summary.converged,
+            "message": run.summary.message,
+            "holdout_log_rmse": validation.holdout_log_rmse,
+        }
+
+    def _confirmed(self, cause: CauseResult, ladder: Ladder) -> CauseResult:
+        """The same with the evidence that a nested sampler gives the model."""
+        problem = ladder.of(tuple(cause.terms)).problem
+
+        def progress(calls: int) -> None:
+            self.watcher.update(0, 1, f"{_words(cause.terms)}: {calls:,} sets")
+
+        def make() -> dict[str, FloatArray]:
+            found = nested_evidence(problem, seed=self.seed, progress=progress)
+            return {name: np.asarray(value, float) for name, value in asdict(found).items()}
+
+        found = self._memory.recall("nautilus", problem, [self.seed], make)
+        return replace(cause, evidence=cause.evidence | {"nautilus": {name: float(a) for name, a in found.items()}})
 
 
 def _protocols(
@@ -328,20 +334,6 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     return CauseResult(
         list(candidate.ids), verdict.probability[candidate.ids], parameters, evidence, implausible
     )  # fmt: skip
-
-
-def _confirmed(cause: CauseResult, ladder: Ladder, seed: int, memory: Memory, watcher: Watcher) -> CauseResult:
-    """The same with the evidence that a nested sampler gives the model."""
-    problem = ladder.of(tuple(cause.terms)).problem
-
-    def make() -> dict[str, FloatArray]:
-        found = nested_evidence(
-            problem, seed=seed, progress=lambda calls: watcher.update(0, 1, f"{_words(cause.terms)}: {calls:,} sets")
-        )
-        return {name: np.asarray(value, float) for name, value in asdict(found).items()}
-
-    found = memory.recall("nautilus", problem, [seed], make)
-    return replace(cause, evidence=cause.evidence | {"nautilus": {name: float(a) for name, a in found.items()}})
 
 
 def _prior_share(p: Parameter, value: float) -> float:
