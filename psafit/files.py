@@ -109,8 +109,10 @@ def sole(folder: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        If another process works there.
+        If another process works there, or it is a file.
     """
+    if folder.is_file():
+        raise InputError("is a file", "choose a folder with --out", file=folder)
     try:
         import fcntl
     except ImportError:  # Windows
