@@ -160,7 +160,8 @@ def main() -> None:
 
 
 def _say(message: str) -> None:
-    """One line on standard error; of a word that fills screens, its ends."""
+    """One line on standard error, without what would steer a terminal; of a word that fills screens, its ends."""
+    message = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
     words = (word if len(word) <= _LONGEST_WORD else f"{word[:100]}…{word[-40:]}" for word in message.split(" "))
     click.echo(" ".join(words), err=True)
 

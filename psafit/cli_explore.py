@@ -196,7 +196,12 @@ def _again(run: Path, experiment: Path | None) -> Path:
         data = read_experiment(experiment)
         if data.fingerprint != record.fingerprint:
             raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment)
-        return write_diagnosis(record, data, run)
+        try:
+            return write_diagnosis(record, data, run)
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+            # Its inner tables have no declared fields: an edited one is noticed where it is shown.
+            remedy = "run psafit diagnose again"
+            raise InputError("is damaged, or was edited by hand", remedy, file=run / RESULT) from error
     if experiment is not None:
         raise InputError("--experiment is for a diagnosis", "leave it out: a fit keeps its measurements")
     import psafit

@@ -57,7 +57,7 @@ def of_fit(folder: Path) -> Any:
 
     with xarray.open_dataset(folder / "posterior.nc", group="posterior", engine="h5netcdf") as posterior:
         draws = {str(name): np.asarray(values).tolist() for name, values in posterior.data_vars.items()}
-    return [draws, _record(folder / "fit.json", "seconds", "sha256")]
+    return [draws, _record(folder / "fit.json", "seconds", "command", "sha256")]
 
 
 def of_diagnosis(folder: Path) -> Any:

@@ -316,6 +316,13 @@ def test_a_folder_in_which_another_process_works_is_left_alone(
     assert f"{out}: another psafit works in this folder; wait until it has ended" in said
 
 
+@pytest.mark.parametrize(("word", "said"), [("\u202ekcab", r"\u202ekcab"), ("\x1b[2J", r"\x1b[2J"), ("x" * 5000, "…")])
+def test_a_hostile_word_does_not_steer_the_terminal(word: str, said: str, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    assert run(monkeypatch, "validate", "nowhere", word) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.rstrip("\n").isprintable() and len(error) < 500
+
+
 @pytest.mark.parametrize("room", [20_000, 250_000])
 def test_a_disk_that_fills_up_during_a_fit_is_one_line_and_loses_nothing(
     room: int, known_folder: Path, tmp_path: Path

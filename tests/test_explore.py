@@ -251,6 +251,22 @@ def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-de
         assert said in error and error.count("\n") == 1
 
 
+def test_an_edited_diagnosis_is_one_line(  # type: ignore[no-untyped-def]
+    diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys
+) -> None:
+    """Tables of the record that have no declared fields."""
+    folder, experiment = shutil.copytree(diagnosis[0], tmp_path / "found"), diagnosis[1]
+    write_experiment(experiment, tmp_path / "rig")
+    record = json.loads((folder / "diagnosis.json").read_text("utf-8"))
+    (folder / "diagnosis.html").unlink(missing_ok=True)
+    record["show"]["baseline"]["drift"] = [{"nothing": 1}]
+    (folder / "diagnosis.json").write_text(json.dumps(record), "utf-8")
+    assert run(monkeypatch, "report", folder, "--experiment", tmp_path / "rig") == 2
+    error = capsys.readouterr().err
+    assert "diagnosis.json: is damaged, or was edited by hand; run psafit diagnose again" in error
+    assert error.count("\n") == 1 and not (folder / "diagnosis.html").exists()
+
+
 def test_damaged_predictions_are_one_line(tmp_path: Path) -> None:
     file = tmp_path / "p.csv"
     for text, said in ((None, "is missing"), ("a,b\n1,2\n", "does not hold predictions"), ("", "does not hold")):
