@@ -337,6 +337,8 @@ def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
                 if given.only is not None:
                     print(json.dumps({"words": words, **result}, indent=1))
             shutil.rmtree(place)
+            if number % 1000 == 999:
+                print(f"{number + 1} cases, {len(faults)} faults, {time.monotonic() - begun:.0f} s", flush=True)
     for (kind, end), n in sorted(ends.items()):
         print(f"{kind:12} {end:16} {n}")
     print(f"{sum(ends.values())} cases in {time.monotonic() - begun:.0f} s, {len(faults)} faults")

@@ -30,15 +30,20 @@ EVERY = 6
 
 
 def small(folder: Path) -> None:
-    """Two thinned groups of the study."""
+    """Two thinned groups under the study's conditions, with readings that the baseline explains: a search of seconds."""
     from dataclasses import replace
 
-    from psafit.experiment import fingerprint, read_experiment, write_experiment
+    from psafit.experiment import read_experiment, write_experiment
     from psafit.inference.candidate import thinned
+    from psafit.inference.problem import Problem
 
     few = thinned(read_experiment(EXPERIMENT), EVERY)
-    groups = few.groups[:2]
-    write_experiment(replace(few, groups=groups, fingerprint=fingerprint(few.constants, groups)), folder)
+    few = replace(few, groups=few.groups[:2])
+    problem = Problem(few, few.ids)
+    rng = np.random.default_rng(1)
+    true = problem.predict(problem.prior_transform(np.full((1, problem.n_dim), 0.5)))[0]
+    read = true * (1 + 0.05 * rng.standard_normal(true.size)) + 0.05 * rng.standard_normal(true.size)
+    write_experiment(few.with_readings(np.maximum(read, 0.0).round(3)), folder)
 
 
 def _without(tree: Any, names: frozenset[str]) -> Any:
