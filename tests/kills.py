@@ -30,7 +30,7 @@ EVERY = 6
 
 
 def small(folder: Path) -> None:
-    """Two thinned groups under the study's conditions, with readings that the baseline explains: a search of seconds."""
+    """Two thinned groups of the study, with readings that the baseline explains: a search of seconds."""
     from dataclasses import replace
 
     from psafit.experiment import read_experiment, write_experiment
