@@ -51,7 +51,7 @@ RUN_FILES = (
     "commitment.txt",
     "campaign.json",
 )
-"""What fit and diagnose write into their folders."""
+"""What fit, diagnose, reproduce and challenge write into their folders."""
 
 
 class Place(click.Path):

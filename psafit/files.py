@@ -111,15 +111,16 @@ def sole(folder: Path) -> Iterator[None]:
     InputError
         If another process works there, or it is a file.
     """
-    if folder.is_file():
-        raise InputError("is a file", "choose a folder with --out", file=folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file", "choose another --out", file=folder)
+    with _explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     try:
         import fcntl
     except ImportError:  # Windows
         yield
         return
     with _explained(folder):
-        folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
     try:
         try:

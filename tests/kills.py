@@ -22,28 +22,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from conftest import measure
+
+from psafit.experiment import write_experiment
 
 ROOT = Path(__file__).resolve().parents[1]
-EXPERIMENT = ROOT / "experiments" / "psa"
-# Which readings of the study are kept: enough to search, few enough to be done in seconds.
-EVERY = 6
-
-
-def small(folder: Path) -> None:
-    """Two thinned groups of the study, with readings that the baseline explains: a search of seconds."""
-    from dataclasses import replace
-
-    from psafit.experiment import read_experiment, write_experiment
-    from psafit.inference.candidate import thinned
-    from psafit.inference.problem import Problem
-
-    few = thinned(read_experiment(EXPERIMENT), EVERY)
-    few = replace(few, groups=few.groups[:2])
-    problem = Problem(few, few.ids)
-    rng = np.random.default_rng(1)
-    true = problem.predict(problem.prior_transform(np.full((1, problem.n_dim), 0.5)))[0]
-    read = true * (1 + 0.05 * rng.standard_normal(true.size)) + 0.05 * rng.standard_normal(true.size)
-    write_experiment(few.with_readings(np.maximum(read, 0.0).round(3)), folder)
 
 
 def _without(tree: Any, names: frozenset[str]) -> Any:
@@ -137,7 +120,8 @@ def main() -> int:
     place = Path(tempfile.mkdtemp(prefix="kills-"))
     faults = 0
     try:
-        small(place / "rig")
+        # Readings that the baseline explains: a search of seconds.
+        write_experiment(measure(np.random.default_rng(5)), place / "rig")
         for kind in given.kind or KINDS:
             words, content = KINDS[kind]
             begun = time.monotonic()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
-from psafit.diagnose.ladder import Ladder, climb, log_prior
+from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
@@ -142,7 +142,7 @@ class _Work:
             self.folder / "predictions-diagnosis.csv", predictive(leader.problem, draws.resampled(_DRAWS), self.seed)
         )  # fmt: skip
         with self._stage("next experiment"):
-            proposal = _next(ladder, verdict, self.seed, len(self.catalogue), None if quick else self.watcher)
+            proposal = _next(ladder, verdict, self.seed, None if quick else self.watcher)
         ledger: list[dict[str, Any]] = [
             {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
         ]
@@ -452,7 +452,7 @@ def _show(ladder: Ladder) -> dict[str, Any]:
     }
 
 
-def _next(ladder: Ladder, verdict: Verdict, seed: int, n_catalogue: int, watcher: Watcher | None) -> dict[str, Any]:
+def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) -> dict[str, Any]:
     """Proposals for the verdict at hand: against the best rival, or for the weakest parameter.
 
     With a watcher the best that leaves the rig as it is is rehearsed.
@@ -461,7 +461,10 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, n_catalogue: int, watcher
     if verdict.verdict == "adequate":
         return {}
     fitted = {c.ids for c in ladder.candidates}
-    tied = [(ladder.of(ids), ladder.draws(ids, seed)) for ids in [leader.ids, *verdict.alternatives] if ids in fitted]
+    equals = [ids for ids in (leader.ids, *verdict.alternatives) if ids in fitted]
+    # Draws of a model that was not weighed are dear: a proposal looks at two.
+    equals = equals[: 2 if watcher is None else _REHEARSED]
+    tied = [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals]
     if len(tied) == 1:
         found = next_experiment.propose(*tied[0], None, seed=seed)
         about = f"determines {leader.problem.names[next_experiment.weakest(*tied[0])]}"
@@ -471,10 +474,9 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, n_catalogue: int, watcher
     result = next_experiment.as_dict(found, about)
     here = next((p for p in found if not p.constants), None)
     if watcher is not None and here is not None:
-        some = tied[:_REHEARSED]
-        prior = [log_prior(len(c.terms), n_catalogue) for c, _ in some]
+        prior = [ladder.log_prior(ids) for ids in equals]
         result["rehearsal"] = asdict(
-            rehearse(some, prior, here, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
+            rehearse(tied, prior, here, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
         )
     return result
 

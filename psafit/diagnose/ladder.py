@@ -137,6 +137,10 @@ class Ladder:
         """Posterior draws of a model; worked out for one that the search did not weigh."""
         return self.weighed[ids] if ids in self.weighed else weigh(self.of(ids), seed=seed)
 
+    def log_prior(self, ids: Ids) -> float:
+        """Log prior probability of a model."""
+        return log_prior(len(ids), len(self.screened))
+
     def gain(self, ids: Ids) -> float:
         """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""
         return self.of(ids).log_likelihood - self.baseline.log_likelihood

@@ -110,7 +110,7 @@ def _refitted(candidate: Candidate, draws: Weighed, new: Group, rng: np.random.G
     experiment = replace(old.experiment, groups=(*old.experiment.groups, new))
     problem = replace(old, experiment=experiment, group_ids=(*old.group_ids, NEW))
     known = np.vstack([candidate.modes, draws.draws[rng.choice(len(draws.draws), _STARTS, p=draws.weights)]])
-    shared = [problem.names.index(name) for name in old.names]
-    starts = np.tile(problem.prior_transform(np.full(problem.n_dim, 0.5)), (len(known), 1))
+    at, shared = candidate.within(problem)
+    starts = np.tile(at, (len(known), 1))
     starts[:, shared] = known
     return settle(problem, ascend(problem, starts, schedule=_CLIMB, still_below=ENOUGH, unite=True))

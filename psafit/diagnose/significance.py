@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psafit.diagnose.ladder import Ladder, climb, log_prior
+from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.memory import Memory
 from psafit.inference import noise
 from psafit.physics.term import Term
@@ -39,8 +39,7 @@ class Significance:
 
 def lead(ladder: Ladder) -> float:
     """Log posterior odds of the best model with causes against the baseline, nats."""
-    n = len(ladder.screened)
-    worth = {ids: value + log_prior(len(ids), n) for ids, value in ladder.log_evidence.items()}
+    worth = {ids: value + ladder.log_prior(ids) for ids, value in ladder.log_evidence.items()}
     return max(value for ids, value in worth.items() if ids) - worth[()]
 
 

@@ -58,7 +58,8 @@ class Problem:
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters, in the order of the columns."""
         narrower = dict(self.within)
-        plain = tuple(replace(p, bounds=narrower.get(p.name, p.bounds)) for p in baseline.PARAMETERS)
+        # Those left as they are keep what they have worked out.
+        plain = tuple(replace(p, bounds=narrower[p.name]) if p.name in narrower else p for p in baseline.PARAMETERS)
         own = tuple(p for term in self.terms for p in term.parameters)
         return plain + own + self._latents + noise.PARAMETERS
 

@@ -315,8 +315,6 @@ def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
     """The folder's fit if it is of this very run, None if it is free and now ours; anything else is refused."""
     identity, marker = _identity(determinants), folder / MARKER
     another = "choose another --out, or remove the folder to start over"
-    if folder.exists() and not folder.is_dir():
-        raise InputError("is a file", "choose another --out", file=folder)
     record = None
     if (folder / "fit.json").exists():
         record = read_json(folder / "fit.json", Fit, sealed=True)
@@ -327,7 +325,7 @@ def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
         if marker.read_bytes() != identity.encode():
             raise InputError("holds another run, interrupted in its search", another, file=folder)
     else:
-        foreign = sorted(p.name for p in folder.iterdir() if not is_temporary(p)) if folder.exists() else []
+        foreign = sorted(p.name for p in folder.iterdir() if not is_temporary(p))
         if foreign:
             what = f"already holds other files ({foreign[0]})"
             raise InputError(what, "choose an empty folder with --out", file=folder)
