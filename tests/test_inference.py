@@ -15,6 +15,7 @@ import emcee
 import h5py
 import numpy as np
 import pytest
+import scipy.optimize
 from conftest import TRUTH, measure
 from scipy import stats
 
@@ -542,7 +543,33 @@ def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) ->
     lone = Group(1, one.waveform, "x", one.frequency_hz[:1], one.amplitude_v[:1], one.launch_range_um[:1])
     poor = Problem(Experiment("t", "s", finished.problem.experiment.constants, (lone,), Path(), "f"), (1,))
     top = poor.prior_transform(np.full(poor.n_dim, 0.5))
-    assert identify.verdict(identify.profile(poor, top, 1), 0.0) != "determined"
+    assert identify.verdict(identify.profiles(poor, top, columns=[1])[0], 0.0) != "determined"
+
+
+def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
+    problem = finished.problem
+    top = problem.to_sampling(np.array(list(finished.fit.minima[0].values.values())))
+    for index, points in enumerate(identify.profiles(problem, top)):
+        free = np.arange(problem.n_dim) != index
+        low, high = problem.bounds[free].T
+
+        def depth(others: np.ndarray, at: np.ndarray, free: np.ndarray = free) -> float:
+            at = at.copy()
+            at[free] = others
+            return -float(problem.log_likelihood(at[None])[0])
+
+        heights = []
+        near = [p for p in points if p.drop < 4.0]
+        for point in near[:: max(len(near) // 4, 1)]:
+            at = top.copy()
+            at[index] = problem.parameters[index].to_sampling(point.value)
+            found = scipy.optimize.minimize(
+                depth, np.clip(top[free], low, high), (at,), "Nelder-Mead", bounds=list(zip(low, high, strict=True)),
+                options={"maxfev": 2000, "fatol": 1e-4, "xatol": 1e-4},
+            )  # fmt: skip
+            heights.append(-found.fun + point.drop)
+        # Every point lies as far below one and the same top.
+        assert np.ptp(heights) < 0.05, (problem.names[index], heights)
 
 
 def test_words_for_each_verdict() -> None:

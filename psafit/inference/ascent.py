@@ -221,7 +221,7 @@ def _climb(
             live, gradient, curvature = live[usable], gradient[usable], curvature[usable]
             if not live.size:
                 break
-            rows = _steps(problem, u[live], gradient, curvature, damping[live], frozen).reshape(-1, n_dim)
+            rows = _steps(problem, u[live], gradient, curvature, damping[live], frozen[who[live]]).reshape(-1, n_dim)
             found = predict(rows, np.repeat(who[live], len(_DAMPINGS)))
             n_sets += len(rows)
             value = heights(problem, rows, found, np.repeat(target[live], len(_DAMPINGS), axis=0))
@@ -286,6 +286,7 @@ def ascend(
     still_below: float = _STILL,
     progress: Callable[[int, int], None] = lambda done, total: None,
     unite: bool = False,
+    frozen: NDArray[np.bool_] | None = None,
 ) -> Ascent:
     """Climb from every start.
 
@@ -307,6 +308,8 @@ def ascend(
         Called with (iterations done, iterations at most).
     unite : bool
         After each part of the schedule, climbs that predict the same readings at the same height are one.
+    frozen : (n, n_dim) array of bool, optional
+        Coordinates that stay where each climb begins.
 
     Returns
     -------
@@ -318,7 +321,7 @@ def ascend(
     def slope(u: FloatArray, here: FloatArray, who: NDArray[np.intp]) -> FloatArray:
         return slopes(problem, u, here)
 
-    free = np.zeros(problem.n_dim, bool)
+    held = np.zeros(starts.shape, bool) if frozen is None else frozen
     return _climb(
         problem,
         starts,
@@ -326,7 +329,7 @@ def ascend(
         lambda u, who: problem.predict(u),
         slope,
         schedule,
-        free,
+        held,
         lasting,
         still_below,
         progress,
@@ -380,7 +383,7 @@ def ascend_linearly(
     def slopes_of(u: FloatArray, here: FloatArray, who: NDArray[np.intp]) -> FloatArray:
         return here[:, None, :] * slope[who]
 
-    mask = np.zeros(problem.n_dim, bool)
-    mask[list(frozen)] = True
+    mask = np.zeros((n, problem.n_dim), bool)
+    mask[:, list(frozen)] = True
     result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, _STILL)
     return replace(result, n_sets=0)

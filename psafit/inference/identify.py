@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
-from psafit.inference.optimise import gradient
+from psafit.inference.ascent import ascend, expansion, slopes
 from psafit.inference.problem import Problem
 from psafit.records import ProfilePoint
 
@@ -24,87 +25,138 @@ _CLOSED = 3.0
 # Neighbouring points of a profile differ by no more than this in height, unless it jumps between coordinates this
 # close; and there are at least so many across it.
 _SMOOTH, _JUMP, _ACROSS = 0.35, 5e-3, 12
+# First step, in widths of the likelihood there; curvature of what the data do not tell at all.
+_FIRST, _FLATTEST = 0.7, 0.04
 # Below this contraction of the variance the posterior is the prior with another name.
 _INFORMED = 0.5
 
 
-def _maximise(problem: Problem, start: FloatArray, fixed: int) -> tuple[FloatArray, float]:
-    """Highest log likelihood with one coordinate held; from `start`."""
-    free = np.arange(problem.n_dim) != fixed
-    low, high = problem.bounds[free].T
-    margin = 2e-4
+class _Likelihood(Problem):
+    """The same problem with flat priors but for what each session has for itself: its law is a part of the model."""
 
-    def place(rows: FloatArray) -> FloatArray:
-        full = np.empty((len(rows), problem.n_dim))
-        full[:, free] = rows
-        full[:, fixed] = start[fixed]
-        return full
-
-    def value(rows: FloatArray) -> FloatArray:
-        return -problem.log_likelihood(place(rows))
-
-    result = minimize(
-        lambda v: float(value(v[None, :])[0]),
-        np.clip(start[free], low + margin, high - margin),
-        jac=lambda v: gradient(value, v, problem.bounds[free]),
-        method="L-BFGS-B",
-        bounds=np.column_stack([low + margin, high - margin]),
-        options={"maxiter": 60, "ftol": 1e-8},
-    )
-    return place(result.x[None, :])[0], -float(result.fun)
+    @cached_property
+    def _parabolas(self) -> FloatArray:
+        found = np.tile([[0.0], [np.inf], [0.0]], self.n_dim)
+        drawn = slice(self.n_physical, self.n_model)
+        found[:, drawn] = super()._parabolas[:, drawn]
+        return found
 
 
-def profile(problem: Problem, top: FloatArray, index: int) -> list[ProfilePoint]:
-    """Profile likelihood of one parameter, walked outwards from the top until both sides close or a bound is met.
+@dataclass(eq=False)
+class _Walk:
+    """One parameter's profile while it is walked: its column, and points by its coordinate, ascending."""
+
+    index: int
+    points: list[tuple[FloatArray, float]]
+
+    @property
+    def highest(self) -> float:
+        return max(height for _, height in self.points)
+
+    def next(self, side: int, width: float, low: float, high: float) -> FloatArray | None:
+        """Where to go next on one side: along the last step, as far as changes the drop by a part of what closes it."""
+        last, before = (self.points[0], self.points[1]) if side < 0 else (self.points[-1], self.points[-2])
+        at = last[0][self.index]
+        if self.highest - last[1] > _CLOSED or at in (low, high):
+            return None
+        change, step = before[1] - last[1], last[0] - before[0]
+        ahead = abs(step[self.index])
+        wanted = ahead * (2.0 if change < 0.1 else 1.0 if change < 0.6 else 0.5)
+        wanted = min(max(wanted, 0.1 * width), abs((high if side > 0 else low) - at))
+        along = step / max(ahead, 1e-12)
+        start = last[0] + along * wanted
+        start[self.index] = np.clip(at + side * wanted, low, high)
+        return start
+
+    def gaps(self) -> list[FloatArray]:
+        """Midpoints of what lies too far apart."""
+        inside = [float(u[self.index]) for u, height in self.points if height > self.highest - _CLOSED]
+        widest = max((max(inside) - min(inside)) / _ACROSS, _JUMP)
+        return [
+            0.5 * (a + b)
+            for (a, height), (b, other) in itertools.pairwise(self.points)
+            if max(height, other) > self.highest - _CLOSED
+            and (
+                b[self.index] - a[self.index] > widest
+                or (abs(height - other) > _SMOOTH and b[self.index] - a[self.index] > _JUMP)
+            )
+        ]
+
+
+def profiles(
+    problem: Problem,
+    top: FloatArray,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    columns: Sequence[int] | None = None,
+) -> list[list[ProfilePoint]]:
+    """Profile likelihoods, each walked outwards from the top until both sides close or a bound is met.
+
+    All are walked at once: what one step costs is a batch.
 
     Parameters
     ----------
     problem : Problem
     top : (n_dim,) array
         Sampling coordinates near the highest likelihood.
-    index : int
-        Column of the parameter.
+    progress : callable
+        Called with (profiles done, profiles).
+    columns : sequence of int, optional
+        Columns of the parameters; all physical ones by default.
 
     Returns
     -------
-    list of ProfilePoint
-        Ascending in the value; `drop` is zero at the highest point of all.
+    list of list of ProfilePoint
+        One list a column, ascending in the value; `drop` is zero at the highest point of all. What each session has
+        for itself is found anew at every point, weighed by its law.
     """
-    parameter = problem.parameters[index]
-    low, high = problem.bounds[index]
-    centre, _ = _maximise(problem, top, index)
-    points: list[tuple[FloatArray, float]] = []
-    highest = -math.inf
-    for side in (-1.0, 1.0):
-        here = centre.copy()
-        step, drop = 0.05 * side, 0.0
-        while True:
-            moved, height = _maximise(problem, here, index)
-            highest = max(highest, height)
-            points.append((moved, height))
-            drop, previous = highest - height, drop
-            if drop > _CLOSED or here[index] in (low, high):
-                break
-            # Steps that change the drop by a fifth of what closes a side, or less.
-            step *= 2.0 if abs(drop - previous) < 0.1 else 1.0 if abs(drop - previous) < 0.6 else 0.5
-            here = moved.copy()
-            here[index] = np.clip(here[index] + step, low, high)
+    likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})
+    columns = range(problem.n_physical) if columns is None else columns
+    low, high = likelihood.bounds.T
+
+    def climb(starts: Sequence[tuple[_Walk, FloatArray]]) -> None:
+        rows = np.array([start for _, start in starts])
+        held = np.zeros(rows.shape, bool)
+        held[np.arange(len(rows)), [walk.index for walk, _ in starts]] = True
+        end = ascend(likelihood, rows, frozen=held)
+        for (walk, _), u, height in zip(starts, end.u, end.height, strict=True):
+            walk.points.append((u, float(height)))
+            walk.points.sort(key=lambda point: (float(point[0][walk.index]), point[1]))
+
+    peak = ascend(likelihood, np.clip(top, low, high))
+    slope = slopes(likelihood, peak.u, peak.predicted)
+    _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
+    spread = np.linalg.pinv(curvature[0] + _FLATTEST * np.eye(likelihood.n_dim))
+    width = np.sqrt(np.maximum(np.diag(spread), 1e-12))
+    walks = [_Walk(k, [(peak.u[0], float(peak.height[0]))]) for k in columns]
+    first = []
+    for walk in walks:
+        k = walk.index
+        for side in (-1.0, 1.0):
+            start = np.clip(peak.u[0] + side * _FIRST * width[k] * spread[k] / spread[k, k], low, high)
+            if start[k] != peak.u[0, k]:
+                first.append((walk, start))
+    climb(first)
     while True:
-        points.sort(key=lambda point: (float(point[0][index]), point[1]))
-        inside = [float(u[index]) for u, height in points if height > highest - _CLOSED]
-        widest = max((max(inside) - min(inside)) / _ACROSS, _JUMP)
-        coarse = [
-            0.5 * (a + b)
-            for (a, height), (b, other) in itertools.pairwise(points)
-            if max(height, other) > highest - _CLOSED
-            and (b[index] - a[index] > widest or (abs(height - other) > _SMOOTH and b[index] - a[index] > _JUMP))
+        asked = [
+            (walk, np.clip(start, low, high))
+            for walk in walks
+            for side in (-1, 1)
+            if len(walk.points) > 1
+            and (start := walk.next(side, width[walk.index], low[walk.index], high[walk.index])) is not None
         ]
-        if not coarse:
+        going = asked or [(walk, start) for walk in walks for start in walk.gaps()]
+        if not going:
             break
-        points += [_maximise(problem, u, index) for u in coarse]
-        highest = max(height for _, height in points)
-    profiled = dict.fromkeys((float(parameter.to_physical(u[index])), highest - h) for u, h in points)
-    return [ProfilePoint(*pair) for pair in profiled]
+        climb(going)
+        busy = {walk.index for walk, _ in going}
+        progress(len(walks) - len(busy), len(walks))
+    progress(len(walks), len(walks))
+    found = []
+    for walk in walks:
+        to_physical, highest = problem.parameters[walk.index].to_physical, walk.highest
+        values = dict.fromkeys((float(to_physical(u[walk.index])), highest - height) for u, height in walk.points)
+        found.append([ProfilePoint(*pair) for pair in values])
+    return found
 
 
 def limits(points: list[ProfilePoint]) -> tuple[float | None, float | None]:
@@ -168,14 +220,3 @@ def describe(
         return f"{name} at most {significant(upper_limit, upper_limit)}{unit} (95 %); the data set no lower limit"
     assert lower_limit is not None  # bounded below
     return f"{name} at least {significant(lower_limit, lower_limit)}{unit} (95 %); the data set no upper limit"
-
-
-def profiles(
-    problem: Problem, top: FloatArray, progress: Callable[[int, int], None] = lambda done, total: None
-) -> list[list[ProfilePoint]]:
-    """Profiles of all physical parameters; see `profile`."""
-    result = []
-    for index in range(problem.n_physical):
-        result.append(profile(problem, top, index))
-        progress(index + 1, problem.n_physical)
-    return result
