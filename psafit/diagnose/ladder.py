@@ -8,8 +8,9 @@ r"""The ladder: from every cause alone to combinations of up to six, and a proba
 3. Each cause of the leader is exchanged for those that promise most in its place, rivals that a beam has dropped, and
    what promises most is added to it; so with every model that comes to lead or is as good as the leader, up to six
    causes.
-4. A leader of three causes or more is looked for on the other side of the baseline's prior, too: what grows step by
-   step stands where its parts fitted best alone.
+4. Beside a leader of three causes or more the best that has at most half of its causes in common with it is refined
+   in the same way, as far as that goes: it was behind when models were small. Then the leader is looked for on the
+   other side of the baseline's prior, too: what grows step by step stands where its parts fitted best alone.
 5. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
    them and the prior probabilities below.
 
@@ -183,8 +184,9 @@ def climb(
         if not (search.found_something() and search.grow(size)):
             break
     search.settle()
-    if search.cross_over():
-        search.settle()
+    for another in (search.think_again, search.cross_over):
+        if another():
+            search.settle()
     return rank(search.fitted.values(), search.evidence(), search.weighed, search.screenings, len(catalogue))
 
 
@@ -313,6 +315,33 @@ class _Search:
         leader = next((c for c in ahead if c.ids not in self._refined), None)
         if leader is None:
             return False
+        self._exchange(leader)
+        return True
+
+    def think_again(self) -> bool:
+        """Refine what is most unlike the leader, too, as far as it goes; whether that leads.
+
+        A leader of many causes was chosen when it had few, by little; what was behind then was not built upon.
+        """
+        leader = self._leader()
+        if len(leader.terms) < _TANGLED:
+            return False
+        own = set(leader.terms)
+        for _ in range(_ROUNDS):
+            least = self._best() - _OUTCLASSED
+            unlike = [
+                c
+                for c in self.fitted.values()
+                if c.terms and 2 * len(own & set(c.terms)) <= len(c.terms) and self._worth(c) > least
+            ]
+            rival = max(unlike, key=self._worth, default=leader)
+            if rival.ids in self._refined:
+                break
+            self._exchange(rival)
+        return self._leader().ids != leader.ids
+
+    def _exchange(self, leader: Candidate) -> None:
+        """Exchange each cause of a model, and add one."""
         self._refined.add(leader.ids)
         rests = [replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone)) for gone in leader.terms]
         # The leader without one cause is a model in its own right, perhaps far from the leader.
@@ -322,9 +351,8 @@ class _Search:
                     _Wanted(rest, [widened(rest, leader.values, leader.problem.names)], 0.0), _DRAWS_PAIR, _STARTS_PAIR
                 )
         known = [p for p in [*rests, leader.problem] if p.ids in self.fitted]
-        hopeful = [one for one in self._larger(known, _SWAPPED) if one.promise > self._best() - _UNLIKELY]
+        hopeful = [one for one in self._larger(known, _SWAPPED) if one.promise > self._worth(leader) - _UNLIKELY]
         self._fit_all(hopeful, _DRAWS_PAIR, _STARTS_PAIR, leader)
-        return True
 
     def _larger(self, problems: Sequence[Problem], most: int) -> list[_Wanted]:
         """What is not fitted yet of models with one more cause, at most so many from each."""
