@@ -2,8 +2,9 @@
 
 Parameters are drawn from their priors, readings simulated from them at an experiment's conditions, the model fitted
 and its posterior drawn, and the rank of the truth among the draws recorded. If fit, evidence and draws are sound the
-ranks are uniform. Writes docs/figures/sbc.png and prints a chi-square p-value for every parameter; exits with 1 if
-one is below 0.05 divided by their number.
+ranks are uniform. ``--sampler emcee`` draws as `psafit fit` does, from lmfit's optima by emcee until the chain has
+converged; the default draws as `psafit diagnose` weighs its models. Writes docs/figures/sbc.png and prints a
+chi-square p-value for every parameter; exits with 1 if one is below 0.05 divided by their number.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +29,9 @@ sys.path.insert(0, str(ROOT))
 from psafit.experiment import read_experiment
 from psafit.inference import noise
 from psafit.inference.candidate import fit
+from psafit.inference.emcee_adaptor import Settings, sample
 from psafit.inference.evidence import weigh
+from psafit.inference.optimise import optimise
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 from psafit.report.style import PALETTE, figure_style
@@ -35,7 +39,28 @@ from psafit.report.style import PALETTE, figure_style
 DRAWS, BINS = 99, 10
 
 
-def ranks(ids: list[str], group: str, n: int, seed: int) -> tuple[np.ndarray, list[str]]:
+def weighed(problem: Problem, seed: int) -> np.ndarray:
+    """Draws as a diagnosis makes them, (DRAWS, n_dim)."""
+    return weigh(fit(problem, (), seed=seed, draws=1024, most=16), seed=seed, effective=300).resampled(DRAWS)
+
+
+def sampled(problem: Problem, seed: int) -> np.ndarray:
+    """Draws as `psafit fit` makes them, (DRAWS, n_dim)."""
+    with tempfile.TemporaryDirectory() as folder:
+        chain = sample(
+            problem, optimise(problem, seed=seed), seed=seed, path=Path(folder) / "chain.h5", identity="",
+            settings=Settings.of(problem),
+        )  # fmt: skip
+    if not chain.converged:
+        print(f"\ndata set {seed}: the chain has not converged", file=sys.stderr)
+    flat = chain.draws.reshape(-1, problem.n_dim)
+    return flat[np.random.default_rng(seed).choice(len(flat), DRAWS, replace=False)]
+
+
+SAMPLERS = {"evidence": weighed, "emcee": sampled}
+
+
+def ranks(ids: list[str], group: str, n: int, seed: int, sampler: str) -> tuple[np.ndarray, list[str]]:
     """Ranks of the truth among posterior draws; (n, n_parameters), and the parameters' names."""
     experiment = read_experiment(ROOT / "experiments" / "psa")
     experiment = replace(experiment, groups=(experiment.group(group),))
@@ -50,9 +75,7 @@ def ranks(ids: list[str], group: str, n: int, seed: int) -> tuple[np.ndarray, li
             continue
         # The likelihood is that of readings of either sign; what an instrument clips is tested by the challenges.
         one = _Signed(experiment.with_readings(np.abs(y)), problem.group_ids, problem.terms, y)
-        draws = weigh(fit(one, (), seed=len(found), draws=1024, most=16), seed=len(found), effective=300).resampled(
-            DRAWS
-        )
+        draws = SAMPLERS[sampler](one, len(found))
         found.append((draws < u).sum(axis=0))
         print(f"\r{len(found)} of {n}", end="", file=sys.stderr, flush=True)
     return np.array(found), list(problem.names)
@@ -72,11 +95,12 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--terms", default="", help="causes beside the baseline")
     options.add_argument("--group", default="1")
+    options.add_argument("--sampler", choices=list(SAMPLERS), default="evidence")
     options.add_argument("-n", type=int, default=200, help="data sets")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--out", type=Path, default=ROOT / "docs" / "figures" / "sbc.png")
     given = options.parse_args()
-    found, names = ranks([t for t in given.terms.split(",") if t], given.group, given.n, given.seed)
+    found, names = ranks([t for t in given.terms.split(",") if t], given.group, given.n, given.seed, given.sampler)
     edges = np.linspace(-0.5, DRAWS + 0.5, BINS + 1)
     low, high = binom.ppf([0.005, 0.995], given.n, 1 / BINS)
     worst = 1.0
