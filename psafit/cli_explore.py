@@ -190,18 +190,13 @@ def _again(run: Path, experiment: Path | None) -> Path:
         from psafit.records import read_json
         from psafit.report.diagnosis import write_diagnosis
 
-        record = read_json(run / RESULT, Diagnosis, remedy="run psafit diagnose again")
+        record = read_json(run / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
         if experiment is None:
             raise InputError("keeps no measurements", "name them with --experiment EXP", file=run)
         data = read_experiment(experiment)
         if data.fingerprint != record.fingerprint:
             raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment)
-        try:
-            return write_diagnosis(record, data, run)
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-            # Its inner tables have no declared fields: an edited one is noticed where it is shown.
-            remedy = "run psafit diagnose again"
-            raise InputError("is damaged, or was edited by hand", remedy, file=run / RESULT) from error
+        return write_diagnosis(record, data, run)
     if experiment is not None:
         raise InputError("--experiment is for a diagnosis", "leave it out: a fit keeps its measurements")
     import psafit

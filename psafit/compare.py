@@ -194,7 +194,7 @@ def read_side(folder: Path) -> Side:
 
 
 def _of_diagnosis(folder: Path) -> Side:
-    record = read_json(folder / RESULT, Diagnosis, remedy="run psafit diagnose again")
+    record = read_json(folder / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
     adopted = next((c for c in record.causes if c.terms == record.named), None)
     facts = {
         "data": _data(record.title, record.fingerprint),

@@ -50,7 +50,7 @@ def of_fit(folder: Path) -> Any:
 
 def of_diagnosis(folder: Path) -> Any:
     """The result of a diagnosis, without times."""
-    return _record(folder / "diagnosis.json", "seconds", "command")
+    return _record(folder / "diagnosis.json", "seconds", "command", "sha256")
 
 
 def of_campaign(folder: Path) -> Any:

@@ -59,7 +59,7 @@ def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Experimen
     folder = tmp_path_factory.mktemp("diagnosis")
     experiment = make_experiment()
     record = make_record(experiment)
-    write_json(folder / "diagnosis.json", record)
+    write_json(folder / "diagnosis.json", record, sealed=True)
     rows = (
         row
         for g in experiment.groups
@@ -254,17 +254,17 @@ def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-de
 def test_an_edited_diagnosis_is_one_line(  # type: ignore[no-untyped-def]
     diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys
 ) -> None:
-    """Tables of the record that have no declared fields."""
     folder, experiment = shutil.copytree(diagnosis[0], tmp_path / "found"), diagnosis[1]
     write_experiment(experiment, tmp_path / "rig")
     record = json.loads((folder / "diagnosis.json").read_text("utf-8"))
     (folder / "diagnosis.html").unlink(missing_ok=True)
     record["show"]["baseline"]["drift"] = [{"nothing": 1}]
     (folder / "diagnosis.json").write_text(json.dumps(record), "utf-8")
-    assert run(monkeypatch, "report", folder, "--experiment", tmp_path / "rig") == 2
-    error = capsys.readouterr().err
-    assert "diagnosis.json: is damaged, or was edited by hand; run psafit diagnose again" in error
-    assert error.count("\n") == 1 and not (folder / "diagnosis.html").exists()
+    for words in (["report", folder, "--experiment", tmp_path / "rig"], ["report", folder, diagnosis[0]]):
+        assert run(monkeypatch, *words) == 2
+        error = capsys.readouterr().err
+        assert "diagnosis.json: was changed after psafit wrote it; run psafit diagnose again" in error
+        assert error.count("\n") == 1 and not (folder / "diagnosis.html").exists()
 
 
 def test_damaged_predictions_are_one_line(tmp_path: Path) -> None:

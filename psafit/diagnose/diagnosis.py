@@ -197,7 +197,7 @@ class _Work:
             command=portable_command(self.command),
             seconds=self.seconds,
         )
-        write_json(self.folder / RESULT, result)
+        write_json(self.folder / RESULT, result, sealed=True)
         return result
 
     @cached_property
