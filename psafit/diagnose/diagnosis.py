@@ -219,9 +219,11 @@ class _Work:
     def _search(self, groups: tuple[GroupId, ...]) -> Ladder:
         """The ladder of what some groups say."""
         problem = Problem(self.experiment, groups, tolerance=_TOLERANCE)
+        absent = [str(g) for g in self.experiment.ids if g not in groups]
+        which = f"without {', '.join(absent)}: " if absent else ""
 
         def progress(what: str, done: int, total: int) -> None:
-            self.watcher.update(done, total, what)
+            self.watcher.update(done, total, which + what)
 
         return climb(problem, self.catalogue, seed=self.seed, memory=self._memory, progress=progress)
 
