@@ -70,16 +70,22 @@ TRUTH = {"k_c": 3e5, "c_s": 9000, "c_c": 60, "sensor_kappa": 2500}
 def measure(folder: Path) -> None:
     """Simulate the launch ranges, read them with a sensor that compresses, and scatter them by 5 % and 0.2 um."""
     rng = np.random.default_rng(7)
+    conditions = {name: np.broadcast_arrays(np.round(f), np.round(v, 1)) for name, (f, v) in SWEEPS.items()}
+    values = [word for name, value in TRUTH.items() for word in ("--set", f"{name}={value}")]
+    with tempfile.TemporaryDirectory() as name:
+        # The folder itself is touched when all is simulated.
+        bench, cause = Path(name) / "rig", Path(name) / "sensor_compression.py"
+        bench.mkdir()
+        cause.write_text(example())
+        (bench / "experiment.toml").write_text(RIG)
+        for name, (f, v) in conditions.items():
+            write(bench / f"{name}.csv", f, v, np.ones(f.size))
+        plugin = ["--plugin", str(cause), "--terms", "sensor_compression"]
+        command = [sys.executable, "-m", "psafit", "simulate", str(bench), *plugin, *values]
+        table = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[1:]
     for old in folder.glob("*.csv"):
         old.unlink()
     (folder / "experiment.toml").write_text(RIG)
-    conditions = {name: np.broadcast_arrays(np.round(f), np.round(v, 1)) for name, (f, v) in SWEEPS.items()}
-    for name, (f, v) in conditions.items():
-        write(folder / f"{name}.csv", f, v, np.ones(f.size))
-    cause = ["--plugin", "sensor_compression.py", "--terms", "sensor_compression"]
-    values = [word for name, value in TRUTH.items() for word in ("--set", f"{name}={value}")]
-    command = [sys.executable, "-m", "psafit", "simulate", str(folder), *cause, *values]
-    table = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[1:]
     exact = [float(row.split(",")[-1]) for row in table]
     for name, (f, v) in conditions.items():
         own, exact = np.array(exact[: f.size]), exact[f.size :]
