@@ -196,11 +196,14 @@ class Fitted(_Shown):
         record, mean = self.run.fit, self._validated[0].holdout_log_rmse
         model = " + ".join(["baseline", *record.terms])
         unseen = "no group was held out" if mean is None else f"mean log_rmse of unseen groups {mean:.3f}"
-        headline = f"{model}, fitted to {', '.join(str(g) for g in record.groups)} of {record.title}: {unseen}"
+        groups = f"group{'s' * (len(record.groups) > 1)} {', '.join(str(g) for g in record.groups)}"
+        headline = f"{model}, fitted to {groups} of {record.title}: {unseen}"
         state = "" if self.run.summary.converged else f"; {self.run.summary.message}"
         scores = self.scores[["role", "n_points", "log_rmse", "coverage_90", "verdict"]]
         scores = scores.assign(verdict=scores["verdict"].str.partition(",")[0])
-        return headline + state, [self.parameters, scores]
+        told = [[s.name, s.text, s.r_hat] for s in self.run.summary.parameters]
+        parameters = pd.DataFrame(told, columns=["parameter", "what the readings say", "r_hat"]).set_index("parameter")
+        return headline + state, [parameters, scores]
 
 
 class Diagnosed(_Shown):

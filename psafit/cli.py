@@ -269,7 +269,7 @@ def fit(
         minima = "minimum" if len(result.fit.minima) == 1 else "minima"
         click.echo(
             f"{len(result.fit.minima)} {minima} from {_count(result.fit.n_starts, 'start')};"
-            f" the best was found {_count(best.starts, 'time')}"
+            f" {_count(best.starts, 'climb')} ended at the best, the others were given up behind it or ended lower"
         )
         if result.fit.n_missed:
             click.echo("the sampler found a better minimum than the search: more --starts are advisable")
@@ -284,7 +284,7 @@ def fit(
 
 @commands.command()
 @EXPERIMENT
-@click.option("--group", "group", required=True, metavar="ID[,ID...]", help="Training groups of the strict gain.")
+@click.option("--group", "group", metavar="ID[,ID...]", help="Training groups of the strict gain; else the first.")
 @click.option("--quick", is_flag=True, help="The verdict alone: no measured gain.")
 @click.option(
     "--nautilus", is_flag=True, help="Compute the finalists' evidence by a nested sampler, too: minutes a model."
@@ -303,7 +303,7 @@ def fit(
 @JSON
 def diagnose(
     experiment: Path,
-    group: str,
+    group: str | None,
     quick: bool,
     searches: int | None,
     nautilus: bool,
@@ -323,10 +323,11 @@ def diagnose(
     from psafit.progress import watcher
 
     data = read_experiment(experiment)
-    ids = _groups(group, data)
+    ids = [data.ids[0]] if group is None else _groups(group, data)
     folder = out or usual_folder(experiment, "diagnosis")
     refuse_run_file(json_file, folder)
-    command = ["psafit", "diagnose", experiment, "--group", group, "--seed", seed, *(["--quick"] if quick else [])]
+    command = ["psafit", "diagnose", experiment, *([] if group is None else ["--group", group]), "--seed", seed]
+    command += ["--quick"] if quick else []
     command += ["--searches", searches] if searches is not None else []
     command += ["--nautilus"] if nautilus else []
     command += ["--out", out] if out else []

@@ -30,7 +30,7 @@ PICTURES = (".png", ".svg", ".pdf")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
 @click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
 @click.option("--run", type=Place("input"), help="Take model and posterior medians of this run instead.")
-@click.option("--out", type=Place("file"), help="CSV file; standard output by default.")
+@click.option("--out", type=Place("file"), help="CSV file; by default standard output, or nothing beside --plot.")
 @click.option("--plot", type=Place("file"), metavar="FILE", help="Draw every group: .png, .svg or .pdf.")
 @PLUGIN
 @QUIET

@@ -23,8 +23,9 @@ FloatArray = NDArray[np.float64]
 # The finest run stands for the truth of a model without closed form; its own error is a hundredth of the next one's.
 _FINEST = 1e-10
 _TOLERANCES = (1e-2, 1e-3, 1e-4, TOLERANCE, 1e-6, 1e-7)
-# Predictions agree to this, relative: a hundredth of the smallest scatter that readings of such a rig have shown.
-REQUIRED = 1e-5
+# Predictions agree to this, relative, or to this part of the fitted relative scatter, whichever is more: what neither a
+# reading nor a sum over some hundred of them can tell.
+REQUIRED, _OF_SCATTER = 1e-5, 1e-3
 # Ranges below this, m, are not told from zero by any reading; their relative error says nothing.
 _FLOOR = 1e-9
 # The fixed step the study took, s: a round microsecond, as many would.
@@ -82,6 +83,8 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
         refinement.append(Refinement(tolerance, float(error.max()), float(np.median(error))))
     used = 0.0 if exact else next(r.worst for r in refinement if r.tolerance == TOLERANCE)
     finest = refinement[-1].worst
+    reached = finest if exact else used
+    required = max(REQUIRED, _OF_SCATTER * float(problem.noise_values(u[:1])[0, 0]))
 
     rig = rig_of(experiment.constants, theta[:1], terms, len(experiment.groups))
     eigenvalues = np.linalg.eigvals(contact_matrix_of(rig)).astype(complex)
@@ -94,9 +97,9 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
         n_sets=len(theta),
         n_points=design.n_points,
         refinement=refinement,
-        error=finest if exact else used,
-        required=REQUIRED,
-        converged=(finest if exact else used) <= REQUIRED,
+        error=reached,
+        required=required,
+        converged=reached <= required,
         fastest_rate=float(np.abs(eigenvalues).max()),
         stable_step=float(step),
         common_step=COMMON_STEP,

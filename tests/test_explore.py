@@ -98,7 +98,7 @@ def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> No
     assert list(one.parameters.index[:3]) == ["k_c", "c_s", "c_c"]
     assert (one.parameters["lower_90"] < one.parameters["median"]).all()
     assert list(one.scores["role"]) == ["fit", "holdout", "holdout"] and len(one.predictions) == 62
-    assert "fitted to 1 of A rig with known truth" in " ".join(repr(one).split()) and "not converged" in repr(one)
+    assert "fitted to group 1 of A rig with known truth" in " ".join(repr(one).split()) and "not converged" in repr(one)
     html = one._repr_html_()
     assert html.count("<table") == 2 and "k_c" in html and "N s/m" in html
     ax = Figure().subplots()
@@ -176,6 +176,14 @@ def test_the_better_one_is_named_and_overlap_is_measured() -> None:
     assert compare(made("a", 1.0), made("b", 1.0)).parameters[0].overlap == pytest.approx(1)
     shifted = compare(made("a", 1.0), made("b", float(np.exp(0.1))))
     assert shifted.parameters[0].overlap == pytest.approx(0.5)
+
+
+def test_a_difference_that_nobody_cares_for_has_no_winner() -> None:
+    from psafit.report.comparison import _signed, _winner
+
+    assert _winner([0.3, 0.2], (-0.12, -0.08)) == 1 and _winner([0.2, 0.3], (0.08, 0.12)) == 0
+    assert _winner([0.3, 0.2], (-0.3, 0.01)) is None and _winner([0.0502, 0.0499], (-0.001, -0.0001)) is None
+    assert _signed(-0.0001) == "+0.000"
 
 
 def test_without_a_group_to_judge_by_nobody_wins(tmp_path: Path) -> None:

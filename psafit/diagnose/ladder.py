@@ -408,7 +408,8 @@ class _Search:
         """Fit models, the most promising first: what falls hopelessly behind is not fitted to the end."""
         order = sorted(wanted, key=lambda w: -w.promise)
         for k, one in enumerate(order):
-            self._progress(" + ".join(one.problem.ids), k, len(order))
+            best = f"{len(self.fitted)} models so far, best: {' + '.join(self._leader().ids) or 'the baseline'}"
+            self._progress(f"{' + '.join(one.problem.ids)} ({best})", k, len(order))
             made = self._fit(one, draws, starts, rival)
             rival = made if rival is None or made.height > rival.height else rival
 

@@ -347,7 +347,7 @@ def _teller(watcher: Watcher, settings: emcee_adaptor.Settings, limit: int) -> C
     return lambda s: watcher.update(
         s.steps,
         None,
-        f"step {s.steps} of at most {limit}, R-hat {s.r_hat:.3f} (goal {settings.r_hat}),"
+        f"step {s.steps} of at most {limit}, R-hat {s.r_hat:.4f} (goal: below {settings.r_hat}),"
         f" {s.autocorrelation_times:.0f} autocorrelation times (goal {settings.autocorrelation_times:.0f})",
     )
 

@@ -85,7 +85,7 @@ def term(id: str) -> Term:
     ids = [t.id for t in TERMS]
     close = difflib.get_close_matches(id, ids, n=3, cutoff=0.4)
     remedy = f"did you mean {' or '.join(close)}?" if close else f"known are {', '.join(ids)}"
-    raise InputError(f"there is no cause {id!r}", remedy)
+    raise InputError(f"there is no cause {id!r}", f"{remedy} (a cause of your own: --plugin FILE)")
 
 
 def terms(ids: Iterable[str]) -> tuple[Term, ...]:

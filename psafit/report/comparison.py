@@ -30,6 +30,8 @@ from psafit.report.wording import (
 
 _LOOKS: Final = (("blue", False), ("vermillion", True))
 _MAX_PICTURED, _MAX_SVG = 24, 8
+# A smaller difference of two log RMSEs, one per cent of a range, makes nobody choose.
+_RELEVANT = 0.01
 # Intervals that share less of the shorter one are told on the first screen.
 _LEAST_OVERLAP: Final = 0.5
 
@@ -104,10 +106,18 @@ def _shown(first: Side, second: Side, found: Comparison) -> list[_Shown]:
 def _verdict(found: Comparison) -> dict[str, str]:
     if found.log_rmse is None or found.log_rmse_interval is None:
         return {"text": "no group to judge by", "kind": "warn"}
-    low, high = found.log_rmse_interval
-    if low <= 0 <= high:
+    winner = _winner(found.log_rmse, found.log_rmse_interval)
+    if winner is None:
         return {"text": "no clear difference", "kind": "warn"}
-    return {"text": f"{short(found.names[high < 0], 28)} predicts better", "kind": "good"}
+    return {"text": f"{short(found.names[winner], 28)} predicts better", "kind": "good"}
+
+
+def _winner(errors: Sequence[float], interval: Sequence[float]) -> int | None:
+    """Which of two errors is smaller: beyond doubt, and by more than a reader would care to read."""
+    low, high = interval
+    if low <= 0 <= high or abs(errors[1] - errors[0]) < _RELEVANT:
+        return None
+    return int(high < 0)
 
 
 def _compared(first: Side, second: Side, found: Comparison) -> Markup:
@@ -130,7 +140,8 @@ def _better(found: Comparison) -> Markup:
     if found.log_rmse is None or found.log_rmse_interval is None:
         return head + "Nobody can tell: there is no group that both could fail at and neither has fitted."
     low, high = found.log_rmse_interval
-    clear = "no clear difference" if low <= 0 <= high else f"{found.names[high < 0]} is better"
+    winner = _winner(found.log_rmse, found.log_rmse_interval)
+    clear = "no clear difference" if winner is None else f"{found.names[winner]} is better"
     return head + Markup(
         "On {}, which neither has fitted, {} is typically off by ×{} and {} by ×{}; change of the mean log RMSE {} to"
         " {} (90 %): {}."
@@ -156,7 +167,7 @@ def _what_differs(found: Comparison) -> Markup:
 
 
 def _signed(x: float) -> str:
-    return typeset(f"{x:+.3f}")
+    return typeset(f"{round(x, 3) + 0.0:+.3f}")
 
 
 def _tiles(found: Comparison) -> list[dict[str, str]]:
@@ -256,9 +267,8 @@ def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
         low, high = g.elpd_interval
         elpd = typeset(f"{g.elpd_change:+.1f} ({low:+.1f} to {high:+.1f})")
     low, high = g.log_rmse_interval
-    better: Any = "not certain"
-    if low > 0 or high < 0:
-        better = {"text": names[high < 0], "kind": "good"}
+    winner = _winner(g.log_rmse, g.log_rmse_interval)
+    better: Any = "no clear difference" if winner is None else {"text": names[winner], "kind": "good"}
     return [
         f"Group {g.group}",
         _role(g.roles),

@@ -44,6 +44,8 @@ from psafit.validate import log_ratio, root_mean_square, validate
 
 FloatArray = NDArray[np.float64]
 REPORT: Final = "diagnosis.html"
+# Probability of a discrepancy without a name from which on the first screen tells it.
+_WORTH_SAYING = 0.05
 
 _MAX_PICTURED, _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 24, 10, 8, 12
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
@@ -284,15 +286,19 @@ def _wrong(result: Diagnosis) -> Markup:
     # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
     share = f" (probability {_share(listed_one.probability)})" if listed_one and result.unnamed <= 0.5 else ""
     if result.verdict == "adequate":
-        return head + "Nothing that these readings show."
-    if result.verdict == "explained":
-        return head + Markup("{} explains it{}; nothing is left of the misfit, and no other set does as well.").format(
-            named, share
+        unseen = sum(s.verdict == "could not have been seen" for s in result.screening)
+        but = Markup(" Of {}, {} could not have been seen in them.").format(
+            count(len(result.screening), "candidate cause"), unseen
         )
+        return head + "Nothing that these readings show." + (but if unseen else "")
+    if result.verdict == "explained":
+        return head + Markup(
+            "{} explains it{}; nothing is left of the misfit, and no other set does as well.{}"
+        ).format(named, share, _reservations(result))
     if result.verdict == "ambiguous":
         return head + Markup(
-            "Several sets of causes do about equally well, and these readings cannot separate them: {}{}; or {}."
-        ).format(named, share, tied)
+            "Several sets of causes do about equally well, and these readings cannot separate them: {}{}; or {}.{}"
+        ).format(named, share, tied, _reservations(result))
     if not result.named:
         what = _character(result.misfit.get("baseline", {}))
         return head + Markup("No cause of the catalogue explains it. Of the baseline: {}.").format(what)
@@ -301,6 +307,19 @@ def _wrong(result: Diagnosis) -> Markup:
         "The best extension is {}{}, but structure remains that no cause describes (probability of an"
         " unnamed discrepancy {}).{}"
     ).format(named, share, _share(result.unnamed), also)
+
+
+def _reservations(result: Diagnosis) -> Markup:
+    """What a reader must know who would take the name for the mechanism."""
+    found = Markup("")
+    leader = _listed_leader(result)
+    if leader and leader.implausible:
+        found += Markup(" But <strong>{}</strong> of the first, {}, would surprise whoever knows such rigs.").format(
+            count(len(leader.implausible), "value"), ", ".join(leader.implausible)
+        )
+    if result.unnamed >= _WORTH_SAYING:
+        found += Markup(" A discrepancy without a name keeps {} of the probability.").format(_share(result.unnamed))
+    return found
 
 
 def _character(tests: Mapping[str, Any]) -> str:

@@ -35,7 +35,10 @@ def text(headline: str, tables: Sequence[pd.DataFrame]) -> str:
 
 def html(headline: str, tables: Sequence[pd.DataFrame]) -> str:
     """The same for a notebook; everything is escaped."""
-    told = (Markup(t.to_html(**_FORMAT, border=0)) for t in tables)  # pandas escapes
+    import pandas as pd
+
+    with pd.option_context("display.max_colwidth", None):
+        told = [Markup(t.to_html(**_FORMAT, border=0)) for t in tables]  # pandas escapes
     return str(Markup("<p><strong>{}</strong></p>").format(headline) + Markup("").join(told))
 
 
