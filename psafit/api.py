@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from psafit.diagnose import diagnose
 from psafit.diagnose.record import Diagnosis
 from psafit.experiment import Experiment, GroupId
-from psafit.files import usual_fit_folder, usual_folder
+from psafit.files import ensure_writable, usual_fit_folder, usual_folder
 from psafit.inference.run import Run, fit
 from psafit.physics import terms as catalogue
 from psafit.progress import watcher
@@ -95,6 +95,7 @@ class Rig(_Shown):
         """
         ids, causes = _listed(groups), catalogue([terms] if isinstance(terms, str) else terms)
         folder = Path(out) if out else usual_fit_folder(self.experiment.folder, ids, [t.id for t in causes])
+        ensure_writable(folder, "out", folder=True, inputs=[self.experiment.folder])
         with watcher(quiet) as show:
             return Fitted(fit(self.experiment, ids, folder, terms=causes, seed=seed, n_starts=starts, watcher=show))
 
@@ -127,6 +128,7 @@ class Rig(_Shown):
         """
         ids = [self.experiment.ids[0]] if groups is None else _listed(groups)
         folder = Path(out) if out else usual_folder(self.experiment.folder, "diagnosis")
+        ensure_writable(folder, "out", folder=True, inputs=[self.experiment.folder])
         with watcher(quiet) as show:
             record = diagnose(self.experiment, ids, folder, quick=quick, seed=seed, watcher=show)
         return Diagnosed(record, self.experiment, folder)

@@ -326,6 +326,9 @@ def diagnose(
     ids = [data.ids[0]] if group is None else _groups(group, data)
     folder = out or usual_folder(experiment, "diagnosis")
     refuse_run_file(json_file, folder)
+    if not quiet:
+        for warning in data.warnings:
+            click.echo(f"warning: {warning}", err=True)
     command = ["psafit", "diagnose", experiment, *([] if group is None else ["--group", group]), "--seed", seed]
     command += ["--quick"] if quick else []
     command += ["--searches", searches] if searches is not None else []

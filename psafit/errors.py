@@ -50,3 +50,9 @@ class ConvergenceError(PsafitError):
         self.reached = reached
         self.required = required
         super().__init__(f"{what}: reached {reached:.4g}, required {required:.4g}")
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed that no generator takes."""
+    if not 0 <= seed < 2**32:
+        raise InputError(f"seed {seed} is not from 0 to {2**32 - 1}", "give a whole number in that range")

@@ -611,6 +611,9 @@ def test_make_and_score_from_the_command_line(known_folder: Path, tmp_path: Path
     code, text = call("make", *words, "--jobs", 1, "--json", told)
     assert code == 0 and "amplifier_lag" not in text + told.read_text()
     assert json.loads(told.read_text())["commitment"] == (out / "commitment.txt").read_text().split()[0]
+    says(tmp_path, verdict="explained", named=["amplifier_lag"], fingerprint="another")
+    with pytest.raises(InputError, match="of other readings"):
+        call("score", out, "--diagnosis", tmp_path / "diagnosis.json")
     says(tmp_path, verdict="explained", named=["amplifier_lag"])
     code, text = call("score", out, "--diagnosis", tmp_path / "diagnosis.json", "--json", tmp_path / "score.json")
     assert code == 0 and "truth in the reported set" in text

@@ -374,6 +374,44 @@ def test_memory_is_used_checked_and_repaired(tmp_path):
         path.write_bytes(path.read_bytes()[:40])
     assert memory.recall("fit", one, 1, make)["x"].tolist() == [0, 1, 2]
     assert len(calls) == 3
+    memory.recall("fit", one, 2, make)
+    # Whole, but not what was kept.
+    for path in tmp_path.glob("*.npz"):
+        with np.load(path) as stored:
+            kept = dict(stored)
+        np.savez(path, **{name: a + (name == "x") for name, a in kept.items()})
+    assert memory.recall("fit", one, 1, make)["x"].tolist() == [0, 1, 2]
+    assert len(calls) == 5
+
+
+def few(readings: list[float], amplitude: float = 20.0) -> Experiment:
+    n = len(readings)
+    one = Group("a", "sine", "a.csv", np.geomspace(500, 2000, n), np.full(n, amplitude), np.array(readings))
+    return Experiment("a rig", "a test", RIG, (one,), Path(), fingerprint(RIG, (one,)))
+
+
+def test_what_meets_every_reading_is_not_tested():
+    for e in (few([80.0]), few([80.0, 60.0, 40.0])):
+        found = examine(fit(problem(e), (), seed=1, draws=64, most=4), FEW, seed=1, n_simulated=99)
+        assert found.p_value == 1 and not found.wrong and not any(s.significant for s in found.statistics)
+
+
+def test_a_diagnosis_that_makes_no_sense_is_refused(tmp_path):
+    for e, groups, seed, said in (
+        (few([0.0] * 5), ["a"], 1, "every launch range is zero"),
+        (few([50.0] * 5), ["a", "a"], 1, "named twice"),
+        (few([50.0] * 5), ["a"], -1, "seed -1"),
+    ):
+        with pytest.raises(InputError, match=said):
+            diagnose(e, groups, tmp_path / "out", quick=True, seed=seed, catalogue=FEW)
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="named twice"):
+        Problem(few([50.0]), ("a", "a"))
+
+
+def test_without_a_drive_nothing_is_proposed(tmp_path):
+    found = diagnose(few([5.0, 0.0, 4.0, 0.0, 6.0], amplitude=0.0), ["a"], tmp_path, quick=True, catalogue=FEW[:1])
+    assert found.next_experiment == {}
 
 
 def test_thinning_keeps_small_groups():

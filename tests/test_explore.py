@@ -127,6 +127,20 @@ def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, tmp_pat
     assert [p.name for p in asked] == ["known-group1", "known-group1-2-gap-preload", "known-diagnosis"]
 
 
+def test_the_notebook_refuses_what_the_command_line_refuses(known_folder: Path, tmp_path: Path) -> None:
+    rig = psafit.open(known_folder)
+    for ask, said in (
+        (lambda: rig.fit(1, out=tmp_path / "x", starts=0, quiet=True), "0 starts"),
+        (lambda: rig.fit(1, out=tmp_path / "x", seed=-1, quiet=True), "seed -1"),
+        (lambda: rig.fit([1, 1], out=tmp_path / "x", quiet=True), "named twice"),
+        (lambda: rig.fit(1, out=known_folder, quiet=True), "lies in the input"),
+        (lambda: rig.diagnose(1, out=known_folder / "in", quiet=True), "lies in the input"),
+    ):
+        with pytest.raises(InputError, match=said):
+            ask()
+    assert not (tmp_path / "x").exists() and not (known_folder / "in").exists()
+
+
 def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
     from matplotlib.figure import Figure
 

@@ -377,6 +377,9 @@ def judge(folder: Path, diagnosis: Path) -> Result:
     """
     experiment, answer = unseal(folder)
     found = read_diagnosis(diagnosis)
+    # Other programs' diagnoses need not say what they read.
+    if read_content(diagnosis).get("fingerprint", answer.fingerprint) != answer.fingerprint:
+        raise InputError("is of other readings than the challenge's", "diagnose FOLDER/experiment", file=diagnosis)
     oracle = consult(experiment, answer, seed=1, rivals_from=SEEN_NATS)
     spec = Spec(
         "challenge", answer.seed, answer.kind, answer.terms, answer.outside, "", answer.asked_nats, answer.design

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import psafit
 from psafit.challenge import strength as strengths
 from psafit.challenge.answer import ANSWER, COMMITMENT, EXPERIMENT, KINDS, Answer, Kind, Place, Scatter, seal, sizes
-from psafit.errors import ConvergenceError, InputError
+from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, GroupId, Waveform, fingerprint, write_experiment
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
@@ -139,9 +139,7 @@ def make(
     Raises
     ------
     InputError
-        If the request contradicts itself, or the folder holds a challenge.
-    ConvergenceError
-        If no true model launches in most readings.
+        If the request contradicts itself, the folder holds a challenge, or no true model launches in most readings.
     """
     kind, chosen = _request(seed, kind, terms, outside)
     if strength is not None and not (np.isfinite(strength) and strength > 0):
@@ -171,7 +169,7 @@ def make(
         if strengths.enough(true_um):
             break
     else:
-        raise ConvergenceError("search for a true model that launches", reached=0.0, required=0.5)
+        raise InputError("nothing launches at these conditions", "choose an experiment whose drive launches the ball")
     where = ""
     places: list[Place] = []
     if outside is not None:

@@ -24,7 +24,7 @@ from psafit.diagnose.rehearsal import rehearse
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
-from psafit.errors import InputError
+from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId
 from psafit.files import portable_command, sole
 from psafit.inference.candidate import Candidate
@@ -102,6 +102,13 @@ def diagnose(
     training = tuple(experiment.group(g).id for g in group_ids)
     if not training:
         raise InputError("no training group", "give at least one group id")
+    if len(set(training)) < len(training):
+        raise InputError("a training group is named twice", "name it once")
+    if not any(g.launch_range_um.any() for g in experiment.groups):
+        raise InputError(
+            "every launch range is zero", "measure where the ball is launched: nothing can be explained here"
+        )
+    check_seed(seed)
     if nautilus:
         require()
     with sole(folder):
@@ -460,7 +467,8 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) 
     With a watcher the best that leaves the rig as it is is rehearsed.
     """
     leader = ladder.leader
-    if verdict.verdict == "adequate":
+    groups = leader.problem.experiment.groups
+    if verdict.verdict == "adequate" or not any(((g.frequency_hz > 0) & (g.amplitude_v > 0)).any() for g in groups):
         return {}
     fitted = {c.ids for c in ladder.candidates}
     equals = [ids for ids in (leader.ids, *verdict.alternatives) if ids in fitted]

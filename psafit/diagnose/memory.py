@@ -16,14 +16,15 @@ from psafit.files import write_atomically
 from psafit.inference.problem import Problem
 
 # Another number for another meaning of what is kept.
-_FORMAT = 3
+_FORMAT = 4
+_SEAL = "sha256"
 Arrays = Mapping[str, NDArray[np.float64]]
 
 
 class Memory:
     """Arrays by what determines them, in a folder; without a folder nothing is kept.
 
-    A file that cannot be read, or is of another version, is worked out anew.
+    A file that cannot be read, was changed, or is of another version, is worked out anew.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -54,14 +55,25 @@ class Memory:
         try:
             # From memory: np.load leaves a damaged file open.
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
-                return dict(stored)
+                found = dict(stored)
+            if bytes(found.pop(_SEAL)) == _sealed(found):
+                return found
         except (OSError, ValueError, KeyError, EOFError):
             pass
         except Exception as error:  # a damaged archive raises what zipfile and zlib please
             if type(error).__module__ not in ("zipfile", "zlib"):
                 raise
-        made = make()
+        made = {name: np.asarray(a) for name, a in make().items()}
         buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **{name: np.asarray(a) for name, a in made.items()})
+        np.savez(buffer, allow_pickle=False, **made, **{_SEAL: np.frombuffer(_sealed(made), np.uint8)})
         write_atomically(path, buffer.getvalue())
         return made
+
+
+def _sealed(arrays: Arrays) -> bytes:
+    """What tells whether arrays are those that were kept."""
+    found = hashlib.sha256()
+    for name in sorted(arrays):
+        a = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {a.dtype.str} {a.shape}\n".encode() + a.tobytes())
+    return found.digest()

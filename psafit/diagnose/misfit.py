@@ -232,6 +232,9 @@ def examine(
     largest = excess.max(axis=0)
     p_value = float((1 + np.sum(largest[1:] >= largest[0])) / (1 + n_simulated))
     bar = float(np.quantile(largest[1:], 0.95))
+    if problem.observed.size <= problem.n_physical:
+        # As many parameters as readings meet every reading: nothing is left to be tested.
+        p_value, bar = 1.0, math.inf
     statistics = [
         Statistic(
             name[0], name[1], name[2], float(table[k, 0]), float(excess[k, 0]),
@@ -422,7 +425,7 @@ def _character(
         return "physics", ()
     if "replicate" in kinds:
         return "sessions", ()
-    if kinds == {"point"} or (kinds <= {"point", "spread"} and 0 < len(odd_points) <= 3):
+    if odd_points and (kinds == {"point"} or (kinds <= {"point", "spread"} and len(odd_points) <= 3)):
         return "points", ()
     return "scatter", ()
 

@@ -83,7 +83,7 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     if not before.wrong and nothing >= 1 - CREDIBLE and unnamed < 0.5:
         reasons.append(
             f"The tests find nothing wrong with the baseline (family-wise p = {before.p_value:.2g}), and it keeps"
-            f" {100 * nothing:.0f} % of the probability."
+            f" {100 * probability[()]:.0f} % of the probability."
         )
         return Verdict("adequate", (), (), probability, unnamed, inclusion, tuple(reasons))
 
@@ -111,7 +111,13 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     if alternatives:
         reasons.append(f"{len(alternatives) + 1} sets of causes explain these readings about equally well.")
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
-    reasons.append(f"{' + '.join(named)} explains the misfit, nothing is left of it, and no other set does as well.")
+    what = " + ".join(named)
+    reasons.append(
+        f"{what} explains the misfit, nothing is left of it, and no other set does as well."
+        if before.wrong
+        else f"{what} is far more probable than the baseline, which the tests by themselves do not reject; no other set"
+        " does as well."
+    )
     return Verdict("explained", named, (), probability, unnamed, inclusion, tuple(reasons))
 
 

@@ -51,6 +51,8 @@ class Problem:
     def __post_init__(self) -> None:
         if not self.group_ids:
             raise InputError("no group to fit", "give at least one group id")
+        if len(set(self.group_ids)) < len(self.group_ids):
+            raise InputError("a group is named twice", "its readings would count twice: name it once")
         for group_id in self.group_ids:
             self.experiment.group(group_id)
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import psafit
-from psafit.errors import InputError
+from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, read_experiment, write_experiment
 from psafit.files import is_temporary, portable_command, remove_temporaries, sha256, sole, write_atomically
 from psafit.inference import emcee_adaptor, identify, store
@@ -183,6 +183,9 @@ def fit(
     InputError
         If a group is unknown, or the folder belongs to another run or cannot be written.
     """
+    check_seed(seed)
+    if n_starts < 1:
+        raise InputError(f"{n_starts} starts are none", "give a number from 1 on")
     problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
     settings = settings or emcee_adaptor.Settings.of(problem)
     watcher = watcher or Silent()

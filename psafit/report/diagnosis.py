@@ -292,9 +292,10 @@ def _wrong(result: Diagnosis) -> Markup:
         )
         return head + "Nothing that these readings show." + (but if unseen else "")
     if result.verdict == "explained":
-        return head + Markup(
-            "{} explains it{}; nothing is left of the misfit, and no other set does as well.{}"
-        ).format(named, share, _reservations(result))
+        how = "{} explains it{}; nothing is left of the misfit, and no other set does as well.{}"
+        if _known(result.misfit.get("p_value")) >= ALPHA:
+            how = "{}{} fits far better, and no other set does as well; the tests alone would not have objected.{}"
+        return head + Markup(how).format(named, share, _reservations(result))
     if result.verdict == "ambiguous":
         return head + Markup(
             "Several sets of causes do about equally well, and these readings cannot separate them: {}{}; or {}.{}"
