@@ -211,7 +211,7 @@ def test_first_screen_answers(page):
     assert "and 3 candidate causes" in text.replace("against the study’s model, the baseline, ", "")
     assert "No: of data sets made by the fitted baseline itself, under 1 % look at least as odd (p ≤ 0.001)" in text
     assert "hysteresis of the stack (probability 61 %)" in text
-    assert "1 value of the first" in text and "would surprise whoever knows such rigs" in text
+    assert "1 value of what is named first" in text and "would surprise whoever knows such rigs" in text
     assert "without a name keeps" not in text
     assert "goes from ×2.49 to ×1.29" in text
     assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text

@@ -306,18 +306,22 @@ def _wrong(result: Diagnosis) -> Markup:
     also = Markup(" As good: {}.").format(tied) if result.alternatives else ""
     return head + Markup(
         "The best extension is {}{}, but structure remains that no cause describes (probability of an"
-        " unnamed discrepancy {}).{}"
-    ).format(named, share, _share(result.unnamed), also)
+        " unnamed discrepancy {}).{}{}"
+    ).format(named, share, _share(result.unnamed), _implausible(result), also)
+
+
+def _implausible(result: Diagnosis) -> Markup:
+    leader = _listed_leader(result)
+    if not leader or not leader.implausible:
+        return Markup("")
+    return Markup(" <strong>{}</strong> of what is named first, {}, would surprise whoever knows such rigs.").format(
+        count(len(leader.implausible), "value"), ", ".join(leader.implausible)
+    )
 
 
 def _reservations(result: Diagnosis) -> Markup:
     """What a reader must know who would take the name for the mechanism."""
-    found = Markup("")
-    leader = _listed_leader(result)
-    if leader and leader.implausible:
-        found += Markup(" But <strong>{}</strong> of the first, {}, would surprise whoever knows such rigs.").format(
-            count(len(leader.implausible), "value"), ", ".join(leader.implausible)
-        )
+    found = _implausible(result)
     if result.unnamed >= _WORTH_SAYING:
         found += Markup(" A discrepancy without a name keeps {} of the probability.").format(_share(result.unnamed))
     return found
