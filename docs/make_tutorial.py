@@ -72,9 +72,9 @@ def measure(folder: Path) -> None:
     rng = np.random.default_rng(7)
     conditions = {name: np.broadcast_arrays(np.round(f), np.round(v, 1)) for name, (f, v) in SWEEPS.items()}
     values = [word for name, value in TRUTH.items() for word in ("--set", f"{name}={value}")]
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as place:
         # The folder itself is touched when all is simulated.
-        bench, cause = Path(name) / "rig", Path(name) / "sensor_compression.py"
+        bench, cause = Path(place) / "rig", Path(place) / "sensor_compression.py"
         bench.mkdir()
         cause.write_text(example())
         (bench / "experiment.toml").write_text(RIG)

@@ -8,7 +8,7 @@ import re
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ import click
 
 import psafit
 from psafit import plugins
-from psafit.errors import InputError, PsafitError
+from psafit.errors import LARGEST_SEED, InputError, PsafitError
 
 if TYPE_CHECKING:
     from psafit.experiment import Experiment, GroupId
@@ -107,6 +107,7 @@ class Group(click.Group):
 
 EXPERIMENT = click.argument("experiment", metavar="EXP", type=Place("input"))
 RUN = click.argument("run", metavar="RUN", type=Place("input"))
+SEED = click.option("--seed", type=click.IntRange(0, LARGEST_SEED), default=1, show_default=True)
 QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 JSON = click.option("--json", "json_file", metavar="FILE", type=Place("file"), help="Write the result to FILE as JSON.")
 PLUGIN = click.option(
@@ -159,6 +160,11 @@ def main() -> None:
     sys.exit(code if isinstance(code, int) else DONE)
 
 
+def _warn(warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        click.echo(f"warning: {warning}", err=True)
+
+
 def _say(message: str) -> None:
     """One line on standard error, without what would steer a terminal; of a word that fills screens, its ends."""
     message = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
@@ -202,8 +208,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
                 f"  group {group['id']}: {group['waveform']}, {_count(group['n_points'], 'reading')}, "
                 f"{spans[0]}, {spans[1]}, launch range {spans[2]}"
             )
-        for warning in content["warnings"]:
-            click.echo(f"warning: {warning}", err=True)
+        _warn(content["warnings"])
     return DONE
 
 
@@ -212,7 +217,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
 @click.option("--group", "group", required=True, metavar="ID[,ID...]", help="Group or groups to fit.")
 @click.option("--terms", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
 @click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
+@SEED
 @click.option("--starts", type=click.IntRange(1, 4096), default=32, show_default=True, help="Starts of the search.")
 @click.option("--no-report", is_flag=True, help="Stop after the posterior: no validation, no report.")
 @PLUGIN
@@ -244,8 +249,7 @@ def fit(
     folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])
     refuse_run_file(json_file, folder)
     if not quiet:
-        for warning in data.warnings:
-            click.echo(f"warning: {warning}", err=True)
+        _warn(data.warnings)
     with watcher(quiet) as show:
         from psafit.inference import run as running
 
@@ -296,7 +300,7 @@ def fit(
     help="Repeat the whole search on N simulated baselines; 19 by default where a cause is named, 0 with --quick.",
 )
 @click.option("--out", type=Place("folder"), help="Folder; fits/<experiment>-diagnosis by default.")
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
+@SEED
 @click.option("--no-report", is_flag=True, help="Write the result only, no page.")
 @PLUGIN
 @QUIET
@@ -327,8 +331,7 @@ def diagnose(
     folder = out or usual_folder(experiment, "diagnosis")
     refuse_run_file(json_file, folder)
     if not quiet:
-        for warning in data.warnings:
-            click.echo(f"warning: {warning}", err=True)
+        _warn(data.warnings)
     command = ["psafit", "diagnose", experiment, *([] if group is None else ["--group", group]), "--seed", seed]
     command += ["--quick"] if quick else []
     command += ["--searches", searches] if searches is not None else []

@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place, causes, refuse_run_file, write_result
-from psafit.errors import InputError
+from psafit.errors import LARGEST_SEED, InputError
 
-_SEED = click.option("--seed", type=click.IntRange(0, 2**32 - 1), required=True, help="Everything is drawn from it.")
+_SEED = click.option("--seed", type=click.IntRange(0, LARGEST_SEED), required=True, help="Everything is drawn from it.")
 _JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes.")
 _DESIGN = click.option(
     "--experiment",

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from psafit import plugins
-from psafit.cli import CHECK_FAILED, DONE, JSON, PLUGIN, QUIET, Command, Place, write_result
+from psafit.cli import CHECK_FAILED, DONE, JSON, PLUGIN, QUIET, SEED, Command, Place, write_result
 from psafit.errors import InputError
 
 
@@ -52,7 +52,7 @@ def new(folder: Path, quiet: bool) -> int:
 @click.option(
     "--draws", type=click.IntRange(1, 10000), default=40, show_default=True, help="Compared with the reference."
 )
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
+@SEED
 @PLUGIN
 @QUIET
 @JSON

@@ -32,7 +32,12 @@ class InputError(PsafitError):
         place = "" if file is None else f"{file}: " if line is None else f"{file}:{line}: "
         # A hostile file name or cell must not break the promise of one line.
         text = f"{place}{what}; {remedy}"
-        super().__init__("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text))
+        super().__init__(printable(text))
+
+
+def printable(text: str) -> str:
+    """Replace what would steer a terminal or break a line."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 class ConvergenceError(PsafitError):
@@ -52,7 +57,11 @@ class ConvergenceError(PsafitError):
         super().__init__(f"{what}: reached {reached:.4g}, required {required:.4g}")
 
 
+LARGEST_SEED = 2**32 - 1
+"""Of those that every generator takes."""
+
+
 def check_seed(seed: int) -> None:
     """Refuse a seed that no generator takes."""
-    if not 0 <= seed < 2**32:
-        raise InputError(f"seed {seed} is not from 0 to {2**32 - 1}", "give a whole number in that range")
+    if not 0 <= seed <= LARGEST_SEED:
+        raise InputError(f"seed {seed} is not from 0 to {LARGEST_SEED}", "give a whole number in that range")

@@ -125,6 +125,18 @@ def test_the_rule_allows_what_chance_does() -> None:
     assert sum((1 - p) ** tries(p) for p in RIGHT.values()) < 1 / ONCE_IN
 
 
+def test_a_stubborn_diagnosis_can_do_one_kind() -> None:
+    """One that always finds the baseline adequate, or always something without a name, misses all other kinds."""
+    terms = {"nothing": [], "one": ["gap"], "two": ["gap", "preload"], "outside": []}
+    for verdict in ("adequate", "unexplained"):
+        told = {"verdict": verdict, "named": [], "alternatives": [], "causes": [], "misfit": {}}
+        answers = [
+            Answer("0", 1, kind, causes, {}, {}, None, {}, True, {}, None, "", [], "given", 0, [], "")  # type: ignore[arg-type]
+            for kind, causes in terms.items()
+        ]
+        assert sum(is_right(answer, told) for answer in answers) == 1
+
+
 # Rungs of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by two, the tests and
 # the leftover; either sees what is hidden here.)
 RUNGS = {

@@ -257,8 +257,10 @@ def solve(
     return Result(spec, psafit.__version__, status, message, made.answer, oracle, diagnosis, seconds)
 
 
-def read_diagnosis(file: Path) -> dict[str, Any]:
+def read_diagnosis(file: Path, fingerprint: str | None = None) -> dict[str, Any]:
     """Read what the score needs of a `diagnosis.json`, and check that it keeps the contract.
+
+    With a fingerprint it must be of those readings, if it says of which it is: other programs' diagnoses need not.
 
     Raises
     ------
@@ -278,6 +280,8 @@ def read_diagnosis(file: Path) -> dict[str, Any]:
         or not isinstance(content.get("misfit", {}), dict)
     ):
         raise InputError("is no diagnosis of schema 1", remedy, file=file)
+    if fingerprint and content.get("fingerprint", fingerprint) != fingerprint:
+        raise InputError("is of other readings than the challenge's", "diagnose FOLDER/experiment", file=file)
     return {key: content.get(key, {}) for key in _KEPT}
 
 
@@ -376,10 +380,7 @@ def judge(folder: Path, diagnosis: Path) -> Result:
         If the answer is not the one committed to, or a file cannot be used.
     """
     experiment, answer = unseal(folder)
-    found = read_diagnosis(diagnosis)
-    # Other programs' diagnoses need not say what they read.
-    if read_content(diagnosis).get("fingerprint", answer.fingerprint) != answer.fingerprint:
-        raise InputError("is of other readings than the challenge's", "diagnose FOLDER/experiment", file=diagnosis)
+    found = read_diagnosis(diagnosis, answer.fingerprint)
     oracle = consult(experiment, answer, seed=1, rivals_from=SEEN_NATS)
     spec = Spec(
         "challenge", answer.seed, answer.kind, answer.terms, answer.outside, "", answer.asked_nats, answer.design

@@ -102,8 +102,7 @@ def diagnose(
     training = tuple(experiment.group(g).id for g in group_ids)
     if not training:
         raise InputError("no training group", "give at least one group id")
-    if len(set(training)) < len(training):
-        raise InputError("a training group is named twice", "name it once")
+    Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
     if not any(g.launch_range_um.any() for g in experiment.groups):
         raise InputError(
             "every launch range is zero", "measure where the ball is launched: nothing can be explained here"

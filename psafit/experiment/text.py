@@ -6,7 +6,7 @@ import codecs
 from collections.abc import Iterable
 from pathlib import Path
 
-from psafit.errors import InputError
+from psafit.errors import InputError, printable
 
 
 def shown(text: str) -> str:
@@ -22,7 +22,7 @@ def listed(names: Iterable[str]) -> str:
 
 def one_line(text: str) -> str:
     """Collapse white space and replace what cannot be printed."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
+    return printable(" ".join(text.split()))
 
 
 def read_text(file: Path, limit: int) -> str:
