@@ -298,7 +298,7 @@ def thinned(experiment: Experiment) -> Experiment:
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to follow a page in: few readings, short chains, few candidates."""
-    from psafit import diagnose
+    from psafit import api, diagnose
     from psafit.diagnose import diagnosis
     from psafit.inference.emcee_adaptor import Settings
     from psafit.physics import terms
@@ -307,7 +307,8 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     short = Settings(chunk=50, autocorrelation_times=1.0, effective_samples=1.0, r_hat=100.0)
     monkeypatch.setattr(Settings, "of", classmethod(lambda cls, problem: short))
     few = functools.partial(diagnose.diagnose, catalogue=terms(["preload", "reading_gain"]))
-    monkeypatch.setattr(diagnose, "diagnose", few)
+    for module in (diagnose, api):
+        monkeypatch.setattr(module, "diagnose", few)
     monkeypatch.setattr(diagnosis, "_SIMULATED", 49)
     monkeypatch.setattr(diagnosis, "_SIMULATED_QUICK", 49)
     monkeypatch.setattr(diagnosis, "_SEARCHES", 1)
