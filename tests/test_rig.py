@@ -553,6 +553,7 @@ BROKEN: dict[str, tuple[str, str, str, set[str]]] = {
     "not neutral": (SENSOR, "return L / (1.0", "return L / (1.0 + 1e-8", {"by hand", "neutral", *_FAST}),
     "jumps": (SENSOR, "return L / (1.0", "return L / (1.0 + 1e-3 * (p[:, :1] > 0)", {"by hand", "continuous", *_FAST}),
     "wrong by hand": (SENSOR, "1e-3 / 11", "1e-4 / 11", {"by hand"}),
+    "asks nobody": (SENSOR, "_read(4e-4, 2.5e3), 2e-4", "2e-4, 2e-4", {"by hand"}),
     "wrong sign": (SENSOR, "sign=-1", "sign=1", {"symptom"}),
     "wrong trend": (SENSOR, 'amplitude="grows"', 'amplitude="flat"', {"symptom"}),
     "nothing said": (SENSOR, 'reference="the sensor\'s calibration sheet"', 'reference=""', {"declaration"}),

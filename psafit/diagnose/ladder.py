@@ -267,11 +267,7 @@ class _Search:
         found = False
         for c in [c for c in best.fitted.values() if c.terms and best._worth(c) > self._best() - VISIBLE_EVIDENCE]:
             known = self.fitted.get(c.ids)
-            moved = self._climbed_from(known or replace(c, problem=replace(c.problem, within=())), c.modes)
-            if known is None or moved.height > known.height + _HIGHER:
-                self.fitted[c.ids] = moved
-                self.weighed.pop(c.ids, None)
-                found = True
+            found |= self._take(self._climbed_from(known or replace(c, problem=replace(c.problem, within=())), c.modes))
         return found
 
     def _side(self, root: Candidate, k: int) -> _Search | None:
@@ -292,21 +288,36 @@ class _Search:
 
     def compare(self) -> None:
         """Weigh the finalists: who leads is said by evidence, of which Laplace's may be off by several nats."""
-        order = sorted(self.fitted.values(), key=self._worth, reverse=True)
-        finalists = [c for c in order if self._worth(c) > self._best() - _HOPELESS and not self._absorbed(c)][:_WEIGHED]
+        for c in self._finalists():
+            self._look_within(c)
+        finalists = self._finalists()
         for k, c in enumerate(finalists):
             if c.ids not in self.weighed:
                 self._progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
                 self._weigh(c)
-        # What the leader does without some of its causes is seen best from where the leader is.
-        leader = self._leader()
-        for part in [c for c in self.fitted.values() if c.terms and set(c.terms) < set(leader.terms)]:
-            start = widened(part.problem, leader.values, leader.problem.names)[:1]
+
+    def _finalists(self) -> list[Candidate]:
+        order = sorted(self.fitted.values(), key=self._worth, reverse=True)
+        return [c for c in order if self._worth(c) > self._best() - _HOPELESS and not self._absorbed(c)][:_WEIGHED]
+
+    def _look_within(self, whole: Candidate) -> None:
+        """What a model does without some of its causes is seen best from where the model is."""
+        for part in [c for c in self.fitted.values() if c.terms and set(c.terms) < set(whole.terms)]:
+            start = widened(part.problem, whole.values, whole.problem.names)[:1]
             if float(part.problem.log_posterior(start)[0]) > part.height - _WITHIN_REACH:
-                better = self._climbed_from(part, start)
-                if better.height > part.height + _HIGHER:
-                    self.fitted[part.ids] = better
-                    self.weighed.pop(part.ids, None)
+                self._take(self._climbed_from(part, start))
+
+    def _take(self, found: Candidate) -> bool:
+        """Keep a model fitted anew where it is better; whether it is. What was concluded from the old is forgotten."""
+        known = self.fitted.get(found.ids)
+        if known is not None and found.height <= known.height + _HIGHER:
+            return False
+        self.fitted[found.ids] = found
+        self.weighed.pop(found.ids, None)
+        self._refined.discard(found.ids)
+        if found.ids:
+            self.screenings.pop(found.ids, None)
+        return True
 
     def refine(self) -> bool:
         """Exchange each cause of a model that may lead, and add one, by what promises most; whether one was left."""
@@ -443,8 +454,9 @@ class _Search:
         found = self._recall("evidence", c.problem, make, c.modes)
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in found.items()}
         self.weighed[c.ids] = Weighed(**values)
-        if self.weighed[c.ids].height > c.height + _HIGHER:
-            self.fitted[c.ids] = self._climbed_from(c, self.weighed[c.ids].top[None])
+        weighed = self.weighed[c.ids]
+        if weighed.height > c.height + _HIGHER and self._take(self._climbed_from(c, weighed.top[None])):
+            self.weighed[c.ids] = weighed
         return self.fitted[c.ids]
 
     def _climbed_from(self, candidate: Candidate, starts: FloatArray) -> Candidate:

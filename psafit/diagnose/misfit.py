@@ -46,7 +46,7 @@ _ODD = 4.0
 _FEWEST = 5
 CHARACTERS = {
     "none": "no particular character",
-    "physics": "the misfit follows frequency, amplitude or size: the physics is wrong, not the scatter",
+    "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong, not the scatter",
     "scatter": "the mean is right; the law of the scatter is not",
     "group": "it is all due to one group",
     "points": "it is all due to a few odd readings",

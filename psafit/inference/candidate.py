@@ -13,7 +13,7 @@ from scipy.special import erfcx, log_ndtr, logsumexp
 
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
-from psafit.inference.ascent import Ascent, ascend, expansion, slopes
+from psafit.inference.ascent import Ascent, ascend, expansion, heights, slopes
 from psafit.inference.optimise import starts_of, widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 # Climbs on some of the readings, then on all: iterations, and how many go on after each.
 _TRIAL, _FRESH = ((3, 12), (5, 6), (12, 3)), ((8, 8), (16, 4))
-_FULL = ((6, 5), (30, 3))
+_FULL = ((6, 6), (30, 3))
 ENOUGH = 0.05
 """Gain of a climb (nats) below which it ends: well within the error of Laplace's evidence."""
 # ... and of a model that all others are built on, all on all readings.
@@ -32,6 +32,11 @@ _THOROUGH = ((4, 24), (8, 12), (30, 6))
 _THIN, _ROUGH, _MANY = 4, 1e-3, 150
 # A model whose trial ends this far (nats) below its rival's stays there; so does a climb so far below the best.
 _HOPELESS = 15.0
+# Of what is known beforehand, so many of the best join the climbs on all readings; so many climb from other steps.
+_TAKEN = 2
+# Moves along a parameter that acts by steps, in units of its prior's width, and how often they are repeated.
+_HALVES = 2.0 ** -np.arange(2, 12)
+_CROSSINGS = 4
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
 
@@ -199,19 +204,62 @@ def fit(
     fresh = starts_of(coarse, seed, most, draws)[0]
     # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
     races = ((fresh, _FRESH), (np.vstack([known, crossed]), _TRIAL))
+    # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too.
+    there = problem.log_posterior(known)
     trials = [ascend(coarse, starts, schedule=schedule, still_below=ENOUGH, unite=True) for starts, schedule in races]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
     if rival is not None:
         other = replace(coarse, terms=rival.terms)
-        if height.max() < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS:
+        behind = height.max() < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS
+        if behind and there.max() < rival.height - _HOPELESS:
             return settle(problem, ascend(problem, tried, schedule=((0, 1),)))
-    tried = tried[height > height.max() - _HOPELESS]
+    best_known = known[np.argsort(-there, kind="stable")[:_TAKEN]]
+    tried = np.vstack([tried[height > height.max() - _HOPELESS], best_known])
     end = ascend(problem, tried, schedule=_FULL, still_below=ENOUGH, unite=True)
     # A cause at its neutral value is a ridge that climbs may leave and not find again.
     neutral = np.vstack([of_one[0][:1] for of_one in widest])
     if problem.log_posterior(neutral).max() > end.height[end.best]:
         end = ascend(problem, np.vstack([neutral, end.u]), schedule=_FULL, still_below=ENOUGH, unite=True)
-    return settle(problem, end)
+    return settle(problem, _across_steps(problem, end))
+
+
+def _across_steps(problem: Problem, end: Ascent) -> Ascent:
+    """Go on where a parameter has no slope: what acts by thresholds is better a step away, or is not, but never uphill.
+
+    Such a parameter is moved either way by halves of its prior's width, and climbs begin where that is most promising.
+    """
+    for _ in range(_CROSSINGS):
+        u, predicted = end.u[end.best], end.predicted[end.best]
+        slope = slopes(problem, u[None], predicted[None])[0]
+        flat = np.flatnonzero(~np.abs(slope).any(axis=1))
+        reach = [np.ptp(problem.parameters[k].prior_quantile(np.array([0.05, 0.95]))) for k in flat]
+        away = np.concatenate([-_HALVES, _HALVES])
+        rows = np.repeat(u[None], flat.size * away.size, axis=0)
+        for k, part, far in zip(
+            flat, np.split(np.arange(len(rows)), flat.size) if flat.size else (), reach, strict=True
+        ):
+            rows[part, k] = np.clip(u[k] + far * away, *problem.bounds[k])
+        found = problem.predict(rows) if len(rows) else np.empty((0, predicted.size))
+        other = (found != predicted).any(axis=1)
+        rows, found = rows[other], found[other]
+        height = heights(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
+        order = np.argsort(-height, kind="stable")
+        order = order[height[order] > end.height.max() - _HOPELESS]
+        _, first = np.unique(height[order].round(6), return_index=True)
+        starts = rows[order[np.sort(first)[:_TAKEN]]]
+        if not len(starts):
+            break
+        moved = ascend(problem, starts, schedule=_FULL, still_below=ENOUGH, unite=True)
+        gained = moved.height.max() > end.height.max() + ENOUGH
+        end = Ascent(
+            np.vstack([end.u, moved.u]),
+            np.concatenate([end.height, moved.height]),
+            np.vstack([end.predicted, moved.predicted]),
+            end.n_sets + moved.n_sets,
+        )
+        if not gained:
+            break
+    return end
 
 
 def settle(problem: Problem, end: Ascent) -> Candidate:

@@ -107,13 +107,12 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "where_after": _where(result.misfit.get("extended", {})),
         "growth": _growth(result, experiment),
         "drift": _drift_rows(result),
-        "models": _model_rows(result.causes),
+        "models": _model_rows(result),
         "leader": None if leader is None else {"name": model(leader.terms), "rows": _parameter_rows(leader)},
         "other_models": [
             {"name": model(c.terms), "rows": _parameter_rows(c)} for c in result.causes if c is not leader
         ],
         "leader_listed": leader is _listed_leader(result),
-        "unnamed": _share(result.unnamed),
         "mostly_unnamed": result.unnamed > 0.5,
         "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, TITLES, result.named),
         "screening": _screening_rows(result.screening),
@@ -416,9 +415,9 @@ def _change(value: float) -> str:
 # Causes ---------------------------------------------------------------------------------------------------------
 
 
-def _model_rows(causes: Sequence[CauseResult]) -> list[list[Any]]:
+def _model_rows(result: Diagnosis) -> list[list[Any]]:
     rows: list[list[Any]] = []
-    for c in causes:
+    for c in result.causes:
         e = c.evidence
         over = _signed(e.get("over_baseline"))
         if e.get("error") is not None:
@@ -439,6 +438,11 @@ def _model_rows(causes: Sequence[CauseResult]) -> list[list[Any]]:
                 _method(e),
             ]
         )
+    if rows:
+        listed_ones = sum(_known(c.probability) for c in result.causes)
+        others = max(1 - listed_ones - _known(result.unnamed), 0.0)
+        for name, share in (("all other sets of causes", others), ("a discrepancy without a name", result.unnamed)):
+            rows.append([Markup("<em>{}</em>").format(name), _share(share), *["–"] * 5])
     return rows
 
 

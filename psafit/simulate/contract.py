@@ -6,13 +6,16 @@ reference, numbers worked out by hand. Every check here sets one of them against
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import math
+import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_double
 from dataclasses import dataclass
 from functools import partial
+from types import CodeType
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -224,17 +227,32 @@ def declaration(cause: Term) -> Outcome:
 
 
 def by_hand(cause: Term) -> Outcome:
-    """The values worked out by hand."""
+    """The values worked out by hand, each of what a function of the cause says."""
+    faces = [f for kind in ("setup", *FACES, "swing_offset", "reading") if (f := getattr(cause, kind))]
+    own = {getattr(inspect.unwrap(face), "__code__", None) for face in faces}
     wrong, worst = [], 0.0
     for check in cause.checks:
-        value = float(check.value())
+        value, called = _observed(check.value)
         error = _apart(np.array([value]), np.array([check.expected]))
         worst = max(worst, error / check.tolerance if error else 0.0, key=_nan_last)
         if not error <= check.tolerance:
             wrong.append(f"; {check.working}: got {value:.12g}, expected {check.expected:.12g}")
+        elif None not in own and not own & called:
+            wrong.append(f"; {check.working}: asks no function of the cause")
     n = len(cause.checks)
     text = f"{n - len(wrong)} of {n} come out, worst in units of the allowed error {worst:.2g}"
     return Outcome("by hand", not wrong, text + "".join(wrong), worst, 1.0)
+
+
+def _observed(function: Callable[[], float]) -> tuple[float, set[CodeType | None]]:
+    """What a function returns, and the code that ran for it."""
+    called: set[CodeType | None] = set()
+    before = sys.getprofile()
+    sys.setprofile(lambda frame, event, argument: called.add(frame.f_code))
+    try:
+        return float(function()), called
+    finally:
+        sys.setprofile(before)
 
 
 class _Numbers(list[float]):

@@ -104,10 +104,13 @@ def draw_curves(axes: Axes, group: Group, sweep: Sweep, curves: Sequence[Curve],
             axes.plot(x, curve.middle, "_", ms=11, mew=2, color=color, zorder=2)
             continue
         at, _, line = envelope(x, curve.middle, curve.middle)
-        style = DASHES if curve.dashed else "-"
-        axes.plot(
-            at, np.maximum(line, bottom) if log else line, color=color, lw=1.6, ls=style, zorder=2 + 0.1 * place
-        )  # fmt: skip
+        look = {"color": color, "zorder": 2 + 0.1 * place}
+        if log:
+            # No launch breaks the line: at the foot of the axes it would read as a small range.
+            none = at[line <= 0]
+            axes.plot(none, np.full(none.size, bottom), "v", ms=3.0 if small else 4.5, clip_on=False, **look)
+            line = np.where(line > 0, line, np.nan)
+        axes.plot(at, line, lw=1.6, ls=DASHES if curve.dashed else "-", **look)
     if group.sigma_um is not None:
         shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
         foot = np.minimum(group.sigma_um, measured - bottom if log else measured)
@@ -121,6 +124,12 @@ def draw_curves(axes: Axes, group: Group, sweep: Sweep, curves: Sequence[Curve],
     scale_sweep(axes, sweep, few=small)
 
 
+def has_zeros(axes: Axes, group: Group, curves: Sequence[Curve]) -> bool:
+    """Whether readings or curves hold zeros that logarithmic axes show at their foot."""
+    drawn = [group.launch_range_um, *(c.middle for c in curves)]
+    return axes.get_yscale() == "log" and any(bool((values == 0).any()) for values in drawn)
+
+
 def handles(curves: Sequence[Curve], *, zeros: bool = False) -> list[Artist]:
     """What a legend says of readings and curves; bands of the first curve only."""
     from matplotlib.lines import Line2D
@@ -128,7 +137,7 @@ def handles(curves: Sequence[Curve], *, zeros: bool = False) -> list[Artist]:
 
     found: list[Artist] = [Line2D([], [], **MEASURED, label="measured")]
     if zeros:
-        found.append(Line2D([], [], **{**MEASURED, "marker": "v"}, label="measured: zero"))
+        found.append(Line2D([], [], **{**MEASURED, "marker": "v"}, label="zero"))
     found += [
         Line2D([], [], color=PALETTE[c.color], lw=1.6, ls=DASHES if c.dashed else "-", label=label(c.name, 28))
         for c in curves

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from psafit.experiment import Group
 from psafit.report.figures.axes import label, scale_sweep
-from psafit.report.figures.curves import ROLE_COLOR, Curve, curve_of, draw_curves, envelope, handles
+from psafit.report.figures.curves import ROLE_COLOR, Curve, curve_of, draw_curves, envelope, handles, has_zeros
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import BAND, PALETTE, WIDTH, figure_style, new_figure
 
@@ -66,7 +66,7 @@ def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str 
         axes.set_xlabel(sweep.label)
         axes.set_ylabel("Launch range (µm)")
         if role:
-            zeros = axes.get_yscale() == "log" and bool((group.launch_range_um == 0).any())
+            zeros = has_zeros(axes, group, curves)
             figure.legend(handles=handles(curves, zeros=zeros), loc="outside lower center", ncols=2, columnspacing=1.2)
     return figure
 
@@ -78,14 +78,16 @@ def groups_figure(groups: Sequence[Group], sweeps: Sequence[Sweep], curves: Sequ
     with figure_style():
         figure = Figure(figsize=(3.7 * columns + 0.3, 2.9 * rows + 0.4), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"hspace": 0.06}).ravel()
+        zeros = False
         for axes, group, sweep, told in zip(panels, groups, sweeps, curves, strict=False):
             draw_curves(axes, group, sweep, told, small=True)
+            zeros = zeros or has_zeros(axes, group, told)
             title(axes, group.id, sweep)
             axes.set_xlabel(sweep.label)
             axes.set_ylabel("Launch range (µm)")
         for axes in panels[len(groups) :]:
             axes.remove()
-        figure.legend(handles=handles(curves[0]), loc="outside lower center", ncols=4)
+        figure.legend(handles=handles(curves[0], zeros=zeros), loc="outside lower center", ncols=4)
     return figure
 
 

@@ -114,7 +114,12 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     const x = scale(x0, x1, left, right, log[0]);
     const yFree = scale(y0, y1, foot, head, isLog);
     const y = (v) => Math.max(Math.min(yFree(Math.max(v, y0)), foot), head - 40);
-    const path = (values, order) => order.map((i, k) => `${k ? "L" : "M"}${x(group.x[i]).toFixed(1)} ${y(values[i]).toFixed(1)}`).join("");
+    const point = (values, i, k) => `${k ? "L" : "M"}${x(group.x[i]).toFixed(1)} ${y(values[i]).toFixed(1)}`;
+    const path = (values, order) => order.map((i, k) => point(values, i, k)).join("");
+    // No launch has no place on a logarithmic axis: it breaks a line, and stands at the foot like a reading of zero.
+    const none = (v) => isLog && v === 0;
+    const broken = (values) => order.map((i, k) => (none(values[i]) ? "" : point(values, i, k && !none(values[order[k - 1]])))).join("");
+    const triangle = (v, size) => `M${x(v) - size} ${foot - 4}h${2 * size}l${-size} 7z`;
     const order = group.x.map((_, i) => i);
 
     picture.replaceChildren();
@@ -135,13 +140,16 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     for (const c of curves)
       for (const b of c.bands)
         if (!hidden.has(b.name)) svg(inside, "path", { d: `${path(b.high, order)}${path(b.low, [...order].reverse()).replace("M", "L")}Z`, class: `band ${c.color}` });
-    for (const c of curves) svg(inside, "path", { d: path(c.middle, order), class: line(c) });
+    for (const c of curves) {
+      svg(inside, "path", { d: broken(c.middle), class: line(c) });
+      order.filter((i) => none(c.middle[i])).forEach((i) => svg(picture, "path", { d: triangle(group.x[i], 3), class: `dot ${c.color}` }));
+    }
     if (!hidden.has("measured"))
       group.measured.forEach((v, i) => {
         const [cx, cy] = [x(group.x[i]), y(v)];
         const s = group.sigma?.[i];
         if (s) svg(inside, "path", { d: `M${cx} ${y(v - s)}V${y(v + s)}`, class: "sigma" });
-        if (isLog && v === 0) svg(picture, "path", { d: `M${cx - 4} ${foot - 4}h8l-4 7z`, class: "reading" });
+        if (none(v)) svg(picture, "path", { d: triangle(group.x[i], 4), class: "reading" });
         else svg(picture, "circle", { cx, cy, r: 4, class: "reading" });
       });
     reach = order.map((i) => [x(group.x[i]), y(group.measured[i])]);
