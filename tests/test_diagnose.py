@@ -26,7 +26,8 @@ from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, fingerprint
-from psafit.inference.candidate import fit, thinned
+from psafit.inference.ascent import ascend
+from psafit.inference.candidate import _across_steps, fit, settle, thinned
 from psafit.inference.evidence import weigh
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import MICRO, Problem
@@ -228,6 +229,42 @@ def test_a_search_that_stands_on_the_wrong_side_crosses_over(monkeypatch):
     assert after.problem.within == ()
     # Once there, the other sides are worse, and nothing is found.
     assert not search.cross_over()
+
+
+def test_a_part_is_found_from_the_whole_and_what_was_concluded_from_its_old_place_forgotten():
+    """The cause alone stays at its neutral value; the pair, whose second cause does little, is right."""
+    whole = problem(experiment(["amplifier_lag"], [4e-5], n=40, seed=3))
+    search = ladder._Search(whole, FEW, 1, Memory(None), lambda what, done, total: None)
+    search.begin()
+    right = search.fitted[("amplifier_lag",)]
+    stuck = settle(
+        right.problem, ascend(right.problem, search.fitted[()].widened(right.problem)[0][:1], schedule=((0, 1),))
+    )
+    search.fitted[stuck.ids] = stuck
+    assert stuck.height < right.height - 10
+    search._screen(stuck.ids)
+    search._refined.add(stuck.ids)
+    pair = replace(whole, terms=terms(["amplifier_lag", "reading_offset"]))
+    search.fitted[pair.ids] = fit(pair, [right], seed=1)
+    search.compare()
+    assert search.fitted[stuck.ids].height == pytest.approx(right.height, abs=0.1)
+    assert stuck.ids not in search.screenings and stuck.ids not in search._refined
+
+
+def test_what_acts_by_steps_is_found_a_step_away():
+    """Nothing leads uphill from 1.3 periods: ranges stay as they are until the tip strikes once more, or less."""
+    repeated = terms(["repeat_impacts"])
+    whole = replace(problem(experiment(["repeat_impacts"], [1.05], n=60, relative=0.02)), terms=repeated)
+    truth = whole.prior_transform(np.full(whole.n_dim, 0.5))
+    for name, value in zip(("k_c", "c_s", "c_c", "repeat_cycles"), (*TRUTH, 1.05), strict=True):
+        k = whole.names.index(name)
+        truth[k] = whole.parameters[k].to_sampling(value)
+    best = ascend(whole, truth[None])
+    away = best.u.copy()
+    away[0, whole.names.index("repeat_cycles")] = 1.3
+    stuck = ascend(whole, away)
+    assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.height[0] < best.height[0] - 10
+    assert _across_steps(whole, stuck).height.max() > best.height[0] - 1
 
 
 @pytest.mark.parametrize(("ids", "values"), [((), ()), (("amplifier_lag",), (2e-5,))])

@@ -17,7 +17,8 @@ r"""The ladder: from every cause alone to combinations of up to six, and a proba
 *Prior over models.* The number of causes that matter is 0 to 6 with weights 0.4, 0.36, 0.16, 0.06, 0.015, 0.004,
 0.001, shared equally by all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one
 cause, and each further cause is about as surprising as the first. Models that were not fitted are counted with the
-evidence that the expansion gives them, so that a leader is not certain only because its rivals were not tried.
+evidence that the expansion gives them, so that a leader is not certain only because its rivals were not tried; those
+that would have to be told beside the leader are fitted before.
 
 *What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
 refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
@@ -55,6 +56,9 @@ SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.015, 0.004, 0.001)
 
 VISIBLE_EVIDENCE = 3.0
 """Evidence, nats, by which a further cause must improve a model to count as one of its own (20 to 1)."""
+
+CREDIBLE = 0.95
+"""Probability of the reported set."""
 
 MOST_CAUSES = len(SIZE_WEIGHTS) - 1
 # Causes up to which several models are grown, and every part of a leader is fitted; beyond, the leader alone grows.
@@ -142,6 +146,18 @@ class Ladder:
         """Log prior probability of a model."""
         return log_prior(len(ids), len(self.screened))
 
+    def rivals(self, named: Ids) -> tuple[Ids, ...]:
+        """Sets, fitted or not, that are needed beside the named one for 95 % of the probability; best first."""
+        share = self.probability | self.unfitted
+        held, found = share[named], []
+        for ids, p in sorted(share.items(), key=lambda item: -item[1]):
+            if held >= CREDIBLE:
+                break
+            if ids != named and p > 0:
+                found.append(ids)
+                held += p
+        return tuple(found)
+
     def gain(self, ids: Ids) -> float:
         """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""
         return self.of(ids).log_likelihood - self.baseline.log_likelihood
@@ -187,7 +203,7 @@ def climb(
     for another in (search.think_again, search.cross_over):
         if another():
             search.settle()
-    return rank(search.fitted.values(), search.evidence(), search.weighed, search.screenings, len(catalogue))
+    return search.concluded()
 
 
 @dataclass(eq=False)
@@ -381,9 +397,32 @@ class _Search:
                     entry.promise = max(entry.promise, promise + log_prior(len(larger.terms), len(self.catalogue)))
         return list(wanted.values())
 
-    def evidence(self) -> dict[Ids, float]:
-        """Log evidence of every model: by importance sampling where there is one, else Laplace's."""
-        return {ids: self._evidence(c) for ids, c in self.fitted.items()}
+    def concluded(self) -> Ladder:
+        """Rank the models, when all that would be told beside the leader has been fitted."""
+        for _ in range(_ROUNDS):
+            found = self._ranked()
+            untried = [ids for ids in found.rivals(found.leader.ids) if ids in found.unfitted]
+            if not (untried and found.leader.terms):
+                return found
+            self._fit_all(map(self._promised, untried), _DRAWS_PAIR, _STARTS_PAIR)
+            self.compare()
+        return self._ranked()
+
+    def _ranked(self) -> Ladder:
+        """By importance sampling's evidence where there is one, else Laplace's."""
+        evidence = {ids: self._evidence(c) for ids, c in self.fitted.items()}
+        return rank(self.fitted.values(), evidence, self.weighed, self.screenings, len(self.catalogue))
+
+    def _promised(self, ids: Ids) -> _Wanted:
+        """A model that only screenings have told of."""
+        told = [
+            (self.fitted[part].problem, s)
+            for part, screened in self.screenings.items()
+            for s in screened
+            if {*part, s.term.id} == set(ids)
+        ]
+        larger = extended(told[0][0], told[0][1].term, self.catalogue)
+        return _Wanted(larger, [s.starts for _, s in told], 0.0)
 
     def _worth(self, c: Candidate) -> float:
         return self._evidence(c) + log_prior(len(c.terms), len(self.catalogue))

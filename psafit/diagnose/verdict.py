@@ -14,12 +14,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from psafit.diagnose.ladder import Ids, Ladder
+from psafit.diagnose.ladder import CREDIBLE, Ids, Ladder
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
-
-CREDIBLE = 0.95
-"""Probability of the reported set."""
 
 UNNAMED = 0.1
 """Prior probability that something is wrong which no cause of the catalogue describes."""
@@ -98,7 +95,7 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
             else "A discrepancy without a name is more probable than any cause."
         )
         return Verdict("unexplained", (), (), probability, unnamed, inclusion, tuple(reasons))
-    alternatives = _rivals(ladder, named)
+    alternatives = ladder.rivals(named)
     residual = after is not None and after.p_value < ALPHA
     if residual or unnamed > 0.5:
         reasons.append(
@@ -119,16 +116,3 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         " does as well."
     )
     return Verdict("explained", named, (), probability, unnamed, inclusion, tuple(reasons))
-
-
-def _rivals(ladder: Ladder, named: Ids) -> tuple[Ids, ...]:
-    """Sets that, with the named one, are needed for 95 % of the probability; best first."""
-    share = ladder.probability | ladder.unfitted
-    held, rivals = share[named], []
-    for ids, p in sorted(share.items(), key=lambda item: -item[1]):
-        if held >= CREDIBLE:
-            break
-        if ids != named and p > 0:
-            rivals.append(ids)
-            held += p
-    return tuple(rivals)

@@ -104,7 +104,7 @@ def draw_curves(axes: Axes, group: Group, sweep: Sweep, curves: Sequence[Curve],
             axes.plot(x, curve.middle, "_", ms=11, mew=2, color=color, zorder=2)
             continue
         at, _, line = envelope(x, curve.middle, curve.middle)
-        look = {"color": color, "zorder": 2 + 0.1 * place}
+        look: dict[str, Any] = {"color": color, "zorder": 2 + 0.1 * place}
         if log:
             # No launch breaks the line: at the foot of the axes it would read as a small range.
             none = at[line <= 0]
