@@ -108,7 +108,8 @@ def draw_curves(axes: Axes, group: Group, sweep: Sweep, curves: Sequence[Curve],
         if log:
             # No launch breaks the line: at the foot of the axes it would read as a small range.
             none = at[line <= 0]
-            axes.plot(none, np.full(none.size, bottom), "v", ms=3.0 if small else 4.5, clip_on=False, **look)
+            if none.size:
+                axes.plot(none, np.full(none.size, bottom), "v", ms=3.0 if small else 4.5, clip_on=False, **look)
             line = np.where(line > 0, line, np.nan)
         axes.plot(at, line, lw=1.6, ls=DASHES if curve.dashed else "-", **look)
     if group.sigma_um is not None:
