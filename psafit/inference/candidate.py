@@ -224,42 +224,41 @@ def fit(
 
 
 def _across_steps(problem: Problem, end: Ascent) -> Ascent:
-    """Go on where a parameter has no slope: what acts by thresholds is better a step away, or is not, but never uphill.
-
-    Such a parameter is moved either way by halves of its prior's width, and climbs begin where that is most promising.
-    """
+    """Go on where a parameter has no slope: what acts by thresholds is better a step away, or not, but never uphill."""
     for _ in range(_CROSSINGS):
-        u, predicted = end.u[end.best], end.predicted[end.best]
-        slope = slopes(problem, u[None], predicted[None])[0]
-        flat = np.flatnonzero(~np.abs(slope).any(axis=1))
-        reach = [np.ptp(problem.parameters[k].prior_quantile(np.array([0.05, 0.95]))) for k in flat]
-        away = np.concatenate([-_HALVES, _HALVES])
-        rows = np.repeat(u[None], flat.size * away.size, axis=0)
-        for k, part, far in zip(
-            flat, np.split(np.arange(len(rows)), flat.size) if flat.size else (), reach, strict=True
-        ):
-            rows[part, k] = np.clip(u[k] + far * away, *problem.bounds[k])
-        found = problem.predict(rows) if len(rows) else np.empty((0, predicted.size))
-        other = (found != predicted).any(axis=1)
-        rows, found = rows[other], found[other]
-        height = heights(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
-        order = np.argsort(-height, kind="stable")
-        order = order[height[order] > end.height.max() - _HOPELESS]
-        _, first = np.unique(height[order].round(6), return_index=True)
-        starts = rows[order[np.sort(first)[:_TAKEN]]]
-        if not len(starts):
+        here, height = end.predicted[end.best], float(end.height[end.best])
+        rows = _steps_away(problem, end.u[end.best], here)
+        found = problem.predict(rows) if len(rows) else np.empty((0, here.size))
+        value = heights(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
+        # One row of each step, the highest first; none of that on which the climbs have ended.
+        steps = {here.tobytes(): -1}
+        for k in np.argsort(-value, kind="stable"):
+            steps.setdefault(found[k].tobytes(), int(k))
+        starts = [k for k in list(steps.values())[1 : 1 + _TAKEN] if value[k] > height - _HOPELESS]
+        if not starts:
             break
-        moved = ascend(problem, starts, schedule=_FULL, still_below=ENOUGH, unite=True)
-        gained = moved.height.max() > end.height.max() + ENOUGH
+        moved = ascend(problem, rows[starts], schedule=_FULL, still_below=ENOUGH, unite=True)
         end = Ascent(
             np.vstack([end.u, moved.u]),
             np.concatenate([end.height, moved.height]),
             np.vstack([end.predicted, moved.predicted]),
             end.n_sets + moved.n_sets,
         )
-        if not gained:
+        if moved.height.max() < height + ENOUGH:
             break
     return end
+
+
+def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
+    """Each parameter without a slope moved to either side, by halves of its prior's width; (n, n_dim)."""
+    slope = slopes(problem, u[None], predicted[None])[0]
+    rows = [np.empty((0, u.size))]
+    for k in np.flatnonzero(~slope.any(axis=1)):
+        width = np.ptp(problem.parameters[k].prior_quantile(np.array([0.05, 0.95])))
+        moved = np.repeat(u[None], 2 * _HALVES.size, axis=0)
+        moved[:, k] = np.clip(u[k] + width * np.concatenate([-_HALVES, _HALVES]), *problem.bounds[k])
+        rows.append(moved)
+    return np.vstack(rows)
 
 
 def settle(problem: Problem, end: Ascent) -> Candidate:
