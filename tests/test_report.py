@@ -405,6 +405,16 @@ def test_lines_ascend_and_zeros_sit_on_the_edge(tmp_path):
         assert sum(len(x.get_xdata()) for x in circles) == p.group.n_points - zeros
 
 
+def test_a_line_breaks_where_nothing_is_launched():
+    group = make_group(1, [100.0, 200.0, 300.0, 400.0], [20.0] * 4, [100.0, 3.0, 2.0, 1.0])
+    curve = figures.Curve("simulated", "vermillion", np.array([90.0, 3.0, 0.0, 0.0]))
+    (axes,) = figures.group_figure(group, figures.sweep_of(group), [curve]).axes
+    line = next(x for x in axes.lines if x.get_linestyle() == "-")
+    assert np.isnan(line.get_ydata()).tolist() == [False, False, True, True]
+    (mark,) = (x for x in axes.lines if x.get_marker() == "v")
+    assert mark.get_xdata().tolist() == [300.0, 400.0] and np.all(mark.get_ydata() == axes.get_ylim()[0])
+
+
 def test_residual_axis_is_common_and_holds_every_error(tmp_path):
     run = make_run(tmp_path)
     view = figures.residual_view([np.array([-0.1, 2.0]), np.array([0.5])])
