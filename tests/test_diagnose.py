@@ -32,6 +32,7 @@ from psafit.inference.evidence import weigh
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import load
+from psafit.inference.store import pareto_k
 from psafit.parameters import Bounds
 from psafit.physics import TERMS, terms
 from psafit.simulate import Design, simulate
@@ -101,6 +102,13 @@ def test_nautilus_is_asked_for_in_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "nautilus", None)
     with pytest.raises(InputError, match="pip install nautilus-sampler"):
         require()
+
+
+def test_pareto_k_is_that_of_the_weights():
+    """Of weights with a Pareto law of index 2 it is one half; of their inverses, which are bounded, below zero."""
+    log_weights = np.random.default_rng(1).exponential(0.5, 4000)
+    assert pareto_k(log_weights) == pytest.approx(0.5, abs=0.15)
+    assert pareto_k(-log_weights) < 0
 
 
 def test_resampling_keeps_the_weighted_mean(sound):

@@ -117,7 +117,13 @@ def _each(function: Any, values: FloatArray, **options: Any) -> FloatArray:
 
 def pareto_k(log_weights: FloatArray) -> float:
     """Shape of the tail of importance weights (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72)."""
-    return float(np.asarray(_arviz().psislw(log_weights)[1]))
+    az = _arviz()
+    if not _is_tree(az):
+        return float(np.asarray(az.psislw(log_weights)[1]))
+    from arviz_stats.base import array_stats
+
+    # This one takes log likelihoods, whose inverses are weights.
+    return float(array_stats.psislw(-log_weights)[1])
 
 
 def r_hat(values: FloatArray) -> FloatArray:
