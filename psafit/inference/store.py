@@ -79,7 +79,7 @@ def write(
         "dims": {name: ["reading"] for name in ("launch_range_um", *constant)},
     }
     with warnings.catch_warnings():  # ArviZ takes many short chains for a transposed array
-        warnings.filterwarnings("ignore", message="More chains", category=UserWarning)
+        warnings.filterwarnings("ignore", message="More chains|Found chain", category=UserWarning)
         data = az.from_dict(groups, **layout) if _is_tree(az) else az.from_dict(**groups, **layout)
     for part in data.subtree if _is_tree(az) else (data[name] for name in data.groups()):
         part.attrs.pop("created_at", None)  # the same draws are the same file
