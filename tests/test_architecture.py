@@ -33,6 +33,7 @@ LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 DRAWS = {"matplotlib", "cycler", "corner", "jinja2", "markupsafe"}
 TALKS = {"click", "rich"}
 COMES_WITH = {  # hard requirements of a declared library, met in its own interface
+    "arviz_stats": "arviz",  # from 1.0 on
     "cycler": "matplotlib",
     "markupsafe": "jinja2",
     "pil": "matplotlib",

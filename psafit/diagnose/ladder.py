@@ -492,10 +492,10 @@ class _Search:
 
         found = self._recall("evidence", c.problem, make, c.modes)
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in found.items()}
-        self.weighed[c.ids] = Weighed(**values)
-        weighed = self.weighed[c.ids]
-        if weighed.height > c.height + _HIGHER and self._take(self._climbed_from(c, weighed.top[None])):
-            self.weighed[c.ids] = weighed
+        weighed = Weighed(**values)
+        if weighed.height > c.height + _HIGHER:
+            self._take(self._climbed_from(c, weighed.top[None]))
+        self.weighed[c.ids] = weighed
         return self.fitted[c.ids]
 
     def _climbed_from(self, candidate: Candidate, starts: FloatArray) -> Candidate:

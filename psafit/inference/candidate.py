@@ -194,8 +194,7 @@ def fit(
     coarse = replace(problem, experiment=thinned(problem.experiment, _THIN), tolerance=_ROUGH) if many else problem
     if not nested:
         return settle(problem, ascend(problem, starts_of(coarse, seed, most, draws)[0], schedule=_THOROUGH))
-    widest = [c.widened(problem, 2) for c in nested]
-    rows = [r for of_one in widest for r in of_one]
+    rows = [r for c in nested for r in c.widened(problem, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
@@ -204,7 +203,8 @@ def fit(
     fresh = starts_of(coarse, seed, most, draws)[0]
     # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
     races = ((fresh, _FRESH), (np.vstack([known, crossed]), _TRIAL))
-    # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too.
+    # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
+    # best go on. (They hold the smaller models' optima: no climb ends below those.)
     there = problem.log_posterior(known)
     trials = [ascend(coarse, starts, schedule=schedule, still_below=ENOUGH, unite=True) for starts, schedule in races]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
@@ -216,10 +216,6 @@ def fit(
     best_known = known[np.argsort(-there, kind="stable")[:_TAKEN]]
     tried = np.vstack([tried[height > height.max() - _HOPELESS], best_known])
     end = ascend(problem, tried, schedule=_FULL, still_below=ENOUGH, unite=True)
-    # A cause at its neutral value is a ridge that climbs may leave and not find again.
-    neutral = np.vstack([of_one[0][:1] for of_one in widest])
-    if problem.log_posterior(neutral).max() > end.height[end.best]:
-        end = ascend(problem, np.vstack([neutral, end.u]), schedule=_FULL, still_below=ENOUGH, unite=True)
     return settle(problem, _across_steps(problem, end))
 
 

@@ -285,11 +285,16 @@ class Term:
                 raise ValueError(f"{self.id}: parameter {parameter.name} has no neutral value")
         if not self.checks:
             raise ValueError(f"{self.id}: no check by hand")
-        faces = (
+        if not self.faces:
+            raise ValueError(f"{self.id}: neither sets a number of the rig nor fills a slot")
+
+    @property
+    def faces(self) -> tuple[Callable[..., object], ...]:
+        """Its functions on the fast path, those that it has."""
+        every = (
             self.setup, self.law, self.stack_factor, self.branch, self.deceleration, self.swing_offset, self.reading,
         )  # fmt: skip
-        if not any(faces):
-            raise ValueError(f"{self.id}: neither sets a number of the rig nor fills a slot")
+        return tuple(face for face in every if face)
 
     @property
     def strength(self) -> Parameter:

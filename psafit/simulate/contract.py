@@ -228,8 +228,7 @@ def declaration(cause: Term) -> Outcome:
 
 def by_hand(cause: Term) -> Outcome:
     """The values worked out by hand, each of what a function of the cause says."""
-    faces = [f for kind in ("setup", *FACES, "swing_offset", "reading") if (f := getattr(cause, kind))]
-    own = {getattr(inspect.unwrap(face), "__code__", None) for face in faces}
+    own = {getattr(inspect.unwrap(face), "__code__", None) for face in cause.faces}
     wrong, worst = [], 0.0
     for check in cause.checks:
         value, called = _observed(check.value)
