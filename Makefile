@@ -38,7 +38,7 @@ PSAFIT := $(BIN)/psafit
 quoted  = '$(subst ','\'',$(1))'
 option  = $(if $(strip $(2)),$(1) $(call quoted,$(2)))
 
-.PHONY: help setup fit validate diagnose sbc reproduce test fuzz kills lint types bench challenge docs docs-figures lock clean
+.PHONY: help setup fit validate diagnose sbc reproduce test coverage fuzz kills lint types bench challenge docs docs-figures lock clean
 
 help: ## List the targets
 	@echo 'make TARGET [NAME=value ...]'
@@ -67,6 +67,12 @@ reproduce: $(STAMP)-run ## Repeat the study's own tables and say where they come
 
 test: $(STAMP)-dev ## Run all tests, the slow ones too: [JOBS=2] [ARGS='-k name'] (plain pytest: the fast ones)
 	@$(BIN)/python -m pytest -m '' -n $(JOBS) $(ARGS)
+
+coverage: $(STAMP)-dev ## Which lines of psafit/ no test runs: [JOBS=2] (all tests; half an hour)
+	@$(BIN)/python -m coverage erase
+	@$(BIN)/python -m coverage run -m pytest -m '' -n $(JOBS) $(ARGS)
+	@$(BIN)/python -m coverage combine -q
+	@$(BIN)/python -m coverage report
 
 fuzz: $(STAMP)-dev ## Hostile files and options by the thousand: [CASES=10000] [SEED=n]
 	@$(BIN)/python tests/fuzz.py $(call option,--cases,$(CASES)) $(call option,--seed,$(SEED))

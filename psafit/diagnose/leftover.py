@@ -24,12 +24,14 @@ from scipy.optimize import minimize
 from psafit.diagnose.misfit import sweeps
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
+from psafit.parameters import Parameter
 
 FloatArray = NDArray[np.float64]
 
 # Log-normal priors: amplitude of the smooth part and of the levels (a tenth, within a factor of three), and its reach
 # in the logarithm of the swept variable (a factor of two in frequency, within a factor of two).
 _AMPLITUDE, _REACH = (math.log(0.1), math.log(3.0)), (math.log(0.7), math.log(2.0))
+_PRIORS = (_AMPLITUDE, _AMPLITUDE, _REACH)
 # A reading this many standard deviations off, with neighbours less than half as far, is an outlier.
 _LONE = 3.0
 # A reading below this many standard deviations of the absolute scatter says nothing of a relative discrepancy.
@@ -94,63 +96,123 @@ class Leftover:
 
 def leftover(candidate: Candidate) -> Leftover:
     """Fit an unnamed discrepancy beside a model."""
-    problem = candidate.problem
-    predicted = np.maximum(candidate.predicted, 1e-9)
-    u = candidate.modes[0]
-    residual = problem.observed - candidate.predicted
-    # A lone outlier keeps the large variance that Student's law gives it; neighbours that err together do not.
-    nu = float(candidate.noise[0, 2])
-    score, stretch = residual / candidate.scatter, np.ones(residual.size)
-    for _, _, rows in sweeps(problem):
-        z = score[rows]
-        beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
-        lone = (np.abs(z) > _LONE) & (np.abs(beside) < 0.5 * _LONE)
-        stretch[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)
-    slope = candidate.slope.T
-    bent = problem.prior_slopes(u[None, :])[1][0, : problem.n_model]
-    width = 1.0 / np.sqrt(np.maximum(bent, (4.0 / np.ptp(problem.bounds[: problem.n_model], axis=1)) ** 2))
-    free = slope * width  # columns with unit prior variance
-    x = np.empty(problem.observed.size)
-    group = problem.design.group
-    for _, variable, rows in sweeps(problem):
-        swept = problem.design.amplitude if variable == "amplitude" else problem.design.frequency
-        x[rows] = np.log(np.maximum(swept[rows], 1e-9))
-    same = group[:, None] == group[None, :]
-    squared = np.where(same, (x[:, None] - x[None, :]) ** 2, 0.0)
-    outer = np.outer(predicted, predicted)
-    known = 0.0 if problem.known_sigma is None else problem.known_sigma**2
-    parameters = problem.parameters[problem.n_model : problem.n_model + 2]
-    linear = free @ free.T
+    around = _Expansion.of(candidate)
+    without = around.fitted(around.scatter, with_it=False)
+    # A scatter that had to stand for the discrepancy, too, may be either of its parts.
+    low = [p.sampling_bounds.lower for p in around.parameters]
+    usual = np.minimum(around.scatter, [float(p.prior_quantile(0.5)) for p in around.parameters])
+    starts = (
+        (around.scatter, 0.02, 0.02),
+        (around.scatter + np.array([math.log(0.4), 0.0]), 0.3, 0.1),
+        (usual, 0.1, 0.3),
+        (usual, 0.3, 0.1),
+    )
+    ends = [
+        around.fitted(np.array([*np.maximum(begin, low), math.log(a), math.log(b), _REACH[0]]), with_it=True)
+        for begin, a, b in starts
+    ]
+    best = max(ends, key=lambda end: end.log_evidence)
+    sigma_rel, sigma_abs = around.scatter_at(best.v)
+    mean, variance = around.discrepancy(best.v)
+    heard = around.predicted > _SILENT * sigma_abs
+    amplitude, level, reach = np.exp(best.v[2:]).tolist()
+    return Leftover(
+        log_bayes=best.log_evidence - without.log_evidence,
+        amplitude=amplitude,
+        level=level,
+        reach=reach,
+        sigma_rel=sigma_rel,
+        mean=np.where(heard, np.log(np.maximum(1 + mean / around.predicted, 1e-3)), 0.0),
+        sd=np.where(heard, np.sqrt(np.maximum(variance, 0.0)) / around.predicted, np.inf),
+        hyper=best.v,
+        covariance=best.covariance,
+    )
 
-    def covariance(v: FloatArray, with_it: bool) -> FloatArray:
-        relative, absolute = (float(p.to_physical(c)) for p, c in zip(parameters, v[:2], strict=True))
-        total = linear + np.diag(stretch * ((relative * predicted) ** 2 + absolute**2 + known))
-        if with_it:
-            total += _kernel(v) * outer
-        return np.asarray(total)
 
-    def _kernel(v: FloatArray) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """An optimum in the scatter and, with a discrepancy, in the logarithms of its size and reach."""
+
+    v: FloatArray
+    log_evidence: float
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Expansion:
+    """Readings around a fit, linear in the model's parameters, which are integrated out."""
+
+    parameters: tuple[Parameter, ...]  # of the scatter: relative, absolute
+    scatter: FloatArray  # their sampling coordinates at the fit
+    predicted: FloatArray
+    residual: FloatArray
+    stretch: FloatArray  # of each reading's variance
+    linear: FloatArray  # covariance that the model's parameters give
+    known: FloatArray | float  # variance stated with the readings
+    same: NDArray[np.bool_]  # pairs of one group
+    squared: FloatArray  # ... and their squared distance along the sweep
+
+    @classmethod
+    def of(cls, candidate: Candidate) -> _Expansion:
+        problem = candidate.problem
+        n = problem.n_model
+        bent = problem.prior_slopes(candidate.modes[:1])[1][0, :n]
+        width = 1.0 / np.sqrt(np.maximum(bent, (4.0 / np.ptp(problem.bounds[:n], axis=1)) ** 2))
+        free = candidate.slope.T * width  # columns with unit prior variance
+        x = np.empty(problem.observed.size)
+        for _, variable, rows in sweeps(problem):
+            swept = problem.design.amplitude if variable == "amplitude" else problem.design.frequency
+            x[rows] = np.log(np.maximum(swept[rows], 1e-9))
+        group = problem.design.group
+        same = group[:, None] == group[None, :]
+        return cls(
+            parameters=problem.parameters[n : n + 2],
+            scatter=candidate.modes[0, n : n + 2],
+            predicted=np.maximum(candidate.predicted, 1e-9),
+            residual=problem.observed - candidate.predicted,
+            stretch=_stretch(candidate),
+            linear=free @ free.T,
+            known=0.0 if problem.known_sigma is None else problem.known_sigma**2,
+            same=same,
+            squared=np.where(same, (x[:, None] - x[None, :]) ** 2, 0.0),
+        )
+
+    def scatter_at(self, v: FloatArray) -> tuple[float, float]:
+        relative, absolute = (float(p.to_physical(c)) for p, c in zip(self.parameters, v[:2], strict=True))
+        return relative, absolute
+
+    def kernel(self, v: FloatArray) -> FloatArray:
+        """Covariance of the discrepancy, um^2."""
         a, b, reach = np.exp(v[2:5])
-        return np.asarray(np.where(same, a * a * np.exp(-0.5 * squared / reach**2) + b * b, 0.0))
+        relative = np.where(self.same, a * a * np.exp(-0.5 * self.squared / reach**2) + b * b, 0.0)
+        return np.asarray(relative * np.outer(self.predicted, self.predicted))
 
-    def loss(v: FloatArray, with_it: bool) -> float:
-        density = sum(float(p.log_prior(c)) for p, c in zip(parameters, v[:2], strict=True))
-        if with_it:
-            for c, (mean, sd) in zip(v[2:], (_AMPLITUDE, _AMPLITUDE, _REACH), strict=True):
-                density += -0.5 * ((c - mean) / sd) ** 2 - math.log(sd) - 0.5 * math.log(2 * math.pi)
+    def factor(self, v: FloatArray) -> tuple[FloatArray, bool]:
+        """Cholesky factor of the readings' covariance."""
+        relative, absolute = self.scatter_at(v)
+        total = self.linear + np.diag(self.stretch * ((relative * self.predicted) ** 2 + absolute**2 + self.known))
+        if v.size > 2:
+            total += self.kernel(v)
+        return cho_factor(total, lower=True)
+
+    def loss(self, v: FloatArray) -> float:
+        density = sum(float(p.log_prior(c)) for p, c in zip(self.parameters, v[:2], strict=True))
+        for c, (mean, sd) in zip(v[2:], _PRIORS[: v.size - 2], strict=True):
+            density += -0.5 * ((c - mean) / sd) ** 2 - math.log(sd) - 0.5 * math.log(2 * math.pi)
         if not math.isfinite(density):
             return 1e12
         try:
-            factor = cho_factor(covariance(v, with_it), lower=True)
+            factor = self.factor(v)
         except np.linalg.LinAlgError:
             return 1e12
-        quadratic = float(residual @ cho_solve(factor, residual))
+        quadratic = float(self.residual @ cho_solve(factor, self.residual))
         return 0.5 * quadratic + float(np.log(np.diag(factor[0])).sum()) - density
 
-    def evidence(start: FloatArray, with_it: bool) -> tuple[float, FloatArray, FloatArray]:
-        bounds = [(p.sampling_bounds.lower, p.sampling_bounds.upper) for p in parameters]
-        bounds += [(m - 4 * sd, m + 4 * sd) for m, sd in (_AMPLITUDE, _AMPLITUDE, _REACH)] if with_it else []
-        end = minimize(loss, start, args=(with_it,), method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
+    def fitted(self, start: FloatArray, *, with_it: bool) -> _Fitted:
+        """Climb, and integrate by Laplace's method."""
+        bounds = [(p.sampling_bounds.lower, p.sampling_bounds.upper) for p in self.parameters]
+        bounds += [(m - 4 * sd, m + 4 * sd) for m, sd in _PRIORS] if with_it else []
+        end = minimize(self.loss, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
         v = np.clip(end.x, [b[0] + 2e-2 for b in bounds], [b[1] - 2e-2 for b in bounds])
         n, h = v.size, 1e-2
         curvature = np.empty((n, n))
@@ -158,45 +220,32 @@ def leftover(candidate: Candidate) -> Leftover:
             for j in range(i, n):
                 e, f = h * np.eye(n)[i], h * np.eye(n)[j]
                 curvature[i, j] = curvature[j, i] = (
-                    loss(v + e + f, with_it) - loss(v + e - f, with_it) - loss(v - e + f, with_it)
-                    + loss(v - e - f, with_it)
-                ) / (4 * h * h)  # fmt: skip
+                    self.loss(v + e + f) - self.loss(v + e - f) - self.loss(v - e + f) + self.loss(v - e - f)
+                ) / (4 * h * h)
         # A direction that the readings leave open is as wide as its prior, not wider.
         values, axes = np.linalg.eigh(curvature)
         values = np.maximum(values, 0.3)
-        value = -float(end.fun) + 0.5 * n * math.log(2 * math.pi) - 0.5 * float(np.log(values).sum())
-        return value, end.x, (axes / values) @ axes.T
+        log_evidence = -float(end.fun) + 0.5 * n * math.log(2 * math.pi) - 0.5 * float(np.log(values).sum())
+        return _Fitted(end.x, log_evidence, (axes / values) @ axes.T)
 
-    at = u[problem.n_model : problem.n_model + 2]
-    without = evidence(at.copy(), False)[0]
-    best, where, spread = -math.inf, np.empty(0), np.empty((0, 0))
-    low = [p.sampling_bounds.lower for p in parameters]
-    # A scatter that had to stand for the discrepancy, too, may be either of its parts.
-    usual = np.minimum(at, [float(p.prior_quantile(0.5)) for p in parameters])
-    for begin, a, b in (
-        (at, 0.02, 0.02),
-        (at + np.array([math.log(0.4), 0.0]), 0.3, 0.1),
-        (usual, 0.1, 0.3),
-        (usual, 0.3, 0.1),
-    ):
-        start = np.array([*np.maximum(begin, low), math.log(a), math.log(b), math.log(0.7)])
-        value, v, around = evidence(start, True)
-        if value > best:
-            best, where, spread = value, v, around
-    kernel = _kernel(where) * outer
-    factor = cho_factor(covariance(where, True), lower=True)
-    mean = kernel @ cho_solve(factor, residual)
-    variance = np.diag(kernel) - np.einsum("ij,ji->i", kernel, cho_solve(factor, kernel))
-    absolute = float(parameters[1].to_physical(where[1]))
-    heard = predicted > _SILENT * absolute
-    return Leftover(
-        log_bayes=best - without,
-        amplitude=float(np.exp(where[2])),
-        level=float(np.exp(where[3])),
-        reach=float(np.exp(where[4])),
-        sigma_rel=float(parameters[0].to_physical(where[0])),
-        mean=np.where(heard, np.log(np.maximum(1 + mean / predicted, 1e-3)), 0.0),
-        sd=np.where(heard, np.sqrt(np.maximum(variance, 0.0)) / predicted, np.inf),
-        hyper=where,
-        covariance=spread,
-    )
+    def discrepancy(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Posterior mean and variance of the discrepancy, um and um^2."""
+        kernel, factor = self.kernel(v), self.factor(v)
+        variance = np.diag(kernel) - np.einsum("ij,ji->i", kernel, cho_solve(factor, kernel))
+        return kernel @ cho_solve(factor, self.residual), variance
+
+
+def _stretch(candidate: Candidate) -> FloatArray:
+    """Factor on each reading's variance.
+
+    A lone outlier keeps the large variance that Student's law gives it; neighbours that err together do not.
+    """
+    nu = float(candidate.noise[0, 2])
+    score = (candidate.problem.observed - candidate.predicted) / candidate.scatter
+    stretch = np.ones(score.size)
+    for _, _, rows in sweeps(candidate.problem):
+        z = score[rows]
+        beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
+        lone = (np.abs(z) > _LONE) & (np.abs(beside) < 0.5 * _LONE)
+        stretch[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)
+    return stretch
