@@ -25,8 +25,9 @@ def open(folder: str | Path) -> Rig:
     """Open an experiment folder: see `psafit.api.Rig`."""
     from psafit.api import Rig
     from psafit.experiment import read_experiment
+    from psafit.inference.scale import with_scale
 
-    return Rig(read_experiment(folder))
+    return Rig(with_scale(read_experiment(folder)))
 
 
 def load(folder: str | Path) -> Fitted:

@@ -8,7 +8,7 @@ import re
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from psafit import plugins
 from psafit.errors import LARGEST_SEED, InputError, PsafitError
 
 if TYPE_CHECKING:
+    from psafit.diagnose.record import CauseResult
     from psafit.experiment import Experiment, GroupId
     from psafit.physics.term import Term
     from psafit.records import CauseEntry
@@ -31,6 +32,8 @@ for _library in ("OPENBLAS", "MKL"):
 DONE, CHECK_FAILED, BAD_INPUT = 0, 1, 2
 # Characters of a word above which a message shows its ends only: no path on a usual machine is longer.
 _LONGEST_WORD = 300
+# Probability of a discrepancy without a name from which on it is told.
+_TOLD = 0.001
 RUN_FILES = (
     "fit.json",
     "chain.h5",
@@ -130,7 +133,7 @@ def main() -> None:
         click.echo(error.format_message())
         code = DONE
     except click.ClickException as error:
-        where = f"psafit {error.ctx.info_name}" if getattr(error, "ctx", None) and error.ctx.parent else "psafit"  # type: ignore[attr-defined]
+        where = _path(getattr(error, "ctx", None))
         message = " ".join(error.format_message().split())
         _say(f"{where}: {message.rstrip('.')}; see {where} --help")
         code = BAD_INPUT
@@ -158,6 +161,15 @@ def main() -> None:
             raise
         code = BAD_INPUT
     sys.exit(code if isinstance(code, int) else DONE)
+
+
+def _path(context: click.Context | None) -> str:
+    """The command as it is typed: ``psafit challenge make``."""
+    names: list[str] = []
+    while context is not None and context.parent is not None:
+        names.insert(0, str(context.info_name))
+        context = context.parent
+    return " ".join(["psafit", *names])
 
 
 def _warn(warnings: Iterable[str]) -> None:
@@ -191,8 +203,9 @@ def commands() -> None:
 def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     """Validate an experiment folder and say what is in it."""
     from psafit.experiment import describe, read_experiment
+    from psafit.inference.scale import with_scale
 
-    content = describe(read_experiment(experiment))
+    content = describe(with_scale(read_experiment(experiment)))
     write_result(json_file, content)
     if not quiet:
         click.echo(
@@ -241,9 +254,10 @@ def fit(
     """
     from psafit.experiment import read_experiment
     from psafit.files import usual_fit_folder
+    from psafit.inference.scale import with_scale
     from psafit.progress import watcher
 
-    data = read_experiment(experiment)
+    data = with_scale(read_experiment(experiment))
     ids = _groups(group, data)
     chosen = causes(terms) if terms else ()
     folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])
@@ -324,9 +338,10 @@ def diagnose(
     """
     from psafit.experiment import read_experiment
     from psafit.files import usual_folder
+    from psafit.inference.scale import with_scale
     from psafit.progress import watcher
 
-    data = read_experiment(experiment)
+    data = with_scale(read_experiment(experiment))
     ids = [data.ids[0]] if group is None else _groups(group, data)
     folder = out or usual_folder(experiment, "diagnosis")
     refuse_run_file(json_file, folder)
@@ -369,11 +384,30 @@ def diagnose(
             words = " + ".join(cause.terms) or "no cause"
             share = cause.evidence["share"] if unnamed else cause.probability
             click.echo(f"  {100 * share:5.1f} %  {words}, {cause.evidence['gain']:+.1f} nats")
+            if cause.terms == result.named:
+                for line in _sizes(cause):
+                    click.echo(f"           {line}")
+        if not unnamed and result.unnamed >= _TOLD:
+            click.echo(f"  {100 * result.unnamed:5.1f} %  a discrepancy without a name")
         for place in result.misfit["where"][:5]:
             click.echo(f"  baseline, {place['text']}")
         if not no_report:
             click.echo(f"report: {click.format_filename(page)}")
     return DONE
+
+
+def _sizes(cause: CauseResult) -> Iterator[str]:
+    """The values of a model's own causes, as the readings tell them."""
+    from psafit.inference.identify import significant
+    from psafit.physics import TERMS
+
+    own = {p.name for t in TERMS if t.id in cause.terms for p in t.parameters}
+    for name, p in cause.parameters.items():
+        if name in own:
+            spread = (p["upper"] - p["lower"]) / 2
+            median, lower, upper = (significant(p[k], spread) for k in ("median", "lower", "upper"))
+            unit = "" if p["unit"] == "1" else f" {p['unit']}"
+            yield f"{name} = {median}{unit} (90 %: {lower} to {upper})"
 
 
 @commands.command()

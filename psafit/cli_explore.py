@@ -115,6 +115,7 @@ def _completed(
     data: Experiment, chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
 ) -> dict[str, float]:
     """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
+    from psafit.physics import TERMS
     from psafit.physics.baseline import PARAMETERS
 
     wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, None) for p in PARAMETERS}
@@ -128,6 +129,8 @@ def _completed(
         close = [name for name in wanted if name.casefold() == unknown[0].casefold()]
         close = close or difflib.get_close_matches(unknown[0], wanted, n=2)
         remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(wanted)}"
+        if owner := next((t.id for t in TERMS for p in t.parameters if p.name == unknown[0]), None):
+            remedy = f"add --terms {owner}"
         raise InputError(f"no parameter {unknown[0]}", remedy)
     theta = {}
     for name, (parameter, usual) in wanted.items():
@@ -187,13 +190,14 @@ def _again(run: Path, experiment: Path | None) -> Path:
 
     if (run / RESULT).exists() and not (run / "fit.json").exists():
         from psafit.experiment import read_experiment
+        from psafit.inference.scale import with_scale
         from psafit.records import read_json
         from psafit.report.diagnosis import write_diagnosis
 
         record = read_json(run / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
         if experiment is None:
             raise InputError("keeps no measurements", "name them with --experiment EXP", file=run)
-        data = read_experiment(experiment)
+        data = with_scale(read_experiment(experiment))
         if data.fingerprint != record.fingerprint:
             raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment)
         return write_diagnosis(record, data, run)
@@ -272,6 +276,8 @@ _STAGES = {
 
 
 def _stage(state: State) -> str:
+    if state.running is False and not state.finished:
+        return "interrupted: nothing works in this folder now; repeat the psafit fit command to go on"
     if state.stalled:
         return "no new checkpoint for long: has it been stopped? Repeat the psafit fit command to go on"
     if state.stage == "sample" and state.steps is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 
 from psafit.errors import InputError
+from psafit.files import in_use
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.run import MARKER
@@ -53,6 +54,8 @@ class State:
         Pace, and a rough estimate of what is left.
     written : float, optional
         When the last checkpoint was, seconds since the epoch.
+    running : bool, optional
+        Whether a process works in the folder; None where the system cannot tell.
     """
 
     stage: Stage
@@ -69,6 +72,7 @@ class State:
     seconds_per_step: float | None = None
     seconds_left: float | None = None
     written: float | None = None
+    running: bool | None = None
 
     @property
     def finished(self) -> bool:
@@ -78,7 +82,7 @@ class State:
     @property
     def stalled(self) -> bool:
         """Whether checkpoints have stayed away for so long that nobody seems to be drawing."""
-        if self.stage != "sample" or self.written is None:
+        if self.running is not None or self.stage != "sample" or self.written is None:
             return False
         usual = (self.seconds_per_step or 0.0) * Settings.chunk
         return time.time() - self.written > max(_PATIENCE * usual, _LEAST_PATIENCE)
@@ -102,6 +106,11 @@ def look(folder: Path, before: State | None = None) -> State:
     InputError
         If no fit has been there.
     """
+    seen, running = _seen(folder, before), in_use(folder)
+    return seen if seen.running == running else replace(seen, running=running)
+
+
+def _seen(folder: Path, before: State | None) -> State:
     if not (folder / "fit.json").exists():
         if (folder / MARKER).exists():
             return State("search")

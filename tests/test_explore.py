@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from psafit.api import Diagnosed, Fitted, Rig
 from psafit.compare import Estimate, Side, Told, compare, read_predictions, read_side
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, write_experiment
+from psafit.files import sole
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.run import fit
@@ -346,7 +348,7 @@ def test_numbers_to_explore_are_those_of_the_curves(known: Experiment) -> None:
 
 
 @pytest.fixture
-def running(fitted: tuple[Path, Path], tmp_path: Path) -> Path:
+def running(fitted: tuple[Path, Path], tmp_path: Path) -> Iterator[Path]:
     """A fit in the middle of its chain."""
     folder = tmp_path / "running"
     shutil.copytree(fitted[0], folder)
@@ -354,7 +356,8 @@ def running(fitted: tuple[Path, Path], tmp_path: Path) -> Path:
     begun = time.time() - 12
     os.utime(folder / "fit.json", (begun, begun))
     os.utime(folder / "chain.h5", (begun + 6, begun + 6))
-    return folder
+    with sole(folder):
+        yield folder
 
 
 def test_a_finished_run_is_told(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -395,7 +398,8 @@ def test_the_pace_is_that_of_the_last_checkpoints(running: Path) -> None:
     os.utime(running / "chain.h5", (later, later))
     after = watch.look(running, state)
     assert after.steps == 120 and after.seconds_per_step == pytest.approx(3 / 60)
-    assert replace(after, written=time.time() - 3600).stalled
+    long_ago = replace(after, written=time.time() - 3600)
+    assert not long_ago.stalled and replace(long_ago, running=None).stalled
 
 
 def test_a_long_chain_is_thinned(running: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
@@ -425,11 +429,14 @@ def test_a_file_that_is_written_is_neither_locked_nor_trusted(running: Path) -> 
 
 def test_before_the_chain(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / ".psafit-run").write_text("ab")
+    with sole(tmp_path):
+        assert run(monkeypatch, "watch", tmp_path, "--once") == 0
+        assert "searching for minima; sampling has not begun" in capsys.readouterr().out
+        shutil.copy(fitted[0] / "fit.json", tmp_path)
+        assert run(monkeypatch, "watch", tmp_path, "--once") == 0
+        assert "sampling; no checkpoint yet; best log posterior" in capsys.readouterr().out
     assert run(monkeypatch, "watch", tmp_path, "--once") == 0
-    assert "searching for minima; sampling has not begun" in capsys.readouterr().out
-    shutil.copy(fitted[0] / "fit.json", tmp_path)
-    assert run(monkeypatch, "watch", tmp_path, "--once") == 0
-    assert "sampling; no checkpoint yet; best log posterior" in capsys.readouterr().out
+    assert capsys.readouterr().out.startswith("interrupted: nothing works in this folder now")
 
 
 def test_a_foreign_folder_is_one_line(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

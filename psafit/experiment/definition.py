@@ -16,6 +16,7 @@ from psafit.experiment.text import listed, one_line, read_text, shown
 
 MAX_TOML_BYTES = 1024 * 1024
 MAX_ID = 999_999_999
+_GROUP_KEYS = ("id", "waveform", "file")
 # Hard limits of each constant, SI: far beyond any rig; a wrong unit is only warned of.
 LIMITS = {
     "M": (1e-9, 1e6),
@@ -85,7 +86,7 @@ class Definition:
         if not exists:
             raise InputError(
                 "no such file",
-                "write one (experiments/psa/experiment.toml is an example)",
+                "give the folder that holds it, or begin one with psafit new",
                 file=self.file,
             )
         text = read_text(self.file, MAX_TOML_BYTES)
@@ -120,6 +121,8 @@ class Definition:
             if key not in known:
                 near = difflib.get_close_matches(key[:40], known, n=1)
                 remedy = f"did you mean {near[0]}?" if near else f"known keys: {listed(known)}"
+                if path == ("constants",) and key in _GROUP_KEYS:
+                    remedy = "is a [[group]] line missing above it?"
                 raise self.error(f"unknown key {shown(key)}", remedy, *path, key)
 
     def text(self, key: str, default: str) -> str:
@@ -207,12 +210,11 @@ class Definition:
         return declared
 
     def _group(self, i: int, table: dict[str, Any]) -> _DeclaredGroup:
-        keys = ("id", "waveform", "file")
-        self.known_keys(table, keys, "group", i)
-        for key in keys:
+        self.known_keys(table, _GROUP_KEYS, "group", i)
+        for key in _GROUP_KEYS:
             if key not in table:
-                raise self.error(f"group number {i + 1} has no {key}", f"give {listed(keys)}", "group", i)
-        group_id, waveform, file = (table[key] for key in keys)
+                raise self.error(f"group number {i + 1} has no {key}", f"give {listed(_GROUP_KEYS)}", "group", i)
+        group_id, waveform, file = (table[key] for key in _GROUP_KEYS)
         valid_int = type(group_id) is int and 0 <= group_id <= MAX_ID
         if not valid_int and not (isinstance(group_id, str) and _ID.fullmatch(group_id)):
             raise self.error(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import io
 import math
 import re
@@ -98,7 +99,11 @@ def _header(cells: list[str], file: Path, line: int) -> list[str]:
         ("repeated column", [n for n in known if names.count(n) > 1]),
     ):
         if wrong:
-            raise InputError(f"{what} {shown(wrong[0])}", _HEADER_REMEDY, file=file, line=line)
+            remedy = _HEADER_REMEDY
+            if what == "unknown column" and (near := difflib.get_close_matches(wrong[0][:40], known, n=1)):
+                unit = near[0].rpartition("_")[2]
+                remedy = f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?"
+            raise InputError(f"{what} {shown(wrong[0])}", remedy, file=file, line=line)
     return names
 
 

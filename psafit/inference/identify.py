@@ -11,8 +11,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.inference.ascent import ascend, expansion, slopes
+from psafit.inference.ascent import Ascent, ascend, expansion, slopes
 from psafit.inference.problem import Problem
+from psafit.physics import baseline
 from psafit.records import ProfilePoint
 
 FloatArray = NDArray[np.float64]
@@ -32,14 +33,26 @@ _INFORMED = 0.5
 
 
 class _Likelihood(Problem):
-    """The same problem with flat priors but for what each session has for itself: its law is a part of the model."""
+    """The same problem with flat priors for the baseline and the scatter.
+
+    Those of a cause, and of what each session has for itself, are a part of what the model says: without them a profile
+    of the baseline leads to where a ball leans by centimetres.
+    """
 
     @cached_property
     def _parabolas(self) -> FloatArray:
         found = np.tile([[0.0], [np.inf], [0.0]], self.n_dim)
-        drawn = slice(self.n_physical, self.n_model)
-        found[:, drawn] = super()._parabolas[:, drawn]
+        own = slice(len(baseline.PARAMETERS), self.n_model)
+        found[:, own] = super()._parabolas[:, own]
         return found
+
+    def height(self, ends: Ascent, columns: Sequence[int]) -> FloatArray:
+        """Where climbs ended, each without the prior of the column that it is to profile; (n,)."""
+        priors = [
+            float(self.parameters[k].log_prior(u[k])) if len(baseline.PARAMETERS) <= k < self.n_model else 0.0
+            for k, u in zip(columns, ends.u, strict=True)
+        ]
+        return ends.height - np.array(priors)
 
 
 @dataclass(eq=False)
@@ -106,8 +119,8 @@ def profiles(
     Returns
     -------
     list of list of ProfilePoint
-        One list a column, ascending in the value; `drop` is zero at the highest point of all. What each session has
-        for itself is found anew at every point, weighed by its law.
+        One list a column, ascending in the value; `drop` is zero at the highest of its points. All else is found anew
+        at every point; the other parameters of causes, and what each session has for itself, weighed by their priors.
     """
     likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})
     columns = range(problem.n_physical) if columns is None else columns
@@ -118,7 +131,8 @@ def profiles(
         held = np.zeros(rows.shape, bool)
         held[np.arange(len(rows)), [walk.index for walk, _ in starts]] = True
         end = ascend(likelihood, rows, frozen=held)
-        for (walk, _), u, height in zip(starts, end.u, end.height, strict=True):
+        heights = likelihood.height(end, [walk.index for walk, _ in starts])
+        for (walk, _), u, height in zip(starts, end.u, heights, strict=True):
             walk.points.append((u, float(height)))
             walk.points.sort(key=lambda point: (float(point[0][walk.index]), point[1]))
 
@@ -127,7 +141,7 @@ def profiles(
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
     spread = np.linalg.pinv(curvature[0] + _FLATTEST * np.eye(likelihood.n_dim))
     width = np.sqrt(np.maximum(np.diag(spread), 1e-12))
-    walks = [_Walk(k, [(peak.u[0], float(peak.height[0]))]) for k in columns]
+    walks = [_Walk(k, [(peak.u[0], float(likelihood.height(peak, [k])[0]))]) for k in columns]
     first = []
     for walk in walks:
         k = walk.index

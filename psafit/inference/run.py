@@ -29,6 +29,7 @@ from psafit.files import is_temporary, portable_command, remove_temporaries, sha
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
+from psafit.inference.scale import with_scale
 from psafit.physics import plugin_versions, recorded, signatures
 from psafit.physics.term import Term
 from psafit.records import (
@@ -300,7 +301,7 @@ def load(folder: Path) -> Run:
     for name in _SIGNED:
         if sha256(folder / name) != summary.files.get(name):
             raise InputError("was changed after the fit", _AGAIN, file=folder / name)
-    experiment = read_experiment(folder / "experiment")
+    experiment = with_scale(read_experiment(folder / "experiment"))
     chosen = recorded(record.terms, record.versions, folder / "fit.json")
     problem = Problem(experiment, tuple(record.groups), chosen)
     found = _recorded(record)

@@ -19,7 +19,7 @@ from psafit.experiment import Experiment, GroupId
 from psafit.inference.run import load
 from psafit.numerics import audit
 from psafit.report import diagnosis_pictures, figures
-from psafit.report.catalogue import TITLES, cause, declared, model, parameter
+from psafit.report.catalogue import TITLES, cause, declared, model, owner, parameter, symbol
 from psafit.report.diagnosis_pictures import Shown
 from psafit.report.figures.sweep import SWEPT
 from psafit.report.fit import write_report
@@ -94,7 +94,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     leader = _leader(result)
     content = {
         "title": f"Diagnosis: {result.title}",
-        "verdict": {"text": result.verdict, "kind": _KINDS.get(result.verdict, "warn")},
+        "verdict": {"text": result.verdict, "kind": _kind(result)},
         "sentences": [_examined(result, experiment) + " " + _adequate(result), _wrong(result), _gained(result)],
         "own_sentences": result.sentences,
         "tiles": _tiles(result, shown),
@@ -256,13 +256,14 @@ def _examined(result: Diagnosis, experiment: Experiment) -> Markup:
 
 def _adequate(result: Diagnosis) -> Markup:
     p = _known(result.misfit.get("p_value"))
-    how = Markup("of data sets made by the fitted baseline itself, {} look at least as odd ({})").format(
-        _share(p), _p(p)
-    )
+    how = Markup(
+        "of data sets made by the fitted baseline itself, {} look at least as odd; below {} it counts as wrong"
+    ).format(_few(p), percent(ALPHA))
     if p < ALPHA:
         return Markup("<strong>Is the baseline adequate?</strong> No: {}.").format(how)
     if result.verdict == "adequate":
-        return Markup("<strong>Is the baseline adequate?</strong> Yes: {}, and no cause is called for.").format(how)
+        so_far = "As far as these readings tell" if _in_doubt(result) else "Yes"
+        return Markup("<strong>Is the baseline adequate?</strong> {}: {}.").format(so_far, how)
     return Markup(
         "<strong>Is the baseline adequate?</strong> The tests do not reject it ({}), but it is improbable beside an"
         " extended model."
@@ -272,6 +273,23 @@ def _adequate(result: Diagnosis) -> Markup:
 def _p(p: float) -> str:
     text = p_value(p)
     return f"p {text}" if text.startswith("≤") else f"p = {text}"
+
+
+def _in_doubt(result: Diagnosis) -> bool:
+    """Whether a baseline that nothing refutes is less probable than what could stand in its place."""
+    kept = next((c.probability for c in result.causes if not c.terms), 1.0)
+    return result.verdict == "adequate" and kept < 0.5
+
+
+def _kind(result: Diagnosis) -> str:
+    return "warn" if _in_doubt(result) else _KINDS.get(result.verdict, "warn")
+
+
+def _few(p: float) -> str:
+    """A p value as a share, with the digits that decide."""
+    if not math.isfinite(p):
+        return "–"
+    return f"at most 0.1{NBSP}%" if p <= 1e-3 else f"{100 * p:.2g}{NBSP}%" if p < 0.1 else percent(p)
 
 
 def _wrong(result: Diagnosis) -> Markup:
@@ -289,7 +307,11 @@ def _wrong(result: Diagnosis) -> Markup:
         but = Markup(" Of {}, {} could not have been seen in them.").format(
             count(len(result.screening), "candidate cause"), unseen
         )
-        return head + "Nothing that these readings show." + (but if unseen else "")
+        kept = [c for c in result.causes if c.terms and c.probability >= _WORTH_SAYING]
+        others = Markup(" Nor can they exclude {}.").format(
+            listed(Markup("{} ({})").format(model(c.terms), _share(c.probability)) for c in kept)
+        )
+        return head + "Nothing that these readings show." + (others if kept else "") + (but if unseen else "")
     if result.verdict == "explained":
         how = "{} explains it{}; nothing is left of the misfit, and no other set does as well.{}"
         if _known(result.misfit.get("p_value")) >= ALPHA:
@@ -306,7 +328,7 @@ def _wrong(result: Diagnosis) -> Markup:
     return head + Markup(
         "The best extension is {}{}, but structure remains that no cause describes (probability of an"
         " unnamed discrepancy {}).{}{}"
-    ).format(named, share, _share(result.unnamed), _implausible(result), also)
+    ).format(named, share, _share(result.unnamed), _sizes(result) + _implausible(result), also)
 
 
 def _implausible(result: Diagnosis) -> Markup:
@@ -318,9 +340,24 @@ def _implausible(result: Diagnosis) -> Markup:
     )
 
 
+def _sizes(result: Diagnosis) -> Markup:
+    """How large the causes are that are named."""
+    leader = _listed_leader(result)
+    found = []
+    for name, p in (leader.parameters if leader else {}).items():
+        if owner(name) in result.named:
+            median, low, high = (_known(p.get(k)) for k in ("median", "lower", "upper"))
+            spread = (high - low) / 2
+            size = number(median, spread if spread > 0 else None)
+            if high > low:
+                size += f" ({interval(low, high, spread)})"
+            found.append(Markup("{} = {}").format(symbol(name), with_unit(size, str(p.get("unit", "1")))))
+    return Markup(" {} (90 %).").format(Markup(", ").join(found)) if found else Markup("")
+
+
 def _reservations(result: Diagnosis) -> Markup:
     """What a reader must know who would take the name for the mechanism."""
-    found = _implausible(result)
+    found = _sizes(result) + _implausible(result)
     if result.unnamed >= _WORTH_SAYING:
         found += Markup(" A discrepancy without a name keeps {} of the probability.").format(_share(result.unnamed))
     return found

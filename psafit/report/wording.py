@@ -138,7 +138,7 @@ def p_value(p: float) -> str:
     """A probability with the digits that a thousand simulated groups support."""
     if not math.isfinite(p):
         return "–"
-    return "≤ 0.001" if p <= 1e-3 else f"{p:.3f}" if p < 0.01 else f"{p:.2f}"
+    return "≤ 0.001" if p <= 1e-3 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
 def factor(log_error: float) -> str:

@@ -1,0 +1,65 @@
+r"""Readings against what rigs of the prior would give: a prior predictive check of their scale.
+
+A wrong unit is a factor of a thousand, and a contact soft or stiff enough can imitate much of it: the fit then looks
+adequate, or calls for causes. Draws of the baseline's prior are simulated at the experiment's conditions. Let
+:math:`r_g` be the median of :math:`\ln(\mathrm{reading}/\mathrm{prediction})` in a group. Readings are suspicious where
+nearly all draws lie on one side of zero, and a group where nearly all say that it is off the middle group (of two: the
+other) by more than a factor of thirty, whatever the rig is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from psafit.experiment import Experiment
+from psafit.experiment.text import one_line
+from psafit.inference.problem import Problem
+
+_DRAWS = 256
+# Draws that must agree: of true rigs, drawn from the prior, one in fifty is warned of without need.
+_NEARLY_ALL = 0.98
+# A factor between groups that neither waveform nor frequency explains for nearly any rig; half way to a wrong unit.
+_APART = math.log(30.0)
+
+
+def with_scale(experiment: Experiment) -> Experiment:
+    """The experiment, its warnings extended by what its readings' scale says of their unit.
+
+    Parameters
+    ----------
+    experiment : Experiment
+
+    Returns
+    -------
+    Experiment
+    """
+    moving = [g for g in experiment.groups if (g.launch_range_um > 0).any()]
+    if not moving:
+        return experiment
+    problem = Problem(experiment, tuple(g.id for g in moving))
+    quantiles = np.random.default_rng(0).random((_DRAWS, problem.n_dim))
+    with np.errstate(divide="ignore"):
+        predicted = np.log(np.maximum(problem.predict(problem.prior_transform(quantiles)), 1e-12))
+        read = np.log(problem.observed)
+    ratio = np.where(np.isfinite(read), read - predicted, np.nan)
+    of_group = np.array([np.nanmedian(ratio[:, problem.design.group == k], axis=1) for k in range(len(moving))])
+    middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
+    off = of_group - middle
+    found = []
+    for way, other, sign in (("below", "mm or m", -1), ("above", "nm", 1)):
+        if (np.mean(sign * of_group > 0, axis=1) > _NEARLY_ALL).all():
+            found.append(
+                f"launch ranges lie {way} those of {100 * _NEARLY_ALL:.0f} % of the rigs that the prior holds; are they"
+                f" given in {other}, or is a constant wrong?"
+            )
+            continue
+        for group, apart in zip(moving, off, strict=True):
+            if np.mean(sign * apart > _APART) > _NEARLY_ALL:
+                found.append(
+                    f"{group.file}: group {group.id}: launch ranges lie {way} the other groups' by a factor of about"
+                    f" {math.exp(abs(float(np.median(apart)))):.0f}; given in {other}?"
+                )
+    return replace(experiment, warnings=(*experiment.warnings, *map(one_line, found)))
