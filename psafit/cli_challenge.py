@@ -71,6 +71,8 @@ def make(
     if not quiet:
         click.echo(f"experiment: {click.format_filename(content['experiment'])}")
         click.echo(f"sealed answer, SHA-256 {made.commitment}")
+        place = click.format_filename(content["experiment"])
+        click.echo(f"next: psafit diagnose {place} --quick; then psafit challenge score tells the answer")
     return DONE
 
 
@@ -152,11 +154,14 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
 
     Ends with 1 where a target is missed.
     """
+    from psafit.challenge.answer import ANSWER
     from psafit.challenge.campaign import CAMPAIGN, judge, load
     from psafit.challenge.score import score as judge_all
     from psafit.records import write_json
     from psafit.report.challenge import write_page
 
+    if diagnosis is None and (folder / ANSWER).exists() and not (folder / CAMPAIGN).exists():
+        raise InputError("holds one challenge", "name its diagnosis: --diagnosis FOLDER", file=folder)
     if diagnosis is None:
         campaign, results = load(folder)
         if not results:
