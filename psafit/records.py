@@ -219,6 +219,11 @@ class ParameterSummary:
     text: str
     profile: list[ProfilePoint]
 
+    @property
+    def implausible(self) -> bool:
+        """Whether the median lies outside the prior's 90 % interval."""
+        return not self.prior_lower <= self.median <= self.prior_upper
+
 
 @dataclass(frozen=True)
 class PosteriorSummary:

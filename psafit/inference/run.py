@@ -211,7 +211,9 @@ def _fitted(
     if record is None:
         write_experiment(problem.experiment, folder / "experiment")
         watcher.stage("search")
-        optimum = optimise(problem, seed=seed, n_starts=n_starts, progress=watcher.update)
+        optimum = optimise(
+            problem, seed=seed, n_starts=n_starts, progress=lambda k, n: watcher.update(k, n, "iterations of climbs")
+        )
         record = _record(problem, optimum, identity, seed, settings, command)
         write_json(folder / "fit.json", record, sealed=True)
     (folder / MARKER).unlink(missing_ok=True)
@@ -279,7 +281,7 @@ def _fitted(
 
     watcher.stage("profile")
     top = flat[np.argmax(draws.log_posterior)]
-    profiles = identify.profiles(problem, top, watcher.update)
+    profiles = identify.profiles(problem, top, lambda k, n: watcher.update(k, n, "profiles"))
     files = {name: sha256(folder / name) for name in _SIGNED}
     summary = _summarise(problem, chain, draws, thin, profiles, record, settings, files)
     write_json(folder / "posterior.json", summary, sealed=True)
@@ -351,7 +353,7 @@ def _teller(watcher: Watcher, settings: emcee_adaptor.Settings, limit: int) -> C
     return lambda s: watcher.update(
         s.steps,
         None,
-        f"step {s.steps} of at most {limit}, R-hat {s.r_hat:.4f} (goal: below {settings.r_hat}),"
+        f"step {s.steps} of at most {limit}, R-hat {s.r_hat:.5f} (goal: below {settings.r_hat}),"
         f" {s.autocorrelation_times:.0f} autocorrelation times (goal {settings.autocorrelation_times:.0f})",
     )
 

@@ -69,7 +69,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "summary": fit_pictures.summary_picture(pictured),
         "explorable": fit_pictures.explorable(shown),
         "parameters": _parameter_rows(run),
-        "implausible": [s for s in run.summary.parameters if _implausible(s)],
+        "implausible": [s for s in run.summary.parameters if s.implausible],
         "minima": _minima(run),
         "marginals": fit_pictures.marginal_pictures(run, marginals),
         "group_pictures": fit_pictures.group_pictures(pictured),
@@ -216,7 +216,7 @@ def _what_is_not_determined(run: Run) -> Markup:
 
 def _what_is_implausible(run: Run) -> list[Markup]:
     symbols = _symbols(run)
-    strange = [s for s in run.summary.parameters if _implausible(s)]
+    strange = [s for s in run.summary.parameters if s.implausible]
     if not strange:
         return []
     text = "Implausible: {} {} out where the prior saw less than one chance in ten."
@@ -248,10 +248,6 @@ def _coverage(scores: Sequence[GroupScore]) -> float:
 # Parameters -----------------------------------------------------------------------------------------------------
 
 
-def _implausible(s: ParameterSummary) -> bool:
-    return not s.prior_lower <= s.median <= s.prior_upper
-
-
 def _value(run: Run, s: ParameterSummary) -> str:
     """The value as far as the data support it."""
     unit = next(e.unit for e in run.fit.parameters if e.name == s.name)
@@ -273,7 +269,7 @@ def _parameter_rows(run: Run) -> list[list[Any]]:
     for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True):
         spread = (s.upper - s.lower) / 2
         prior = Markup("{}").format(with_unit(interval(s.prior_lower, s.prior_upper), e.unit))
-        if _implausible(s):
+        if s.implausible:
             prior += Markup("<br><span class='badge bad'>implausible under the prior</span>")
         rows.append(
             [
@@ -314,7 +310,7 @@ def _minima(run: Run) -> dict[str, Any]:
     ]
     text = f"{count(fit.n_starts, 'start')} drawn from the prior ended in {len(fit.minima)} distinct"
     text += " minimum" if len(fit.minima) == 1 else " minima"
-    text += f"; the best was reached {count(best.starts, 'time')}"
+    text += f"; the best was reached {count(best.starts, 'time')}; climbs that fell behind were given up"
     if fit.n_failed:
         text += f", and {count(fit.n_failed, 'start')} failed"
     text += f" ({fit.n_evaluations} evaluations)."
