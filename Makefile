@@ -18,6 +18,10 @@ UV       ?= uv
 UPGRADE  ?=
 QUICK    ?=
 
+# make itself would take group=3 without a word, and fit GROUP's default.
+$(foreach name,python exp group out terms seed run jobs args limit cases kills quick,$(if $(filter command line,$(origin $(name))),\
+    $(error names are written in capitals: $(shell echo $(name) | tr a-z A-Z)=$($(name)))))
+
 # Threads of the linear algebra library only wait for each other on our small matrices.
 export OPENBLAS_NUM_THREADS ?= 1
 

@@ -540,3 +540,12 @@ def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path: Path
     assert pages["causes.html"].count("<math") > 100
     assert 'id="psafit.inference.run.fit"' in pages["api/inference.html"]
     assert (tmp_path / "search" / "search_index.js").stat().st_size > 50_000
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+def test_a_small_letter_is_not_passed_over() -> None:
+    """`make fit group=3` would fit group 1."""
+    done = subprocess.run(
+        ["make", "--dry-run", "fit", "group=3"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and "names are written in capitals: GROUP=3" in done.stderr
