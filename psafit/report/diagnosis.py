@@ -348,11 +348,12 @@ def _sizes(result: Diagnosis) -> Markup:
         if owner(name) in result.named:
             median, low, high = (_known(p.get(k)) for k in ("median", "lower", "upper"))
             spread = (high - low) / 2
-            size = number(median, spread if spread > 0 else None)
+            unit = str(p.get("unit", "1"))
+            size = with_unit(number(median, spread if spread > 0 else None), unit)
             if high > low:
-                size += f" ({interval(low, high, spread)})"
-            found.append(Markup("{} = {}").format(symbol(name), with_unit(size, str(p.get("unit", "1")))))
-    return Markup(" {} (90 %).").format(Markup(", ").join(found)) if found else Markup("")
+                size += f" (90{NBSP}%: {interval(low, high, spread)})"
+            found.append(Markup("{} = {}").format(symbol(name), size))
+    return Markup(" {}.").format(Markup(", ").join(found)) if found else Markup("")
 
 
 def _reservations(result: Diagnosis) -> Markup:
