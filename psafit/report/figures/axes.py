@@ -70,7 +70,8 @@ def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool, fe
         axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if decades < 1.6 else (1.0, 3.0), numticks=20))
         axis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=20))
     else:
-        axis.set_major_locator(LogLocator(10, numticks=count + 3))
+        # Where there is little room, every other of many decades.
+        axis.set_major_locator(LogLocator(10, numticks=count + (0 if few and which == "x" else 3)))
     # One way of writing along one axis: 10⁴ beside 10⁵, not 10000.
     powers = max(abs(low), abs(high)) >= 1e5 or bool(log and low < 2e-4)
     axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value, powers=powers)))
