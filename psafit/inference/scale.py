@@ -16,9 +16,12 @@ import numpy as np
 
 from psafit.experiment import Experiment
 from psafit.experiment.text import one_line
+from psafit.inference.candidate import thinned
 from psafit.inference.problem import Problem
 
 _DRAWS = 256
+# Of more readings than this, some tell their scale.
+_MANY = 2000
 # Draws that must agree: of true rigs, drawn from the prior, one in fifty is warned of without need.
 _NEARLY_ALL = 0.98
 # A factor between groups that neither waveform nor frequency explains for nearly any rig; half way to a wrong unit.
@@ -39,7 +42,8 @@ def with_scale(experiment: Experiment) -> Experiment:
     moving = [g for g in experiment.groups if (g.launch_range_um > 0).any()]
     if not moving:
         return experiment
-    problem = Problem(experiment, tuple(g.id for g in moving))
+    every = -(-sum(g.n_points for g in moving) // _MANY)
+    problem = Problem(thinned(experiment, every), tuple(g.id for g in moving))
     quantiles = np.random.default_rng(0).random((_DRAWS, problem.n_dim))
     with np.errstate(divide="ignore"):
         predicted = np.log(np.maximum(problem.predict(problem.prior_transform(quantiles)), 1e-12))
