@@ -32,7 +32,7 @@ _NOISE_STEP = 1e-4
 # A difference of this many standard deviations of the scatter may be a jump.
 _JUMP = 0.1
 # Dampings tried at once in every iteration, as factors on a climb's own.
-_DAMPINGS = np.array([0.2, 5.0])
+_DAMPINGS = np.array([0.1, 1.0, 30.0])
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e8
 # Gain (nats) below which a climb stands still, as a rule.
 _STILL = 2e-3
