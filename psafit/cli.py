@@ -292,7 +292,8 @@ def fit(
         if result.fit.n_missed:
             click.echo("the sampler found a better minimum than the search: more --starts are advisable")
         for p in result.summary.parameters:
-            click.echo(f"  {p.text}" + ("; implausible under its prior" if p.implausible else ""))
+            strange = p.implausible and p.verdict != "not determined"
+            click.echo(f"  {p.text}" + ("; implausible under its prior" if strange else ""))
         click.echo(f"posterior: {result.summary.message}")
         if not no_report:
             _print_scores(validation)
