@@ -399,16 +399,12 @@ def diagnose(
 
 def _sizes(cause: CauseResult) -> Iterator[str]:
     """The values of a model's own causes, as the readings tell them."""
-    from psafit.inference.identify import significant
-    from psafit.physics import TERMS
+    from psafit.inference.identify import describe
+    from psafit.physics import owner
 
-    own = {p.name for t in TERMS if t.id in cause.terms for p in t.parameters}
     for name, p in cause.parameters.items():
-        if name in own:
-            spread = (p["upper"] - p["lower"]) / 2
-            median, lower, upper = (significant(p[k], spread) for k in ("median", "lower", "upper"))
-            unit = "" if p["unit"] == "1" else f" {p['unit']}"
-            yield f"{name} = {median}{unit} (90 %: {lower} to {upper})"
+        if owner(name) in cause.terms:
+            yield describe(name, p["unit"], p["median"], (p["lower"], p["upper"]), [], "determined")
 
 
 @commands.command()

@@ -115,7 +115,7 @@ def _completed(
     data: Experiment, chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
 ) -> dict[str, float]:
     """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
-    from psafit.physics import TERMS
+    from psafit.physics import owner
     from psafit.physics.baseline import PARAMETERS
 
     wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, None) for p in PARAMETERS}
@@ -129,8 +129,8 @@ def _completed(
         close = [name for name in wanted if name.casefold() == unknown[0].casefold()]
         close = close or difflib.get_close_matches(unknown[0], wanted, n=2)
         remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(wanted)}"
-        if owner := next((t.id for t in TERMS for p in t.parameters if p.name == unknown[0]), None):
-            remedy = f"add --terms {owner}"
+        if cause := owner(unknown[0]):
+            remedy = f"add --terms {cause}"
         raise InputError(f"no parameter {unknown[0]}", remedy)
     theta = {}
     for name, (parameter, usual) in wanted.items():

@@ -41,7 +41,7 @@ from psafit.physics import (
 )
 from psafit.physics.term import SLOTS, Term, signature
 
-__all__ = ["TERMS", "baseline", "plugin_versions", "recorded", "signatures", "term", "terms"]
+__all__ = ["TERMS", "baseline", "owner", "plugin_versions", "recorded", "signatures", "term", "terms"]
 
 _BUILT_IN: tuple[Term, ...] = tuple(
     module.TERM
@@ -154,3 +154,9 @@ def _with_plugins(built_in: tuple[Term, ...]) -> tuple[Term, ...]:
 _VERSION = "plugin {}"
 # Last: a plugin that imports what builds on the registry fails, instead of leaving it without plugins.
 TERMS = _with_plugins(_BUILT_IN)
+_OWNERS = {p.name: t.id for t in TERMS for p in t.parameters}
+
+
+def owner(name: str) -> str | None:
+    """The cause that a parameter belongs to; None for the baseline's, a session's own and the scatter's."""
+    return _OWNERS.get(name)

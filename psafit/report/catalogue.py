@@ -17,12 +17,6 @@ _PARAMETERS: Final[dict[str, Parameter]] = {
     p.name: p for p in (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters), *noise.PARAMETERS)
 }
 _LATENTS: Final[dict[str, Parameter]] = {t.latent.name: t.latent for t in TERMS if t.latent}
-_OWNERS: Final[dict[str, str]] = {p.name: t.id for t in TERMS for p in t.parameters}
-
-
-def owner(name: str) -> str | None:
-    """The cause that a parameter belongs to; None for the baseline's, a session's own and the scatter's."""
-    return _OWNERS.get(name)
 
 
 def cause(id: str) -> Markup:

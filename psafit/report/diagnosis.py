@@ -18,8 +18,9 @@ from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Experiment, GroupId
 from psafit.inference.run import load
 from psafit.numerics import audit
+from psafit.physics import owner
 from psafit.report import diagnosis_pictures, figures
-from psafit.report.catalogue import TITLES, cause, declared, model, owner, parameter, symbol
+from psafit.report.catalogue import TITLES, cause, declared, model, parameter, symbol
 from psafit.report.diagnosis_pictures import Shown
 from psafit.report.figures.sweep import SWEPT
 from psafit.report.fit import write_report
