@@ -20,7 +20,7 @@ from psafit.challenge.answer import Answer, Place, unseal
 from psafit.challenge.campaign import LEVELS, Result, Spec, content_hash, load, plan, run
 from psafit.challenge.hide import Outside, make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, find_rivals
-from psafit.challenge.score import _by_position, located, rate, reported_set, score
+from psafit.challenge.score import located, rate, reported_set, score
 from psafit.challenge.strength import find, lost_nats
 from psafit.cli import commands
 from psafit.errors import InputError
@@ -571,13 +571,6 @@ def test_recovery_looks_at_what_was_named_right() -> None:
     (tau,) = found.recovery
     assert tau.name == "tau" and (tau.covered.k, tau.covered.n) == (1, 2) and found.coverage.n == 2
     assert tau.error == pytest.approx(np.median([-0.25 / 0.75, 1.0 / 0.5]))
-
-
-def test_what_a_session_has_is_looked_up_by_its_place() -> None:
-    """A model counts sessions from nought; an answer calls them by their ids, whatever those are."""
-    true = {"k_c": 1.0, "reading_gain_spread": 0.1, "reading_gain_z_volt": 0.5, "reading_gain_z_1": -0.5}
-    names = {"k_c": 1.0, "reading_gain_spread": 0.1, "reading_gain_z_0": 0.5, "reading_gain_z_1": -0.5}
-    assert _by_position(true) == names
 
 
 def test_time_is_told() -> None:

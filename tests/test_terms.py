@@ -38,7 +38,7 @@ def rig(ids: list[str], values: list[float], seed: int, scatter: float = 0.02) -
 def test_columns_are_baseline_causes_sessions_scatter() -> None:
     problem = Problem(rig([], [], 1), (1, 3), terms(["reading_gain", "gap"]))
     assert problem.names == (
-        "k_c", "c_s", "c_c", "gap_width", "reading_gain_spread", "reading_gain_z_0", "reading_gain_z_1",
+        "k_c", "c_s", "c_c", "gap_width", "reading_gain_spread", "reading_gain_z_1", "reading_gain_z_3",
         "sigma_rel", "sigma_abs", "nu",
     )  # fmt: skip
     assert (problem.n_physical, problem.n_dim) == (5, 10)
@@ -51,8 +51,8 @@ def test_each_session_reads_with_its_own_gain() -> None:
     u = problem.prior_transform(np.full((1, problem.n_dim), 0.5))
     x = problem.to_physical(u)
     x[0, problem.names.index("reading_gain_spread")] = 0.2
-    x[0, problem.names.index("reading_gain_z_0")] = 1.0
-    x[0, problem.names.index("reading_gain_z_1")] = -2.0
+    x[0, problem.names.index("reading_gain_z_1")] = 1.0
+    x[0, problem.names.index("reading_gain_z_3")] = -2.0
     u = problem.to_sampling(x)
     without = plain.predict(plain.to_sampling(x[:, [0, 1, 2, 6, 7, 8]]))
     ratio = problem.predict(u)[0] / without[0]

@@ -19,7 +19,16 @@ import psafit
 from psafit.challenge import strength as strengths
 from psafit.challenge.answer import ANSWER, COMMITMENT, EXPERIMENT, KINDS, Answer, Kind, Place, Scatter, seal, sizes
 from psafit.errors import InputError
-from psafit.experiment import Constants, Experiment, Group, GroupId, Waveform, fingerprint, write_experiment
+from psafit.experiment import (
+    Constants,
+    Experiment,
+    Group,
+    GroupId,
+    Waveform,
+    fingerprint,
+    session_names,
+    write_experiment,
+)
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term, World
@@ -279,7 +288,7 @@ def _draw(
             reached = reached and found.reached
         share[term.id] = share_of(term, value)
         names = [p.name for p in term.parameters]
-        names += [f"{term.latent.name}_{g}" for g in ids] if term.latent else []
+        names += session_names(term.latent.name, ids).values() if term.latent else []
         values.update(zip(names, [value, *own], strict=True))
     if chosen and not strengths.enough(simulate_literally(design, values, chosen, ids, points=sample)):
         return None
@@ -344,7 +353,7 @@ def _some(
         causes = []
         for term in terms:
             own = [parameters[p.name] for p in term.parameters]
-            own += [parameters[f"{term.latent.name}_{ids[group]}"]] if term.latent else []
+            own += [parameters[session_names(term.latent.name, ids)[ids[group]]]] if term.latent else []
             causes.append((term, own))
         world = literal_world(theta, causes, design.constants)
         if edit is not None:

@@ -120,11 +120,7 @@ def _truth(problem: Problem, answer: Answer) -> FloatArray:
     for name in ("sigma_rel", "sigma_abs", "nu"):
         given = answer.scatter[name]
         values[name] = 60.0 if given is None else given  # normal, for all that can be seen
-    x = [values[p.name] for p in problem.parameters[: problem.n_physical]]
-    # What sessions have for themselves is numbered by position in a problem, by group in an answer.
-    for term in problem.terms:
-        x += [values[f"{term.latent.name}_{g}"] for g in problem.group_ids] if term.latent else []
-    x += [values[p.name] for p in noise.PARAMETERS]
+    x = [values[p.name] for p in problem.parameters]
     return _inside(problem, problem.to_sampling(np.array(x)))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -18,7 +18,6 @@ from scipy.stats import beta
 
 from psafit.challenge.answer import Place
 from psafit.challenge.campaign import SEEN_NATS, Result
-from psafit.physics import TERMS
 
 Ids = frozenset[str]
 
@@ -442,17 +441,6 @@ def _reliable(bins: Sequence[ProbabilityBin]) -> Target:
     )
 
 
-def _by_position(parameters: Mapping[str, float]) -> dict[str, float]:
-    """True values under the names that a model gives them: it counts sessions, an answer calls them by their names."""
-    found = dict(parameters)
-    for term in TERMS:
-        if term.latent:
-            own = [name for name in parameters if name.startswith(f"{term.latent.name}_")]
-            values = [found.pop(name) for name in own]
-            found |= {f"{term.latent.name}_{position}": value for position, value in enumerate(values)}
-    return found
-
-
 def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
     """Intervals of the leading candidate's parameters, where it is exactly the truth."""
     found: dict[str, list[tuple[bool, float]]] = {}
@@ -462,9 +450,8 @@ def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
         named = frozenset(result.diagnosis.get("named", []))
         if not truth or named != truth or frozenset(causes[0]["terms"]) != truth:
             continue
-        truly = _by_position(result.answer.parameters)
         for name, told in (causes[0].get("parameters") or {}).items():
-            true = truly.get(name)
+            true = result.answer.parameters.get(name)
             if true is None or not isinstance(told, dict) or not {"median", "lower", "upper"} <= told.keys():
                 continue
             half = 0.5 * (told["upper"] - told["lower"])

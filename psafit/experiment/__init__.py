@@ -21,6 +21,7 @@ from psafit.experiment.records import (
     Waveform,
     describe,
     fingerprint,
+    session_names,
 )
 from psafit.experiment.table import read_csv
 from psafit.experiment.writer import write_experiment
@@ -35,6 +36,7 @@ __all__ = [
     "describe",
     "fingerprint",
     "read_experiment",
+    "session_names",
     "write_experiment",
 ]
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -96,6 +97,23 @@ class Group:
     def n_points(self) -> int:
         """Number of readings."""
         return int(self.frequency_hz.size)
+
+
+def session_names(name: str, ids: Sequence[GroupId]) -> dict[GroupId, str]:
+    """Names of what each session has for itself: `name`, and the session's id as far as a Python name can hold it.
+
+    Parameters
+    ----------
+    name : str
+        What each session has.
+    ids : sequence of group ids
+        All of an experiment, so that a session's name does not depend on what is fitted.
+    """
+    written = [re.sub(r"\W", "_", str(g)) for g in ids]
+    return {
+        g: f"{name}_{text}" if written.count(text) == 1 else f"{name}_{text}_{position}"
+        for position, (g, text) in enumerate(zip(ids, written, strict=True), start=1)
+    }
 
 
 @dataclass(frozen=True, eq=False)

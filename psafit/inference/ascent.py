@@ -28,7 +28,6 @@ FloatArray = NDArray[np.float64]
 
 # Forward differences: far above the jitter of the stepping path (1e-6), far below the width of any posterior.
 _STEP = 1e-3
-_NOISE_STEP = 1e-4
 # A difference of this many standard deviations of the scatter may be a jump.
 _JUMP = 0.1
 # Dampings tried at once in every iteration, as factors on a climb's own.
@@ -136,12 +135,7 @@ def expansion(
     curvature[:, : d - 1, : d - 1] = (2 * nu / (nu + 3))[:, :, None] * np.einsum("nip,njp->nij", log_scale, log_scale)
     curvature[:, :k, :k] += ((nu + 1) / (nu + 3))[:, :, None] * np.einsum("nip,njp->nij", location, location)
     # The degrees of freedom: the readings' own scores, whose squares stand for the curvature.
-    ends = []
-    for sign in (1, -1):
-        moved = values.copy()
-        moved[:, 2] *= np.exp(sign * _NOISE_STEP)
-        ends.append(noise.log_density(observed, predicted, moved, problem.known_sigma))
-    tails = (ends[0] - ends[1]) / (2 * _NOISE_STEP)
+    tails = noise.tail_score(z, nu)
     gradient[:, -1] = tails.sum(axis=1)
     curvature[:, -1, -1] = np.square(tails).sum(axis=1)
     first, second = problem.prior_slopes(u)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
+from scipy.special import digamma, gammaln
 from scipy.stats import t as student
 
 from psafit.parameters import Bounds, LogNormal, Parameter
@@ -72,6 +72,24 @@ def log_density(observed: FloatArray, predicted: FloatArray, noise: FloatArray, 
     nu = noise[:, 2:3]
     constant = gammaln(0.5 * (nu + 1)) - gammaln(0.5 * nu) - 0.5 * np.log(nu * np.pi)
     return constant - np.log(s) - 0.5 * (nu + 1) * np.log1p(((observed - predicted) / s) ** 2 / nu)
+
+
+def tail_score(z: FloatArray, nu: FloatArray) -> FloatArray:
+    """Derivative of each reading's log density by ``ln nu``.
+
+    Parameters
+    ----------
+    z : (n_sets, n_points) array
+        Residuals in units of the scatter `s`.
+    nu : (n_sets, 1) array
+
+    Returns
+    -------
+    (n_sets, n_points) array
+    """
+    constant = 0.5 * nu * (digamma(0.5 * (nu + 1)) - digamma(0.5 * nu)) - 0.5
+    square = z * z
+    return constant - 0.5 * nu * np.log1p(square / nu) + 0.5 * (nu + 1) * square / (nu + square)
 
 
 def cumulative(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.errors import InputError
-from psafit.experiment import Experiment, GroupId
+from psafit.experiment import Experiment, GroupId, session_names
 from psafit.inference import noise
 from psafit.parameters import Bounds, Parameter
 from psafit.physics import baseline
@@ -72,12 +72,16 @@ class Problem:
 
     @cached_property
     def _latents(self) -> tuple[Parameter, ...]:
-        return tuple(
-            replace(term.latent, name=f"{term.latent.name}_{position}", description=f"{term.latent.description}, {g}")
-            for term in self.terms
-            if term.latent
-            for position, g in enumerate(self.group_ids)
-        )
+        found = []
+        for term in self.terms:
+            if term.latent:
+                names = session_names(term.latent.name, self.experiment.ids)
+                about = term.latent.description
+                found += [
+                    replace(term.latent, name=names[self.experiment.group(g).id], description=f"{about}, {g}")
+                    for g in self.group_ids
+                ]
+        return tuple(found)
 
     @cached_property
     def blocks(self) -> NDArray[np.intp]:
@@ -137,7 +141,15 @@ class Problem:
 
     def to_physical(self, u: FloatArray) -> FloatArray:
         """Parameter values of sampling coordinates; last axis n_dim."""
-        return np.stack([p.to_physical(u[..., i]) for i, p in enumerate(self.parameters)], axis=-1)
+        scale, low, high, logarithmic = self._scales
+        return np.where(logarithmic, np.exp(np.where(logarithmic, u, 0.0)), np.clip(u * scale, low, high))
+
+    @cached_property
+    def _scales(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+        """What `Parameter.to_physical` goes by: scale, bounds, and whether the coordinate is a logarithm."""
+        low, high = np.array([(p.bounds.lower, p.bounds.upper) for p in self.parameters]).T
+        logarithmic = np.array([p.prior.coordinate == "log" for p in self.parameters])
+        return np.array([p.scale for p in self.parameters]), low, high, logarithmic
 
     def to_sampling(self, x: FloatArray) -> FloatArray:
         """Sampling coordinates of parameter values; last axis n_dim."""

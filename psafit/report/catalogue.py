@@ -31,8 +31,8 @@ def model(terms: Sequence[str]) -> Markup:
 
 
 def declared(name: str) -> Parameter | None:
-    """The declaration of a parameter, if this version has one; `spread_3` is a session's own."""
-    return _PARAMETERS.get(name) or _LATENTS.get(name.rpartition("_")[0])
+    """The declaration of a parameter, if this version has one; of a session's own, that of all sessions."""
+    return _PARAMETERS.get(name) or next((p for own, p in _LATENTS.items() if name.startswith(f"{own}_")), None)
 
 
 def symbol(name: str) -> Markup:
