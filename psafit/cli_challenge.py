@@ -81,9 +81,10 @@ def make(
 @click.option("--out", type=Place("folder"), required=True, help="Receives the results; an interrupted one goes on.")
 @_DESIGN
 @click.option("--terms", "ids", default=None, metavar="ID[,ID...]", help="Causes to hide; all by default.")
-@click.option("--each", type=click.IntRange(0), default=2, show_default=True, help="Of every cause and strength.")
-@click.option("--nothing", type=click.IntRange(0), default=60, show_default=True, help="With nothing hidden.")
+@click.option("--each", type=click.IntRange(0), default=1, show_default=True, help="Of every cause and strength.")
+@click.option("--nothing", type=click.IntRange(0), default=40, show_default=True, help="With nothing hidden.")
 @click.option("--pairs", type=click.IntRange(0), default=24, show_default=True, help="With two causes.")
+@click.option("--drawn", type=click.IntRange(0), default=46, show_default=True, help="As the priors expect them.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out (psafit[cluster]).")
 @_JOBS
 @QUIET
@@ -96,6 +97,7 @@ def run(
     each: int,
     nothing: int,
     pairs: int,
+    drawn: int,
     scheduler: str | None,
     jobs: int,
     quiet: bool,
@@ -113,11 +115,11 @@ def run(
     refuse_run_file(json_file, out)
     data = read_experiment(experiment)
     chosen = None if ids is None else [t.id for t in causes(ids)]
-    specs = plan(seed, terms=chosen, each=each, nothing=nothing, pairs=pairs)
+    specs = plan(seed, terms=chosen, each=each, nothing=nothing, pairs=pairs, drawn=drawn)
     if not specs:
-        raise InputError("the campaign is empty", "ask for some data sets with --each, --nothing or --pairs")
+        raise InputError("the campaign is empty", "ask for some data sets with --each, --nothing, --pairs or --drawn")
     words: list[object] = ["psafit", "challenge", "run", "--seed", seed, "--out", out, "--experiment", experiment]
-    words += ["--each", each, "--nothing", nothing, "--pairs", pairs]
+    words += ["--each", each, "--nothing", nothing, "--pairs", pairs, "--drawn", drawn]
     words += ["--terms", ids] if ids else []
     words += ["--scheduler", scheduler] if scheduler else []
 

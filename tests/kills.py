@@ -69,7 +69,7 @@ KINDS: dict[str, tuple[list[str], Callable[[Path], Any]]] = {
     "campaign": (
         [
             *["challenge", "run", "--seed", "3", "--experiment", "rig", "--terms", "stack_stiffness", "--each", "0"],
-            *["--nothing", "3", "--pairs", "0", "--jobs", "1", "--quiet", "--out", "{out}"],
+            *["--nothing", "3", "--pairs", "0", "--drawn", "0", "--jobs", "1", "--quiet", "--out", "{out}"],
         ],
         of_campaign,
     ),

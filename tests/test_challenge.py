@@ -17,12 +17,13 @@ from outside import OUTSIDE, parts
 
 from psafit.challenge import hide
 from psafit.challenge.answer import Answer, Place, unseal
-from psafit.challenge.campaign import LEVELS, Result, Spec, content_hash, load, plan, run
+from psafit.challenge.campaign import LEVELS, PRIOR, Result, Spec, content_hash, load, plan, run
 from psafit.challenge.hide import Outside, make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, find_rivals
 from psafit.challenge.score import located, rate, reported_set, score
 from psafit.challenge.strength import find, lost_nats
 from psafit.cli import commands
+from psafit.diagnose.ladder import SIZE_WEIGHTS
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
 from psafit.physics import TERMS, term
@@ -263,7 +264,7 @@ def test_outside_effects_act_where_they_say(known: Experiment, tmp_path: Path, e
 
 # --- campaign ---------------------------------------------------------------------------------------
 
-SMALL = {"terms": ["amplifier_lag"], "each": 0, "nothing": 3, "pairs": 0}
+SMALL = {"terms": ["amplifier_lag"], "each": 0, "nothing": 3, "pairs": 0, "drawn": 0}
 
 
 def says(folder: Path, **content: Any) -> None:
@@ -303,6 +304,10 @@ def test_the_full_plan_has_all_that_the_targets_ask_for() -> None:
     assert sum(s.kind == "nothing" for s in specs) >= 60
     assert {s.outside for s in specs if s.kind == "outside"} == {o.name for o in OUTSIDE}
     assert sum(s.kind == "two" for s in specs) >= 10 and {s.design for s in specs} == {"given", "drawn"}
+    drawn = [s for s in specs if s.level == PRIOR]
+    sizes = np.bincount([len(s.terms) for s in drawn], minlength=3) / len(drawn)
+    assert sizes == pytest.approx(np.array(SIZE_WEIGHTS[:3]) / sum(SIZE_WEIGHTS[:3]), abs=0.02)
+    assert all(s.nats is None and s.outside is None for s in drawn)
     assert not {s.seed for s in specs} & {s.seed for s in plan(2)}
     assert plan(1) == plan(1)
 
@@ -354,7 +359,7 @@ def test_a_bug_in_the_diagnosis_is_not_swallowed(known: Experiment, tmp_path: Pa
 
 @pytest.mark.slow
 def test_two_workers_give_what_one_gives(known: Experiment, tmp_path: Path) -> None:
-    specs = given(plan(4, terms=["gap"], each=0, nothing=2, pairs=0, outside=["unit_error"], outside_each=1))
+    specs = given(plan(4, terms=["gap"], each=0, nothing=2, pairs=0, drawn=0, outside=["unit_error"], outside_each=1))
     one, two = (run(specs, tmp_path / str(n), design_of=known, diagnose=deaf, outside=OUTSIDE, jobs=n) for n in (1, 2))
     assert [content_hash(r) for r in one] == [content_hash(r) for r in two]
     assert {content_hash(r) for r in one} != {content_hash(one[0])}
@@ -399,7 +404,7 @@ def test_a_diagnosis_that_breaks_its_contract_is_a_failure(known: Experiment, tm
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(known: Experiment, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
-    specs = given(plan(4, terms=["gap"], each=0, nothing=8, pairs=0))
+    specs = given(plan(4, terms=["gap"], each=0, nothing=8, pairs=0, drawn=0))
     serial = run(specs, tmp_path / "serial", design_of=known, diagnose=deaf, jobs=1)
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         killed: list[int] = []
@@ -507,7 +512,7 @@ def test_pairs_need_both() -> None:
         result(["a", "b"], named=["a"], without=seen),
         result(["a", "b"], named=["a"], without={"a": 50.0, "b": 1.0}),  # nobody can see b beside a
     ]
-    target = score(results).targets[5]
+    target = score(results).targets[6]
     assert (target.rate.k, target.rate.n, target.holds) == (2, 3, False)
 
 
@@ -557,7 +562,10 @@ def test_probabilities_are_held_against_how_often_they_are_right() -> None:
     assert (high.right.k, high.right.n, high.mean) == (70, 100, pytest.approx(0.7)) and high.holds
     assert honest.targets[4].holds is True and honest.rows[0].probability == 0.7
     boastful = score([printed(k % 10 < 3) for k in range(100)])
-    assert boastful.targets[4].holds is False
+    assert boastful.targets[4].holds is False and boastful.targets[5].holds is None
+    believed = [replace(r, spec=replace(r.spec, level=PRIOR)) for r in map(printed, [True] * 35 + [False] * 15)]
+    both = score([*(printed(False) for _ in range(100)), *believed])
+    assert [t.holds for t in both.targets[4:6]] == [False, True]
     certain = result(["a"], named=["a"], causes=[{"terms": ["a"], "probability": 1.0}])
     assert score([certain]).reliability[-1].right.n == 1
 
@@ -621,7 +629,7 @@ def test_make_and_score_from_the_command_line(known_folder: Path, tmp_path: Path
 
 
 def test_a_campaign_is_scored_from_its_folder(known: Experiment, tmp_path: Path) -> None:
-    specs = given(plan(4, terms=["gap"], each=0, nothing=1, pairs=0, outside=["unit_error"], outside_each=1))
+    specs = given(plan(4, terms=["gap"], each=0, nothing=1, pairs=0, drawn=0, outside=["unit_error"], outside_each=1))
     run(specs, tmp_path, design_of=known, diagnose=deaf, outside=OUTSIDE, jobs=1)
     assert len(load(tmp_path)[1]) == 2
     code, text = call("score", tmp_path)
@@ -651,6 +659,8 @@ def test_a_campaign_is_scored_from_its_folder(known: Experiment, tmp_path: Path)
                 "--nothing",
                 "0",
                 "--pairs",
+                "0",
+                "--drawn",
                 "0",
             ],
             "empty",

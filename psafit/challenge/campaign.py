@@ -30,6 +30,7 @@ from psafit.challenge.answer import EXPERIMENT, Answer, Conditions, Kind, unseal
 from psafit.challenge.hide import Outside, make
 from psafit.challenge.oracle import Oracle, consult
 from psafit.diagnose import diagnose as examine
+from psafit.diagnose.ladder import SIZE_WEIGHTS
 from psafit.diagnose.record import RESULT
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
@@ -44,11 +45,16 @@ CAMPAIGN, RESULTS = "campaign.json", "results"
 LEVELS: Mapping[str, float] = {"weak": 10.0, "medium": 30.0, "strong": 100.0}
 """Oracle gains asked for, nats."""
 
-NOTHING = 60
+PRIOR = "prior"
+"""Level of truths that are drawn as the diagnosis believes them to be: only of these can its probabilities be right."""
+
+DRAWN = 46
+# Of those drawn, two fifths more have nothing hidden.
+NOTHING = 40
 PAIRS = 24
 _OUTSIDE_EACH = 3
-# Of each cause and strength, so that the campaign reaches 200 data sets.
-_EACH = 2
+# Of each cause and strength.
+_EACH = 1
 # Each cause of a pair, alone.
 _PAIR_NATS = 60.0
 # Every so many data sets have a design of their own.
@@ -74,7 +80,8 @@ class Spec:
     outside : str, optional
         Name of the effect outside the catalogue.
     level : str
-        "weak", "medium", "strong"; empty where no strength is asked for.
+        "weak", "medium", "strong"; "prior" where number and strength of the causes are drawn from the diagnosis's own
+        priors; else empty.
     nats : float, optional
         Oracle gain asked of each cause alone.
     design : {"given", "drawn"}
@@ -149,9 +156,10 @@ def plan(
     each: int = _EACH,
     nothing: int = NOTHING,
     pairs: int = PAIRS,
+    drawn: int = DRAWN,
     outside_each: int = _OUTSIDE_EACH,
 ) -> list[Spec]:
-    """List the data sets of a campaign: every cause at three strengths, pairs, outside effects, and nothing.
+    """List the data sets of a campaign: every cause at three strengths, pairs, outside effects, nothing, and draws.
 
     Parameters
     ----------
@@ -165,6 +173,9 @@ def plan(
         Data sets of every cause and strength.
     nothing, pairs : int
         Data sets with nothing hidden, and with two causes.
+    drawn : int
+        Data sets with nothing, one or two causes, as often as the diagnosis expects them, strengths drawn from their
+        priors.
     outside_each : int
         Data sets of every outside effect.
 
@@ -183,11 +194,17 @@ def plan(
         both = sorted(int(i) for i in rng.choice(len(ids), size=2, replace=False))
         wanted.append(("two", [ids[i] for i in both], None, "", _PAIR_NATS))
     wanted += [("outside", [], name, "", None) for name in outside for _ in range(outside_each)]
+    kinds: tuple[Kind, ...] = ("nothing", "one", "two")
+    odds = np.array(SIZE_WEIGHTS[: min(len(ids), 2) + 1])
+    upto = np.round(drawn * np.cumsum(odds) / odds.sum()).astype(int)
+    for size in np.repeat(np.arange(len(odds)), np.diff(upto, prepend=0)):
+        chosen = sorted(int(i) for i in rng.choice(len(ids), size=size, replace=False))
+        wanted.append((kinds[size], [ids[i] for i in chosen], None, PRIOR, None))
     # Seeds before the shuffle: the same data set whatever else is planned of its kind later in the list.
     seeds = [int(np.random.default_rng([seed, 11, k]).integers(2**32)) for k in range(len(wanted))]
     specs = []
     for k, ((kind, causes, effect, level, nats), own) in enumerate(zip(wanted, seeds, strict=True)):
-        label = "-".join([*causes, *([effect] if effect else []), *([level] if level else [])]) or "nothing"
+        label = "-".join([*(causes or [effect or "nothing"]), *([level] if level else [])])
         design: Conditions = "drawn" if own % _DRAWN_DESIGN == 0 else "given"
         specs.append(Spec(f"{k:04d}-{label}", own, kind, causes, effect, level, nats, design))
     return [specs[int(i)] for i in rng.permutation(len(specs))]

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import beta
 
 from psafit.challenge.answer import Place
-from psafit.challenge.campaign import SEEN_NATS, Result
+from psafit.challenge.campaign import PRIOR, SEEN_NATS, Result
 
 Ids = frozenset[str]
 
@@ -333,7 +333,8 @@ def score(results: Sequence[Result]) -> Score:
             0.85,
             (r.noticed for r in outside),
         ),
-        _reliable(reliability),
+        _reliable(reliability, "all data sets"),
+        _reliable(_reliability(r for r in results if r.spec.level == PRIOR), "those drawn from the priors"),
         _at_least(
             "two causes that both can be seen: both named, or both within the set",
             0.70,
@@ -410,7 +411,7 @@ def _showing(result: Result) -> frozenset[str]:
     return frozenset(id for id in result.answer.terms if gains.get(id, 0.0) >= SHOWING_NATS)
 
 
-def _reliability(results: Sequence[Result]) -> list[ProbabilityBin]:
+def _reliability(results: Iterable[Result]) -> list[ProbabilityBin]:
     """Every printed probability against whether its set of causes is exactly the truth, as far as that shows."""
     printed: list[tuple[float, bool]] = []
     for result in results:
@@ -432,13 +433,12 @@ def _reliability(results: Sequence[Result]) -> list[ProbabilityBin]:
     return bins
 
 
-def _reliable(bins: Sequence[ProbabilityBin]) -> Target:
+def _reliable(bins: Sequence[ProbabilityBin], of: str) -> Target:
     filled = [b for b in bins if b.right.n]
     good = rate(b.holds for b in filled)
     holds = all(b.holds for b in filled) if filled else None
-    return Target(
-        "printed probabilities: bins within sampling error of the diagonal", good.share, "all of them", holds, good
-    )
+    what = f"printed probabilities, {of}: bins within sampling error of the diagonal"
+    return Target(what, good.share, "all of them", holds, good)
 
 
 def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
