@@ -19,6 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
 Coordinate = Literal["linear", "log"]
+# Outside this part of its prior, or this close to a bound (share of the bounds), a value is called implausible.
+_SURPRISING, _AT_BOUND = 0.025, 1e-3
+_SHARES = np.linspace(0.0005, 0.9995, 1000)
 FloatArray = NDArray[np.float64]
 
 
@@ -221,3 +224,22 @@ class Parameter:
         low, high = self.sampling_bounds.lower, self.sampling_bounds.upper
         x = self.prior.quantile(np.asarray(p, dtype=float), low * self.scale, high * self.scale)
         return np.clip(x / self.scale, low, high)
+
+    def prior_share(self, value: float) -> float:
+        """Share of the prior below a value."""
+        return float(np.interp(float(self.to_sampling(value)), self.prior_quantile(_SHARES), _SHARES))
+
+    def is_implausible(self, value: float) -> bool:
+        """Whether a value lies where the prior has less than one chance in twenty, or at a bound that is not neutral.
+
+        A cause that acts to one side only has its twentieth on that side: its neutral end is no surprise. Where all is
+        equally plausible, nothing is implausible.
+        """
+        if isinstance(self.prior, Uniform):
+            return False
+        share = self.prior_share(value)
+        ends = [end for end in (self.bounds.lower, self.bounds.upper) if end != self.neutral]
+        surprising = share > 1 - 2 * _SURPRISING if len(ends) == 1 else not _SURPRISING <= share <= 1 - _SURPRISING
+        reach = _AT_BOUND * (self.sampling_bounds.upper - self.sampling_bounds.lower)
+        pressed = any(abs(float(self.to_sampling(value)) - float(self.to_sampling(end))) < reach for end in ends)
+        return bool(surprising or pressed)

@@ -202,6 +202,8 @@ class ParameterSummary:
         The value as far as the data support it.
     profile : list of ProfilePoint
         Empty for the scatter's parameters.
+    implausible : bool
+        Of the median; see `psafit.parameters.Parameter.is_implausible`.
     """
 
     name: str
@@ -218,11 +220,7 @@ class ParameterSummary:
     verdict: str
     text: str
     profile: list[ProfilePoint]
-
-    @property
-    def implausible(self) -> bool:
-        """Whether the median lies outside the prior's 90 % interval."""
-        return not self.prior_lower <= self.median <= self.prior_upper
+    implausible: bool
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import integrate, stats
@@ -61,3 +63,17 @@ def test_bad_declarations_are_refused() -> None:
         parameter(LogNormal(1.0, 2.0), 0.0, 1.0)
     with pytest.raises(ValueError, match="identifier"):
         Parameter("k c", "k", "1", Bounds(0, 1), Uniform(), "", "")
+
+
+def test_one_value_in_twenty_is_implausible() -> None:
+    """To both sides, or to the one side on which a cause acts; and what is pressed against a bound."""
+    draws = np.linspace(0.0005, 0.9995, 1000)
+    both = parameter(LogNormal(2.0, 3.0), 1e-4, 1e5)
+    one = replace(parameter(Normal(0.0, 0.1), 0.0, 0.5), neutral=0.0)
+    for p in (both, one):
+        values = p.to_physical(p.prior_quantile(draws))
+        assert np.mean([p.is_implausible(x) for x in values]) == pytest.approx(0.05, abs=0.003)
+        assert [p.prior_share(float(x)) for x in values[::99]] == pytest.approx(draws[::99], abs=2e-3)
+    assert not one.is_implausible(0.0) and one.is_implausible(0.5) and both.is_implausible(1e-4)
+    flat = parameter(Uniform(), 0.0, 1.0)
+    assert not flat.is_implausible(0.5) and not flat.is_implausible(1.0)

@@ -34,7 +34,7 @@ from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem
 from psafit.inference.run import Silent, Watcher, fit, versions
 from psafit.numerics import refine
-from psafit.parameters import Normal, Parameter
+from psafit.parameters import Normal
 from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, write_json
@@ -54,8 +54,6 @@ _SEARCHES = 19
 _REHEARSED = 4
 # Models in the result; the rest of the ladder has less than this share.
 _SHOWN, _LEAST = 12, 1e-4
-# Outside this part of its prior, or this close to a bound (share of the bounds), a value is reported as implausible.
-_SURPRISING, _AT_BOUND = 0.025, 1e-3
 
 
 def diagnose(
@@ -321,13 +319,12 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     quantiles = found.quantiles(values, (0.05, 0.5, 0.95)) if found else np.repeat(values, 3, axis=0)
     for i, p in enumerate(problem.parameters):
         lower, median, upper = (float(q) for q in quantiles[:, i])
-        at = _prior_share(p, median)
         parameters[p.name] = {
             "median": median, "lower": lower, "upper": upper, "unit": p.unit, "description": p.description,
-            "prior_share": at,
+            "prior_share": p.prior_share(median),
         }  # fmt: skip
         # The scatter, too: one far above its prior hides a misfit.
-        if (i < problem.n_physical or i >= problem.n_model) and _is_implausible(p, median, at):
+        if (i < problem.n_physical or i >= problem.n_model) and p.is_implausible(median):
             implausible.append(p.name)
     evidence: dict[str, Any] = {
         "log_evidence": ladder.log_evidence[candidate.ids],
@@ -342,22 +339,6 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     return CauseResult(
         list(candidate.ids), verdict.probability[candidate.ids], parameters, evidence, implausible
     )  # fmt: skip
-
-
-def _prior_share(p: Parameter, value: float) -> float:
-    """Share of the prior below a value."""
-    grid = np.linspace(0.0005, 0.9995, 1000)
-    return float(np.interp(float(p.to_sampling(value)), p.prior_quantile(grid), grid))
-
-
-def _is_implausible(p: Parameter, median: float, share: float) -> bool:
-    low, high = p.sampling_bounds.lower, p.sampling_bounds.upper
-    at = (float(p.to_sampling(median)) - low) / (high - low)
-    one_sided = p.neutral is not None and p.neutral in (p.bounds.lower, p.bounds.upper)
-    surprising = share > 1 - 2 * _SURPRISING if one_sided else not _SURPRISING <= share <= 1 - _SURPRISING
-    # The neutral end of a one-sided cause is no surprise.
-    pressed = min(at, 1 - at) < _AT_BOUND and not (p.neutral is not None and np.isclose(median, p.neutral))
-    return bool(surprising or pressed)
 
 
 def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:

@@ -439,6 +439,7 @@ def _summarise(
                 verdict=word,
                 text=identify.describe(parameter.name, parameter.unit, median, (lower, upper), points, word),
                 profile=points,
+                implausible=parameter.is_implausible(median),
             )
         )
     kept = chain.draws.shape[1]
