@@ -57,7 +57,10 @@ class Told:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter: its median and central 90 % interval, and what the data say of it."""
+    """A parameter: its median and central 90 % interval, and what the data say of it.
+
+    `limit` says what they support where that is not an interval.
+    """
 
     median: float
     lower: float
@@ -65,6 +68,7 @@ class Estimate:
     unit: str
     description: str
     verdict: str = ""
+    limit: str = ""
 
 
 @dataclass(frozen=True)
@@ -186,9 +190,12 @@ def read_side(folder: Path) -> Side:
         "command": run.fit.command,
     }
     parameters = {
-        e.name: Estimate(s.median, s.lower, s.upper, e.unit, e.description, s.verdict)
+        e.name: Estimate(
+            s.median, s.lower, s.upper, e.unit, e.description, s.verdict,
+            "" if s.verdict == "determined" else s.text.removeprefix(e.name).partition(";")[0].strip(),
+        )
         for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True)
-    }
+    }  # fmt: skip
     told = [Told(p.group, p.role, p.median, p.lower, p.upper, p.log_density) for p in predict(run)]
     return Side(_name(folder), "fit", run.fit.title, run.fit.groups, run.fit.terms, facts, parameters, told)
 

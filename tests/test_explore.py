@@ -212,6 +212,15 @@ def test_without_a_group_to_judge_by_nobody_wins(tmp_path: Path) -> None:
     assert "no group to judge by" in page.text and "Nobody can tell" in page.text
 
 
+def test_what_is_not_determined_has_no_interval_beside_another(tmp_path: Path) -> None:
+    one, other = made("a", 2.0, spread=0.1), made("b", 1.1)
+    open_ended = replace(one.parameters["k_c"], verdict="bounded above", limit="at most 7.7e6 N/m (95 %)")
+    one.parameters["k_c"] = open_ended
+    page = Reader(write_comparison(one, other, compare(one, other), tmp_path / "c.html").read_text("utf-8"))
+    row = next(r for r in page.text.split("contact stiffness") if "bounded above" in r)
+    assert "at most" in row and "2.2" not in row.split("/m")[0]
+
+
 def test_other_readings_are_not_compared() -> None:
     one, other = made("a", 2.0), made("b", 1.1)
     changed = replace(other.told[1].group, launch_range_um=other.told[1].group.launch_range_um + 1)

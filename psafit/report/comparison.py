@@ -212,9 +212,11 @@ def _summary(pictured: Sequence[_Shown], found: Comparison) -> Picture:
 
 
 def _value(e: Estimate | None) -> list[str]:
-    """Median and interval, as far as they are on record."""
+    """Median and interval, as far as they are on record and the data support them."""
     if e is None:
         return ["–"]
+    if e.limit:
+        return [typeset(e.limit)]
     spread = (e.upper - e.lower) / 2
     ends = [with_unit(interval(e.lower, e.upper, spread), e.unit)] if spread > 0 else []
     return [with_unit(number(e.median, spread), e.unit), *ends]
