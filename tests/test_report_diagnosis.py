@@ -221,7 +221,7 @@ def test_first_screen_answers(page):
         "No: of data sets made by the fitted baseline itself, at most 0.1 % look at least as odd; below 2 % it" in text
     )
     assert "hysteresis of the stack (probability 61 %)" in text
-    assert "= 4.10 × 10⁵ (90 %: (3.80 to 4.40) × 10⁵)" in text and "= 4.10 × 10⁵ V (90 %: (3.80" in text  # sizes
+    assert "90 % interval: hysteresis of the stack s = 4.10 × 10⁵ (3.80 to 4.40) × 10⁵ and" in text  # sizes
     assert "1 value of what is named first" in text and "would surprise whoever knows such rigs" in text
     assert "without a name keeps" not in text
     assert "goes from ×2.49 to ×1.29" in text

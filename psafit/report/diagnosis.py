@@ -336,25 +336,32 @@ def _implausible(result: Diagnosis) -> Markup:
     leader = _listed_leader(result)
     if not leader or not leader.implausible:
         return Markup("")
-    return Markup(" <strong>{}</strong> of what is named first, {}, would surprise whoever knows such rigs.").format(
-        count(len(leader.implausible), "value"), ", ".join(leader.implausible)
+    return Markup(" <strong>{}</strong> of what is named first would surprise whoever knows such rigs: {}.").format(
+        count(len(leader.implausible), "value"), _by_cause({name: symbol(name) for name in leader.implausible})
     )
 
 
 def _sizes(result: Diagnosis) -> Markup:
     """How large the causes are that are named."""
     leader = _listed_leader(result)
-    found = []
+    found: dict[str, Markup] = {}
     for name, p in (leader.parameters if leader else {}).items():
         if owner(name) in result.named:
             median, low, high = (_known(p.get(k)) for k in ("median", "lower", "upper"))
             spread = (high - low) / 2
-            unit = str(p.get("unit", "1"))
-            size = with_unit(number(median, spread if spread > 0 else None), unit)
-            if high > low:
-                size += f" (90{NBSP}%: {interval(low, high, spread)})"
-            found.append(Markup("{} = {}").format(symbol(name), size))
-    return Markup(" {}.").format(Markup(", ").join(found)) if found else Markup("")
+            size = with_unit(number(median, spread if spread > 0 else None), str(p.get("unit", "1")))
+            ends = interval(low, high, spread) if high > low else ""
+            ends = f"({ends})" if ends and not ends.startswith("(") else ends
+            found[name] = Markup("{} = {} {}").format(symbol(name), size, ends).strip()
+    return Markup(" Size, with 90{}% interval: {}.").format(NBSP, _by_cause(found)) if found else Markup("")
+
+
+def _by_cause(told: Mapping[str, Markup]) -> Markup:
+    """What is told of parameters, each cause's behind its title."""
+    found: dict[str, list[Markup]] = {}
+    for name, text in told.items():
+        found.setdefault(TITLES.get(owner(name) or "", ""), []).append(text)
+    return Markup("; ").join(Markup("{} {}").format(title, listed(texts)).strip() for title, texts in found.items())
 
 
 def _reservations(result: Diagnosis) -> Markup:
