@@ -193,6 +193,17 @@ def test_screening_sees_a_hidden_cause_and_offers_starts():
     assert found["amplifier_lag"].starts.shape[1] == one.problem.n_dim + 1
 
 
+def test_what_a_fit_has_left_to_climb_is_no_causes_merit(sound):
+    """At the edge of a jump a fit ends on a slope: every cause would seem to gain what its expansion gains without."""
+    short = sound.modes[:1].copy()
+    short[0, 0] += 0.1
+    end = ascend(sound.problem, short, schedule=((0, 1),))
+    assert end.height[0] < sound.height - 50
+    onward = screen(settle(sound.problem, end), FEW)
+    for there, here in zip(onward, screen(sound, FEW), strict=True):
+        assert there.log_bayes == pytest.approx(here.log_bayes, abs=0.7)
+
+
 def test_prior_probabilities_of_models_sum_to_one():
     for n in (1, 3, 23):
         sizes = range(min(n, len(SIZE_WEIGHTS) - 1) + 1)

@@ -82,10 +82,17 @@ def extended(problem: Problem, term: Term, catalogue: Sequence[Term]) -> Problem
 
 def screen(candidate: Candidate, catalogue: Sequence[Term]) -> list[Screened]:
     """Screen the causes that a fitted model does not have yet, in the catalogue's order."""
-    return [_screen(candidate, term, catalogue) for term in catalogue if term not in candidate.terms]
+    # An optimum at the edge of a jump is none of its expansion, which goes on uphill with any cause or none.
+    alone = ascend_linearly(
+        candidate.problem, candidate.modes[:1], candidate.predicted[None], candidate.relative_slope,
+        iterations=_ITERATIONS,
+    )  # fmt: skip
+    top = float(alone.height[0])
+    return [_screen(candidate, top, term, catalogue) for term in catalogue if term not in candidate.terms]
 
 
-def _screen(candidate: Candidate, term: Term, catalogue: Sequence[Term]) -> Screened:
+def _screen(candidate: Candidate, top: float, term: Term, catalogue: Sequence[Term]) -> Screened:
+    """One cause beside a model whose own expansion ends at a height `top`."""
     large = extended(candidate.problem, term, catalogue)
     at, shared = candidate.within(large)
     own = [large.names.index(p.name) for p in term.parameters]
@@ -105,7 +112,7 @@ def _screen(candidate: Candidate, term: Term, catalogue: Sequence[Term]) -> Scre
         end = ascend_linearly(large, rows, found[0], slope, frozen=own, iterations=_ITERATIONS)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
-        gain = end.height - prior - neutral - candidate.height
+        gain = end.height - prior - neutral - top
         return end.u, np.where(np.isfinite(gain), gain, -1e3)
 
     q = np.array(_QUANTILES)
