@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from psafit.diagnose import diagnose, ladder
+from psafit.diagnose import diagnose, ladder, next_experiment
 from psafit.diagnose.gain import split, summarise
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
 from psafit.diagnose.leftover import leftover
@@ -378,6 +378,15 @@ def test_next_experiment_separates_what_is_tied(hidden):
     assert found[0].success > 0.5
     alone = propose(leader, draws[0], None, seed=1)
     assert alone[0].separation > 0
+
+
+def test_one_proposal_leaves_the_rig_as_it_is(sound, monkeypatch):
+    """... though every other string tells more: it is the one that can be rehearsed with what was measured."""
+    monkeypatch.setattr(
+        next_experiment, "_judge", lambda design, models, rng: (float(design.constants != RIG) + rng.random() / 2, 1.0)
+    )
+    found = propose(sound, weigh(sound, seed=1), None, seed=1)
+    assert all(p.constants for p in found[:-1]) and not found[-1].constants and len(found) == 13
 
 
 def test_rehearsal_tells_the_truth_whichever_it_is(hidden):

@@ -104,11 +104,14 @@ def propose(leader: Candidate, draws: Weighed, rival: tuple[Candidate, Weighed] 
     """Measurements by how well they would separate two models, or determine one's weakest parameter; best first."""
     possible = proposals(leader)
     # A glance at all of them, then a closer look at the best.
-    for n_draws, kept in ((_GLANCE, _CLOSER), (_DRAWS, _CLOSER)):
+    for n_draws in (_GLANCE, _DRAWS):
         rng = np.random.default_rng([seed, 17])
         models = [_Model.of(c, d, n_draws, rng) for c, d in ((leader, draws), *((rival,) if rival else ()))]
         judged = sorted(((_judge(p.design, models, rng), p) for p in possible), key=lambda j: -j[0][0])
-        possible = [p for _, p in judged[:kept]]
+        # The best that leaves the rig as it is stays, however good the others are: nothing need be built for it.
+        as_it_is = [j for j in judged[_CLOSER:] if not j[1].changed]
+        judged = judged[:_CLOSER] + as_it_is[: all(p.changed for _, p in judged[:_CLOSER])]
+        possible = [p for _, p in judged]
     return [
         Proposal(
             p.text, "square" if p.design.waveform[0] else "sine", p.design.frequency.tolist(),
