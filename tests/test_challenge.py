@@ -6,6 +6,10 @@ import hashlib
 import json
 import math
 import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -425,6 +429,43 @@ def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(known: Exper
         )
     assert killed
     assert [content_hash(r) for r in found] == [content_hash(r) for r in serial]
+
+
+@pytest.mark.slow
+def test_workers_leave_with_a_campaign_that_is_killed(known_folder: Path, tmp_path: Path) -> None:
+    program = f"""
+import os, pathlib, time
+from psafit.challenge.campaign import plan, run
+from psafit.experiment import read_experiment
+
+def sleep(*args, **options):
+    pathlib.Path({str(tmp_path)!r}, f"{{os.getpid()}}.pid").touch()
+    time.sleep(600)
+
+if __name__ == "__main__":
+    specs = plan(4, terms=["gap"], each=0, nothing=4, pairs=0, drawn=0)
+    known = read_experiment({str(known_folder)!r})
+    run(specs, pathlib.Path({str(tmp_path / "out")!r}), design_of=known, diagnose=sleep)
+"""
+    (tmp_path / "campaign.py").write_text(program)
+
+    def until(done: Callable[[], bool], seconds: float) -> bool:
+        end = time.monotonic() + seconds
+        while not done() and time.monotonic() < end:
+            time.sleep(0.2)
+        return done()
+
+    def alive() -> list[int]:
+        found = [int(p.stem) for p in tmp_path.glob("*.pid")]
+        return [pid for pid in found if Path(f"/proc/{pid}").exists()]
+
+    campaign = subprocess.Popen([sys.executable, tmp_path / "campaign.py"], cwd=Path(__file__).parents[1])
+    try:
+        assert until(lambda: len(alive()) == 2, 120)
+    finally:
+        campaign.kill()
+        campaign.wait()
+    assert until(lambda: not alive(), 60)
 
 
 # --- score ------------------------------------------------------------------------------------------

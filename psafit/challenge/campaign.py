@@ -12,6 +12,7 @@ import importlib.util
 import json
 import math
 import multiprocessing
+import os
 import signal
 import tempfile
 import threading
@@ -19,6 +20,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -62,6 +64,8 @@ _DRAWN_DESIGN = 4
 SEEN_NATS = 25.0
 """An oracle gain from which a miss counts, and rivals are looked for."""
 
+# How often a worker looks whether its parent is still there.
+_LOOK_UP_S = 1.0
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
 _AGAIN = "remove it, and run the campaign again"
 
@@ -241,6 +245,8 @@ def solve(
     is_worker = multiprocessing.parent_process() is not None
     if shielded and is_worker and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if is_worker:
+        _leave_with_parent()
     effects = {effect.name: effect for effect in outside}
     if spec.outside is not None and spec.outside not in effects:
         raise InputError(f"{spec.id}: no outside effect {spec.outside}", "pass it to the campaign")
@@ -272,6 +278,19 @@ def solve(
     oracle = consult(experiment, made.answer, seed=1, rivals_from=SEEN_NATS)
     seconds["oracle"] = oracle.seconds
     return Result(spec, psafit.__version__, status, message, made.answer, oracle, diagnosis, seconds)
+
+
+@cache
+def _leave_with_parent() -> None:
+    """End this worker when the process that started it has been killed: nobody would take its result."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK_UP_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def read_diagnosis(file: Path, fingerprint: str | None = None) -> dict[str, Any]:
