@@ -24,10 +24,9 @@ if "OMP_WAIT_POLICY" not in os.environ:
 def open(folder: str | Path) -> Rig:
     """Open an experiment folder: see `psafit.api.Rig`."""
     from psafit.api import Rig
-    from psafit.experiment import read_experiment
-    from psafit.inference.scale import with_scale
+    from psafit.inference.scale import read
 
-    return Rig(with_scale(read_experiment(folder)))
+    return Rig(read(folder))
 
 
 def load(folder: str | Path) -> Fitted:

@@ -20,7 +20,7 @@ from psafit import plugins
 from psafit.errors import LARGEST_SEED, InputError, PsafitError
 
 if TYPE_CHECKING:
-    from psafit.diagnose.record import CauseResult
+    from psafit.diagnose.record import CauseResult, Diagnosis
     from psafit.experiment import Experiment, GroupId
     from psafit.physics.term import Term
     from psafit.records import CauseEntry
@@ -202,10 +202,10 @@ def commands() -> None:
 @JSON
 def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     """Validate an experiment folder and say what is in it."""
-    from psafit.experiment import describe, read_experiment
-    from psafit.inference.scale import with_scale
+    from psafit.experiment import describe
+    from psafit.inference.scale import read
 
-    content = describe(with_scale(read_experiment(experiment)))
+    content = describe(read(experiment))
     write_result(json_file, content)
     if not quiet:
         click.echo(
@@ -252,12 +252,11 @@ def fit(
     An interrupted run goes on where it stopped when the same command is repeated, and one that has not
     converged draws on.
     """
-    from psafit.experiment import read_experiment
     from psafit.files import usual_fit_folder
-    from psafit.inference.scale import with_scale
+    from psafit.inference.scale import read
     from psafit.progress import watcher
 
-    data = with_scale(read_experiment(experiment))
+    data = read(experiment)
     ids = _groups(group, data)
     chosen = causes(terms) if terms else ()
     folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])
@@ -337,12 +336,11 @@ def diagnose(
     The verdict uses all groups; the gain never scores data that a choice has seen. An interrupted diagnosis goes
     on where it stopped when the same command is repeated.
     """
-    from psafit.experiment import read_experiment
     from psafit.files import usual_folder
-    from psafit.inference.scale import with_scale
+    from psafit.inference.scale import read
     from psafit.progress import watcher
 
-    data = with_scale(read_experiment(experiment))
+    data = read(experiment)
     ids = [data.ids[0]] if group is None else _groups(group, data)
     folder = out or usual_folder(experiment, "diagnosis")
     refuse_run_file(json_file, folder)
@@ -368,33 +366,38 @@ def diagnose(
             watcher=show,
             command=command,
         )
-        if not no_report:
-            show.stage("report")
-            from psafit.report.diagnosis import write_diagnosis
-
-            page = write_diagnosis(result, data, folder)
     write_result(json_file, result)
     if not quiet:
-        click.echo(f"verdict: {result.verdict}" + (f": {' + '.join(result.named)}" if result.named else ""))
-        for sentence in result.sentences:
-            click.echo(f"  {sentence}")
-        unnamed = result.unnamed > 0.5
-        if unnamed:
-            click.echo("  if a model of the catalogue had to do:")
-        for cause in result.causes[:5]:
-            words = " + ".join(cause.terms) or "no cause"
-            share = cause.evidence["share"] if unnamed else cause.probability
-            click.echo(f"  {100 * share:5.1f} %  {words}, {cause.evidence['gain']:+.1f} nats")
-            if cause.terms == result.named:
-                for line in _sizes(cause):
-                    click.echo(f"           {line}")
-        if not unnamed and result.unnamed >= _TOLD:
-            click.echo(f"  {100 * result.unnamed:5.1f} %  a discrepancy without a name")
-        for place in result.misfit["where"][:5]:
-            click.echo(f"  baseline, {place['text']}")
-        if not no_report:
+        _tell(result)
+    if not no_report:
+        # The answer need not wait for its pictures.
+        from psafit.report.diagnosis import write_diagnosis
+
+        page = write_diagnosis(result, data, folder)
+        if not quiet:
             click.echo(f"report: {click.format_filename(page)}")
     return DONE
+
+
+def _tell(result: Diagnosis) -> None:
+    """Print a diagnosis."""
+    click.echo(f"verdict: {result.verdict}" + (f": {' + '.join(result.named)}" if result.named else ""))
+    for sentence in result.sentences:
+        click.echo(f"  {sentence}")
+    unnamed = result.unnamed > 0.5
+    if unnamed:
+        click.echo("  if a model of the catalogue had to do:")
+    for cause in result.causes[:5]:
+        words = " + ".join(cause.terms) or "no cause"
+        share = cause.evidence["share"] if unnamed else cause.probability
+        click.echo(f"  {100 * share:5.1f} %  {words}, {cause.evidence['gain']:+.1f} nats")
+        if cause.terms == result.named:
+            for line in _sizes(cause):
+                click.echo(f"           {line}")
+    if not unnamed and result.unnamed >= _TOLD:
+        click.echo(f"  {100 * result.unnamed:5.1f} %  a discrepancy without a name")
+    for place in result.misfit["where"][:5]:
+        click.echo(f"  baseline, {place['text']}")
 
 
 def _sizes(cause: CauseResult) -> Iterator[str]:

@@ -190,15 +190,14 @@ def _again(run: Path, experiment: Path | None) -> Path:
     from psafit.diagnose.record import RESULT, Diagnosis
 
     if (run / RESULT).exists() and not (run / "fit.json").exists():
-        from psafit.experiment import read_experiment
-        from psafit.inference.scale import with_scale
+        from psafit.inference.scale import read
         from psafit.records import read_json
         from psafit.report.diagnosis import write_diagnosis
 
         record = read_json(run / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
         if experiment is None:
             raise InputError("keeps no measurements", "name them with --experiment EXP", file=run)
-        data = with_scale(read_experiment(experiment))
+        data = read(experiment)
         if data.fingerprint != record.fingerprint:
             raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment)
         return write_diagnosis(record, data, run)

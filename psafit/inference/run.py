@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 
 import psafit
 from psafit.errors import InputError, check_seed
-from psafit.experiment import Experiment, GroupId, read_experiment, write_experiment
+from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import is_temporary, portable_command, remove_temporaries, sha256, sole, write_atomically
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
-from psafit.inference.scale import with_scale
+from psafit.inference.scale import read
 from psafit.physics import plugin_versions, recorded, signatures
 from psafit.physics.term import Term
 from psafit.records import (
@@ -303,7 +303,7 @@ def load(folder: Path) -> Run:
     for name in _SIGNED:
         if sha256(folder / name) != summary.files.get(name):
             raise InputError("was changed after the fit", _AGAIN, file=folder / name)
-    experiment = with_scale(read_experiment(folder / "experiment"))
+    experiment = read(folder / "experiment")
     chosen = recorded(record.terms, record.versions, folder / "fit.json")
     problem = Problem(experiment, tuple(record.groups), chosen)
     found = _recorded(record)

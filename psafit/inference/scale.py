@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from psafit.experiment import Experiment
+from psafit.experiment import Experiment, read_experiment
 from psafit.experiment.text import one_line
 from psafit.inference.candidate import thinned
 from psafit.inference.problem import Problem
@@ -26,6 +27,11 @@ _MANY = 2000
 _NEARLY_ALL = 0.98
 # A factor between groups that neither waveform nor frequency explains for nearly any rig; half way to a wrong unit.
 _APART = math.log(30.0)
+
+
+def read(folder: str | Path) -> Experiment:
+    """Read an experiment folder, its warnings extended by `with_scale`."""
+    return with_scale(read_experiment(folder))
 
 
 def with_scale(experiment: Experiment) -> Experiment:
