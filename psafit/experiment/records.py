@@ -100,7 +100,9 @@ class Group:
 
 
 def session_names(name: str, ids: Sequence[GroupId]) -> dict[GroupId, str]:
-    """Names of what each session has for itself: `name`, and the session's id as far as a Python name can hold it.
+    """Names of what each session has for itself: `name`, and the session's id.
+
+    Where ids cannot be told apart by what a Python name can hold of them, all sessions are counted, from 1.
 
     Parameters
     ----------
@@ -110,10 +112,9 @@ def session_names(name: str, ids: Sequence[GroupId]) -> dict[GroupId, str]:
         All of an experiment, so that a session's name does not depend on what is fitted.
     """
     written = [re.sub(r"\W", "_", str(g)) for g in ids]
-    return {
-        g: f"{name}_{text}" if written.count(text) == 1 else f"{name}_{text}_{position}"
-        for position, (g, text) in enumerate(zip(ids, written, strict=True), start=1)
-    }
+    if len(set(written)) < len(written):
+        written = [str(position) for position, _ in enumerate(ids, start=1)]
+    return {g: f"{name}_{text}" for g, text in zip(ids, written, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)
