@@ -184,7 +184,8 @@ class Score:
         Truth, then what was named, then how often; single causes of 25 nats or more, nothing, and outside effects.
     set_size : dict
         Size of the reported set, then how often; single causes of 25 nats or more.
-    reliability : list of ProbabilityBin
+    reliability, believed : list of ProbabilityBin
+        Of all data sets, and of those whose truth was drawn from the diagnosis's own priors.
     recovery : list of Recovery
     coverage : Rate
         Of all intervals of parameters of causes that were named exactly.
@@ -203,6 +204,7 @@ class Score:
     confusion: dict[str, dict[str, int]]
     set_size: dict[str, int]
     reliability: list[ProbabilityBin]
+    believed: list[ProbabilityBin]
     recovery: list[Recovery]
     coverage: Rate
     outside: dict[str, dict[str, int]]
@@ -311,6 +313,7 @@ def score(results: Sequence[Result]) -> Score:
     outside = [row for row in rows if row.kind == "outside" and row.gain >= SEEN_NATS]
     alarms = rate(row.verdict != "adequate" for row in nothing)
     reliability = _reliability(results)
+    believed = _reliability(r for r in results if r.spec.level == PRIOR)
     recovery, coverage = _recovery(results)
     targets = [
         _at_least(
@@ -334,7 +337,7 @@ def score(results: Sequence[Result]) -> Score:
             (r.noticed for r in outside),
         ),
         _reliable(reliability, "all data sets"),
-        _reliable(_reliability(r for r in results if r.spec.level == PRIOR), "those drawn from the priors"),
+        _reliable(believed, "those drawn from the priors"),
         _at_least(
             "two causes that both can be seen: both named, or both within the set",
             0.70,
@@ -351,6 +354,7 @@ def score(results: Sequence[Result]) -> Score:
         confusion=_table((row.truth, row.named) for row in [*seen, *nothing, *outside]),
         set_size={str(k): n for k, n in sorted(Counter(row.set_size for row in seen).items())},
         reliability=reliability,
+        believed=believed,
         recovery=recovery,
         coverage=coverage,
         outside=_table(

@@ -32,7 +32,7 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
     Path
     """
     with figure_style():
-        drawn = {"gain": _gain_figure(score.by_gain), "reliability": _reliability_figure(score.reliability)}
+        drawn = {"gain": _gain_figure(score.by_gain), "reliability": _reliability_figure(score)}
         if score.confusion:
             drawn["confusion"] = _confusion_figure(score.confusion)
         if score.recovery:
@@ -174,14 +174,23 @@ def _gain_figure(bins: Sequence[GainBin]) -> Figure:
     return figure
 
 
-def _reliability_figure(bins: Sequence[ProbabilityBin]) -> Figure:
+def _reliability_figure(score: Score) -> Figure:
     figure, (axes,) = new_figure()
     axes.plot([0, 1], [0, 1], color=PALETTE["grey"], lw=1.0, ls="--", label="perfect")
-    filled = [b for b in bins if b.mean is not None]
-    _bars(axes, [b.mean or 0.0 for b in filled], [b.right for b in filled], PALETTE["blue"], "found", "o")
-    for b in filled:
-        where = (b.mean or 0.0, b.right.share or 0.0)
-        axes.annotate(f"{b.right.n}", where, (6, -10), textcoords="offset points", fontsize=8.5)
+    kinds: tuple[tuple[str, Sequence[ProbabilityBin], str, str, float], ...] = (
+        ("all data sets", score.reliability, "blue", "o", 0.0),
+        ("truths drawn from the priors", score.believed, "vermillion", "s", 0.012),
+    )
+    for label, bins, color, marker, aside in kinds:
+        filled = [b for b in bins if b.mean is not None]
+        at = [(b.mean or 0.0) + aside for b in filled]
+        _bars(axes, at, [b.right for b in filled], PALETTE[color], label, marker)
+        for x, b in zip(at, filled, strict=True):
+            below = -10 if aside == 0.0 else 5
+            axes.annotate(
+                f"{b.right.n}", (x, b.right.share or 0.0), (6, below), textcoords="offset points", fontsize=8.5,
+                color=PALETTE[color],
+            )  # fmt: skip
     axes.set_xlim(-0.03, 1.03)
     axes.set_ylim(-0.03, 1.03)
     axes.set_xlabel("Printed probability")
