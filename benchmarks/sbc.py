@@ -3,16 +3,19 @@
 Parameters are drawn from their priors, readings simulated from them at an experiment's conditions, the model fitted
 and its posterior drawn, and the rank of the truth among the draws recorded. If fit, evidence and draws are sound the
 ranks are uniform. ``--sampler emcee`` draws as `psafit fit` does, from lmfit's optima by emcee until the chain has
-converged; the default draws as `psafit diagnose` weighs its models. Writes docs/figures/sbc.png and prints a
-chi-square p-value for every parameter; exits with 1 if one is below 0.05 divided by their number.
+converged or has taken ``--steps``; the default draws as `psafit diagnose` weighs its models. Writes
+docs/figures/sbc.png and prints a chi-square p-value for every parameter; exits with 1 if one is below 0.05 divided by
+their number. Ranks are kept in fits/sbc, for this state of the sources: what was interrupted goes on where it stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+# A data set on each core.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 import sys
@@ -20,6 +23,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import joblib
 import numpy as np
 from scipy.stats import binom, chisquare
 
@@ -39,46 +43,8 @@ from psafit.report.style import PALETTE, figure_style
 DRAWS, BINS = 99, 10
 
 
-def weighed(problem: Problem, seed: int) -> np.ndarray:
-    """Draws as a diagnosis makes them, (DRAWS, n_dim)."""
-    return weigh(fit(problem, (), seed=seed, draws=1024, most=16), seed=seed, effective=300).resampled(DRAWS)
-
-
-def sampled(problem: Problem, seed: int) -> np.ndarray:
-    """Draws as `psafit fit` makes them, (DRAWS, n_dim)."""
-    with tempfile.TemporaryDirectory() as folder:
-        chain = sample(
-            problem, optimise(problem, seed=seed), seed=seed, path=Path(folder) / "chain.h5", identity="",
-            settings=Settings.of(problem),
-        )  # fmt: skip
-    if not chain.converged:
-        print(f"\ndata set {seed}: the chain has not converged", file=sys.stderr)
-    flat = chain.draws.reshape(-1, problem.n_dim)
-    return flat[np.random.default_rng(seed).choice(len(flat), DRAWS, replace=False)]
-
-
-SAMPLERS = {"evidence": weighed, "emcee": sampled}
-
-
-def ranks(ids: list[str], group: str, n: int, seed: int, sampler: str) -> tuple[np.ndarray, list[str]]:
-    """Ranks of the truth among posterior draws; (n, n_parameters), and the parameters' names."""
-    experiment = read_experiment(ROOT / "experiments" / "psa")
-    experiment = replace(experiment, groups=(experiment.group(group),))
-    problem = Problem(experiment, experiment.ids, terms(ids))
-    rng = np.random.default_rng(seed)
-    found = []
-    while len(found) < n:
-        u = problem.prior_transform(rng.uniform(size=(1, problem.n_dim)))
-        true = problem.predict(u)
-        y = noise.draw(true, problem.noise_values(u), None, rng)[0]
-        if not (np.isfinite(y).all() and np.abs(y).max() < 1e5):
-            continue
-        # The likelihood is that of readings of either sign; what an instrument clips is tested by the challenges.
-        one = _Signed(experiment.with_readings(np.abs(y)), problem.group_ids, problem.terms, y)
-        draws = SAMPLERS[sampler](one, len(found))
-        found.append((draws < u).sum(axis=0))
-        print(f"\r{len(found)} of {n}", end="", file=sys.stderr, flush=True)
-    return np.array(found), list(problem.names)
+# A chain that has not converged then is used as it is, and counted.
+STEPS = 8000
 
 
 class _Signed(Problem):
@@ -90,6 +56,72 @@ class _Signed(Problem):
             object.__setattr__(self, "observed", y)
 
 
+def weighed(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
+    """Draws as a diagnosis makes them, (DRAWS, n_dim)."""
+    return weigh(fit(problem, (), seed=seed, draws=1024, most=16), seed=seed, effective=300).resampled(DRAWS), True
+
+
+def sampled(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
+    """Draws as `psafit fit` makes them, (DRAWS, n_dim), and whether the chain has converged."""
+    with tempfile.TemporaryDirectory() as folder:
+        chain = sample(
+            problem, optimise(problem, seed=seed), seed=seed, path=Path(folder) / "chain.h5", identity="",
+            settings=replace(Settings.of(problem), max_steps=steps),
+        )  # fmt: skip
+    flat = chain.draws.reshape(-1, problem.n_dim)
+    return flat[np.random.default_rng(seed).choice(len(flat), DRAWS, replace=False)], chain.converged
+
+
+SAMPLERS = {"evidence": weighed, "emcee": sampled}
+
+
+def rank(ids: list[str], group: str, u: np.ndarray, y: np.ndarray, seed: int, sampler: str, steps: int):
+    """Rank of a truth among the draws of its posterior, (n_dim,), and whether these have converged."""
+    experiment = read_experiment(ROOT / "experiments" / "psa")
+    experiment = replace(experiment, groups=(experiment.group(group),))
+    # The likelihood is that of readings of either sign; what an instrument clips is tested by the challenges.
+    one = _Signed(experiment.with_readings(np.abs(y)), experiment.ids, terms(ids), y)
+    draws, converged = SAMPLERS[sampler](one, seed, steps)
+    return (draws < u).sum(axis=0), converged
+
+
+def truths(problem: Problem, n: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Parameters drawn from their priors, and readings that they make."""
+    rng = np.random.default_rng(seed)
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    while len(found) < n:
+        u = problem.prior_transform(rng.uniform(size=(1, problem.n_dim)))
+        y = noise.draw(problem.predict(u), problem.noise_values(u), None, rng)[0]
+        if np.isfinite(y).all() and np.abs(y).max() < 1e5:
+            found.append((u[0], y))
+    return found
+
+
+def ranks(given: argparse.Namespace) -> tuple[np.ndarray, list[str]]:
+    """Ranks of the truths among posterior draws; (n, n_parameters), and the parameters' names."""
+    ids = [t for t in given.terms.split(",") if t]
+    experiment = read_experiment(ROOT / "experiments" / "psa")
+    problem = Problem(
+        replace(experiment, groups=(experiment.group(given.group),)), (experiment.group(given.group).id,), terms(ids)
+    )
+    sources = b"".join(path.read_bytes() for path in sorted((ROOT / "psafit").rglob("*.py")))
+    kept = joblib.Memory(ROOT / "fits" / "sbc" / hashlib.sha256(sources).hexdigest()[:12], verbose=0).cache(rank)
+    calls = (
+        joblib.delayed(kept)(ids, given.group, u, y, k, given.sampler, given.steps)
+        for k, (u, y) in enumerate(truths(problem, given.n, given.seed))
+    )
+    found, converged = [], 0
+    for one, done in joblib.Parallel(n_jobs=given.jobs, return_as="generator", batch_size=1)(calls):
+        found.append(one)
+        converged += done
+        print(f"\r{len(found)} of {given.n}", end="", file=sys.stderr, flush=True)
+    if converged < given.n:
+        print(
+            f"\n{given.n - converged} of {given.n} chains had not converged after {given.steps} steps", file=sys.stderr
+        )
+    return np.array(found), list(problem.names)
+
+
 def main() -> int:
     """Calibrate, draw, judge."""
     options = argparse.ArgumentParser(description=__doc__)
@@ -98,9 +130,11 @@ def main() -> int:
     options.add_argument("--sampler", choices=list(SAMPLERS), default="evidence")
     options.add_argument("-n", type=int, default=200, help="data sets")
     options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--steps", type=int, default=STEPS, help="of emcee, at most")
+    options.add_argument("--jobs", type=int, default=2)
     options.add_argument("--out", type=Path, default=ROOT / "docs" / "figures" / "sbc.png")
     given = options.parse_args()
-    found, names = ranks([t for t in given.terms.split(",") if t], given.group, given.n, given.seed, given.sampler)
+    found, names = ranks(given)
     edges = np.linspace(-0.5, DRAWS + 0.5, BINS + 1)
     low, high = binom.ppf([0.005, 0.995], given.n, 1 / BINS)
     worst = 1.0
