@@ -100,6 +100,9 @@ class Command(click.Command):
             return super().invoke(ctx)
         except KeyboardInterrupt as error:  # click would print an empty line
             raise click.Abort from error
+        except BrokenPipeError:  # click would call it a failure
+            _discard_output()
+            return DONE
 
 
 class Group(click.Group):
@@ -147,7 +150,7 @@ def main() -> None:
         typed = "\n" if sys.stderr.isatty() else ""  # the terminal shows ^C
         click.echo(f"{typed}psafit: interrupted; repeat the same command to go on where it stopped", err=True)
         code = BAD_INPUT
-    except BrokenPipeError:
+    except BrokenPipeError:  # at the last flush
         _discard_output()
         code = DONE
     except Exception as error:
@@ -366,16 +369,21 @@ def diagnose(
             watcher=show,
             command=command,
         )
-    write_result(json_file, result)
-    if not quiet:
-        _tell(result)
-    if not no_report:
-        # The answer need not wait for its pictures.
-        from psafit.report.diagnosis import write_diagnosis
+    from psafit.diagnose.record import PAGE
 
-        page = write_diagnosis(result, data, folder)
+    (folder / PAGE).unlink(missing_ok=True)  # of an earlier result
+    write_result(json_file, result)
+    try:
         if not quiet:
-            click.echo(f"report: {click.format_filename(page)}")
+            _tell(result)
+    finally:
+        # The answer need not wait for its pictures, nor they for somebody who reads it.
+        if not no_report:
+            from psafit.report.diagnosis import write_diagnosis
+
+            page = write_diagnosis(result, data, folder)
+    if not (quiet or no_report):
+        click.echo(f"report: {click.format_filename(page)}")
     return DONE
 
 
@@ -385,12 +393,12 @@ def _tell(result: Diagnosis) -> None:
     for sentence in result.sentences:
         click.echo(f"  {sentence}")
     unnamed = result.unnamed > 0.5
-    if unnamed:
+    if unnamed or result.verdict == "unexplained":
         click.echo("  if a model of the catalogue had to do:")
     for cause in result.causes[:5]:
         words = " + ".join(cause.terms) or "no cause"
         share = cause.evidence["share"] if unnamed else cause.probability
-        click.echo(f"  {100 * share:5.1f} %  {words}, {cause.evidence['gain']:+.1f} nats")
+        click.echo(f"  {100 * share:5.1f} %  {words}, log likelihood {cause.evidence['gain']:+.1f} nats")
         if cause.terms == result.named:
             for line in _sizes(cause):
                 click.echo(f"           {line}")

@@ -11,6 +11,7 @@ from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place, causes, re
 from psafit.errors import LARGEST_SEED, InputError
 
 _SEED = click.option("--seed", type=click.IntRange(0, LARGEST_SEED), required=True, help="Everything is drawn from it.")
+_COUNT = click.IntRange(0, 10_000)
 _JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes.")
 _DESIGN = click.option(
     "--experiment",
@@ -71,8 +72,10 @@ def make(
     if not quiet:
         click.echo(f"experiment: {click.format_filename(content['experiment'])}")
         click.echo(f"sealed answer, SHA-256 {made.commitment}")
-        place = click.format_filename(content["experiment"])
-        click.echo(f"next: psafit diagnose {place} --quick; then psafit challenge score tells the answer")
+        place, told = click.format_filename(content["experiment"]), click.format_filename(made.folder)
+        answer = click.format_filename(made.folder / "diagnosis")
+        click.echo(f"next: psafit diagnose {place} --quick --out {answer}")
+        click.echo(f"then: psafit challenge score {told} --diagnosis {answer}")
     return DONE
 
 
@@ -81,10 +84,10 @@ def make(
 @click.option("--out", type=Place("folder"), required=True, help="Receives the results; an interrupted one goes on.")
 @_DESIGN
 @click.option("--terms", "ids", default=None, metavar="ID[,ID...]", help="Causes to hide; all by default.")
-@click.option("--each", type=click.IntRange(0), default=1, show_default=True, help="Of every cause and strength.")
-@click.option("--nothing", type=click.IntRange(0), default=40, show_default=True, help="With nothing hidden.")
-@click.option("--pairs", type=click.IntRange(0), default=24, show_default=True, help="With two causes.")
-@click.option("--drawn", type=click.IntRange(0), default=46, show_default=True, help="As the priors expect them.")
+@click.option("--each", type=_COUNT, default=1, show_default=True, help="Of every cause and strength.")
+@click.option("--nothing", type=_COUNT, default=40, show_default=True, help="With nothing hidden.")
+@click.option("--pairs", type=_COUNT, default=24, show_default=True, help="With two causes.")
+@click.option("--drawn", type=_COUNT, default=46, show_default=True, help="As the priors expect them.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out (psafit[cluster]).")
 @_JOBS
 @QUIET
@@ -147,7 +150,7 @@ def run(
 
 @challenge.command()
 @click.argument("folder", metavar="FOLDER", type=Place("input"))
-@click.option("--diagnosis", type=Place("input"), help="diagnosis.json, where FOLDER is of challenge make.")
+@click.option("--diagnosis", type=Place("input"), help="Folder of a diagnosis, where FOLDER is of challenge make.")
 @click.option("--out", type=Place("file"), help="HTML page; FOLDER/score.html by default for a campaign.")
 @QUIET
 @JSON
@@ -159,6 +162,7 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
     from psafit.challenge.answer import ANSWER
     from psafit.challenge.campaign import CAMPAIGN, judge, load
     from psafit.challenge.score import score as judge_all
+    from psafit.diagnose.record import RESULT
     from psafit.records import write_json
     from psafit.report.challenge import write_page
 
@@ -174,7 +178,7 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
         page: Path | None = write_page(found, out or folder / "score.html", provenance)
         write_json(folder / "score.json", found)
     else:
-        found = judge_all([judge(folder, diagnosis)])
+        found = judge_all([judge(folder, diagnosis / RESULT if diagnosis.is_dir() else diagnosis)])
         page = write_page(found, out, {}) if out else None
     write_result(json_file, found)
     if not quiet:

@@ -115,7 +115,7 @@ def _completed(
     data: Experiment, chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
 ) -> dict[str, float]:
     """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
-    from psafit.experiment import session_names
+    from psafit.experiment import session_name
     from psafit.physics import owner
     from psafit.physics.baseline import PARAMETERS
 
@@ -124,7 +124,7 @@ def _completed(
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else float(p.to_physical(p.prior_quantile(0.5))))
         if term.latent:
-            wanted |= {name: (term.latent, 0.0) for name in session_names(term.latent.name, data.ids).values()}
+            wanted |= {session_name(term.latent.name, id): (term.latent, 0.0) for id in data.ids}
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:
         close = [name for name in wanted if name.casefold() == unknown[0].casefold()]

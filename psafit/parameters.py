@@ -239,7 +239,10 @@ class Parameter:
             return False
         share = self.prior_share(value)
         ends = [end for end in (self.bounds.lower, self.bounds.upper) if end != self.neutral]
-        surprising = share > 1 - 2 * _SURPRISING if len(ends) == 1 else not _SURPRISING <= share <= 1 - _SURPRISING
+        if len(ends) == 1:
+            surprising = (1 - share if ends[0] == self.bounds.upper else share) < 2 * _SURPRISING
+        else:
+            surprising = not _SURPRISING <= share <= 1 - _SURPRISING
         reach = _AT_BOUND * (self.sampling_bounds.upper - self.sampling_bounds.lower)
         pressed = any(abs(float(self.to_sampling(value)) - float(self.to_sampling(end))) < reach for end in ends)
         return bool(surprising or pressed)

@@ -558,3 +558,11 @@ def test_screening_looks_between_where_gains_are_steep():
     assert _unclear(q, np.array([0.0, 1.0, 2.0, 1.0])).size == 0
     # Far below the best nothing is worth a look.
     assert _unclear(q, np.array([40.0, 39.0, 0.0, -30.0])) == pytest.approx([0.4])
+
+
+def test_another_rigs_diagnosis_is_not_replaced(tmp_path):
+    """Two folders called rig have one usual place for their results."""
+    (tmp_path / "diagnosis.json").write_text('{"fingerprint": "of other readings"}')
+    with pytest.raises(InputError, match="of other readings"):
+        diagnose(experiment(), ["a"], tmp_path, quick=True)
+    assert [p.name for p in tmp_path.iterdir() if p.suffix == ".json"] == ["diagnosis.json"]

@@ -75,5 +75,7 @@ def test_one_value_in_twenty_is_implausible() -> None:
         assert np.mean([p.is_implausible(x) for x in values]) == pytest.approx(0.05, abs=0.003)
         assert [p.prior_share(float(x)) for x in values[::99]] == pytest.approx(draws[::99], abs=2e-3)
     assert not one.is_implausible(0.0) and one.is_implausible(0.5) and both.is_implausible(1e-4)
+    most = replace(parameter(Normal(1.0, 0.1), 0.05, 1.0), neutral=1.0)
+    assert [most.is_implausible(x) for x in (1.0, 0.9995, 0.9, 0.7, 0.3)] == [False, False, False, True, True]
     flat = parameter(Uniform(), 0.0, 1.0)
     assert not flat.is_implausible(0.5) and not flat.is_implausible(1.0)

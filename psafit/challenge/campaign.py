@@ -13,6 +13,7 @@ import json
 import math
 import multiprocessing
 import os
+import shutil
 import signal
 import tempfile
 import threading
@@ -66,6 +67,7 @@ SEEN_NATS = 25.0
 
 # How often a worker looks whether its parent is still there.
 _LOOK_UP_S = 1.0
+_AT_WORK: list[Path] = []  # folders that a worker leaves nothing in
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
 _AGAIN = "remove it, and run the campaign again"
 
@@ -84,8 +86,8 @@ class Spec:
     outside : str, optional
         Name of the effect outside the catalogue.
     level : str
-        "weak", "medium", "strong"; "prior" where number and strength of the causes are drawn from the diagnosis's own
-        priors; else empty.
+        "weak", "medium", "strong"; "prior" where number (up to two) and strength of the causes, and the scatter, are
+        drawn from the diagnosis's own priors; else empty.
     nats : float, optional
         Oracle gain asked of each cause alone.
     design : {"given", "drawn"}
@@ -203,7 +205,8 @@ def plan(
     upto = np.round(drawn * np.cumsum(odds) / odds.sum()).astype(int)
     for size in np.repeat(np.arange(len(odds)), np.diff(upto, prepend=0)):
         chosen = sorted(int(i) for i in rng.choice(len(ids), size=size, replace=False))
-        wanted.append((kinds[size], [ids[i] for i in chosen], None, PRIOR, None))
+        # Of a part of the catalogue, truths are not what a diagnosis believes, which looks for all of it.
+        wanted.append((kinds[size], [ids[i] for i in chosen], None, PRIOR if terms is None else "", None))
     # Seeds before the shuffle: the same data set whatever else is planned of its kind later in the list.
     seeds = [int(np.random.default_rng([seed, 11, k]).integers(2**32)) for k in range(len(wanted))]
     specs = []
@@ -252,6 +255,7 @@ def solve(
         raise InputError(f"{spec.id}: no outside effect {spec.outside}", "pass it to the campaign")
     with tempfile.TemporaryDirectory(prefix="psafit-challenge-") as name:
         folder = Path(name)
+        _AT_WORK.append(folder)
         begun = time.monotonic()
         made = make(
             spec.seed,
@@ -261,6 +265,7 @@ def solve(
             terms=None if spec.outside else spec.terms,
             outside=effects[spec.outside] if spec.outside else None,
             strength=spec.nats,
+            believed=spec.level == PRIOR,
         )
         seconds = {"make": time.monotonic() - begun}
         # As anybody would read it: nothing reaches the diagnosis but the folder.
@@ -283,11 +288,13 @@ def solve(
 @cache
 def _leave_with_parent() -> None:
     """End this worker when the process that started it has been killed: nobody would take its result."""
-    parent = os.getppid()
+    parent = multiprocessing.parent_process()
 
     def watch() -> None:
-        while os.getppid() == parent:
+        while parent is None or os.getppid() == parent.pid:
             time.sleep(_LOOK_UP_S)
+        for folder in _AT_WORK:
+            shutil.rmtree(folder, ignore_errors=True)
         os._exit(1)
 
     threading.Thread(target=watch, name="parent", daemon=True).start()

@@ -26,9 +26,10 @@ from psafit.experiment import (
     GroupId,
     Waveform,
     fingerprint,
-    session_names,
+    session_name,
     write_experiment,
 )
+from psafit.inference import noise as scatter_law
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term, World
@@ -118,6 +119,7 @@ def make(
     outside: Outside | None = None,
     strength: float | None = None,
     nu: float | None = None,
+    believed: bool = False,
     jobs: int = 1,
 ) -> Challenge:
     """Draw a true model and write `experiment/`, `answer.json` and `commitment.txt`.
@@ -138,6 +140,8 @@ def make(
         Oracle gain asked of each cause alone; strengths are drawn from their priors without it.
     nu : float, optional
         Degrees of freedom of Student's scatter; normal by default.
+    believed : bool
+        Draw the scatter, too, from the priors that a diagnosis has for it.
     jobs : int
         Processes that simulate.
 
@@ -164,6 +168,8 @@ def make(
         "sigma_abs": _log_normal(rng, *_ABSOLUTE_UM),
         "nu": nu,
     }
+    if believed:
+        scatter = {p.name: float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in scatter_law.PARAMETERS}
     weak: list[_Truth] = []
     for redraws in range(_MOST_REDRAWS):  # noqa: B007
         truth = _draw(rng, chosen, design, blank.ids, scatter, strength)
@@ -288,7 +294,7 @@ def _draw(
             reached = reached and found.reached
         share[term.id] = share_of(term, value)
         names = [p.name for p in term.parameters]
-        names += session_names(term.latent.name, ids).values() if term.latent else []
+        names += [session_name(term.latent.name, g) for g in ids] if term.latent else []
         values.update(zip(names, [value, *own], strict=True))
     if chosen and not strengths.enough(simulate_literally(design, values, chosen, ids, points=sample)):
         return None
@@ -353,7 +359,7 @@ def _some(
         causes = []
         for term in terms:
             own = [parameters[p.name] for p in term.parameters]
-            own += [parameters[session_names(term.latent.name, ids)[ids[group]]]] if term.latent else []
+            own += [parameters[session_name(term.latent.name, ids[group])]] if term.latent else []
             causes.append((term, own))
         world = literal_world(theta, causes, design.constants)
         if edit is not None:

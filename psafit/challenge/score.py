@@ -344,7 +344,7 @@ def score(results: Sequence[Result]) -> Score:
             (_both(r) for r in results if _both_seen(r)),
         ),
     ]
-    seconds = [row.seconds for row in rows if row.verdict != "failed"]
+    seconds = [row.seconds for row in rows if row.verdict != "failed" and math.isfinite(row.seconds)]
     return Score(
         n=len(rows),
         n_failed=sum(row.verdict == "failed" for row in rows),

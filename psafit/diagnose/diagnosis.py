@@ -37,7 +37,7 @@ from psafit.numerics import refine
 from psafit.parameters import Normal
 from psafit.physics import TERMS
 from psafit.physics.term import Term
-from psafit.records import SCHEMA, write_json
+from psafit.records import SCHEMA, read_content, write_json
 from psafit.validate import predictive, validate, write_predictions
 
 FloatArray = NDArray[np.float64]
@@ -109,8 +109,21 @@ def diagnose(
     if nautilus:
         require()
     with sole(folder):
+        _refuse_other_readings(folder / RESULT, experiment)
         work = _Work(experiment, training, folder, seed, catalogue, watcher or Silent(), command)
         return work.all(quick, searches, nautilus)
+
+
+def _refuse_other_readings(file: Path, experiment: Experiment) -> None:
+    """Nobody's result is replaced by that of another rig whose folder has the same name."""
+    try:
+        held = read_content(file)
+    except InputError:
+        return  # none, or none that anybody can use
+    if isinstance(held, dict) and held.get("fingerprint", experiment.fingerprint) != experiment.fingerprint:
+        raise InputError(
+            "holds the diagnosis of other readings", "choose another --out, or remove it", file=file.parent
+        )
 
 
 @dataclass(eq=False)

@@ -7,7 +7,7 @@ from typing import Any
 
 from psafit.experiment import GroupId
 
-RESULT = "diagnosis.json"
+RESULT, PAGE = "diagnosis.json", "diagnosis.html"
 
 
 @dataclass(frozen=True)

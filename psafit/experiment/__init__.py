@@ -21,7 +21,7 @@ from psafit.experiment.records import (
     Waveform,
     describe,
     fingerprint,
-    session_names,
+    session_name,
 )
 from psafit.experiment.table import read_csv
 from psafit.experiment.writer import write_experiment
@@ -36,7 +36,7 @@ __all__ = [
     "describe",
     "fingerprint",
     "read_experiment",
-    "session_names",
+    "session_name",
     "write_experiment",
 ]
 

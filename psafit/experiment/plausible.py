@@ -46,6 +46,9 @@ def suspicious_readings(group: Group, constants: Constants) -> list[str]:
         found.append(f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?")
     r_max = float(group.launch_range_um.max())
     string_um = constants.l * 1e6
+    still = float(group.launch_range_um[group.amplitude_v == 0].max(initial=0.0))
+    if still > 0 and v_max > 0:
+        found.append(f"the ball is launched by {still:g} um at 0 V; is that the reading's offset?")
     if r_max == 0:
         found.append("every launch range is zero: there is nothing to fit")
     elif r_max < 0.1:

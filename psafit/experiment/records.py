@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Sequence
+import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -99,22 +100,13 @@ class Group:
         return int(self.frequency_hz.size)
 
 
-def session_names(name: str, ids: Sequence[GroupId]) -> dict[GroupId, str]:
-    """Names of what each session has for itself: `name`, and the session's id.
+def session_name(name: str, id: GroupId) -> str:
+    """Name of what one session has for itself: `name`, and the session's id.
 
-    Where ids cannot be told apart by what a Python name can hold of them, all sessions are counted, from 1.
-
-    Parameters
-    ----------
-    name : str
-        What each session has.
-    ids : sequence of group ids
-        All of an experiment, so that a session's name does not depend on what is fitted.
+    It depends on the id alone: what a Python name cannot hold is replaced, and a checksum tells such ids apart.
     """
-    written = [re.sub(r"\W", "_", str(g)) for g in ids]
-    if len(set(written)) < len(written):
-        written = [str(position) for position, _ in enumerate(ids, start=1)]
-    return {g: f"{name}_{text}" for g, text in zip(ids, written, strict=True)}
+    text = re.sub(r"\W", "_", str(id))
+    return f"{name}_{text}" if text == str(id) else f"{name}_{text}_{zlib.crc32(str(id).encode()):08x}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.errors import InputError
-from psafit.experiment import Experiment, GroupId, session_names
+from psafit.experiment import Experiment, GroupId, session_name
 from psafit.inference import noise
 from psafit.parameters import Bounds, Parameter
 from psafit.physics import baseline
@@ -72,16 +72,12 @@ class Problem:
 
     @cached_property
     def _latents(self) -> tuple[Parameter, ...]:
-        found = []
-        for term in self.terms:
-            if term.latent:
-                names = session_names(term.latent.name, self.experiment.ids)
-                about = term.latent.description
-                found += [
-                    replace(term.latent, name=names[self.experiment.group(g).id], description=f"{about}, {g}")
-                    for g in self.group_ids
-                ]
-        return tuple(found)
+        return tuple(
+            replace(term.latent, name=session_name(term.latent.name, g), description=f"{term.latent.description}, {g}")
+            for term in self.terms
+            if term.latent
+            for g in self.group_ids
+        )
 
     @cached_property
     def blocks(self) -> NDArray[np.intp]:

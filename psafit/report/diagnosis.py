@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from psafit.compare import Told, read_predictions
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
-from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.record import PAGE, CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Experiment, GroupId
 from psafit.inference.run import load
 from psafit.numerics import audit
@@ -44,7 +44,6 @@ from psafit.report.wording import (
 from psafit.validate import log_ratio, root_mean_square, validate
 
 FloatArray = NDArray[np.float64]
-REPORT: Final = "diagnosis.html"
 # Probability of a discrepancy without a name from which on the first screen tells it.
 _WORTH_SAYING = 0.05
 
@@ -138,7 +137,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
             "data": result.fingerprint[:12],
         },
     }
-    return render("diagnosis.html.j2", folder / REPORT, **content)
+    return render("diagnosis.html.j2", folder / PAGE, **content)
 
 
 # Words ----------------------------------------------------------------------------------------------------------
