@@ -305,7 +305,12 @@ def fit(
 
 @commands.command()
 @EXPERIMENT
-@click.option("--group", "group", metavar="ID[,ID...]", help="Training groups of the strict gain; else the first.")
+@click.option(
+    "--group",
+    "group",
+    metavar="ID[,ID...]",
+    help="Training groups of the strict gain (not used by --quick); else the first.",
+)
 @click.option("--quick", is_flag=True, help="The verdict alone: no measured gain.")
 @click.option(
     "--nautilus", is_flag=True, help="Compute the finalists' evidence by a nested sampler, too: minutes a model."

@@ -99,7 +99,8 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     residual = after is not None and after.p_value < ALPHA
     if residual or unnamed > 0.5:
         reasons.append(
-            f"{' + '.join(named)} explains most, but structure remains"
+            f"{' + '.join(named)} {'fits little better than the baseline' if () in alternatives else 'explains most'},"
+            f" {'and' if () in alternatives else 'but'} structure remains"
             + (f" (family-wise p = {after.p_value:.2g})" if residual and after else "")
             + (f"; an unnamed discrepancy has probability {unnamed:.2f}" if unnamed > 0.5 else "")
             + "."

@@ -141,7 +141,7 @@ def _better(found: Comparison) -> Markup:
         return head + "Nobody can tell: there is no group that both could fail at and neither has fitted."
     low, high = found.log_rmse_interval
     winner = _winner(found.log_rmse, found.log_rmse_interval)
-    clear = "no clear difference" if winner is None else f"{found.names[winner]} is better"
+    clear = "no clear difference, or one below 1 % of a range" if winner is None else f"{found.names[winner]} is better"
     return head + Markup(
         "On {}, which neither has fitted, {} is typically off by ×{} and {} by ×{}; change of the mean log RMSE {} to"
         " {} (90 %): {}."

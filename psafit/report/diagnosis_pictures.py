@@ -230,7 +230,7 @@ def screening_pictures(
             "Inclusion probability of each cause over all models: above one half for"
             f" {', '.join(present) if present else 'none'}.",
             "Summed over all models that contain the cause. A cause may gain much alone and yet not be needed beside"
-            " another one.",
+            " another one; one whose evidence is less than 3 nats counts with the model without it.",
         ),
     ]
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from psafit.inference import noise
 from psafit.inference.identify import limits
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
@@ -168,7 +169,9 @@ def _verdict(validation: Validation) -> dict[str, str]:
 
 def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     drifting = [s.group for s in validation.groups if s.informative and s.drift_p_value < LEVEL]
-    trend = Markup("No sweep shows a trend that the model misses.")
+    trend = Markup(
+        "No sweep shows a trend that the model misses; <code>psafit diagnose</code> looks for more than trends."
+    )
     if drifting:
         trend = Markup(
             "In {} the errors drift along the sweep: the model misses a trend, and <code>psafit diagnose</code> looks"
@@ -206,11 +209,15 @@ def _what_is_not_determined(run: Run) -> Markup:
     ]
     if not parts:
         parts.append(Markup("nothing among the physical parameters, the data fix them all"))
-    scatter = [s for s in run.summary.parameters[run.fit.n_physical :] if s.verdict == "not determined"]
-    if scatter:
-        parts.append(Markup("of the scatter, {} {} the prior").format(
-            listed(symbols[s.name] for s in scatter), "follows" if len(scatter) == 1 else "follow"
-        ))  # fmt: skip
+    first = len(run.summary.parameters) - len(noise.PARAMETERS)
+    for what, those in (
+        ("what sessions have for themselves", run.summary.parameters[run.fit.n_physical : first]),
+        ("the scatter", run.summary.parameters[first:]),
+    ):
+        alike = list(dict.fromkeys(symbols[s.name] for s in those if s.verdict == "not determined"))
+        if alike:
+            verb = "follows" if len(alike) == 1 else "follow"
+            parts.append(Markup("of {}, {} {} the prior").format(what, listed(alike), verb))
     return Markup("Not determined: ") + Markup("; ").join(parts) + "."
 
 
@@ -366,9 +373,9 @@ def _health(run: Run) -> list[list[Any]]:
         ["Verdict", verdict, s.message],
         ["Walkers", str(s.n_walkers), "emcee: differential evolution and independent moves"],
         ["Steps of each walker", f"{s.n_steps}", f"of which {s.burn_in} burn-in"],
-        ["Acceptance", percent(s.acceptance), "moves accepted; 20 to 50 % is healthy"],
+        ["Acceptance", percent(s.acceptance), "moves accepted; 20 to 50 % is healthy, more where strides are emulated"],
         ["Length after burn-in", f"{s.autocorrelation_times:.0f}", "autocorrelation times of the slowest parameter"],
-        ["Kept", f"{run.draws.values.shape[0] * run.draws.values.shape[1]} draws", f"every {s.thinning}th step"
+        ["Kept", f"{run.draws.values.shape[0] * run.draws.values.shape[1]} draws", f"one step in {s.thinning}"
          if s.thinning > 1 else "every step"],
         ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.3f}", "rank-normalised split R-hat; 1 is mixed"],
         ["Smallest effective sample", f"{min(min(p.ess_bulk, p.ess_tail) for p in s.parameters):.0f}",
