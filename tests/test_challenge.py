@@ -284,6 +284,13 @@ def deaf(experiment: Experiment, group_ids: Any, folder: Path, *, quick: bool, s
     says(folder, misfit={"p_value": float(experiment.groups[0].launch_range_um[0])})
 
 
+def test_believed_truths_have_the_scatter_that_a_diagnosis_believes_in(known: Experiment, tmp_path: Path) -> None:
+    drawn = [make(k, tmp_path / f"b{k}", design_of=known, terms=[], believed=True).answer.scatter for k in range(6)]
+    usual = make(1, tmp_path / "u", design_of=known, terms=[]).answer.scatter
+    assert usual["nu"] is None and all(2.0 <= (s["nu"] or 0.0) <= 100.0 for s in drawn)
+    assert np.std(np.log([s["sigma_rel"] or 0.0 for s in drawn])) > 0.4  # a factor of 2.5 for one standard deviation
+
+
 class Counting:
     """A stand-in that notes its calls, and gives up when told to."""
 
