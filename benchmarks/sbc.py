@@ -75,12 +75,18 @@ def sampled(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
 SAMPLERS = {"evidence": weighed, "emcee": sampled}
 
 
-def rank(ids: list[str], group: str, u: np.ndarray, y: np.ndarray, seed: int, sampler: str, steps: int):
-    """Rank of a truth among the draws of its posterior, (n_dim,), and whether these have converged."""
+def posed(ids: list[str], group: str) -> Problem:
+    """One group of the study under the baseline and some causes."""
     experiment = read_experiment(ROOT / "experiments" / "psa")
     experiment = replace(experiment, groups=(experiment.group(group),))
+    return Problem(experiment, experiment.ids, terms(ids))
+
+
+def rank(ids: list[str], group: str, u: np.ndarray, y: np.ndarray, seed: int, sampler: str, steps: int):
+    """Rank of a truth among the draws of its posterior, (n_dim,), and whether these have converged."""
+    problem = posed(ids, group)
     # The likelihood is that of readings of either sign; what an instrument clips is tested by the challenges.
-    one = _Signed(experiment.with_readings(np.abs(y)), experiment.ids, terms(ids), y)
+    one = _Signed(problem.experiment.with_readings(np.abs(y)), problem.group_ids, problem.terms, y)
     draws, converged = SAMPLERS[sampler](one, seed, steps)
     return (draws < u).sum(axis=0), converged
 
@@ -100,10 +106,7 @@ def truths(problem: Problem, n: int, seed: int) -> list[tuple[np.ndarray, np.nda
 def ranks(given: argparse.Namespace) -> tuple[np.ndarray, list[str]]:
     """Ranks of the truths among posterior draws; (n, n_parameters), and the parameters' names."""
     ids = [t for t in given.terms.split(",") if t]
-    experiment = read_experiment(ROOT / "experiments" / "psa")
-    problem = Problem(
-        replace(experiment, groups=(experiment.group(given.group),)), (experiment.group(given.group).id,), terms(ids)
-    )
+    problem = posed(ids, given.group)
     sources = b"".join(path.read_bytes() for path in sorted((ROOT / "psafit").rglob("*.py")))
     kept = joblib.Memory(ROOT / "fits" / "sbc" / hashlib.sha256(sources).hexdigest()[:12], verbose=0).cache(rank)
     calls = (

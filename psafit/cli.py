@@ -374,9 +374,6 @@ def diagnose(
             watcher=show,
             command=command,
         )
-    from psafit.diagnose.record import PAGE
-
-    (folder / PAGE).unlink(missing_ok=True)  # of an earlier result
     write_result(json_file, result)
     try:
         if not quiet:

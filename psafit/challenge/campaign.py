@@ -67,7 +67,7 @@ SEEN_NATS = 25.0
 
 # How often a worker looks whether its parent is still there.
 _LOOK_UP_S = 1.0
-_AT_WORK: list[Path] = []  # folders that a worker leaves nothing in
+_FOLDER = "psafit-challenge-{}-"  # of a process
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
 _AGAIN = "remove it, and run the campaign again"
 
@@ -245,17 +245,16 @@ def solve(
         Failed where the diagnosis says so on purpose (`PsafitError`) or breaks its contract; anything else it raises
         is a bug, and goes on.
     """
-    is_worker = multiprocessing.parent_process() is not None
-    if shielded and is_worker and threading.current_thread() is threading.main_thread():
+    parent = multiprocessing.parent_process()
+    if shielded and parent and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if is_worker:
-        _leave_with_parent()
+    if parent and parent.pid:
+        _leave_with(parent.pid)
     effects = {effect.name: effect for effect in outside}
     if spec.outside is not None and spec.outside not in effects:
         raise InputError(f"{spec.id}: no outside effect {spec.outside}", "pass it to the campaign")
-    with tempfile.TemporaryDirectory(prefix="psafit-challenge-") as name:
+    with tempfile.TemporaryDirectory(prefix=_FOLDER.format(os.getpid())) as name:
         folder = Path(name)
-        _AT_WORK.append(folder)
         begun = time.monotonic()
         made = make(
             spec.seed,
@@ -286,14 +285,13 @@ def solve(
 
 
 @cache
-def _leave_with_parent() -> None:
+def _leave_with(parent: int) -> None:
     """End this worker when the process that started it has been killed: nobody would take its result."""
-    parent = multiprocessing.parent_process()
 
     def watch() -> None:
-        while parent is None or os.getppid() == parent.pid:
+        while os.getppid() == parent:
             time.sleep(_LOOK_UP_S)
-        for folder in _AT_WORK:
+        for folder in Path(tempfile.gettempdir()).glob(_FOLDER.format(os.getpid()) + "*"):
             shutil.rmtree(folder, ignore_errors=True)
         os._exit(1)
 

@@ -30,6 +30,7 @@ from psafit.experiment import (
     write_experiment,
 )
 from psafit.inference import noise as scatter_law
+from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term, World
@@ -169,7 +170,7 @@ def make(
         "nu": nu,
     }
     if believed:
-        scatter = {p.name: float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in scatter_law.PARAMETERS}
+        scatter = {p.name: _from_prior(p, rng) for p in scatter_law.PARAMETERS}
     weak: list[_Truth] = []
     for redraws in range(_MOST_REDRAWS):  # noqa: B007
         truth = _draw(rng, chosen, design, blank.ids, scatter, strength)
@@ -265,15 +266,15 @@ def _draw(
     nats: float | None,
 ) -> _Truth | None:
     """A true model; None where the baseline itself does not launch."""
-    values = {p.name: float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in baseline.PARAMETERS}
+    values = {p.name: _from_prior(p, rng) for p in baseline.PARAMETERS}
     # Everything is drawn before anything is rejected: as many numbers for every try.
     others: list[list[float]] = []
     sides: list[Side] = []
     first = []
     for term in chosen:
-        first.append(float(term.strength.to_physical(term.strength.prior_quantile(rng.uniform()))))
+        first.append(_from_prior(term.strength, rng))
         sides.append(strengths.side_of(term, rng))
-        own = [float(p.to_physical(p.prior_quantile(rng.uniform()))) for p in term.parameters[1:]]
+        own = [_from_prior(p, rng) for p in term.parameters[1:]]
         if term.latent:
             z = term.latent.prior_quantile(rng.uniform(size=len(ids)))
             own += [float(x) for x in term.latent.to_physical(z)]
@@ -405,6 +406,10 @@ def _nameless(given: Experiment) -> Experiment:
 
 def _blank(constants: Constants, groups: tuple[Group, ...]) -> Experiment:
     return Experiment("Challenge", "simulated", constants, groups, Path(), fingerprint(constants, groups))
+
+
+def _from_prior(p: Parameter, rng: np.random.Generator) -> float:
+    return float(p.to_physical(p.prior_quantile(rng.uniform())))
 
 
 def _log_normal(rng: np.random.Generator, median: float, factor: float) -> float:

@@ -19,7 +19,7 @@ from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
-from psafit.diagnose.record import RESULT, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.record import PAGE, RESULT, CauseResult, Diagnosis, ScreeningResult
 from psafit.diagnose.rehearsal import rehearse
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.significance import significance
@@ -214,6 +214,7 @@ class _Work:
             command=portable_command(self.command),
             seconds=self.seconds,
         )
+        (self.folder / PAGE).unlink(missing_ok=True)  # of an earlier result
         write_json(self.folder / RESULT, result, sealed=True)
         return result
 

@@ -109,15 +109,16 @@ def propose(leader: Candidate, draws: Weighed, rival: tuple[Candidate, Weighed] 
         models = [_Model.of(c, d, n_draws, rng) for c, d in ((leader, draws), *((rival,) if rival else ()))]
         judged = sorted(((_judge(p.design, models, rng), p) for p in possible), key=lambda j: -j[0][0])
         # The best that leaves the rig as it is stays, however good the others are: nothing need be built for it.
-        as_it_is = [j for j in judged[_CLOSER:] if not j[1].changed]
-        judged = judged[:_CLOSER] + as_it_is[: all(p.changed for _, p in judged[:_CLOSER])]
-        possible = [p for _, p in judged]
+        best = judged[:_CLOSER]
+        if all(p.changed for _, p in best):
+            best += [j for j in judged[_CLOSER:] if not j[1].changed][:1]
+        possible = [p for _, p in best]
     return [
         Proposal(
             p.text, "square" if p.design.waveform[0] else "sine", p.design.frequency.tolist(),
             p.design.amplitude.tolist(), p.changed, separation, success,
         )
-        for (separation, success), p in judged
+        for (separation, success), p in best
     ]  # fmt: skip
 
 

@@ -98,9 +98,9 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     alternatives = ladder.rivals(named)
     residual = after is not None and after.p_value < ALPHA
     if residual or unnamed > 0.5:
+        how = "fits little better than the baseline, and" if () in alternatives else "explains most, but"
         reasons.append(
-            f"{' + '.join(named)} {'fits little better than the baseline' if () in alternatives else 'explains most'},"
-            f" {'and' if () in alternatives else 'but'} structure remains"
+            f"{' + '.join(named)} {how} structure remains"
             + (f" (family-wise p = {after.p_value:.2g})" if residual and after else "")
             + (f"; an unnamed discrepancy has probability {unnamed:.2f}" if unnamed > 0.5 else "")
             + "."

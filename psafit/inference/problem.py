@@ -137,15 +137,7 @@ class Problem:
 
     def to_physical(self, u: FloatArray) -> FloatArray:
         """Parameter values of sampling coordinates; last axis n_dim."""
-        scale, low, high, logarithmic = self._scales
-        return np.where(logarithmic, np.exp(np.where(logarithmic, u, 0.0)), np.clip(u * scale, low, high))
-
-    @cached_property
-    def _scales(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-        """What `Parameter.to_physical` goes by: scale, bounds, and whether the coordinate is a logarithm."""
-        low, high = np.array([(p.bounds.lower, p.bounds.upper) for p in self.parameters]).T
-        logarithmic = np.array([p.prior.coordinate == "log" for p in self.parameters])
-        return np.array([p.scale for p in self.parameters]), low, high, logarithmic
+        return np.stack([p.to_physical(u[..., i]) for i, p in enumerate(self.parameters)], axis=-1)
 
     def to_sampling(self, x: FloatArray) -> FloatArray:
         """Sampling coordinates of parameter values; last axis n_dim."""

@@ -83,14 +83,10 @@ def refuse_clash(file: Path, new: Term, known: Iterable[Term]) -> None:
         whose = f"the {'plugin' if term.plugin else 'built-in cause'} {term.id}"
         ids[term.id] = whose
         owners |= dict.fromkeys(names(term), whose)
+    for latent in [term.latent.name for term in (*known, new) if term.latent]:
+        sessions = f"what each session has for itself ({latent}_...)"
+        owners |= {name: sessions for name in names(new) if name.startswith(f"{latent}_")}
     clashes = [("identifier", new.id, ids)] + [("parameter name", name, owners) for name in names(new)]
-    latents = [term.latent.name for term in (*known, new) if term.latent]
-    clashes += [
-        ("parameter name", name, {name: f"what each session has for itself ({latent}_...)"})
-        for name in names(new)
-        for latent in latents
-        if name.startswith(f"{latent}_")
-    ]
     for kind, name, taken in clashes:
         if name in taken:
             line = _line_of(name, file)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from psafit.inference import noise
 from psafit.inference.identify import limits
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
@@ -209,7 +208,7 @@ def _what_is_not_determined(run: Run) -> Markup:
     ]
     if not parts:
         parts.append(Markup("nothing among the physical parameters, the data fix them all"))
-    first = len(run.summary.parameters) - len(noise.PARAMETERS)
+    first = run.problem.n_model
     for what, those in (
         ("what sessions have for themselves", run.summary.parameters[run.fit.n_physical : first]),
         ("the scatter", run.summary.parameters[first:]),

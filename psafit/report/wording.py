@@ -100,9 +100,9 @@ def interval(low: float, high: float, spread: float | None = None) -> str:
     '0 to 1.07'
     """
     # An end that is nought to the last digit of the other one is nought.
-    crosses = spread is not None and 0 < spread < math.inf and low < 0 < high
-    least = 10.0 ** (math.floor(math.log10(spread)) - 1) if spread is not None and crosses else 0.0
-    low, high = (0.0 if abs(x) < 0.5 * least else x for x in (low, high))
+    if spread is not None and 0 < spread < math.inf and low < 0 < high:
+        least = 0.5 * 10.0 ** (math.floor(math.log10(spread)) - 1)
+        low, high = (0.0 if abs(x) < least else x for x in (low, high))
     ends = [number(x, spread) for x in (low, high)]
     if sum("×" in end for end in ends) == 1 and all(x != 0 for x in (low, high)):
         ends = [number(x, spread, power=True) for x in (low, high)]
