@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from psafit.challenge import DRAWN, EACH, NOTHING, PAIRS
 from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place, causes, refuse_run_file, write_result
 from psafit.errors import LARGEST_SEED, InputError
 
@@ -84,10 +85,10 @@ def make(
 @click.option("--out", type=Place("folder"), required=True, help="Receives the results; an interrupted one goes on.")
 @_DESIGN
 @click.option("--terms", "ids", default=None, metavar="ID[,ID...]", help="Causes to hide; all by default.")
-@click.option("--each", type=_COUNT, default=1, show_default=True, help="Of every cause and strength.")
-@click.option("--nothing", type=_COUNT, default=40, show_default=True, help="With nothing hidden.")
-@click.option("--pairs", type=_COUNT, default=24, show_default=True, help="With two causes.")
-@click.option("--drawn", type=_COUNT, default=46, show_default=True, help="As the priors expect them.")
+@click.option("--each", type=_COUNT, default=EACH, show_default=True, help="Of every cause and strength.")
+@click.option("--nothing", type=_COUNT, default=NOTHING, show_default=True, help="With nothing hidden.")
+@click.option("--pairs", type=_COUNT, default=PAIRS, show_default=True, help="With two causes.")
+@click.option("--drawn", type=_COUNT, default=DRAWN, show_default=True, help="As the priors expect them.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out (psafit[cluster]).")
 @_JOBS
 @QUIET

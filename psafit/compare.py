@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
+from psafit.inference.identify import supported
 from psafit.inference.run import load
 from psafit.records import read_json
 from psafit.validate import COLUMNS, log_ratio, neighbours_redrawn, predict, root_mean_square, silence
@@ -192,7 +193,7 @@ def read_side(folder: Path) -> Side:
     parameters = {
         e.name: Estimate(
             s.median, s.lower, s.upper, e.unit, e.description, s.verdict,
-            "" if s.verdict == "determined" else s.text.removeprefix(e.name).partition(";")[0].strip(),
+            supported(e.unit, s.profile, s.verdict),
         )
         for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True)
     }  # fmt: skip

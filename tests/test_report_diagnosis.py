@@ -120,7 +120,7 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
         next_experiment={
             "about": "tells hysteresis from gap + slew_limit",
             "proposals": [
-                {"text": "", "waveform": "sine", "frequency_hz": [100.0, 2e4], "amplitude_v": [20.0, 20.0],
+                {"text": "sine, 20 V", "waveform": "sine", "frequency_hz": [100.0, 2e4], "amplitude_v": [20.0, 20.0],
                  "constants": {"l": 0.075}, "separation": 12.5, "success": 0.93},
                 {"text": "", "waveform": "square", "frequency_hz": [500.0, 500.0], "amplitude_v": [2.0, 20.0],
                  "constants": {}, "separation": 1.5, "success": float("nan")},
@@ -227,7 +227,8 @@ def test_first_screen_answers(page):
     assert "goes from ×2.49 to ×1.29" in text
     assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text
     assert "22,000 times" in text
-    assert "tells hysteresis of the stack from gap at rest + slew-limited amplifier" in page.text
+    apart = "tells hysteresis of the stack from gap at rest + slew-limited amplifier"
+    assert f"Measure sine, 20 V: that best {apart} with an expected lead of 12.5 nats." in text
 
 
 def test_record_is_shown(page):
@@ -291,7 +292,7 @@ def test_page_stands_alone(page):
         ),
         (
             unexplained,
-            ["No cause of the catalogue explains it", "best determines kc contact stiffness"],
+            ["No cause of the catalogue explains it", "it would narrow it by 78 %", "Narrowing"],
             ["Success", "Extended"],
         ),
     ],

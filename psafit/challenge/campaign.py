@@ -29,6 +29,7 @@ import joblib
 import numpy as np
 
 import psafit
+from psafit.challenge import DRAWN, EACH, NOTHING, PAIRS
 from psafit.challenge.answer import EXPERIMENT, Answer, Conditions, Kind, unseal
 from psafit.challenge.hide import Outside, make
 from psafit.challenge.oracle import Oracle, consult
@@ -51,13 +52,7 @@ LEVELS: Mapping[str, float] = {"weak": 10.0, "medium": 30.0, "strong": 100.0}
 PRIOR = "prior"
 """Level of truths that are drawn as the diagnosis believes them to be: only of these can its probabilities be right."""
 
-DRAWN = 46
-# Of those drawn, two fifths more have nothing hidden.
-NOTHING = 40
-PAIRS = 24
 _OUTSIDE_EACH = 3
-# Of each cause and strength.
-_EACH = 1
 # Each cause of a pair, alone.
 _PAIR_NATS = 60.0
 # Every so many data sets have a design of their own.
@@ -159,7 +154,7 @@ def plan(
     *,
     outside: Sequence[str] = (),
     terms: Sequence[str] | None = None,
-    each: int = _EACH,
+    each: int = EACH,
     nothing: int = NOTHING,
     pairs: int = PAIRS,
     drawn: int = DRAWN,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -37,7 +39,7 @@ from psafit.numerics import refine
 from psafit.parameters import Normal
 from psafit.physics import TERMS
 from psafit.physics.term import Term
-from psafit.records import SCHEMA, read_content, write_json
+from psafit.records import SCHEMA, read_content, read_json, write_json
 from psafit.validate import predictive, validate, write_predictions
 
 FloatArray = NDArray[np.float64]
@@ -69,7 +71,7 @@ def diagnose(
     watcher: Watcher | None = None,
     command: Sequence[object] = (),
 ) -> Diagnosis:
-    """Diagnose an experiment.
+    """Diagnose an experiment; what the folder holds the whole answer of is read back.
 
     Parameters
     ----------
@@ -108,10 +110,15 @@ def diagnose(
     check_seed(seed)
     if nautilus:
         require()
+    asked = [versions(), [t.signature for t in catalogue], experiment.title, experiment.fingerprint, training, seed]
+    asked += [quick, searches, nautilus]
+    identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
     with sole(folder):
         _refuse_other_readings(folder / RESULT, experiment)
+        if finished := _finished(folder, identity):
+            return finished
         work = _Work(experiment, training, folder, seed, catalogue, watcher or Silent(), command)
-        return work.all(quick, searches, nautilus)
+        return work.all(quick, searches, nautilus, identity)
 
 
 def _refuse_other_readings(file: Path, experiment: Experiment) -> None:
@@ -124,6 +131,19 @@ def _refuse_other_readings(file: Path, experiment: Experiment) -> None:
         raise InputError(
             "holds the diagnosis of other readings", "choose another --out, or remove it", file=file.parent
         )
+
+
+def _finished(folder: Path, identity: str) -> Diagnosis | None:
+    """What the same command has found before, unless some of it is gone, or a chain has still to converge."""
+    try:
+        held = read_json(folder / RESULT, Diagnosis, sealed=True)
+    except InputError:
+        return None
+    parts = [held.predictions, *(gain["predictions"] for gain in held.gain.values())]
+    if held.extension:
+        parts.append(held.extension["folder"])
+    whole = held.extension.get("converged", True) and all((folder / part).exists() for part in parts)
+    return held if whole and held.identity == identity else None
 
 
 @dataclass(eq=False)
@@ -139,7 +159,7 @@ class _Work:
     command: Sequence[object]
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def all(self, quick: bool, searches: int | None, nautilus: bool) -> Diagnosis:
+    def all(self, quick: bool, searches: int | None, nautilus: bool, identity: str) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
         with self._stage("causes"):
@@ -198,7 +218,7 @@ class _Work:
             gain=measured,
             next_experiment=proposal,
             predictions="predictions-diagnosis.csv",
-            sentences=_sentences(verdict, before, measured),
+            sentences=_sentences(verdict, before, measured, proposal),
             unnamed=verdict.unnamed,
             screening=_screening(ladder, verdict),
             show=_show(ladder),
@@ -213,6 +233,7 @@ class _Work:
             versions=versions(),
             command=portable_command(self.command),
             seconds=self.seconds,
+            identity=identity,
         )
         (self.folder / PAGE).unlink(missing_ok=True)  # of an earlier result
         write_json(self.folder / RESULT, result, sealed=True)
@@ -456,7 +477,7 @@ def _show(ladder: Ladder) -> dict[str, Any]:
 
 
 def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) -> dict[str, Any]:
-    """Proposals for the verdict at hand: against the best rival, or for the weakest parameter.
+    """Proposals for the verdict at hand: against the best rival, or for a weakly determined parameter.
 
     With a watcher the best that leaves the rig as it is is rehearsed.
     """
@@ -470,10 +491,9 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) 
     equals = equals[: 2 if watcher is None else _REHEARSED]
     tied = [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals]
     if len(tied) == 1:
-        found = next_experiment.propose(*tied[0], None, seed=seed)
-        about = f"determines {leader.problem.names[next_experiment.weakest(*tied[0])]}"
-        return next_experiment.as_dict(found, about)
-    found = next_experiment.propose(*tied[0], tied[1], seed=seed)
+        name, found = next_experiment.determine(*tied[0], seed=seed)
+        return next_experiment.as_dict(found, f"determines {name}")
+    found = next_experiment.tell_apart(*tied[:2], seed=seed)
     about = f"tells {_words(leader.ids)} from {_words(tied[1][0].ids)}"
     result = next_experiment.as_dict(found, about)
     here = next((p for p in found if not p.constants), None)
@@ -489,7 +509,7 @@ def _words(ids: Sequence[str]) -> str:
     return " + ".join(ids) if ids else "the baseline"
 
 
-def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any]) -> list[str]:
+def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any], proposal: Mapping[str, Any]) -> list[str]:
     result = list(verdict.reasons)
     if before.wrong and before.character != "none":
         which = {
@@ -506,4 +526,7 @@ def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any]) ->
             f"Gain on data unseen ({protocol}): mean log_rmse {one['log_rmse_before']:.3f} before,"
             f" {one['log_rmse_after']:.3f} after (change {change[0]:+.3f} to {change[1]:+.3f}, 90 %)."
         )
+    best = next(iter(proposal.get("proposals", [])), None)
+    if best and best["separation"] >= next_experiment.WORTHWHILE:
+        result.append(f"Next, measure {best['text']}: it best {proposal['about']}.")
     return result

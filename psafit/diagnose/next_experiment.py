@@ -10,6 +10,7 @@ again.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -31,6 +32,10 @@ _POINTS, _DRAWS, _TRIALS = 16, 150, 200
 _GLANCE, _CLOSER = 40, 12
 _WINS = 3.0
 _FACTORS = (0.5, 2.0)
+# A posterior that keeps this share of its prior's width tells little.
+_WEAK = 0.5
+WORTHWHILE = 0.1
+"""Separation from which on a proposal is worth a sentence: an odds ratio, or a standard deviation, a tenth better."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,7 @@ class Proposal:
         Changed constants of the rig, SI; empty for none.
     separation : float
         Expected gain of the right model in log odds (nats), the smaller of the two ways round; for one model alone,
-        the expected fall of the weakest parameter's log standard deviation.
+        the expected fall of a weakly determined parameter's log standard deviation.
     success : float
         Share of simulated experiments in which the right model wins by three nats; NaN for one model alone.
     """
@@ -67,6 +72,14 @@ class Possible:
     text: str
     design: Design
     changed: dict[str, float]
+
+    def judged(self, separation: float, success: float = math.nan) -> Proposal:
+        """It with what it would do."""
+        d = self.design
+        waveform = "square" if d.waveform[0] else "sine"
+        return Proposal(
+            self.text, waveform, d.frequency.tolist(), d.amplitude.tolist(), self.changed, float(separation), success
+        )
 
 
 def proposals(candidate: Candidate) -> list[Possible]:
@@ -90,56 +103,75 @@ def proposals(candidate: Candidate) -> list[Possible]:
             for share in (1.0, 0.5, 0.2):
                 volts = top * share
                 sweep = np.geomspace(low_f, high_f, _POINTS)
-                text = f"{waveform}, {volts:.3g} V, {low_f:.3g} to {high_f:.3g} Hz{words}"
+                text = f"{waveform}, {_say(volts)} V, {_say(low_f)} to {_say(high_f)} Hz{words}"
                 found.append(Possible(text, Design.sweep(rig, waveform, sweep, volts), changed))
             for at in np.geomspace(low_f, high_f, 6)[1:-1]:
                 at = float(f"{at:.2g}")
                 sweep = np.linspace(bottom, top, _POINTS)
-                text = f"{waveform}, {at:g} Hz, {bottom:.3g} to {top:.3g} V{words}"
+                text = f"{waveform}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
                 found.append(Possible(text, Design.sweep(rig, waveform, at, sweep), changed))
     return found
 
 
-def propose(leader: Candidate, draws: Weighed, rival: tuple[Candidate, Weighed] | None, *, seed: int) -> list[Proposal]:
-    """Measurements by how well they would separate two models, or determine one's weakest parameter; best first."""
-    possible = proposals(leader)
+def _say(value: float) -> str:
+    return f"{float(f'{value:.3g}'):.6g}"
+
+
+def tell_apart(first: tuple[Candidate, Weighed], second: tuple[Candidate, Weighed], *, seed: int) -> list[Proposal]:
+    """Measurements by how well they would separate two models; best first."""
+    rng = np.random.default_rng([seed, 17])
+    possible = proposals(first[0])
+    best: list[Proposal] = []
     # A glance at all of them, then a closer look at the best.
     for n_draws in (_GLANCE, _DRAWS):
-        rng = np.random.default_rng([seed, 17])
-        models = [_Model.of(c, d, n_draws, rng) for c, d in ((leader, draws), *((rival,) if rival else ()))]
-        judged = sorted(((_judge(p.design, models, rng), p) for p in possible), key=lambda j: -j[0][0])
-        # The best that leaves the rig as it is stays, however good the others are: nothing need be built for it.
-        best = judged[:_CLOSER]
-        if all(p.changed for _, p in best):
-            best += [j for j in judged[_CLOSER:] if not j[1].changed][:1]
-        possible = [p for _, p in best]
-    return [
-        Proposal(
-            p.text, "square" if p.design.waveform[0] else "sine", p.design.frequency.tolist(),
-            p.design.amplitude.tolist(), p.changed, separation, success,
-        )
-        for (separation, success), p in best
-    ]  # fmt: skip
+        one, other = (_Model.of(*m, n_draws, rng) for m in (first, second))
+        best = []
+        for p in possible:
+            a, b = one.forecast(p.design), other.forecast(p.design)
+            ways = _trial(a, b, rng), _trial(b, a, rng)
+            best.append(p.judged(min(w[0] for w in ways), min(w[1] for w in ways)))
+        possible, best = _best(possible, best)
+    return best
 
 
-def _judge(design: Design, models: Sequence[_Model], rng: np.random.Generator) -> tuple[float, float]:
-    """Separation and success of one measurement; see `Proposal`."""
-    forecasts = [m.forecast(design) for m in models]
-    if len(forecasts) == 1:
-        return _informs(forecasts[0]), float("nan")
-    first, second = forecasts
-    ways = [_trial(first, second, rng), _trial(second, first, rng)]
-    return min(w[0] for w in ways), min(w[1] for w in ways)
+def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, list[Proposal]]:
+    """Measurements by how much they would narrow a weakly determined parameter, and which one that is; best first.
+
+    It is the one of which a measurement can tell most.
+    """
+    rng = np.random.default_rng([seed, 17])
+    possible, weak = proposals(leader), weakly_determined(leader, draws)
+    model = _Model.of(leader, draws, _GLANCE, rng)
+    falls = np.array([_narrowing(model.forecast(p.design), model.u[:, weak]) for p in possible])
+    which = int(np.argmax(falls.max(axis=0)))
+    possible, _ = _best(possible, [p.judged(fall) for p, fall in zip(possible, falls[:, which], strict=True)])
+    model = _Model.of(leader, draws, _DRAWS, rng)
+    seen = model.u[:, [weak[which]]]
+    _, best = _best(possible, [p.judged(_narrowing(model.forecast(p.design), seen)[0]) for p in possible])
+    return leader.problem.names[weak[which]], best
 
 
-def weakest(leader: Candidate, draws: Weighed) -> int:
-    """Index of the physical parameter that the readings narrow least, against its prior; spreads of sessions aside."""
-    u = draws.resampled(_DRAWS)[:, : leader.problem.n_physical]
-    q = leader.problem.prior_transform(np.array([[0.16] * leader.problem.n_dim, [0.84] * leader.problem.n_dim]))
-    prior = 0.5 * (q[1] - q[0])[: leader.problem.n_physical]
-    hyper = {t.strength.name for t in leader.terms if t.latent}  # more sessions tell of it, not more readings
-    ratio = np.where([name in hyper for name in leader.problem.names[: u.shape[1]]], 0.0, u.std(axis=0) / prior)
-    return int(np.argmax(ratio))
+def _best(possible: Sequence[Possible], judged: Sequence[Proposal]) -> tuple[list[Possible], list[Proposal]]:
+    """The best; one that leaves the rig as it is stays, since nothing need be built for it."""
+    order = sorted(range(len(judged)), key=lambda k: -judged[k].separation)
+    best = order[:_CLOSER]
+    if all(possible[k].changed for k in best):
+        best += [k for k in order[_CLOSER:] if not possible[k].changed][:1]
+    return [possible[k] for k in best], [judged[k] for k in best]
+
+
+def weakly_determined(leader: Candidate, draws: Weighed) -> list[int]:
+    """Indices of the physical parameters that the readings leave half as wide as the prior, or wider.
+
+    If there is none, of the widest. Spreads of sessions are left aside: more sessions tell of those, not more readings.
+    """
+    problem = leader.problem
+    u = draws.resampled(_DRAWS)[:, : problem.n_physical]
+    q = problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim]))
+    prior = 0.5 * (q[1] - q[0])[: problem.n_physical]
+    hyper = {t.strength.name for t in leader.terms if t.latent}
+    ratio = np.where([name in hyper for name in problem.names[: problem.n_physical]], 0.0, u.std(axis=0) / prior)
+    return np.flatnonzero(ratio >= min(_WEAK, ratio.max())).tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,25 +181,23 @@ class _Model:
     terms: tuple[Term, ...]
     theta: FloatArray  # (n_draws, n_columns)
     scatter: FloatArray  # (n_draws, 3)
-    weak: FloatArray  # sampling coordinate of the weakest parameter, (n_draws,)
+    u: FloatArray  # the draws themselves, (n_draws, n_dim)
 
     @classmethod
     def of(cls, candidate: Candidate, draws: Weighed, n_draws: int, rng: np.random.Generator) -> _Model:
         problem, u = candidate.problem, draws.resampled(n_draws)
         # What belongs to sessions is drawn from its prior, not taken over.
-        theta = problem.theta(u, ["a session to come"], rng)
-        return cls(problem.terms, theta, problem.noise_values(u), u[:, weakest(candidate, draws)])
+        return cls(problem.terms, problem.theta(u, ["a session to come"], rng), problem.noise_values(u), u)
 
     def forecast(self, design: Design) -> _Forecast:
         """What it says of a measurement."""
-        return _Forecast(simulate(design, self.theta, self.terms).launch_range * MICRO, self.scatter, self.weak)
+        return _Forecast(simulate(design, self.theta, self.terms).launch_range * MICRO, self.scatter)
 
 
 @dataclass(frozen=True, eq=False)
 class _Forecast:
     ranges: FloatArray  # um, (n_draws, n_points)
     scatter: FloatArray
-    weak: FloatArray
 
 
 def _trial(truth: _Forecast, other: _Forecast, rng: np.random.Generator) -> tuple[float, float]:
@@ -183,15 +213,21 @@ def _trial(truth: _Forecast, other: _Forecast, rng: np.random.Generator) -> tupl
     return float(np.mean(np.clip(ratio, -50, 50))), float(np.mean(ratio > _WINS))
 
 
-def _informs(forecast: _Forecast) -> float:
-    """Expected fall of the log standard deviation of the weakest parameter: linear regression on the readings."""
+def _narrowing(forecast: _Forecast, u: FloatArray) -> FloatArray:
+    """Expected fall of the log standard deviation of each parameter `u` (n_draws, n), by regression on the readings.
+
+    Judged by draws that the regression has not seen, since sixteen readings explain anything of forty draws.
+    """
     s = noise.scale(forecast.ranges, forecast.scatter, None)
     x = (forecast.ranges - forecast.ranges.mean(axis=0)) / s.mean(axis=0)
-    y = forecast.weak - forecast.weak.mean()
-    gram = x.T @ x / len(x) + np.eye(x.shape[1])  # the scatter of the readings has unit variance here
-    cross = x.T @ y / len(x)
-    explained = float(cross @ np.linalg.solve(gram, cross)) / max(float(y.var()), 1e-300)
-    return -0.5 * float(np.log(max(1 - explained, 1e-3)))
+    y = u - u.mean(axis=0)
+    n = len(x)
+    # The scatter of a reading has unit variance here, which is what a ridge of n stands for.
+    solved = np.linalg.solve(x.T @ x + n * np.eye(x.shape[1]), x.T)
+    beta, leverage = solved @ y, np.einsum("ij,ji->i", x, solved)
+    missed = (y - x @ beta) / (1 - leverage)[:, None]
+    left = (np.mean(missed**2, axis=0) + np.sum(beta**2, axis=0)) / np.maximum(y.var(axis=0), 1e-300)
+    return -0.5 * np.log(np.clip(left, 1e-3, 1.0))
 
 
 def as_dict(found: Iterable[Proposal], about: str) -> dict[str, object]:

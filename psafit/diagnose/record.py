@@ -87,8 +87,10 @@ class Diagnosis:
         The causes that the training groups name by themselves, fitted to them with lmfit and emcee like any run: its
         folder, terms, whether the chain has converged, and the score on the other groups. Empty after `--quick`, and
         where the training groups name nothing.
-    title, fingerprint, groups, training, seed, versions, command, seconds
+    title, fingerprint, groups, training, seed, quick, versions, command, seconds
         Where it comes from.
+    identity : str
+        SHA-256 of all that determines the result.
     """
 
     schema: int
@@ -116,3 +118,4 @@ class Diagnosis:
     versions: dict[str, str]
     command: str
     seconds: dict[str, float]
+    identity: str = ""

@@ -217,20 +217,29 @@ def significant(value: float, spread: float) -> str:
     return f"{float(f'{value:.{digits}g}'):g}" if -4 <= tens < 5 else f"{mantissa}e{tens}"
 
 
+def supported(unit: str, points: list[ProfilePoint], word: str) -> str:
+    """What the data support where that is no interval; nothing where it is one."""
+    if word == "determined":
+        return ""
+    if word == "not determined":
+        return "is not determined by these data"
+    lower, upper = limits(points)
+    side, limit = ("most", upper) if upper is not None else ("least", lower)
+    assert limit is not None  # bounded on one side
+    return f"at {side} {significant(limit, limit)}{'' if unit == '1' else f' {unit}'} (95 %)"
+
+
 def describe(
     name: str, unit: str, median: float, interval: tuple[float, float], points: list[ProfilePoint], word: str
 ) -> str:
     """The value as far as the data support it, in words."""
-    unit = "" if unit == "1" else f" {unit}"
-    spread = (interval[1] - interval[0]) / 2
     if word == "determined":
+        spread = (interval[1] - interval[0]) / 2
         lower, upper = (significant(end, spread) for end in interval)
+        unit = "" if unit == "1" else f" {unit}"
         return f"{name} = {significant(median, spread)}{unit} (90 %: {lower} to {upper})"
     if word == "not determined":
         why = "neither side of its profile closes" if points else "its interval is little narrower than the prior's"
-        return f"{name} is not determined by these data; {why}"
-    lower_limit, upper_limit = limits(points)
-    if upper_limit is not None:
-        return f"{name} at most {significant(upper_limit, upper_limit)}{unit} (95 %); the data set no lower limit"
-    assert lower_limit is not None  # bounded below
-    return f"{name} at least {significant(lower_limit, lower_limit)}{unit} (95 %); the data set no upper limit"
+    else:
+        why = f"the data set no {'lower' if limits(points)[1] is not None else 'upper'} limit"
+    return f"{name} {supported(unit, points, word)}; {why}"

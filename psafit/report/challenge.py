@@ -105,7 +105,14 @@ def _verdict(score: Score) -> dict[str, str]:
     missed = [t for t in asked if not t.holds]
     if missed:
         return {"text": f"misses {len(missed)} of {len(asked)}", "kind": "bad"}
-    return {"text": "holds", "kind": "good"} if asked else {"text": "not asked", "kind": "warn"}
+    if len(asked) < len(score.targets):
+        return {"text": "holds where asked" if asked else "not asked", "kind": "warn"}
+    return {"text": "holds", "kind": "good"}
+
+
+def _every(score: Score) -> str:
+    asked = sum(t.holds is not None for t in score.targets)
+    return f"{asked} of {count(len(score.targets), 'target')} could be asked, and held; the table says of how many."
 
 
 def _sentences(score: Score) -> list[Markup]:
@@ -121,7 +128,7 @@ def _sentences(score: Score) -> list[Markup]:
             " the log likelihood of the true model, fitted, less that of the baseline, refitted."
         ).format(count(score.n, "data set"), "was" if score.n == 1 else "were", failed),
         Markup("<strong>Can the verdicts be trusted?</strong> {}").format(
-            Markup("Not in: {}.").format(told) if missed else "Every target that could be asked holds."
+            Markup("Not in: {}.").format(told) if missed else _every(score)
         ),
         Markup(
             "<strong>What goes wrong?</strong> False alarms: {} of {} with nothing hidden. Missed: {} of {} that an"

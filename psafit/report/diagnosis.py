@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from psafit.compare import Told, read_predictions
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
+from psafit.diagnose.next_experiment import WORTHWHILE
 from psafit.diagnose.record import PAGE, CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Experiment, GroupId
 from psafit.inference.run import load
@@ -95,7 +96,12 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     content = {
         "title": f"Diagnosis: {result.title}",
         "verdict": {"text": result.verdict, "kind": _kind(result)},
-        "sentences": [_examined(result, experiment) + " " + _adequate(result), _wrong(result), _gained(result)],
+        "sentences": [
+            _examined(result, experiment) + " " + _adequate(result),
+            _wrong(result),
+            _gained(result),
+            *_what_next(result.next_experiment),
+        ],
         "own_sentences": result.sentences,
         "tiles": _tiles(result, shown),
         "summary": diagnosis_pictures.summary_picture(pictured),
@@ -399,6 +405,30 @@ def _gained(result: Diagnosis) -> Markup:
     return head + Markup("With causes and parameters ") + text + "."
 
 
+def _what_next(found: Mapping[str, Any]) -> list[Markup]:
+    """The best proposal in a sentence, if it is worth the work."""
+    best = next(iter(found.get("proposals", [])), None)
+    if best is None or _known(best["separation"]) < WORTHWHILE:
+        return []
+    about = _about(str(found["about"]))
+    if str(found["about"]).startswith("tells "):
+        what = Markup("{} with an expected lead of {} nats").format(about, _nats(best["separation"]))
+    else:
+        what = Markup("{}, of which these readings tell little: it would narrow it by {}").format(
+            about, _narrowing(best["separation"])
+        )
+    return [
+        Markup("<strong>What next?</strong> Measure <em>{}</em>: that best {}. <a href='#next'>More</a>").format(
+            typeset(best["text"]), what
+        )
+    ]
+
+
+def _narrowing(separation: object) -> str:
+    """A fall of the log standard deviation as a share of it."""
+    return _share(-math.expm1(-_known(separation)))
+
+
 def _tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
     tiles = [
         {"value": p_value(_known(result.misfit.get("p_value"))), "label": "p value: baseline against the readings"}
@@ -679,6 +709,8 @@ def _ledger(ledger: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
 def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
     if not found.get("proposals"):
         return None
+    about = str(found.get("about", ""))
+    tells = about.startswith("tells ")
     rows = []
     for p in found["proposals"]:
         changed = [
@@ -692,12 +724,10 @@ def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
                 _span(p["frequency_hz"], "Hz"),
                 _span(p["amplitude_v"], "V"),
                 listed(changed) if changed else "as it is",
-                f"{_known(p['separation']):.2f} nats",
+                f"{_known(p['separation']):.2f} nats" if tells else _narrowing(p["separation"]),
                 _share(success),
             ]
         )
-    about = str(found.get("about", ""))
-    tells = about.startswith("tells ")
     return {"about": _about(about), "tells": tells, "rows": rows if tells else [row[:-1] for row in rows]}
 
 

@@ -94,17 +94,21 @@ def number(value: float, spread: float | None = None, *, power: bool = False) ->
 def interval(low: float, high: float, spread: float | None = None) -> str:
     """Two ends, both with a power of ten or neither, and only one where both have the same.
 
+    An end that everybody reads without a power keeps its form beside one that needs it.
+
     >>> interval(23270.9, 4.297e7).replace(NBSP, " ")
     '2.33 × 10⁴ to 4.30 × 10⁷'
     >>> interval(-0.0006, 1.07, 0.53)
     '0 to 1.07'
+    >>> interval(0.00006, 1.07, 0.53).replace(NBSP, " ")
+    '6.0 × 10⁻⁵ to 1.07'
     """
     # An end that is nought to the last digit of the other one is nought.
     if spread is not None and 0 < spread < math.inf and low < 0 < high:
         least = 0.5 * 10.0 ** (math.floor(math.log10(spread)) - 1)
         low, high = (0.0 if abs(x) < least else x for x in (low, high))
     ends = [number(x, spread) for x in (low, high)]
-    if sum("×" in end for end in ends) == 1 and all(x != 0 for x in (low, high)):
+    if sum("×" in end for end in ends) == 1 and not any(x == 0 or 0.01 <= abs(x) < 1000 for x in (low, high)):
         ends = [number(x, spread, power=True) for x in (low, high)]
     parts = [end.split(TIMES) for end in ends]
     if all(len(p) == 2 for p in parts) and parts[0][1] == parts[1][1]:
