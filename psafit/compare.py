@@ -180,7 +180,7 @@ def read_side(folder: Path) -> Side:
     facts = {
         "data": _data(run.fit.title, run.fit.fingerprint),
         "fitted groups": _listed(run.fit.groups),
-        "model": _listed(["baseline", *run.fit.terms], " + "),
+        "model": _listed(["baseline", *sorted(run.fit.terms)], " + "),
         "simulator": run.fit.engine,
         "seed": str(run.fit.seed),
         "starts of the search": str(run.fit.n_starts),
@@ -207,7 +207,7 @@ def _of_diagnosis(folder: Path) -> Side:
     facts = {
         "data": _data(record.title, record.fingerprint),
         "fitted groups": _listed(record.groups),
-        "model": _listed(["baseline", *record.named], " + "),
+        "model": _listed(["baseline", *sorted(record.named)], " + "),
         "simulator": str(record.numerics.get("engine", "")),
         "seed": str(record.seed),
         "verdict": record.verdict,
@@ -326,7 +326,7 @@ def _pair(a: Told, b: Told, seed: int) -> tuple[GroupPair, FloatArray]:
     """Both scores of a group, and the bootstrap of the change of its log RMSE."""
     measured, n = a.group.launch_range_um, a.group.n_points
     rng = np.random.default_rng(seed)
-    rows = neighbours_redrawn(n, _BOOTSTRAPS, rng)
+    rows = neighbours_redrawn(a.group, _BOOTSTRAPS, rng)
     roots = [np.sqrt(np.mean(t.error[rows] ** 2, axis=1)) for t in (a, b)]
     gain = None if a.log_density is None or b.log_density is None else b.log_density - a.log_density
     pair = GroupPair(

@@ -129,6 +129,13 @@ class Uniform:
         return "uniform" if self.coordinate == "linear" else "uniform in the logarithm"
 
 
+def widened(prior: Prior, factor: float) -> Prior | None:
+    """The same about the same middle, so many times as wide; None for one that has no middle."""
+    if isinstance(prior, Normal):
+        return Normal(prior.mean, prior.sd * factor)
+    return LogNormal(prior.median, prior.factor**factor) if isinstance(prior, LogNormal) else None
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One quantity to identify.

@@ -107,15 +107,21 @@ def log_ratio(predicted: FloatArray, measured: FloatArray) -> FloatArray:
     return np.log((predicted + OFFSET_UM) / (measured + OFFSET_UM))
 
 
-def neighbours_redrawn(n: int, times: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Rows drawn with replacement, in blocks of neighbours: readings of a sweep are not independent.
+def in_sweep(group: Group) -> NDArray[np.intp]:
+    """Rows of a group in the order of its sweep, whatever the order of its file."""
+    return np.lexsort((group.amplitude_v, group.frequency_hz))
+
+
+def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Rows drawn with replacement, in blocks of neighbours in the sweep: its readings are not independent.
 
     Returns
     -------
-    (times, n) array
+    (times, n_points) array
     """
+    n = group.n_points
     begin = rng.integers(0, n, (times, math.ceil(n / _BLOCK), 1))
-    return np.asarray(((begin + np.arange(_BLOCK)) % n).reshape(times, -1)[:, :n])
+    return in_sweep(group)[((begin + np.arange(_BLOCK)) % n).reshape(times, -1)[:, :n]]
 
 
 def root_mean_square(error: FloatArray) -> float:
@@ -168,7 +174,7 @@ def departures(pit: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _p_values(group: Group, pit: FloatArray, readings: FloatArray) -> tuple[float, float]:
     """Ranks of a group's `departures` among those of simulated groups; `readings` is (n_sets, n_points)."""
     # Readings of exactly zero pile up at one value and have no uniform transform.
-    sweep = np.lexsort((group.amplitude_v, group.frequency_hz))
+    sweep = in_sweep(group)
     sweep = sweep[group.launch_range_um[sweep] > 0]
     if sweep.size < _FEWEST:
         return math.nan, math.nan

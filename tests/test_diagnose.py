@@ -18,7 +18,7 @@ from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
 from psafit.diagnose.leftover import leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, examine
-from psafit.diagnose.next_experiment import Proposal, determine, proposals, tell_apart
+from psafit.diagnose.next_experiment import determine, proposals, tell_apart
 from psafit.diagnose.rehearsal import rehearse
 from psafit.diagnose.screening import PRESENT, _unclear, screen
 from psafit.diagnose.show import drift, growth
@@ -360,6 +360,9 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     for one, two in zip(found[0].after, found[1].after, strict=True):
         assert one.median == pytest.approx(two.median)
     result = summarise("strict", e, found[:1], tmp_path, 1)
+    for g in result.groups:
+        assert g.log_rmse_interval[0] < g.log_rmse_after - g.log_rmse_before < g.log_rmse_interval[1]
+        assert g.elpd_interval[0] < g.elpd_after - g.elpd_before < g.elpd_interval[1]
     assert result.log_rmse_after < result.log_rmse_before
     assert [g.group for g in result.groups] == ["b", "c"]
     assert all("b" not in entry["saw"] for entry in result.ledger)
@@ -389,28 +392,38 @@ def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
     rng = np.random.default_rng(1)
 
     def falls(told, u):
-        forecast = next_experiment._Forecast(told, np.zeros((len(told), 3)))
-        return next_experiment._narrowing(forecast, u)
+        n = len(told)
+        return next_experiment._narrowing(next_experiment._Forecast(told, np.zeros((n, 3)), np.full(n, 1 / n)), u)[0]
 
     # Sixteen readings of unit scatter of a quantity of unit variance leave 1/17 of it.
     x = rng.normal(size=(400, 1))
     assert falls(np.repeat(x, 16, axis=1), x)[0] == pytest.approx(0.5 * np.log(17), abs=0.1)
-    # Sixteen free numbers fit anything of forty draws by chance.
+    # Sixteen free numbers fit anything of forty draws by chance, and nothing is learnt of what is known.
     assert max(falls(10 * rng.normal(size=(40, 16)), rng.normal(size=(40, 8)))) < 0.05
+    assert falls(x, np.ones((400, 1))) == [0.0]
 
 
-def test_one_proposal_leaves_the_rig_as_it_is(sound, monkeypatch):
+def test_copies_of_a_draw_do_not_judge_what_it_made():
+    """Two models of one posterior cannot be told apart, however few different draws it has."""
+    rng = np.random.default_rng(1)
+    few = np.repeat(rng.normal(100.0, 30.0, size=(12, 1)), 16, axis=1)
+    weight = rng.dirichlet(np.ones(12))
+    twin = next_experiment._Forecast(few, np.tile([0.05, 0.1, 30.0], (12, 1)), weight)
+    separation, success, error = next_experiment._apart(twin, twin, rng)
+    assert separation < 2 * error and success < 0.1
+    # What readings state for themselves is part of their scatter.
+    known = replace(twin, known=np.array([200.0]))
+    other = replace(known, ranges=few + 20.0)
+    clear = next_experiment._apart(twin, replace(other, known=None), rng)
+    assert next_experiment._apart(known, other, rng)[0] < 0.5 < clear[0]
+
+
+def test_one_proposal_leaves_the_rig_as_it_is(sound):
     """... though every other string tells more: it is the one that can be rehearsed with what was measured."""
     rng = np.random.default_rng(1)
-
-    def judged(self, *value):
-        return Proposal(self.text, "sine", [], [], self.changed, bool(self.changed) + rng.random() / 2, 1.0)
-
-    monkeypatch.setattr(next_experiment.Possible, "judged", judged)
     possible = proposals(sound)
-    kept, found = next_experiment._best(possible, [p.judged() for p in possible])
-    assert [p.changed for p in kept] == [p.constants for p in found]
-    assert all(p.constants for p in found[:-1]) and not found[-1].constants and len(found) == 13
+    kept = next_experiment._best(possible, [bool(p.changed) + rng.random() / 2 for p in possible])
+    assert len(kept) == 13 and [not possible[k].changed for k in kept] == [False] * 12 + [True]
 
 
 def test_rehearsal_tells_the_truth_whichever_it_is(hidden):

@@ -71,7 +71,7 @@ def growth(shift: float) -> list[dict]:
 
 def gain(protocol: str, last: int | str) -> dict:
     rows = [
-        GroupGain(g, ["hysteresis"], [1], 0.9, 0.2 + 0.1 * k, -300.0, -120.5, 0.42, 0.91)
+        GroupGain(g, ["hysteresis"], [1], 0.9, 0.2 + 0.1 * k, -300.0, -120.5, 0.42, 0.91, [-0.8, -0.61], [150.0, 210.0])
         for k, g in enumerate((2, last))
     ]
     ledger = [{"choice": "causes, parameters and scatter", "saw": [1], "scored_on": [2, last],
@@ -121,9 +121,9 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
             "about": "tells hysteresis from gap + slew_limit",
             "proposals": [
                 {"text": "sine, 20 V", "waveform": "sine", "frequency_hz": [100.0, 2e4], "amplitude_v": [20.0, 20.0],
-                 "constants": {"l": 0.075}, "separation": 12.5, "success": 0.93},
+                 "constants": {"l": 0.075}, "separation": 12.5, "success": 0.93, "error": 0.4},
                 {"text": "", "waveform": "square", "frequency_hz": [500.0, 500.0], "amplitude_v": [2.0, 20.0],
-                 "constants": {}, "separation": 1.5, "success": float("nan")},
+                 "constants": {}, "separation": 1.5, "success": float("nan"), "error": 0.1},
             ],
         },
         predictions="predictions-diagnosis.csv",
@@ -239,7 +239,8 @@ def test_record_is_shown(page):
         "could not have been seen", "not present", "runs along the sweep", "reading 4 of group 1",
         "−1.2 nats over none", "Mean log RMSE 0.912 before, 0.254 after; change −0.710 to −0.520",
         "change +310.0 to +402.0 nats", "0.900 (×2.46)", "+179.5", "42 % / 91 %", "hysteresis of the stack 80 %",
-        "12.50 nats", "93 %", "l = 0.0750 m", "judged by the expansion only", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
+        "12.50 ± 0.40 nats", "93 %", "−0.800 to −0.610",
+        "+179.5 (+150.0 to +210.0)", "l = 0.0750 m", "judged by the expansion only", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
         "psafit diagnose experiments/made-up --group 1", "all other sets of causes", "a discrepancy without a name",
     ):  # fmt: skip
         assert expected in page.text.replace("3.1 × 10⁻⁷", "3.1·10⁻⁷"), expected

@@ -36,7 +36,7 @@ from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem
 from psafit.inference.run import Silent, Watcher, fit, versions
 from psafit.numerics import refine
-from psafit.parameters import Normal
+from psafit.parameters import widened
 from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, read_content, read_json, write_json
@@ -110,8 +110,10 @@ def diagnose(
     check_seed(seed)
     if nautilus:
         require()
-    asked = [versions(), [t.signature for t in catalogue], experiment.title, experiment.fingerprint, training, seed]
-    asked += [quick, searches, nautilus]
+    everything = replace(Problem(experiment, experiment.ids), terms=tuple(catalogue))
+    asked = [versions(), experiment.title, experiment.fingerprint, training, seed, quick, searches, nautilus]
+    asked += [[t.signature for t in catalogue]]
+    asked += [[p.name, p.prior.describe(), p.bounds.lower, p.bounds.upper] for p in everything.parameters]
     identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
     with sole(folder):
         _refuse_other_readings(folder / RESULT, experiment)
@@ -204,9 +206,9 @@ class _Work:
                 )  # fmt: skip
         causes = _causes(ladder, verdict)
         if nautilus:
-            decisive = {(), tuple(verdict.named), leader.ids, *verdict.alternatives}
+            decisive = [set(ids) for ids in ((), verdict.named, leader.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
-                causes = [self._confirmed(c, ladder) if tuple(c.terms) in decisive else c for c in causes]
+                causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         result = Diagnosis(
             schema=SCHEMA,
             verdict=verdict.verdict,
@@ -307,7 +309,7 @@ class _Work:
 
     def _confirmed(self, cause: CauseResult, ladder: Ladder) -> CauseResult:
         """The same with the evidence that a nested sampler gives the model."""
-        problem = ladder.of(tuple(cause.terms)).problem
+        problem = next(c for c in ladder.candidates if set(c.ids) == set(cause.terms)).problem
 
         def progress(calls: int) -> None:
             self.watcher.update(0, 1, f"{_words(cause.terms)}: {calls:,} sets")
@@ -341,7 +343,7 @@ def _causes(ladder: Ladder, verdict: Verdict) -> list[CauseResult]:
         if always not in shown:
             shown.append(always)
     # What the verdict names comes first.
-    shown.sort(key=lambda c: (c.ids != verdict.named, -ladder.probability[c.ids]))
+    shown.sort(key=lambda c: (set(c.ids) != set(verdict.named), -ladder.probability[c.ids]))
     return [_cause(ladder, verdict, c) for c in shown]
 
 
@@ -371,25 +373,27 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     if found:
         evidence |= {"error": found.doubt, "effective_draws": found.effective, "pareto_k": found.pareto_k}
         evidence["prior_width"] = _sensitivity(candidate, found)
-    return CauseResult(
-        list(candidate.ids), verdict.probability[candidate.ids], parameters, evidence, implausible
-    )  # fmt: skip
+    ids = verdict.named if set(candidate.ids) == set(verdict.named) else candidate.ids
+    return CauseResult(list(ids), verdict.probability[candidate.ids], parameters, evidence, implausible)
 
 
 def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
-    """Change of the log evidence when the normal priors of the causes' parameters are half and twice as wide."""
+    """Change of the log evidence when the priors of the causes' parameters are half and twice as wide.
+
+    Nothing where all of them are uniform: what is possible is not what is thought plausible.
+    """
     problem = candidate.problem
     names = {p.name for t in candidate.terms for p in t.parameters}
     changes = {}
     for word, factor in (("half", 0.5), ("twice", 2.0)):
-        shift = np.zeros(len(found.draws))
+        shifts = []
         for i, p in enumerate(problem.parameters):
-            if p.name in names and isinstance(p.prior, Normal):
-                other = replace(p, prior=Normal(p.prior.mean, p.prior.sd * factor))
+            if p.name in names and (other := widened(p.prior, factor)):
+                ends = p.sampling_bounds.lower * p.scale, p.sampling_bounds.upper * p.scale
                 x = found.draws[:, i] * p.scale
-                low, high = p.bounds.lower, p.bounds.upper
-                shift += other.prior.log_density(x, low, high) - p.prior.log_density(x, low, high)
-        changes[word] = found.mean_of(shift)
+                shifts.append(other.log_density(x, *ends) - p.prior.log_density(x, *ends))
+        if shifts:
+            changes[word] = found.mean_of(np.sum(shifts, axis=0))
     return changes
 
 
@@ -527,6 +531,6 @@ def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any], pr
             f" {one['log_rmse_after']:.3f} after (change {change[0]:+.3f} to {change[1]:+.3f}, 90 %)."
         )
     best = next(iter(proposal.get("proposals", [])), None)
-    if best and best["separation"] >= next_experiment.WORTHWHILE:
+    if best and next_experiment.worthwhile(best["separation"], best["error"]):
         result.append(f"Next, measure {best['text']}: it best {proposal['about']}.")
     return result

@@ -27,10 +27,18 @@ from scipy.special import logsumexp
 
 from psafit.diagnose.ladder import Ids, Ladder
 from psafit.diagnose.leftover import Leftover, leftover
-from psafit.experiment import Experiment, GroupId
+from psafit.experiment import Experiment, Group, GroupId
 from psafit.inference import noise
 from psafit.inference.evidence import quantiles
-from psafit.validate import COLUMNS, log_ratio, neighbours_redrawn, prediction_rows, root_mean_square, write_table
+from psafit.validate import (
+    COLUMNS,
+    log_ratio,
+    neighbours_redrawn,
+    prediction_rows,
+    root_mean_square,
+    silence,
+    write_table,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -38,6 +46,7 @@ _DRAWS = 400
 # Models with less than this share of the best's probability are left out of the mixture.
 _NEGLIGIBLE = 0.02
 _BOOTSTRAPS = 1000
+_INTERVAL = (0.05, 0.95)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +77,20 @@ class Forecast:
 
 @dataclass(frozen=True)
 class GroupGain:
-    """Scores of one held-out group, before and after."""
+    """Scores of one held-out group, before and after.
+
+    Parameters
+    ----------
+    group : group id
+    named : list of str
+        The leading causes of the ladder that had not seen it.
+    seen : list of group ids
+    log_rmse_before, log_rmse_after, elpd_before, elpd_after, coverage_before, coverage_after : float
+    log_rmse_interval, elpd_interval : list of float
+        90 % intervals of the changes (after minus before), blocks of its readings drawn with replacement.
+    silent : str
+        Why the group is left out of every mean; empty where it is not.
+    """
 
     group: GroupId
     named: list[str]
@@ -79,6 +101,9 @@ class GroupGain:
     elpd_after: float
     coverage_before: float
     coverage_after: float
+    log_rmse_interval: list[float]
+    elpd_interval: list[float]
+    silent: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,7 +115,7 @@ class Gain:
     protocol : {"strict", "nested"}
     groups : list of GroupGain
     log_rmse_before, log_rmse_after : float
-        Means over the groups.
+        Means over the groups, those aside that cannot tell (`psafit.validate.silence`); so with all that follows.
     log_rmse_interval : list of float
         90 % interval of the mean's change (after minus before), by the bootstrap.
     elpd_before, elpd_after : float
@@ -197,31 +222,50 @@ def _inside(f: Forecast) -> FloatArray:
     return np.asarray((f.measured >= f.lower) & (f.measured <= f.upper), dtype=float)
 
 
+def _changes(
+    before: Forecast, after: Forecast, group: Group, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Changes of a group's log_rmse and log score, its readings drawn again; each (n_bootstraps,)."""
+    chosen = neighbours_redrawn(group, _BOOTSTRAPS, rng)
+    rmse = [np.sqrt(np.mean(f.error[chosen] ** 2, axis=1)) for f in (before, after)]
+    return rmse[1] - rmse[0], (after.log_density - before.log_density)[chosen].sum(axis=1)
+
+
+def _over_groups(
+    changes: Sequence[tuple[FloatArray, FloatArray]], rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Changes of the mean log_rmse and of the summed log score, groups and readings drawn again."""
+    n = len(changes)
+    rmse, elpd = (np.array(each) for each in zip(*changes, strict=True))
+    group, again = rng.integers(0, n, (n, _BOOTSTRAPS)), rng.integers(0, _BOOTSTRAPS, (n, _BOOTSTRAPS))
+    return rmse[group, again].mean(axis=0), elpd[group, again].sum(axis=0)
+
+
 def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], folder: Path, seed: int) -> Gain:
     """Score forecasts and write them to `folder`."""
+    rng = np.random.default_rng([seed, 13])
+    silences = {f.group: silence(experiment.group(f.group)) for one in splits for f in one.after}
+    if all(silences.values()):  # better what says little than no number
+        silences = dict.fromkeys(silences, "")
     rows: list[GroupGain] = []
-    pairs: list[tuple[Forecast, Forecast]] = []
+    told: list[tuple[Forecast, Forecast]] = []
+    changes: list[tuple[FloatArray, FloatArray]] = []
     for one in splits:
         for before, after in zip(one.before, one.after, strict=True):
-            pairs.append((before, after))
+            change, silent = _changes(before, after, experiment.group(before.group), rng), silences[before.group]
             rows.append(
                 GroupGain(
                     before.group, list(one.named), list(one.seen),
                     root_mean_square(before.error), root_mean_square(after.error),
                     float(before.log_density.sum()), float(after.log_density.sum()),
                     float(_inside(before).mean()), float(_inside(after).mean()),
+                    np.quantile(change[0], _INTERVAL).tolist(), np.quantile(change[1], _INTERVAL).tolist(), silent,
                 )
             )  # fmt: skip
-    rng = np.random.default_rng([seed, 13])
-    rmse_change, elpd_change = np.empty(_BOOTSTRAPS), np.empty(_BOOTSTRAPS)
-    for b in range(_BOOTSTRAPS):
-        changes, scores = [], 0.0
-        for k in rng.integers(0, len(pairs), len(pairs)):
-            before, after = pairs[k]
-            chosen = neighbours_redrawn(before.median.size, 1, rng)[0]
-            changes.append(root_mean_square(after.error[chosen]) - root_mean_square(before.error[chosen]))
-            scores += float((after.log_density - before.log_density)[chosen].sum())
-        rmse_change[b], elpd_change[b] = np.mean(changes), scores
+            if not silent:
+                told.append((before, after))
+                changes.append(change)
+    rmse_change, elpd_change = _over_groups(changes, rng)
     name = f"predictions-{protocol}.csv"
     table = (
         [*row, model]
@@ -231,16 +275,17 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         for row in prediction_rows(experiment.group(f.group), f.median, f.lower, f.upper, "holdout")
     )
     write_table(folder / name, (*COLUMNS, "model"), table)
-    every = [np.concatenate([_inside(p[k]) for p in pairs]) for k in (0, 1)]
+    every = [np.concatenate([_inside(p[k]) for p in told]) for k in (0, 1)]
+    telling = [r for r in rows if not r.silent]
     return Gain(
         protocol=protocol,
         groups=rows,
-        log_rmse_before=float(np.mean([r.log_rmse_before for r in rows])),
-        log_rmse_after=float(np.mean([r.log_rmse_after for r in rows])),
-        log_rmse_interval=np.quantile(rmse_change, [0.05, 0.95]).tolist(),
-        elpd_before=float(sum(r.elpd_before for r in rows)),
-        elpd_after=float(sum(r.elpd_after for r in rows)),
-        elpd_interval=np.quantile(elpd_change, [0.05, 0.95]).tolist(),
+        log_rmse_before=float(np.mean([r.log_rmse_before for r in telling])),
+        log_rmse_after=float(np.mean([r.log_rmse_after for r in telling])),
+        log_rmse_interval=np.quantile(rmse_change, _INTERVAL).tolist(),
+        elpd_before=float(sum(r.elpd_before for r in telling)),
+        elpd_after=float(sum(r.elpd_after for r in telling)),
+        elpd_interval=np.quantile(elpd_change, _INTERVAL).tolist(),
         coverage_before=float(every[0].mean()),
         coverage_after=float(every[1].mean()),
         ledger=[

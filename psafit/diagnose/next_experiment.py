@@ -1,11 +1,12 @@
 r"""Which measurement would tell tied causes apart, or a weakly determined parameter best.
 
-Each proposal is a sweep within the limits of what was measured (or one changed constant of the rig), read with the
-fitted scatter. For two models with posterior draws, readings are simulated from one, and the log ratio of both
+Each proposal is a sweep, sine or square, between the frequencies and up to the amplitude that were measured (or the
+same with one constant of the rig changed), read with the fitted scatter and the usual uncertainty of the readings,
+where they state one. For two models with posterior draws, readings are simulated from one, and the log ratio of both
 models' posterior predictive densities of these readings (each a mixture over its draws) is what the readings would
 add to the log odds. Its mean over many simulated experiments is the expected separation; the share of them in which
 the right model wins by three nats is how often the proposal works: measured data drawn from each tied cause, judged
-again.
+again. What is printed comes from simulated experiments that had no part in the choice of a proposal.
 """
 
 from __future__ import annotations
@@ -34,8 +35,10 @@ _WINS = 3.0
 _FACTORS = (0.5, 2.0)
 # A posterior that keeps this share of its prior's width tells little.
 _WEAK = 0.5
-WORTHWHILE = 0.1
-"""Separation from which on a proposal is worth a sentence: an odds ratio, or a standard deviation, a tenth better."""
+# Separation from which on a proposal is worth a sentence: an odds ratio, or a standard deviation, a tenth better.
+_WORTHWHILE = 0.1
+# Log ratios of densities count up to here: beyond, nobody doubts any more.
+_CLEAR = 50.0
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,8 @@ class Proposal:
         the expected fall of a weakly determined parameter's log standard deviation.
     success : float
         Share of simulated experiments in which the right model wins by three nats; NaN for one model alone.
+    error : float
+        Standard error of the separation.
     """
 
     text: str
@@ -63,6 +68,7 @@ class Proposal:
     constants: dict[str, float]
     separation: float
     success: float
+    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +79,15 @@ class Possible:
     design: Design
     changed: dict[str, float]
 
-    def judged(self, separation: float, success: float = math.nan) -> Proposal:
+    def judged(self, found: _Judgement) -> Proposal:
         """It with what it would do."""
         d = self.design
         waveform = "square" if d.waveform[0] else "sine"
-        return Proposal(
-            self.text, waveform, d.frequency.tolist(), d.amplitude.tolist(), self.changed, float(separation), success
-        )
+        return Proposal(self.text, waveform, d.frequency.tolist(), d.amplitude.tolist(), self.changed, *found)
+
+
+# Separation, success and the separation's standard error, as `Proposal` holds them.
+_Judgement = tuple[float, float, float]
 
 
 def proposals(candidate: Candidate) -> list[Possible]:
@@ -121,17 +129,15 @@ def tell_apart(first: tuple[Candidate, Weighed], second: tuple[Candidate, Weighe
     """Measurements by how well they would separate two models; best first."""
     rng = np.random.default_rng([seed, 17])
     possible = proposals(first[0])
-    best: list[Proposal] = []
+    forecasts: list[tuple[_Forecast, _Forecast]] = []
     # A glance at all of them, then a closer look at the best.
     for n_draws in (_GLANCE, _DRAWS):
         one, other = (_Model.of(*m, n_draws, rng) for m in (first, second))
-        best = []
-        for p in possible:
-            a, b = one.forecast(p.design), other.forecast(p.design)
-            ways = _trial(a, b, rng), _trial(b, a, rng)
-            best.append(p.judged(min(w[0] for w in ways), min(w[1] for w in ways)))
-        possible, best = _best(possible, best)
-    return best
+        forecasts = [(one.forecast(p.design), other.forecast(p.design)) for p in possible]
+        kept = _best(possible, [_apart(*pair, rng)[0] for pair in forecasts])
+        possible, forecasts = [possible[k] for k in kept], [forecasts[k] for k in kept]
+    # The best of several is best by luck, too: what is told of them comes from other trials.
+    return [p.judged(_apart(*pair, rng)) for p, pair in zip(possible, forecasts, strict=True)]
 
 
 def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, list[Proposal]]:
@@ -142,22 +148,31 @@ def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, lis
     rng = np.random.default_rng([seed, 17])
     possible, weak = proposals(leader), weakly_determined(leader, draws)
     model = _Model.of(leader, draws, _GLANCE, rng)
-    falls = np.array([_narrowing(model.forecast(p.design), model.u[:, weak]) for p in possible])
+    falls = np.array([_narrowing(model.forecast(p.design), model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
-    possible, _ = _best(possible, [p.judged(fall) for p, fall in zip(possible, falls[:, which], strict=True)])
+    possible = [possible[k] for k in _best(possible, falls[:, which])]
     model = _Model.of(leader, draws, _DRAWS, rng)
-    seen = model.u[:, [weak[which]]]
-    _, best = _best(possible, [p.judged(_narrowing(model.forecast(p.design), seen)[0]) for p in possible])
-    return leader.problem.names[weak[which]], best
+    found: list[_Judgement] = []
+    for p in possible:
+        fall, error = _narrowing(model.forecast(p.design), model.u[:, [weak[which]]])
+        found.append((float(fall[0]), math.nan, float(error[0])))
+    return leader.problem.names[weak[which]], [
+        possible[k].judged(found[k]) for k in _best(possible, [f[0] for f in found])
+    ]
 
 
-def _best(possible: Sequence[Possible], judged: Sequence[Proposal]) -> tuple[list[Possible], list[Proposal]]:
-    """The best; one that leaves the rig as it is stays, since nothing need be built for it."""
-    order = sorted(range(len(judged)), key=lambda k: -judged[k].separation)
+def worthwhile(separation: float, error: float) -> bool:
+    """Whether a proposal would do more than its estimate errs, and enough to be told in a sentence."""
+    return separation - 2 * error > _WORTHWHILE
+
+
+def _best(possible: Sequence[Possible], separation: Sequence[float] | FloatArray) -> list[int]:
+    """Indices of the best; one that leaves the rig as it is stays, since nothing need be built for it."""
+    order = sorted(range(len(possible)), key=lambda k: -separation[k])
     best = order[:_CLOSER]
     if all(possible[k].changed for k in best):
         best += [k for k in order[_CLOSER:] if not possible[k].changed][:1]
-    return [possible[k] for k in best], [judged[k] for k in best]
+    return best
 
 
 def weakly_determined(leader: Candidate, draws: Weighed) -> list[int]:
@@ -170,7 +185,7 @@ def weakly_determined(leader: Candidate, draws: Weighed) -> list[int]:
     q = problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim]))
     prior = 0.5 * (q[1] - q[0])[: problem.n_physical]
     hyper = {t.strength.name for t in leader.terms if t.latent}
-    ratio = np.where([name in hyper for name in problem.names[: problem.n_physical]], 0.0, u.std(axis=0) / prior)
+    ratio = np.where([name in hyper for name in problem.names[: problem.n_physical]], -1.0, u.std(axis=0) / prior)
     return np.flatnonzero(ratio >= min(_WEAK, ratio.max())).tolist()
 
 
@@ -181,53 +196,77 @@ class _Model:
     terms: tuple[Term, ...]
     theta: FloatArray  # (n_draws, n_columns)
     scatter: FloatArray  # (n_draws, 3)
-    u: FloatArray  # the draws themselves, (n_draws, n_dim)
+    u: FloatArray  # the draws themselves, (n_draws, n_dim), no two alike
+    weight: FloatArray  # (n_draws,)
+    known: FloatArray | None  # um
 
     @classmethod
     def of(cls, candidate: Candidate, draws: Weighed, n_draws: int, rng: np.random.Generator) -> _Model:
-        problem, u = candidate.problem, draws.resampled(n_draws)
+        problem = candidate.problem
+        # Draws of much weight are drawn more than once; a copy knows what the draw left out knew.
+        u, counts = np.unique(draws.resampled(n_draws), axis=0, return_counts=True)
         # What belongs to sessions is drawn from its prior, not taken over.
-        return cls(problem.terms, problem.theta(u, ["a session to come"], rng), problem.noise_values(u), u)
+        theta = problem.theta(u, ["a session to come"], rng)
+        sigma = problem.usual_sigma
+        known = None if sigma is None else np.array([sigma])
+        return cls(problem.terms, theta, problem.noise_values(u), u, counts / n_draws, known)
 
     def forecast(self, design: Design) -> _Forecast:
         """What it says of a measurement."""
-        return _Forecast(simulate(design, self.theta, self.terms).launch_range * MICRO, self.scatter)
+        ranges = simulate(design, self.theta, self.terms).launch_range * MICRO
+        return _Forecast(ranges, self.scatter, self.weight, self.known)
 
 
 @dataclass(frozen=True, eq=False)
 class _Forecast:
     ranges: FloatArray  # um, (n_draws, n_points)
-    scatter: FloatArray
+    scatter: FloatArray  # (n_draws, 3)
+    weight: FloatArray  # (n_draws,), adds up to one
+    known: FloatArray | None = None  # um
+
+    def log_density(self, readings: FloatArray, but: int | None = None) -> float:
+        """Of readings, as the mean over the draws, one of them left out."""
+        each = noise.log_density(readings, self.ranges, self.scatter, self.known).sum(axis=1)
+        weight = self.weight
+        if but is not None and weight[but] < 1.0:
+            weight = np.where(np.arange(len(weight)) == but, 0.0, weight) / (1.0 - weight[but])
+        return float(logsumexp(each, b=weight))
 
 
-def _trial(truth: _Forecast, other: _Forecast, rng: np.random.Generator) -> tuple[float, float]:
-    """Mean log ratio of predictive densities when `truth` makes the readings, and how often it wins clearly."""
-    chosen = rng.integers(0, len(truth.ranges), _TRIALS)
-    readings = np.maximum(noise.draw(truth.ranges[chosen], truth.scatter[chosen], None, rng), 0.0)
-    ratio = np.empty(_TRIALS)
-    for k, y in enumerate(readings):
-        own = noise.log_density(y, truth.ranges, truth.scatter, None).sum(axis=1)
-        own[chosen[k]] = -np.inf  # the draw that made them is not among those that judge them
-        others = noise.log_density(y, other.ranges, other.scatter, None).sum(axis=1)
-        ratio[k] = logsumexp(own) - logsumexp(others)
-    return float(np.mean(np.clip(ratio, -50, 50))), float(np.mean(ratio > _WINS))
+def _apart(one: _Forecast, other: _Forecast, rng: np.random.Generator) -> _Judgement:
+    """What a measurement does for two models, whichever of them is right."""
+    return min(_trial(one, other, rng), _trial(other, one, rng))
 
 
-def _narrowing(forecast: _Forecast, u: FloatArray) -> FloatArray:
-    """Expected fall of the log standard deviation of each parameter `u` (n_draws, n), by regression on the readings.
+def _trial(truth: _Forecast, other: _Forecast, rng: np.random.Generator) -> _Judgement:
+    """Mean log ratio of predictive densities when `truth` makes the readings, how often it wins clearly, the error."""
+    chosen = rng.choice(len(truth.ranges), _TRIALS, p=truth.weight)
+    readings = np.maximum(noise.draw(truth.ranges[chosen], truth.scatter[chosen], truth.known, rng), 0.0)
+    # The draw that made the readings is not among those that judge them.
+    ratio = np.array([truth.log_density(y, k) - other.log_density(y) for y, k in zip(readings, chosen, strict=True)])
+    told = np.clip(ratio, -_CLEAR, _CLEAR)
+    return float(told.mean()), float(np.mean(ratio > _WINS)), float(told.std() / math.sqrt(_TRIALS))
 
-    Judged by draws that the regression has not seen, since sixteen readings explain anything of forty draws.
+
+def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Expected fall of the log standard deviation of each parameter `u` (n_draws, n), and its standard error.
+
+    By regression on the readings, judged by draws that it has not seen: sixteen readings explain anything of forty
+    draws.
     """
-    s = noise.scale(forecast.ranges, forecast.scatter, None)
-    x = (forecast.ranges - forecast.ranges.mean(axis=0)) / s.mean(axis=0)
-    y = u - u.mean(axis=0)
-    n = len(x)
-    # The scatter of a reading has unit variance here, which is what a ridge of n stands for.
-    solved = np.linalg.solve(x.T @ x + n * np.eye(x.shape[1]), x.T)
+    w = forecast.weight[:, None]
+    s = np.sum(w * noise.scale(forecast.ranges, forecast.scatter, forecast.known), axis=0)
+    x = (forecast.ranges - np.sum(w * forecast.ranges, axis=0)) / s
+    y = u - np.sum(w * u, axis=0)
+    # The scatter of a reading has unit variance here, which is what a ridge of one stands for.
+    solved = np.linalg.solve(x.T @ (w * x) + np.eye(x.shape[1]), (w * x).T)
     beta, leverage = solved @ y, np.einsum("ij,ji->i", x, solved)
-    missed = (y - x @ beta) / (1 - leverage)[:, None]
-    left = (np.mean(missed**2, axis=0) + np.sum(beta**2, axis=0)) / np.maximum(y.var(axis=0), 1e-300)
-    return -0.5 * np.log(np.clip(left, 1e-3, 1.0))
+    missed = ((y - x @ beta) / (1 - leverage)[:, None]) ** 2
+    spread = np.sum(w * y**2, axis=0)
+    known = spread > 0  # a parameter that all draws agree on has nothing to lose
+    left = np.where(known, np.sum(w * missed, axis=0) + np.sum(beta**2, axis=0), 1.0) / np.where(known, spread, 1.0)
+    error = np.sqrt(np.sum(w**2 * (missed - np.sum(w * missed, axis=0)) ** 2, axis=0)) / np.where(known, spread, 1.0)
+    return -0.5 * np.log(np.clip(left, 1e-3, 1.0)), 0.5 * error / np.clip(left, 1e-3, None)
 
 
 def as_dict(found: Iterable[Proposal], about: str) -> dict[str, object]:

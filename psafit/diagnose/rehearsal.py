@@ -86,7 +86,11 @@ def rehearse(
             progress(_TRIALS * k + trial, _TRIALS * len(tied))
             rng = np.random.default_rng([seed, 23, k, trial])
             new = _measured(candidate, draws, proposal, rng)
-            height = [_refitted(c, d, new, rng).laplace + p for (c, d), p in zip(tied, log_prior, strict=True)]
+            # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
+            height = [
+                d.log_evidence + _refitted(c, d, new, rng).laplace - c.laplace + p
+                for (c, d), p in zip(tied, log_prior, strict=True)
+            ]
             truth.append(list(candidate.ids))
             after.append(float(softmax(height)[k]))
             first += int(np.argmax(height) == k)
@@ -100,8 +104,9 @@ def _measured(candidate: Candidate, draws: Weighed, proposal: Proposal, rng: np.
     frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
     design = Design.sweep(problem.experiment.constants, proposal.waveform, frequency, voltage)
     ranges = simulate(design, problem.theta(u, [NEW], rng), problem.terms).launch_range * MICRO
-    readings = np.maximum(noise.draw(ranges, problem.noise_values(u), None, rng), 0.0)[0]
-    return Group(NEW, "square" if proposal.waveform == "square" else "sine", "", frequency, voltage, readings)
+    known = None if problem.usual_sigma is None else np.full(frequency.size, problem.usual_sigma)
+    readings = np.maximum(noise.draw(ranges, problem.noise_values(u), known, rng), 0.0)[0]
+    return Group(NEW, "square" if proposal.waveform == "square" else "sine", "", frequency, voltage, readings, known)
 
 
 def _refitted(candidate: Candidate, draws: Weighed, new: Group, rng: np.random.Generator) -> Candidate:

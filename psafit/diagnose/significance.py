@@ -84,6 +84,6 @@ def significance(
             found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed)
             return {"lead": np.array(lead(found))}
 
-        about = [seed, k, [t.id for t in catalogue]]
+        about = [seed, k, [t.signature for t in catalogue]]
         null.append(float(memory.recall("null", baseline.problem, about, again)["lead"]))
     return Significance(own, null, (1 + sum(x >= own for x in null)) / (n_searches + 1))

@@ -1,8 +1,9 @@
 r"""From the ladder, the tests and the leftover to a verdict.
 
 * ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
-* ``explained``: one set of causes has 95 % of the probability, and the tests find nothing left once it is adopted.
-* ``ambiguous``: several sets together have 95 %; each would do.
+* ``explained``: one set of causes has 95 % of what the catalogue's sets have together, and the tests find nothing left
+  once it is adopted.
+* ``ambiguous``: several sets together have 95 % of it; each would do.
 * ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
   cause.
 
@@ -30,7 +31,7 @@ class Verdict:
     ----------
     verdict : {"adequate", "explained", "ambiguous", "unexplained"}
     named : tuple of str
-        The causes adopted.
+        The causes adopted; first the one without which the best model loses most.
     alternatives : tuple of tuples of str
         Sets that do as well.
     probability : dict
@@ -97,6 +98,7 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         return Verdict("unexplained", (), (), probability, unnamed, inclusion, tuple(reasons))
     alternatives = ladder.rivals(named)
     residual = after is not None and after.p_value < ALPHA
+    named = _best_first(named, ladder)
     if residual or unnamed > 0.5:
         how = "fits little better than the baseline, and" if () in alternatives else "explains most, but"
         reasons.append(
@@ -117,3 +119,9 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         " does as well."
     )
     return Verdict("explained", named, (), probability, unnamed, inclusion, tuple(reasons))
+
+
+def _best_first(named: Ids, ladder: Ladder) -> Ids:
+    """Causes by what is lost without them: by the evidence of the best model fitted that does not have them."""
+    without = {id: max(e for ids, e in ladder.log_evidence.items() if id not in ids) for id in named}
+    return tuple(sorted(named, key=lambda id: without[id]))

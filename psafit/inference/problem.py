@@ -130,6 +130,12 @@ class Problem:
             return None
         return np.concatenate([np.zeros(g.launch_range_um.size) if g.sigma_um is None else g.sigma_um for g in groups])
 
+    @property
+    def usual_sigma(self) -> float | None:
+        """Median uncertainty that readings state for themselves, um; None where most state none."""
+        found = 0.0 if self.known_sigma is None else float(np.median(self.known_sigma))
+        return found or None
+
     @cached_property
     def bounds(self) -> FloatArray:
         """Bounds in the sampling coordinate, (n_dim, 2)."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from psafit.compare import Told, read_predictions
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
-from psafit.diagnose.next_experiment import WORTHWHILE
+from psafit.diagnose.next_experiment import worthwhile
 from psafit.diagnose.record import PAGE, CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Experiment, GroupId
 from psafit.inference.run import load
@@ -34,6 +34,7 @@ from psafit.report.wording import (
     groups,
     interval,
     listed,
+    noted,
     number,
     p_value,
     percent,
@@ -408,7 +409,7 @@ def _gained(result: Diagnosis) -> Markup:
 def _what_next(found: Mapping[str, Any]) -> list[Markup]:
     """The best proposal in a sentence, if it is worth the work."""
     best = next(iter(found.get("proposals", [])), None)
-    if best is None or _known(best["separation"]) < WORTHWHILE:
+    if best is None or not worthwhile(_known(best["separation"]), _known(best["error"])):
         return []
     about = _about(str(found["about"]))
     if str(found["about"]).startswith("tells "):
@@ -678,12 +679,16 @@ def _gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
         "worse": change[0] > 0,
         "rows": [
             [
-                Markup("Group {}").format(g["group"]),
+                noted(f"Group {g['group']}", f"{g['silent']}; left out of the mean")
+                if g["silent"]
+                else f"Group {g['group']}",
                 _ids(g["seen"]),
                 model(g["named"]),
                 f"{_known(g['log_rmse_before']):.3f} (×{factor(_known(g['log_rmse_before']))})",
                 f"{_known(g['log_rmse_after']):.3f} (×{factor(_known(g['log_rmse_after']))})",
-                _signed(_known(g["elpd_after"]) - _known(g["elpd_before"])),
+                " to ".join(typeset(f"{_known(x):+.3f}") for x in g["log_rmse_interval"]),
+                f"{_signed(_known(g['elpd_after']) - _known(g['elpd_before']))}"
+                f" ({' to '.join(_signed(x) for x in g['elpd_interval'])})",
                 f"{_share(g['coverage_before'])} / {_share(g['coverage_after'])}",
             ]
             for g in gain["groups"]
@@ -724,7 +729,9 @@ def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
                 _span(p["frequency_hz"], "Hz"),
                 _span(p["amplitude_v"], "V"),
                 listed(changed) if changed else "as it is",
-                f"{_known(p['separation']):.2f} nats" if tells else _narrowing(p["separation"]),
+                f"{_known(p['separation']):.2f} ± {_known(p['error']):.2f} nats"
+                if tells
+                else _narrowing(p["separation"]),
                 _share(success),
             ]
         )
