@@ -59,12 +59,12 @@ fit: $(STAMP)-run ## Fit, sample, validate, report: GROUP=1 or 1,2 [OUT=dir] [EX
 validate: $(STAMP)-run ## Score a fit on the groups it never saw: [RUN=fits/psa-group1]
 	@$(PSAFIT) validate $(call quoted,$(RUN))
 
-diagnose: $(STAMP)-run ## What is wrong, why, and what is gained: GROUP=1 [QUICK=1] [OUT=dir] [EXP=folder] [SEED=n]
-	@$(PSAFIT) diagnose $(call quoted,$(EXP)) --group $(call quoted,$(GROUP)) $(if $(QUICK),--quick) \
-	    $(call option,--out,$(OUT)) $(call option,--seed,$(SEED))
+diagnose: $(STAMP)-run ## What is wrong, why, and what is gained: [GROUP=1] [QUICK=1] [OUT=dir] [EXP=folder] [SEED=n]
+	@$(PSAFIT) diagnose $(call quoted,$(EXP)) $(if $(filter file,$(origin GROUP)),,$(call option,--group,$(GROUP))) \
+	    $(if $(QUICK),--quick) $(call option,--out,$(OUT)) $(call option,--seed,$(SEED))
 
-sbc: $(STAMP)-run ## Simulation-based calibration of the posteriors, with rank plots in docs/figures
-	@$(BIN)/python benchmarks/sbc.py $(ARGS)
+sbc: $(STAMP)-run ## Simulation-based calibration of the posteriors, with rank plots in docs/figures: [SEED=n] [ARGS=...]
+	@$(BIN)/python benchmarks/sbc.py $(call option,--seed,$(SEED)) $(ARGS)
 
 reproduce: $(STAMP)-run ## Repeat the study's own tables and say where they come out otherwise
 	@$(PSAFIT) reproduce
@@ -103,7 +103,7 @@ docs: $(STAMP)-docs ## Build the pages of the docs into site/, to be read from t
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo 'ready: site/index.html'
 
-docs-figures: $(STAMP)-run ## Draw the figures of the docs anew
+docs-figures: $(STAMP)-run ## Draw the figures of the docs anew, run the tutorial: half an hour, after make fit and make diagnose
 	@for script in docs/make_*.py; do \
 	    [ -e "$$script" ] || { echo 'no figure scripts: docs/make_*.py'; break; }; \
 	    echo "$$script"; $(BIN)/python "$$script" || exit; done

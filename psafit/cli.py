@@ -148,7 +148,7 @@ def main() -> None:
         code = CHECK_FAILED
     except (KeyboardInterrupt, click.Abort):
         typed = "\n" if sys.stderr.isatty() else ""  # the terminal shows ^C
-        click.echo(f"{typed}psafit: interrupted; repeat the same command to go on where it stopped", err=True)
+        click.echo(f"{typed}psafit: interrupted; repeat the same command, which goes on from what is done", err=True)
         code = BAD_INPUT
     except BrokenPipeError:  # at the last flush
         _discard_output()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,7 +45,10 @@ def simulate(
     quiet: bool,
     json_file: Path | None,
 ) -> int:
-    """Simulate the launch ranges at an experiment's conditions."""
+    """Simulate the launch ranges at an experiment's conditions.
+
+    What neither --set nor --run gives has the median of its prior; the strength of a cause must be given.
+    """
     import numpy as np
 
     from psafit.experiment import read_experiment
@@ -119,10 +122,10 @@ def _completed(
     from psafit.physics import owner
     from psafit.physics.baseline import PARAMETERS
 
-    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, None) for p in PARAMETERS}
+    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, _usual(p)) for p in PARAMETERS}
     for term in chosen:
         for p in term.parameters:
-            wanted[p.name] = (p, None if p is term.strength else float(p.to_physical(p.prior_quantile(0.5))))
+            wanted[p.name] = (p, None if p is term.strength else _usual(p))
         if term.latent:
             wanted |= {session_name(term.latent.name, id): (term.latent, 0.0) for id in data.ids}
     unknown = sorted(asked.keys() - wanted.keys())
@@ -147,10 +150,15 @@ def _completed(
     return theta
 
 
+def _usual(p: Parameter) -> float:
+    """The median of its prior."""
+    return float(p.to_physical(p.prior_quantile(0.5)))
+
+
 @click.command(cls=Command)
 @click.argument("run", metavar="RUN", type=Place("input"))
 @click.argument("other", metavar="[RUN]", type=Place("input"), required=False)
-@click.option("--experiment", type=Place("input"), metavar="EXP", help="Measurements of a diagnosis, which keeps none.")
+@click.option("--experiment", type=Place("input"), metavar="EXP", help="Measurements of a diagnosis that keeps none.")
 @click.option("--out", type=Place("file"), help="Page of two runs; comparison-<second>.html in the first by default.")
 @PLUGIN
 @QUIET
@@ -166,12 +174,13 @@ def report(
         if experiment is not None:
             raise InputError("--experiment is of no use for two runs", "leave it out: they hold what is compared")
         page, record = _compared(run, other, out)
+        write_result(json_file, record)
+        pages = [page]
     else:
         if out is not None or json_file is not None:
             raise InputError("--out and --json are for two runs", "leave them out: the page goes into the run's folder")
-        page, record = _again(run, experiment), None
-    write_result(json_file, record)
-    if not quiet:
+        pages = list(_again(run, experiment))
+    for page in pages if not quiet else ():
         click.echo(f"report: {click.format_filename(page)}")
     return DONE
 
@@ -186,34 +195,42 @@ def _compared(first: Path, second: Path, out: Path | None) -> tuple[Path, Any]:
     return write_comparison(a, b, found, page), found
 
 
-def _again(run: Path, experiment: Path | None) -> Path:
-    from psafit.diagnose.record import RESULT, Diagnosis
+def _again(run: Path, experiment: Path | None) -> Iterator[Path]:
+    from psafit.diagnose.record import RESULT
 
-    if (run / RESULT).exists() and not (run / "fit.json").exists():
-        from psafit.inference.scale import read
-        from psafit.records import read_json
-        from psafit.report.diagnosis import write_diagnosis
-
-        record = read_json(run / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
-        if experiment is None:
-            raise InputError("keeps no measurements", "name them with --experiment EXP", file=run)
-        data = read(experiment)
-        if data.fingerprint != record.fingerprint:
-            raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment)
-        return write_diagnosis(record, data, run)
-    if experiment is not None:
+    if found := (run / RESULT).exists():
+        yield _diagnosed_again(run / RESULT, experiment)
+    elif experiment is not None:
         raise InputError("--experiment is for a diagnosis", "leave it out: a fit keeps its measurements")
-    import psafit
+    if not found or (run / "fit.json").exists():
+        import psafit
 
-    return psafit.load(run).report()
+        yield psafit.load(run).report()
+
+
+def _diagnosed_again(result: Path, experiment: Path | None) -> Path:
+    from psafit.diagnose.record import Diagnosis
+    from psafit.inference.scale import read
+    from psafit.records import read_json
+    from psafit.report.diagnosis import write_diagnosis
+
+    record = read_json(result, Diagnosis, sealed=True, remedy="run psafit diagnose again")
+    kept = result.parent / "experiment"
+    if experiment is None and not kept.is_dir():
+        raise InputError("keeps no measurements", "name them with --experiment EXP", file=result.parent)
+    data = read(experiment or kept)
+    if data.fingerprint != record.fingerprint:
+        raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment or kept)
+    return write_diagnosis(record, data, result.parent)
 
 
 @click.command(cls=Command)
 @click.argument("run", metavar="RUN", type=Place("input"))
 @click.option("--once", is_flag=True, help="Say how far it is, and end.")
 @click.option("--every", type=click.FloatRange(0.1), default=2.0, show_default=True, help="Seconds between looks.")
+@QUIET
 @JSON
-def watch(run: Path, once: bool, every: float, json_file: Path | None) -> int:
+def watch(run: Path, once: bool, every: float, quiet: bool, json_file: Path | None) -> int:
     """Show how far a running fit is, until it has ended.
 
     It only reads: nothing in the folder is changed or locked. Ctrl-C ends the watching, not the fit.
@@ -224,9 +241,10 @@ def watch(run: Path, once: bool, every: float, json_file: Path | None) -> int:
 
     state = look(run)
     if once or state.finished:
-        click.echo(_line(state))
+        if not quiet:
+            click.echo(_line(state))
     else:
-        show = _live if sys.stdout.isatty() else _lines
+        show = _looks if quiet else _live if sys.stdout.isatty() else _lines
         with suppress(KeyboardInterrupt):
             for found in show(run, state, every):
                 state = found

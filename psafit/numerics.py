@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from psafit.inference.problem import Problem
 from psafit.inference.run import Run
 from psafit.records import Numerics, Refinement, write_json
-from psafit.simulate import path_of, rig_of, simulate
+from psafit.simulate import rig_of, simulate
 from psafit.simulate.stability import contact_matrix_of, largest_stable_step, rk4_growth
 from psafit.simulate.stepper import TOLERANCE
 
@@ -68,7 +68,7 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
     experiment, terms = problem.experiment, problem.terms
     theta = problem.theta(u, experiment.ids)
     design = problem.design_of(experiment.ids)
-    path = path_of(terms)
+    path = simulate(design, theta, terms).engine
     exact = path == "closed form"
 
     def ranges(tolerance: float | None) -> FloatArray:

@@ -130,8 +130,8 @@ class Fit:
         What the likelihood saw.
     terms : list of str
         Causes added to the baseline.
-    engine : str
-        Path of the simulator.
+    engine : {"closed form", "stepper", "mixed"}
+        Path of the simulator at the minima.
     seed : int
     parameters : list of ParameterEntry
         Physical parameters, then those of the scatter.

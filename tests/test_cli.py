@@ -51,8 +51,10 @@ def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> No
     measured, predicted = map(float, rows[1].split(",")[-2:])
     assert predicted == pytest.approx(measured, rel=0.3)
     assert json.loads((tmp_path / "s.json").read_text())["engine"] == "closed form"
+    assert run(monkeypatch, "simulate", known_folder, "--quiet", "--json", tmp_path / "s.json") == 0  # prior medians
+    assert json.loads((tmp_path / "s.json").read_text())["parameters"]["c_s"] > 0
     for bad, words in (
-        (values[:4], "no value for c_c"),
+        (["--terms", "gap"], "no value for gap_width"),
         ([*values, "--set", "c_x=1"], "no parameter c_x"),
         (["--set", "K_c=1e5"], "no parameter K_c; did you mean k_c?"),
         ([*values, "--set", "k_c=2e5"], "--set gives k_c twice"),

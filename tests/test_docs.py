@@ -549,3 +549,11 @@ def test_a_small_letter_is_not_passed_over() -> None:
         ["make", "--dry-run", "fit", "group=3"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 2 and "names are written in capitals: GROUP=3" in done.stderr
+
+
+def test_the_page_of_commands_is_what_they_say() -> None:
+    spec = importlib.util.spec_from_file_location("make_commands", DOCS / "make_commands.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert (DOCS / "commands.md").read_text("utf-8") == module.page(), "run python docs/make_commands.py"

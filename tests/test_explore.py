@@ -273,6 +273,9 @@ def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-de
     assert run(monkeypatch, "report", folder, "--experiment", tmp_path / "rig", "--quiet") == 0
     assert "Diagnosis: Made-up rig" in (folder / "diagnosis.html").read_text("utf-8")
     capsys.readouterr()
+    kept = shutil.copytree(folder, tmp_path / "kept")
+    write_experiment(experiment, kept / "experiment")
+    assert run(monkeypatch, "report", kept) == 0 and capsys.readouterr().out == f"report: {kept / 'diagnosis.html'}\n"
     write_experiment(replace(experiment, groups=experiment.groups[:2]), tmp_path / "less")
     for words, said in (
         (["report", folder], "keeps no measurements; name them with --experiment EXP"),

@@ -240,7 +240,8 @@ def test_record_is_shown(page):
         "−1.2 nats over none", "Mean log RMSE 0.912 before, 0.254 after; change −0.710 to −0.520",
         "change +310.0 to +402.0 nats", "0.900 (×2.46)", "+179.5", "42 % / 91 %", "hysteresis of the stack 80 %",
         "12.50 ± 0.40 nats", "93 %", "−0.800 to −0.610",
-        "+179.5 (+150.0 to +210.0)", "l = 0.0750 m", "judged by the expansion only", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
+        "+179.5 (+150.0 to +210.0)",
+        "l = 0.0750 m", "judged by the expansion only", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
         "psafit diagnose experiments/made-up --group 1", "all other sets of causes", "a discrepancy without a name",
     ):  # fmt: skip
         assert expected in page.text.replace("3.1 × 10⁻⁷", "3.1·10⁻⁷"), expected

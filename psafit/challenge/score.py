@@ -409,10 +409,14 @@ def _table(pairs: Iterable[tuple[str, str]]) -> dict[str, dict[str, int]]:
     return table
 
 
-def _showing(result: Result) -> frozenset[str]:
-    """The true causes that an oracle gains by: a printed probability is that of what the readings show."""
+def _showing(result: Result) -> frozenset[str] | None:
+    """The true causes that an oracle gains by: a printed probability is that of what the readings show.
+
+    None where causes show together and each alone does for the other: no set is then wrong that has one of them.
+    """
     gains = result.oracle.without or dict.fromkeys(result.answer.terms, result.oracle.gain)
-    return frozenset(id for id in result.answer.terms if gains.get(id, 0.0) >= SHOWING_NATS)
+    shown = frozenset(id for id in result.answer.terms if gains.get(id, 0.0) >= SHOWING_NATS)
+    return shown if shown or result.oracle.gain < SHOWING_NATS else None
 
 
 def _reliability(results: Iterable[Result]) -> list[ProbabilityBin]:
@@ -420,8 +424,10 @@ def _reliability(results: Iterable[Result]) -> list[ProbabilityBin]:
     printed: list[tuple[float, bool]] = []
     for result in results:
         if result.spec.kind == "outside":
-            continue  # none of the candidates can be right, and the probabilities are conditional on one being so
+            continue  # none of the candidates can be right
         truth = _showing(result)
+        if truth is None:
+            continue
         for cause in result.diagnosis.get("causes", []):
             p = cause.get("probability")
             if isinstance(p, int | float) and math.isfinite(p):

@@ -27,7 +27,7 @@ from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
-from psafit.experiment import Experiment, GroupId
+from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import portable_command, sole
 from psafit.inference.candidate import Candidate
 from psafit.inference.emcee_adaptor import Settings
@@ -164,6 +164,7 @@ class _Work:
     def all(self, quick: bool, searches: int | None, nautilus: bool, identity: str) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
+        write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
         with self._stage("causes"):
             ladder = self._search(experiment.ids)
         leader = ladder.leader

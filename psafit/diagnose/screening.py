@@ -9,7 +9,7 @@ the expected strength, and their mean over the prior,
 
 the evidence that the cause would add, where :math:`w_q` is the part of the prior that is nearest to :math:`q`. Where
 gains change steeply, quantiles between are tried, too. Slopes at the neutral value
-would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, that of `preload` infinite, and a boundary makes the
+would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, others are infinite, and a boundary makes the
 law of the usual statistic a mixture.
 """
 

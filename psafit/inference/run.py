@@ -42,7 +42,7 @@ from psafit.records import (
     read_json,
     write_json,
 )
-from psafit.simulate import path_of
+from psafit.simulate import simulate
 
 FloatArray = NDArray[np.float64]
 
@@ -349,6 +349,12 @@ def _entries(problem: Problem, optimum: Optimum) -> list[MinimumEntry]:
     ]
 
 
+def _engine(problem: Problem, optimum: Optimum) -> str:
+    """Path that the simulator takes at the minima."""
+    u = problem.to_sampling(np.array([m.values for m in optimum.minima]))
+    return simulate(problem.design, problem.theta(u, problem.group_ids), problem.terms).engine
+
+
 def _teller(watcher: Watcher, settings: emcee_adaptor.Settings, limit: int) -> Callable[[emcee_adaptor.Progress], None]:
     return lambda s: watcher.update(
         s.steps,
@@ -373,7 +379,7 @@ def _record(
         fingerprint=problem.experiment.fingerprint,
         groups=list(problem.group_ids),
         terms=[t.id for t in problem.terms],
-        engine=path_of(problem.terms),
+        engine=_engine(problem, optimum),
         seed=seed,
         parameters=[
             ParameterEntry(

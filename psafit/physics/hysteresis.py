@@ -2,7 +2,7 @@ r"""A stack that remembers where its voltage came from.
 
 .. math:: F_e - k_s z, \qquad \dot z = s\,q\,\dot u - |\dot u|\, z/U.
 
-Bouc-Wen with exponent 1 and :math:`\beta = \gamma` folded into one: the study's :math:`F_0` in Eq. (1). After every
+Bouc-Wen with exponent 1, :math:`\beta = 1/U` and :math:`\gamma = 0`: the study's :math:`F_0` in Eq. (1). After every
 turn the stroke per volt starts at :math:`q (1 - s)` and recovers to `q` within some `U`; :math:`|z| \le s q U`. A
 cycle between :math:`\pm V_a` opens by the fraction :math:`s\,(1 - \operatorname{sech} a)/a` of its stroke, :math:`a =
 V_a/U`. The state depends on the path of the voltage, not on time (rate-independent), so that it has a closed form
