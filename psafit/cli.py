@@ -93,9 +93,12 @@ class Command(click.Command):
             if p.name and isinstance(p.type, Place) and ctx.params.get(p.name) is not None
         ]
         inputs = [*(path for role, _, path in places if role == "input"), *plugins.files()]
+        seen: dict[str, str] = {}
         for role, option, path in places:
             if role != "input":
                 ensure_writable(path, option, folder=role == "folder", inputs=inputs)
+                if (other := seen.setdefault(os.path.realpath(path), option)) != option:
+                    raise InputError(f"{option} and {other} are the same place", "give each its own", file=path)
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as error:  # click would print an empty line
@@ -394,7 +397,7 @@ def _tell(result: Diagnosis) -> None:
     click.echo(f"verdict: {result.verdict}" + (f": {' + '.join(result.named)}" if result.named else ""))
     for sentence in result.sentences:
         click.echo(f"  {sentence}")
-    unnamed = result.unnamed > 0.5
+    unnamed = result.mostly_unnamed
     if unnamed or result.verdict == "unexplained":
         click.echo("  if a model of the catalogue had to do:")
     for cause in result.causes[:5]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import sys
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -39,6 +40,7 @@ from psafit.simulate.reference import (
     Path as SteppedPath,
 )
 from psafit.simulate.stability import contact_matrix, largest_stable_step, rk4_growth
+from psafit.validate import log_ratio, root_mean_square
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["reproduced", "reproduced only with the study's time step", "not reproduced"]
@@ -48,7 +50,6 @@ ONLY_WITH_STEP: Verdict = "reproduced only with the study's time step"
 NOT_REPRODUCED: Verdict = "not reproduced"
 
 PUBLISHED = "published.toml"
-LOG_OFFSET_UM = 0.3  # of the error metric `log_rmse`
 
 
 @dataclass(frozen=True)
@@ -376,6 +377,10 @@ def convergence(
     exact = float(simulate(Design.sweep(constants, *point), np.array(parameters)).launch_range[0, 0])
     limit = largest_stable_step(np.linalg.eigvals(contact_matrix(parameters, constants)).astype(complex))
     fine = steps < 0.6 * limit
+    if fine.sum() < 2:
+        raise InputError(
+            f"[scheme] step = {steps[0]:g} s is far beyond the stable {limit:.3g} s", "give the step the study used"
+        )
     order = float(np.polyfit(np.log(steps[fine]), np.log(np.abs(found[fine] - exact)), 1)[0])
     return Convergence(point.frequency, point.amplitude, steps, found, exact, order)
 
@@ -593,7 +598,7 @@ def read_published(folder: str | Path) -> dict[str, Any]:
         data = tomllib.loads(file.read_text("utf-8"))
     except FileNotFoundError:
         raise InputError("there are no published claims", "add this file to reproduce a study", file=file) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:  # also of digits or nesting without end
         raise InputError(f"cannot be read: {error}", remedy, file=file) from None
     numbers: tuple[tuple[str, tuple[str, ...]], ...] = (
         ("parameters", ContactParameters._fields),
@@ -621,7 +626,7 @@ def read_published(folder: str | Path) -> dict[str, Any]:
 def _usable(number: object, *, zero: bool) -> bool:
     if isinstance(number, bool) or not isinstance(number, int | float):
         return False
-    return 0 < number < math.inf or (zero and number == 0)
+    return 0 < number <= sys.float_info.max or (zero and number == 0)
 
 
 def _fault(claim: Mapping[str, Any]) -> str | None:
@@ -893,8 +898,5 @@ def _agreement(
     )  # fmt: skip
     exact = 1e6 * simulate(Design.of(constants, [group]), np.array(parameters)).launch_range[0]
 
-    def score(predicted: FloatArray) -> float:
-        ratio = (predicted + LOG_OFFSET_UM) / (group.launch_range_um + LOG_OFFSET_UM)
-        return float(np.sqrt(np.mean(np.log(ratio) ** 2)))
-
-    return Agreement(str(group.id), score(stepped), score(exact), int(np.isnan(stepped).sum()), stepped.size)
+    study, converged = (root_mean_square(log_ratio(um, group.launch_range_um)) for um in (stepped, exact))
+    return Agreement(str(group.id), study, converged, int(np.isnan(stepped).sum()), stepped.size)

@@ -118,12 +118,12 @@ def _seen(folder: Path, before: State | None) -> State:
         if (folder / "diagnosis.json").exists() or (folder / "steps").is_dir():
             what = "is a diagnosis, which draws no chain that could be watched"
         raise InputError(what, _FOREIGN, file=folder)
-    record = read_json(folder / "fit.json", Fit)
+    record = read_json(folder / "fit.json", Fit, sealed=True)
     ended = folder / "posterior.json"
     chain = folder / "chain.h5"
     if ended.exists():
         try:
-            summary = read_json(ended, PosteriorSummary)
+            summary = read_json(ended, PosteriorSummary, sealed=True)
         except InputError:
             if ended.exists():  # else it has just been taken away, since the chain goes on
                 raise

@@ -110,9 +110,9 @@ def test_readings_scatter_as_the_answer_says(lagged: Path) -> None:
 
 
 def test_most_readings_of_a_truth_launch(known: Experiment, lagged: Path, tmp_path: Path) -> None:
-    assert np.mean(np.array(unseal(lagged)[1].true_um) > 1.0) >= 0.5
-    redraws = [make(s, tmp_path / str(s), design_of=known, kind="nothing").answer.redraws for s in range(6)]
-    assert min(redraws) >= 0
+    made = [make(s, tmp_path / str(s), design_of=known, kind="nothing").answer for s in range(6)]
+    for answer in (unseal(lagged)[1], *made):
+        assert np.mean(np.array(answer.true_um) > 1.0) >= 0.5
 
 
 def test_a_drawn_design_is_one_of_similar_size(tmp_path: Path) -> None:
@@ -249,7 +249,7 @@ def test_outside_effects_act_where_they_say(known: Experiment, tmp_path: Path, e
     plain = make(11, tmp_path / "plain", design_of=known, kind="nothing").answer
     made = make(11, tmp_path / "hidden", design_of=known, outside=effect)
     assert made.answer.parameters == plain.parameters  # the same rig, and one thing more
-    assert made.answer.outside == effect.name and made.answer.terms == [] and made.answer.places
+    assert made.answer.outside == effect.name and made.answer.terms == []
     changed = np.array(made.answer.true_um) != np.array(plain.true_um)
     assert changed.any()
     for g, s in zip(known.groups, parts(known), strict=True):
@@ -261,7 +261,8 @@ def test_outside_effects_act_where_they_say(known: Experiment, tmp_path: Path, e
                 ]
                 low = -math.inf if place.lower is None else place.lower
                 inside |= (x >= low) & (x <= (math.inf if place.upper is None else place.upper))
-        assert not changed[s][~inside].any()
+        # What acts everywhere names no place.
+        assert not changed[s][~inside].any() or not made.answer.places
     assert effect.name.encode() not in b"".join(files(tmp_path / "hidden" / "experiment").values())
     assert consult(made.experiment, made.answer, seed=1).gain > 10.0
 

@@ -257,7 +257,7 @@ def test_interrupt_is_one_line(known_folder: Path, tmp_path: Path, monkeypatch, 
     monkeypatch.setattr(running, "optimise", interrupted)
     assert run(monkeypatch, "fit", known_folder, "--group", "1", "--out", tmp_path / "o") == 2
     said = capsys.readouterr().err.splitlines()
-    assert len(said) == 2 and "repeat the same command to go on" in said[1]  # below the stage's line
+    assert len(said) == 2 and "repeat the same command, which goes on" in said[1]  # below the stage's line
 
 
 def test_help_lists_every_command(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

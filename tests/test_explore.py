@@ -530,7 +530,9 @@ def test_a_fit_is_watched_while_it_runs(known_folder: Path, tmp_path: Path) -> N
     out = tmp_path / "run"
     words = [sys.executable, "-m", "psafit"]
     one = subprocess.Popen([*words, "fit", known_folder, "--group", "1", "--out", out, "--quiet", "--no-report"])
+    until = time.monotonic() + 300
     while not (out / "fit.json").exists():
+        assert one.poll() is None and time.monotonic() < until
         time.sleep(0.1)
     watching = [*words, "watch", out, "--every", "0.3"]
     seen = subprocess.run(watching, capture_output=True, text=True, timeout=300, check=True)

@@ -625,7 +625,7 @@ def test_diagnostics_tell_mixed_from_stuck() -> None:
 
 @pytest.mark.slow
 def test_posteriors_are_calibrated() -> None:
-    """Rank of the truth among Laplace-weighted draws, over data drawn from it: uniform, as it must be."""
+    """Truths lie within the Laplace approximation about as often as it says; ranks among draws: benchmarks/sbc.py."""
     z = []
     for seed in range(24):
         experiment = measure(np.random.default_rng(1000 + seed))

@@ -311,14 +311,26 @@ def read_diagnosis(file: Path, fingerprint: str | None = None) -> dict[str, Any]
         not isinstance(content, dict)
         or content.get("verdict") not in verdicts
         or not all(isinstance(content.get(key), list) for key in lists)
-        or not all(isinstance(cause, dict) and isinstance(cause.get("terms"), list) for cause in content["causes"])
-        or not all(isinstance(ids, list) for ids in content["alternatives"])
+        or not all(isinstance(cause, dict) and _measured(cause.get("parameters")) for cause in content["causes"])
+        or not all(map(_names, [content["named"], *content["alternatives"]]))
+        or not all(_names(cause.get("terms")) for cause in content["causes"])
         or not isinstance(content.get("misfit", {}), dict)
     ):
         raise InputError("is no diagnosis of schema 1", remedy, file=file)
     if fingerprint and content.get("fingerprint", fingerprint) != fingerprint:
         raise InputError("is of other readings than the challenge's", "diagnose FOLDER/experiment", file=file)
     return {key: content.get(key, {}) for key in _KEPT}
+
+
+def _names(ids: object) -> bool:
+    return isinstance(ids, list) and all(isinstance(id, str) for id in ids)
+
+
+def _measured(parameters: object) -> bool:
+    """Whether what is told of parameters, if anything is, has numbers in it; None stands for one that is not finite."""
+    told = parameters if isinstance(parameters, dict) else {}
+    ends = [p[k] for p in told.values() if isinstance(p, dict) for k in ("median", "lower", "upper") if k in p]
+    return parameters is None or (isinstance(parameters, dict) and all(isinstance(x, int | float | None) for x in ends))
 
 
 def run(

@@ -462,7 +462,8 @@ def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
             continue
         for name, told in (causes[0].get("parameters") or {}).items():
             true = result.answer.parameters.get(name)
-            if true is None or not isinstance(told, dict) or not {"median", "lower", "upper"} <= told.keys():
+            known = isinstance(told, dict) and all(told.get(k) is not None for k in ("median", "lower", "upper"))
+            if true is None or not known:
                 continue
             half = 0.5 * (told["upper"] - told["lower"])
             error = (told["median"] - true) / half if half > 0 else math.nan

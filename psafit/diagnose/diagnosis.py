@@ -177,6 +177,8 @@ class _Work:
             verdict = conclude(ladder, before, after, left)
             misfit = _misfit(before, after, left, leader)
         draws = ladder.draws(leader.ids, self.seed)
+        for name in (RESULT, PAGE):  # the tables that follow belong to another answer, which has no record yet
+            (self.folder / name).unlink(missing_ok=True)
         numerics = asdict(refine(leader.problem, leader.modes[:1], experiment.fingerprint))
         write_predictions(
             self.folder / "predictions-diagnosis.csv", predictive(leader.problem, draws.resampled(_DRAWS), self.seed)
@@ -238,7 +240,6 @@ class _Work:
             seconds=self.seconds,
             identity=identity,
         )
-        (self.folder / PAGE).unlink(missing_ok=True)  # of an earlier result
         write_json(self.folder / RESULT, result, sealed=True)
         return result
 

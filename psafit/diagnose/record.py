@@ -119,3 +119,8 @@ class Diagnosis:
     command: str
     seconds: dict[str, float]
     identity: str = ""
+
+    @property
+    def mostly_unnamed(self) -> bool:
+        """Whether a discrepancy without a name is more probable than all that has one."""
+        return self.unnamed > 0.5

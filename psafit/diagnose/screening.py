@@ -38,7 +38,7 @@ _STEEP, _PROMISING, _HALVINGS, _MOST_HALVED = 3.0, 15.0, 5, 3
 # Whitened size of a plausible effect, after the refit, below which a cause could not have been seen: power of one half
 # for a gain of two and a half standard deviations.
 VISIBLE = 2.5
-# Gain (nats) from which a cause counts as present in the table: 2 ln 20, one in twenty of a causes' list of twenty.
+# Gain (nats) from which a cause counts as explaining part of the misfit alone: ln 20, odds of twenty to one.
 PRESENT = 3.0
 
 

@@ -76,9 +76,9 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     for ids, p in (ladder.probability | ladder.unfitted).items():
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
-    nothing = ladder.probability[()]
+    nothing, mostly_unnamed = ladder.probability[()], unnamed > 0.5
     reasons = []
-    if not before.wrong and nothing >= 1 - CREDIBLE and unnamed < 0.5:
+    if not before.wrong and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         reasons.append(
             f"The tests find nothing wrong with the baseline (family-wise p = {before.p_value:.2g}), and it keeps"
             f" {100 * probability[()]:.0f} % of the probability."
@@ -99,12 +99,12 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     alternatives = ladder.rivals(named)
     residual = after is not None and after.p_value < ALPHA
     named = _best_first(named, ladder)
-    if residual or unnamed > 0.5:
+    if residual or mostly_unnamed:
         how = "fits little better than the baseline, and" if () in alternatives else "explains most, but"
         reasons.append(
             f"{' + '.join(named)} {how} structure remains"
             + (f" (family-wise p = {after.p_value:.2g})" if residual and after else "")
-            + (f"; an unnamed discrepancy has probability {unnamed:.2f}" if unnamed > 0.5 else "")
+            + (f"; an unnamed discrepancy has probability {unnamed:.2f}" if mostly_unnamed else "")
             + "."
         )
         return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, tuple(reasons))

@@ -82,7 +82,7 @@ class Optimum:
     n_failed : int
         Starts that ended where the model cannot be evaluated.
     n_evaluations : int
-        Parameter sets simulated.
+        Parameter sets simulated by the climbs.
     report : str
         lmfit's report of the last climb.
     """
@@ -372,7 +372,7 @@ def optimise(
         Of the scrambled Sobol sequence the starts come from.
     n_starts : int
     progress : callable
-        Called with (starts done, starts in all).
+        Called with (iterations done, iterations in all) of the climbs.
 
     Returns
     -------
@@ -412,7 +412,6 @@ def optimise(
     if not tops:
         raise ConvergenceError("search for a starting point with finite posterior", reached=0, required=1)
     distinct = _merge(tops, problem.n_physical, _SAME_HEIGHT)
-    # Basins that were not climbed still are minima; their starts count, so that the share of the best is honest.
     minima = tuple(Minimum(problem.to_physical(u), value, count) for u, value, count in distinct)
     covariance = np.stack([laplace_covariance(problem, u) for u, _, _ in distinct])
     return Optimum(minima, covariance, n_starts, failed, evaluations, report)

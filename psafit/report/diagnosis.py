@@ -120,7 +120,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
             {"name": model(c.terms), "rows": _parameter_rows(c)} for c in result.causes if c is not leader
         ],
         "leader_listed": leader is _listed_leader(result),
-        "mostly_unnamed": result.unnamed > 0.5,
+        "mostly_unnamed": result.mostly_unnamed,
         "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, TITLES, result.named),
         "screening": _screening_rows(result.screening),
         "alternatives": _alternatives(result),
@@ -308,7 +308,7 @@ def _wrong(result: Diagnosis) -> Markup:
         tied += Markup(" (and {} more)").format(count(more, "set"))
     listed_one = _listed_leader(result)
     # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
-    share = f" (probability {_share(listed_one.probability)})" if listed_one and result.unnamed <= 0.5 else ""
+    share = f" (probability {_share(listed_one.probability)})" if listed_one and not result.mostly_unnamed else ""
     if result.verdict == "adequate":
         unseen = sum(s.verdict == "could not have been seen" for s in result.screening)
         but = Markup(" Of {}, {} could not have been seen in them.").format(

@@ -314,9 +314,9 @@ def _minima(run: Run) -> dict[str, Any]:
         ]
         for rank, m in enumerate(fit.minima[:_MAX_MINIMA], 1)
     ]
-    text = f"{count(fit.n_starts, 'start')} drawn from the prior ended in {len(fit.minima)} distinct"
-    text += " minimum" if len(fit.minima) == 1 else " minima"
-    text += f"; the best was reached {count(best.starts, 'time')}; climbs that fell behind were given up"
+    text = f"{count(fit.n_starts, 'start')} followed; the highest places they led to were climbed to the top:"
+    text += f" {len(fit.minima)} distinct {'minimum' if len(fit.minima) == 1 else 'minima'}"
+    text += f". The best was reached {count(best.starts, 'time')}; climbs that fell behind were given up"
     if fit.n_failed:
         text += f", and {count(fit.n_failed, 'start')} failed"
     text += f" ({fit.n_evaluations} evaluations)."
