@@ -21,7 +21,7 @@ from outside import OUTSIDE, parts
 
 from psafit.challenge import hide
 from psafit.challenge.answer import Answer, Place, unseal
-from psafit.challenge.campaign import LEVELS, PRIOR, Result, Spec, content_hash, load, plan, run
+from psafit.challenge.campaign import LEVELS, PRIOR, Result, Spec, content_hash, load, plan, read_diagnosis, run
 from psafit.challenge.hide import Outside, make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, find_rivals
 from psafit.challenge.score import located, rate, reported_set, score
@@ -648,6 +648,29 @@ def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
     assert "://" not in re.sub(r'src="data:[^"]*"', "", page)
     empty = write_page(score([result([], verdict="adequate")]), tmp_path / "empty.html").read_text()
     assert "holds where asked" in empty and "1 of 7 targets could be asked, and held" in empty
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"named": [["a"]]},
+        {"alternatives": [[{"a": 1}]]},
+        {"causes": [{"terms": [1], "probability": 1.0}]},
+        {
+            "causes": [
+                {"terms": ["a"], "probability": 1.0, "parameters": {"x": {"median": "1", "lower": 0, "upper": 2}}}
+            ]
+        },
+        {"causes": [{"terms": ["a"], "probability": 1.0, "parameters": ["x"]}]},
+    ],
+)
+def test_a_foreign_diagnosis_must_keep_the_contract(change: dict[str, Any], tmp_path: Path) -> None:
+    content = {"verdict": "explained", "named": ["a"], "alternatives": [], "causes": [], "misfit": {}}
+    (tmp_path / "d.json").write_text(json.dumps(content))
+    assert read_diagnosis(tmp_path / "d.json")["named"] == ["a"]
+    (tmp_path / "d.json").write_text(json.dumps(content | change))
+    with pytest.raises(InputError, match="is no diagnosis of schema 1"):
+        read_diagnosis(tmp_path / "d.json")
 
 
 # --- commands ---------------------------------------------------------------------------------------

@@ -53,6 +53,9 @@ def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> No
     assert json.loads((tmp_path / "s.json").read_text())["engine"] == "closed form"
     assert run(monkeypatch, "simulate", known_folder, "--quiet", "--json", tmp_path / "s.json") == 0  # prior medians
     assert json.loads((tmp_path / "s.json").read_text())["parameters"]["c_s"] > 0
+    twice = ["--out", tmp_path / "t", "--json", tmp_path / "sub" / ".." / "t"]
+    assert run(monkeypatch, "simulate", known_folder, *twice) == 2 and not (tmp_path / "t").exists()
+    assert "--json and --out are the same place" in capsys.readouterr().err
     for bad, words in (
         (["--terms", "gap"], "no value for gap_width"),
         ([*values, "--set", "c_x=1"], "no parameter c_x"),

@@ -541,3 +541,12 @@ def test_a_fit_is_watched_while_it_runs(known_folder: Path, tmp_path: Path) -> N
     assert len(lines) > 2 and lines[-1].startswith("done; steps ")
     assert any("time left about" in line for line in lines)
     assert isinstance(psafit.load(out), Fitted)
+
+
+def test_an_edited_fit_is_not_watched(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    folder = shutil.copytree(fitted[0], tmp_path / "edited")
+    record = json.loads((folder / "fit.json").read_text("utf-8"))
+    record["minima"] = []
+    (folder / "fit.json").write_text(json.dumps(record), "utf-8")
+    assert run(monkeypatch, "watch", folder) == 2
+    assert "fit.json: was changed after psafit wrote it" in capsys.readouterr().err

@@ -22,13 +22,14 @@ from psafit.reproduce import (
     Claim,
     Reproduction,
     contact_matrix,
+    convergence,
     judge,
     largest_stable_step,
     read_published,
     reproduce,
     rk4_growth,
 )
-from psafit.simulate.reference import ContactParameters
+from psafit.simulate.reference import ContactParameters, Point
 
 PSA = Path(__file__).parents[1] / "experiments" / "psa"
 
@@ -190,6 +191,8 @@ def _altered(tmp_path: Path, old: str, new: str) -> Path:
         ("group = 1\n", "", "lacks 'group'"),
         ('waveform = "sine"', 'waveform = "saw"', "has the waveform 'saw'"),
         ("frequency = 1200.0", "frequency = 0.0", "has 0.0 for frequency"),
+        ("c_c = 68.0", f"c_c = {'9' * 5000}", "cannot be read"),
+        ("c_c = 68.0", f"c_c = {'9' * 400}", "[parameters] has no valid c_c"),
         ("k_c = 1.425e5", "k_c = 0.0", "[parameters] has no valid k_c"),
     ],
 )
@@ -198,6 +201,12 @@ def test_unusable_claims_are_named(tmp_path: Path, old: str, new: str, said: str
         read_published(_altered(tmp_path, old, new))
     assert caught.value.file is not None
     assert caught.value.file.name == "published.toml"
+
+
+def test_a_step_without_any_stable_one_near_it_is_refused() -> None:
+    point, parameters = Point("sine", 1200.0, 20.0), ContactParameters(1.425e5, 13991.0, 68.0)
+    with pytest.raises(InputError, match="far beyond the stable"):
+        convergence(point, parameters, read_experiment(PSA).constants, 1e-3 * np.geomspace(0.98, 0.5, 4), 1e-3)
 
 
 def test_a_folder_without_claims_says_so(tmp_path: Path) -> None:
