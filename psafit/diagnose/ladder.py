@@ -4,7 +4,9 @@ r"""The ladder: from every cause alone to combinations of up to six, and a proba
    earnest, alone: expansions at a badly wrong fit may mislead.
 2. From the best models so far (the beam: the best, and the best that have no cause in common with it) each of the most
    promising further causes is added, and the larger model fitted. This goes on while a larger model gains more than
-   it costs, up to four causes; it does not begin where no cause alone gains what is rare by chance.
+   it costs, up to four causes; it does not begin where no cause alone gains what is rare by chance. When the first pair
+   was worth it, causes are also looked for beside every cause alone, and the most promising of these pairs fitted: of
+   two causes, either may show only beside the other.
 3. Each cause of the leader is exchanged for those that promise most in its place, rivals that a beam has dropped, and
    what promises most is added to it; so with every model that comes to lead or is as good as the leader, up to six
    causes.
@@ -40,7 +42,7 @@ from scipy.special import logsumexp
 from psafit.diagnose.memory import Arrays, Memory
 from psafit.diagnose.screening import Screened, extended, screen
 from psafit.inference.ascent import Ascent, ascend
-from psafit.inference.candidate import Candidate, fit, settle
+from psafit.inference.candidate import Candidate, coarse, fit, settle
 from psafit.inference.evidence import Weighed, weigh
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
@@ -72,6 +74,8 @@ _BEAM, _TRIED = 3, 5
 _OUTCLASSED = 60.0
 # ... of which so many by expansion and alone in any case; more only where the expansion promises this much (nats).
 _SURE_BY_BAYES, _SURE_ALONE, _PROMISE = 2, 1, 2.0
+# Pairs fitted because one cause promises much beside another that was not worth growing.
+_LATE = 6
 # Models of which causes are exchanged, at most, and exchanges tried for each cause; those that the expansion sees this
 # far behind (nats) are not.
 _ROUNDS, _SWAPPED, _UNLIKELY = 6, 3, 15.0
@@ -199,6 +203,8 @@ def climb(
     for size in range(1, min(_WIDE, len(catalogue))):
         if not (search.found_something() and search.grow(size)):
             break
+        if size == 1:
+            search.look_around()
     search.settle()
     for another in (search.think_again, search.cross_over):
         if another():
@@ -255,6 +261,27 @@ class _Search:
         larger = self._larger([p.problem for p in parents], _TRIED)
         self._fit_all(larger, _DRAWS_PAIR, _STARTS_PAIR)
         return bool(larger) and self._best() > before + _WORTH_GROWING
+
+    def look_around(self) -> None:
+        """Look for a second cause beside every cause alone, also those that explain nothing by themselves."""
+        alone = [c for c in self.fitted.values() if len(c.terms) == 1]
+        wanted: dict[Ids, _Wanted] = {}
+        for k, c in enumerate(alone):
+            self._progress(f"{c.ids[0]}: what else", k, len(alone))
+            # A quarter of the readings is enough to see what is worth a fit.
+            few = coarse(c.problem)
+            top = c.modes[:1]
+            seen = settle(few, Ascent(top, few.log_posterior(top), few.predict(top), 0))
+            weight = c.problem.observed.size / few.observed.size
+            for found in screen(seen, self.catalogue):
+                larger = extended(c.problem, found.term, self.catalogue)
+                if larger.ids not in self.fitted:
+                    entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
+                    entry.starts.append(found.starts)
+                    promise = self._evidence(c) + weight * found.log_bayes + log_prior(2, len(self.catalogue))
+                    entry.promise = max(entry.promise, promise)
+        pairs = sorted(wanted.values(), key=lambda one: -one.promise)[:_LATE]
+        self._fit_all([one for one in pairs if one.promise > self._best() - _UNLIKELY], _DRAWS_PAIR, _STARTS_PAIR)
 
     def settle(self) -> None:
         """Compare and refine until nothing is left: causes that the beam has may be had cheaper from others."""

@@ -34,7 +34,7 @@ _QUANTILES = (0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
 _ITERATIONS = 12
 # Between quantiles whose gains differ by more than this (nats), the better of them this near the best, another one is
 # tried, so many times: a cause that acts by thresholds helps in a narrow range only.
-_STEEP, _PROMISING, _HALVINGS, _MOST_HALVED = 3.0, 15.0, 5, 3
+_STEEP, _PROMISING, _HALVINGS, _MOST_HALVED = 3.0, 15.0, 9, 3
 # Whitened size of a plausible effect, after the refit, below which a cause could not have been seen: power of one half
 # for a gain of two and a half standard deviations.
 VISIBLE = 2.5

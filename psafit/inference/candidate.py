@@ -160,6 +160,13 @@ def thinned(experiment: Experiment, every: int) -> Experiment:
     return replace(experiment, groups=tuple(part(g) for g in experiment.groups))
 
 
+def coarse(problem: Problem) -> Problem:
+    """It with a quarter of its readings, roughly simulated; one with few readings as it is."""
+    if problem.observed.size < _MANY:
+        return problem
+    return replace(problem, experiment=thinned(problem.experiment, _THIN), tolerance=_ROUGH)
+
+
 def fit(
     problem: Problem,
     nested: Sequence[Candidate],
@@ -192,26 +199,25 @@ def fit(
         The problem's own optimum is never below that of a nested model by more than a strength off its neutral value
         costs.
     """
-    many = problem.observed.size >= _MANY
-    coarse = replace(problem, experiment=thinned(problem.experiment, _THIN), tolerance=_ROUGH) if many else problem
+    trial = coarse(problem)
     if not nested:
-        return settle(problem, ascend(problem, starts_of(coarse, seed, most, draws)[0], schedule=_THOROUGH))
+        return settle(problem, ascend(problem, starts_of(trial, seed, most, draws)[0], schedule=_THOROUGH))
     rows = [r for c in nested for r in c.widened(problem, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
     known = np.vstack(rows)
-    crossed = starts_of(coarse, seed, most // 2, draws // 2, known)[0]
-    fresh = starts_of(coarse, seed, most, draws)[0]
+    crossed = starts_of(trial, seed, most // 2, draws // 2, known)[0]
+    fresh = starts_of(trial, seed, most, draws)[0]
     # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
     races = ((fresh, _FRESH), (np.vstack([known, crossed]), _TRIAL))
     # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
     # best go on. (They hold the smaller models' optima: no climb ends below those.)
     there = problem.log_posterior(known)
-    trials = [ascend(coarse, starts, schedule=schedule, still_below=ENOUGH, unite=True) for starts, schedule in races]
+    trials = [ascend(trial, starts, schedule=schedule, still_below=ENOUGH, unite=True) for starts, schedule in races]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
     if rival is not None:
-        other = replace(coarse, terms=rival.terms)
+        other = replace(trial, terms=rival.terms)
         behind = height.max() < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS
         if behind and there.max() < rival.height - _HOPELESS:
             return settle(problem, ascend(problem, tried, schedule=((0, 1),)))
