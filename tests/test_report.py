@@ -34,7 +34,7 @@ from psafit.records import (
 from psafit.report import figures, fit, wording
 from psafit.report.fit import write_report
 from psafit.report.page import figure_data_uri
-from psafit.simulate.stability import explicit_step_limit
+from psafit.simulate.stability import contact_matrix, largest_stable_step
 from psafit.validate import Prediction, score, verdict
 
 REPORT = Path(fit.__file__).parent
@@ -153,7 +153,8 @@ def make_validation(run: Run, predictions: list[Prediction]) -> Validation:
 
 def make_numerics(run: Run) -> Numerics:
     best = run.fit.minima[0].values
-    limit = explicit_step_limit(CONSTANTS, [best[name] for name in ("k_c", "c_s", "c_c")])
+    matrix = contact_matrix([best[name] for name in ("k_c", "c_s", "c_c")], CONSTANTS)
+    limit = largest_stable_step(np.linalg.eigvals(matrix).astype(complex))
     steps = [Refinement(1e-3, 2e-4, 1e-6), Refinement(1e-5, 3.1e-7, 1e-9)]
     return Numerics(
         run.fit.identity, run.fit.engine, None, 9, 240, steps, 3.1e-7, 1e-5, True, 2.8e6, limit, 1e-6, 1.035

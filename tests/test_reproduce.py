@@ -255,13 +255,13 @@ def test_a_failing_page_leaves_the_previous_one(tmp_path: Path) -> None:
 def test_large_figures_become_bitmaps_and_equal_figures_equal_bytes() -> None:
     def drawn() -> str:
         with figure_style():
-            figure, (axes,) = new_figure()
+            figure, axes = new_figure()
             axes.plot([0, 1], [0, 1])
             return figure_data_uri(figure)
 
     assert drawn().startswith("data:image/svg+xml;base64,")
     assert drawn() == drawn()
     with figure_style():
-        figure, (axes,) = new_figure()
+        figure, axes = new_figure()
         axes.plot([0, 1], [0, 1])
         assert figure_data_uri(figure, svg_limit=100).startswith("data:image/png;base64,")

@@ -252,7 +252,7 @@ def examine(
     character: str = "none"
     odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
-        character, odd_groups = _character(candidate, catalogue, statistics, seed, n_simulated, influence, odd_points)
+        character, odd_groups = _character(candidate, catalogue, statistics, seed, influence, odd_points)
     return Misfit(
         p_value, tuple(statistics), places, character, odd_groups, odd_points, observed[0], n_simulated,
         "exact" if exact else "expansion",
@@ -403,7 +403,6 @@ def _character(
     catalogue: Sequence[Term],
     statistics: Sequence[Statistic],
     seed: int,
-    n_simulated: int,
     influence: bool,
     odd_points: tuple[tuple[GroupId, int], ...],
 ) -> tuple[str, tuple[GroupId, ...]]:

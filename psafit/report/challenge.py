@@ -162,7 +162,7 @@ def _bars(axes: Axes, x: Sequence[float], rates: Sequence[Rate], color: str, lab
 
 
 def _gain_figure(bins: Sequence[GainBin]) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     x = np.arange(len(bins), dtype=float)
     kinds: tuple[tuple[str, Callable[[GainBin], Rate], str, str], ...] = (
         ("something is wrong", lambda b: b.detected, "blue", "o"),
@@ -182,7 +182,7 @@ def _gain_figure(bins: Sequence[GainBin]) -> Figure:
 
 
 def _reliability_figure(score: Score) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     axes.plot([0, 1], [0, 1], color=PALETTE["grey"], lw=1.0, ls="--", label="perfect")
     kinds: tuple[tuple[str, Sequence[ProbabilityBin], str, str, float], ...] = (
         ("all data sets", score.reliability, "blue", "o", 0.0),
@@ -212,7 +212,7 @@ def _confusion_figure(table: Mapping[str, Mapping[str, int]]) -> Figure:
     said = sorted({name for row in table.values() for name in row}, key=lambda n: (n not in truths, n))
     counts = np.array([[table[t].get(s, 0) for s in said] for t in truths], dtype=float)
     share = counts / counts.sum(axis=1, keepdims=True)
-    figure, (axes,) = new_figure(width=WIDE, height=1.8 + 0.22 * len(truths))
+    figure, axes = new_figure(width=WIDE, height=1.8 + 0.22 * len(truths))
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
     for i, j in zip(*np.nonzero(counts), strict=True):
         axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=8, color=PALETTE["ink"])
@@ -225,7 +225,7 @@ def _confusion_figure(table: Mapping[str, Mapping[str, int]]) -> Figure:
 
 
 def _recovery_figure(recovery: Sequence[Recovery]) -> Figure:
-    figure, (axes,) = new_figure(height=1.4 + 0.2 * len(recovery))
+    figure, axes = new_figure(height=1.4 + 0.2 * len(recovery))
     rows = np.arange(len(recovery))
     for row, r in zip(rows, recovery, strict=True):
         if r.covered.lower is not None and r.covered.upper is not None:

@@ -166,7 +166,7 @@ def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: s
     measured = np.asarray(seen["measured"], dtype=float)
     letter = _SYMBOL[base["variable"]]
     with figure_style():
-        figure, (axes,) = new_figure(height=2.75)
+        figure, axes = new_figure(height=2.75)
         axes.axhline(0.0, color=PALETTE["faint"], lw=1.0, zorder=0.5)
         axes.fill_between(at, lower, upper, color=PALETTE["ink"], **{**BAND, "alpha": 0.16})
         axes.plot(at, measured, **MEASURED)
@@ -248,7 +248,7 @@ def _bars(
     limits: tuple[float, float] | None,
 ) -> Figure:  # fmt: skip
     with figure_style():
-        figure, (axes,) = new_figure(height=1.25 + 0.235 * len(names))
+        figure, axes = new_figure(height=1.25 + 0.235 * len(names))
         at = np.arange(len(names))[::-1]
         lengths = np.nan_to_num(np.asarray(values, dtype=float))
         for word, color in _VERDICT_COLOR.items():
@@ -285,7 +285,7 @@ def gain_picture(protocol: str, gain: Mapping[str, Any]) -> Picture:
     before = np.array([r["log_rmse_before"] for r in rows], dtype=float)
     after = np.array([r["log_rmse_after"] for r in rows], dtype=float)
     with figure_style():
-        figure, (axes,) = new_figure(height=1.35 + 0.32 * (len(rows) + 1))
+        figure, axes = new_figure(height=1.35 + 0.32 * (len(rows) + 1))
         at = np.arange(len(rows) + 1)[::-1]
         means = (float(gain["log_rmse_before"]), float(gain["log_rmse_after"]))
         b, a = np.append(before, means[0]), np.append(after, means[1])
@@ -339,7 +339,7 @@ def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) 
     order = np.argsort(g.sweep.values[heard], kind="stable")
     x, m, s = (a[heard][order] for a in (g.sweep.values, mean, sd))
     with figure_style():
-        figure, (axes,) = new_figure(height=2.5)
+        figure, axes = new_figure(height=2.5)
         axes.axhline(1.0, color=PALETTE["grey"], lw=1.0)
         axes.fill_between(x, np.exp(m - 1.645 * s), np.exp(m + 1.645 * s), color=PALETTE["purple"], **BAND)
         axes.plot(x, np.exp(m), color=PALETTE["purple"], marker="." if x.size < 3 else None)

@@ -37,7 +37,7 @@ _KINDS = {REPRODUCED: "good", ONLY_WITH_STEP: "warn", NOT_REPRODUCED: "bad"}
 
 
 def _sweep_figure(sweep: Sweep, study_label: str) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     axes.plot(sweep.measured_frequency, sweep.measured, **MEASURED, label="measured")
     axes.plot(sweep.frequency, sweep.study_step, **STUDY, lw=1.4, label=study_label)
     axes.plot(sweep.frequency, sweep.converged, **CONVERGED, label="converged")
@@ -56,7 +56,7 @@ def _sweep_figure(sweep: Sweep, study_label: str) -> Figure:
 
 def _stability_figure(result: Reproduction) -> Figure:
     s = result.stability
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     colors = [PALETTE[name] for name in ("vermillion", "green", "purple", "purple")]
     for k, value in enumerate(s.eigenvalues):
         if value.imag < 0:
@@ -84,7 +84,7 @@ def _stability_figure(result: Reproduction) -> Figure:
 
 
 def _fast_mode_figure(result: Reproduction) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     colors = (PALETTE["vermillion"], PALETTE["orange"], PALETTE["green"])
     for mode, color in zip(result.fast_modes, colors, strict=False):
         shown = mode.error > 0
@@ -115,7 +115,7 @@ def _fast_mode_figure(result: Reproduction) -> Figure:
 
 
 def _convergence_figure(cases: tuple[Convergence, ...], limit: float) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     for case, name in zip(cases, ("purple", "blue", "green"), strict=False):
         error = 100.0 * np.abs(case.launch_range / case.exact - 1.0)
         axes.plot(
@@ -144,7 +144,7 @@ def _convergence_figure(cases: tuple[Convergence, ...], limit: float) -> Figure:
 
 
 def _displacement_figure(result: Reproduction) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     for path in result.trajectories:
         if path.frequency != 1200.0:
             continue
@@ -164,7 +164,7 @@ def _displacement_figure(result: Reproduction) -> Figure:
 
 
 def _force_figure(result: Reproduction) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     shades = ("#08306b", "#08519c", "#2171b5", "#4292c6", "#6baed6", "#9ecae1")
     exact = [path for path in result.trajectories if path.label == "converged"]
     for path, shade in zip(exact, shades, strict=False):
@@ -180,7 +180,7 @@ def _force_figure(result: Reproduction) -> Figure:
 
 
 def _restitution_figure(result: Reproduction) -> Figure:
-    figure, (axes,) = new_figure()
+    figure, axes = new_figure()
     r = result.restitution
     axes.plot(r.frequency, r.elastic_study_step, **STUDY, label="study's time step")
     axes.plot(r.frequency, r.elastic_converged, **CONVERGED, label="converged")

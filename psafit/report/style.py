@@ -106,23 +106,10 @@ def figure_style() -> Iterator[None]:
         yield
 
 
-def new_figure(
-    *, width: float = WIDTH, height: float = HEIGHT, columns: int = 1, **grid: Any
-) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure and its axes, left to right.
-
-    Parameters
-    ----------
-    width, height : float, inches
-        Use `WIDE` for a figure that spans the page.
-    columns : int
-        Number of panels side by side.
-    **grid
-        Passed to `Figure.subplots`, e.g. `sharey=True`.
-    """
+def new_figure(*, width: float = WIDTH, height: float = HEIGHT) -> tuple[Figure, Axes]:
+    """Return an empty figure of one panel, inches; `WIDE` spans the page."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(1, columns, squeeze=False, **grid)
-    return figure, list(axes[0])
+    return figure, figure.subplots()
 
 
 def plain_log_ticks(axes: Axes, *, x: bool = False, y: bool = False) -> None:

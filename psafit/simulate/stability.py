@@ -65,8 +65,3 @@ def largest_stable_step(eigenvalues: NDArray[np.complex128]) -> float:
             root = brentq(lambda x, u=unit: float(rk4_growth(u, x)) - 1.0, z[edge - 1], z[edge])
             limit = min(limit, root / abs(value))
     return limit
-
-
-def explicit_step_limit(constants: Constants, theta: ArrayLike) -> float:
-    """Largest stable step, s, of Runge-Kutta 4 on the contact phase with parameters `theta`, (3,)."""
-    return largest_stable_step(np.linalg.eigvals(contact_matrix(theta, constants)).astype(complex))

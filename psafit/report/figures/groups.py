@@ -60,7 +60,7 @@ def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str 
         Said in the title; without it the figure has no legend, which the page gives once for all.
     """
     with figure_style():
-        figure, (axes,) = new_figure(height=3.55 if role else 2.75)
+        figure, axes = new_figure(height=3.55 if role else 2.75)
         draw_curves(axes, group, sweep, curves)
         title(axes, group.id, sweep, role)
         axes.set_xlabel(sweep.label)
@@ -134,7 +134,7 @@ def residual_figure(
         Limits of the axis, common to all groups.
     """
     with figure_style():
-        figure, (axes,) = new_figure(height=2.5)
+        figure, axes = new_figure(height=2.5)
         at, low, high = envelope(sweep.values, *band)
         color = PALETTE[ROLE_COLOR[p.role]]
         if at.size > 1:
@@ -175,7 +175,7 @@ def pit_figure(p: Prediction, sweep: Sweep, pit: FloatArray, band: tuple[float, 
     bins : int
     """
     with figure_style():
-        figure, (axes,) = new_figure(width=WIDTH, height=2.4)
+        figure, axes = new_figure(width=WIDTH, height=2.4)
         color = PALETTE[ROLE_COLOR[p.role]]
         counts, _, _ = axes.hist(pit, bins=bins, range=(0.0, 1.0), color=color, alpha=0.65, rwidth=0.92)
         axes.axhspan(*band, color=PALETTE["ink"], alpha=0.11, lw=0, zorder=2)

@@ -211,7 +211,7 @@ def trace_figure(m: Marginal, values: FloatArray, thinning: int) -> Figure:
     stride = max(1, math.ceil(values.shape[1] / _SHOWN_STEPS))
     step = np.arange(0, values.shape[1], stride) * thinning
     with figure_style():
-        figure, (axes,) = new_figure(height=2.0)
+        figure, axes = new_figure(height=2.0)
         axes.plot(step, walkers[:, ::stride].T, lw=0.5, alpha=0.45, color=PALETTE["blue"])
         limits = widened(float(values.min()), float(values.max()), 0.04, log=m.log)
         scale_axis(axes, "y", *limits, log=m.log)
