@@ -322,6 +322,11 @@ def test_verdicts(hidden, sound):
     tie = conclude(tied, before, after, left)
     assert tie.verdict == "ambiguous"
     assert tie.alternatives[0] == ("flight_friction",)
+    # Causes that share the probability take nothing from what has no name: it has a tenth before the readings.
+    doubtful = replace(left, log_bayes=np.log(9 * 1.5))
+    assert conclude(hidden, before, after, doubtful).unnamed == pytest.approx(0.6)
+    assert conclude(tied, before, after, doubtful).unnamed == pytest.approx(0.6)
+    assert conclude(tied, before, after, doubtful).verdict == "unexplained"
     # Nothing hidden.
     plain = climb(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)

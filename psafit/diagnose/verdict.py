@@ -37,7 +37,7 @@ class Verdict:
     probability : dict
         Of each model fitted; what is missing to one is unnamed, or was not fitted.
     unnamed : float
-        Probability of a discrepancy without a name, beside the best model that has one.
+        Probability of a discrepancy without a name beside what has one.
     inclusion : dict
         Probability of each cause to be part of the truth, given that the catalogue holds it.
     reasons : tuple of str
@@ -67,9 +67,8 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         Of the leader.
     """
     odds = math.exp(min(left.log_bayes, 700.0)) * UNNAMED / (1 - UNNAMED) if left else 0.0
-    leader_share = ladder.probability[ladder.leader.ids]
-    # The unnamed discrepancy beside the leader competes with all named models.
-    unnamed = odds * leader_share / (1 + odds * leader_share)
+    # A discrepancy beside a model has the same part of each one's prior; the leader's evidence of it stands for all.
+    unnamed = odds / (1 + odds)
     probability = {ids: p * (1 - unnamed) for ids, p in ladder.probability.items()}
     inclusion: dict[str, float] = {}
     # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
