@@ -193,11 +193,11 @@ def _forecast(
     seed: int,
 ) -> Forecast:
     ranges, readings, density, weight = [], [], [], []
-    for ids, share in mixture.items():
+    for k, (ids, share) in enumerate(mixture.items()):
         problem = ladder.of(ids).problem
         draws = drawn[ids]
-        rng = np.random.default_rng([seed, 11, len(ids)])
         group = problem.experiment.group(group_id)
+        rng = np.random.default_rng([seed, 11, k, problem.experiment.groups.index(group)])
         found = problem.predict(draws, [group_id], rng)
         scatter = problem.noise_values(draws)
         ranges.append(found)
