@@ -273,7 +273,7 @@ class _Search:
             top = c.modes[:1]
             seen = settle(few, Ascent(top, few.log_posterior(top), few.predict(top), 0))
             weight = c.problem.observed.size / few.observed.size
-            for found in screen(seen, self.catalogue):
+            for found in self._screened(seen):
                 larger = extended(c.problem, found.term, self.catalogue)
                 if larger.ids not in self.fitted:
                     entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
@@ -470,8 +470,25 @@ class _Search:
 
     def _screen(self, ids: Ids) -> tuple[Screened, ...]:
         if ids not in self.screenings:
-            self.screenings[ids] = tuple(screen(self.fitted[ids], self.catalogue))
+            self.screenings[ids] = tuple(self._screened(self.fitted[ids]))
         return self.screenings[ids]
+
+    def _screened(self, candidate: Candidate) -> list[Screened]:
+        """Every other cause beside a model."""
+        others = [t for t in self.catalogue if t not in candidate.terms]
+        told = ("strength", "gain", "log_bayes", "visible", "starts")
+
+        def make() -> dict[str, FloatArray]:
+            found = screen(candidate, self.catalogue)
+            return {f"{s.term.id} {name}": np.asarray(getattr(s, name), float) for s in found for name in told}
+
+        kept = self._recall("screening", candidate.problem, make, candidate.modes[:1])
+
+        def read(term: Term) -> Screened:
+            strength, gain, log_bayes, visible, starts = (kept[f"{term.id} {name}"] for name in told)
+            return Screened(term, strength, gain, float(log_bayes), float(visible), starts)
+
+        return [read(t) for t in others]
 
     def _promising(self, ids: Ids) -> list[Screened]:
         """Causes to add to a model: the best by expansion, and the best of those that explain most alone."""
