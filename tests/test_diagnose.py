@@ -293,6 +293,28 @@ def test_combinations_are_tried_where_a_cause_gains_something(ids, values):
     assert search.found_something() == bool(ids)
 
 
+def test_a_second_cause_is_looked_for_beside_every_cause_alone(tmp_path, monkeypatch):
+    """... on a quarter of the readings, and what was looked at once is kept."""
+    both = ("amplifier_lag", "flight_friction")
+    whole = problem(experiment(both, [4e-5, 0.05], n=60))
+
+    def begun():
+        search = ladder._Search(whole, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
+        search.begin()
+        search.look_around()
+        return search
+
+    first = begun()
+    assert first._leader().ids == both
+    assert sum(len(ids) == 2 for ids in first.fitted) <= ladder._LATE
+    monkeypatch.delattr(ladder, "screen")
+    again = begun()
+    assert again._leader().height == first._leader().height
+    for one, other in zip(first._screen(()), again._screen(()), strict=True):
+        assert (one.term, one.log_bayes, one.visible) == (other.term, other.log_bayes, other.visible)
+        assert np.array_equal(one.gain, other.gain) and np.array_equal(one.starts, other.starts)
+
+
 def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden):
     for c in hidden.candidates:
         for smaller in hidden.candidates:

@@ -274,12 +274,7 @@ class _Search:
             seen = settle(few, Ascent(top, few.log_posterior(top), few.predict(top), 0))
             weight = c.problem.observed.size / few.observed.size
             for found in self._screened(seen):
-                larger = extended(c.problem, found.term, self.catalogue)
-                if larger.ids not in self.fitted:
-                    entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
-                    entry.starts.append(found.starts)
-                    promise = self._evidence(c) + weight * found.log_bayes + log_prior(2, len(self.catalogue))
-                    entry.promise = max(entry.promise, promise)
+                self._enlist(wanted, c.problem, found, weight * found.log_bayes)
         pairs = sorted(wanted.values(), key=lambda one: -one.promise)[:_LATE]
         self._fit_all([one for one in pairs if one.promise > self._best() - _UNLIKELY], _DRAWS_PAIR, _STARTS_PAIR)
 
@@ -416,13 +411,17 @@ class _Search:
                 continue
             self._progress(f"{' + '.join(smaller.ids)}: what else", 0, 1)
             for found in self._promising(smaller.ids)[:most]:
-                larger = extended(smaller, found.term, self.catalogue)
-                if larger.ids not in self.fitted:
-                    entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
-                    entry.starts.append(found.starts)
-                    promise = self._evidence(self.fitted[smaller.ids]) + found.log_bayes
-                    entry.promise = max(entry.promise, promise + log_prior(len(larger.terms), len(self.catalogue)))
+                self._enlist(wanted, smaller, found, found.log_bayes)
         return list(wanted.values())
+
+    def _enlist(self, wanted: dict[Ids, _Wanted], smaller: Problem, found: Screened, log_bayes: float) -> None:
+        """Note a fitted model with one more cause, unless that is fitted already."""
+        larger = extended(smaller, found.term, self.catalogue)
+        if larger.ids not in self.fitted:
+            entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
+            entry.starts.append(found.starts)
+            promise = self._evidence(self.fitted[smaller.ids]) + log_bayes
+            entry.promise = max(entry.promise, promise + log_prior(len(larger.terms), len(self.catalogue)))
 
     def concluded(self) -> Ladder:
         """Rank the models, when all that would be told beside the leader has been fitted."""
