@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -32,7 +33,11 @@ def page() -> str:
     parts = [INTRODUCTION]
     for words, command in sorted(every(commands, ("psafit",))):
         context = click.Context(command, info_name=" ".join(words), max_content_width=100, terminal_width=100)
-        parts.append(f"## {' '.join(words)}\n\n```text\n{command.get_help(context)}\n```\n")
+        # click remembers the help option as it was first asked for, with its short form or without.
+        text = re.sub(
+            r"^  (-h, )?--help +", lambda m: "  -h, --help".ljust(len(m[0])), command.get_help(context), flags=re.M
+        )
+        parts.append(f"## {' '.join(words)}\n\n```text\n{text}\n```\n")
     return "\n".join(parts)
 
 
