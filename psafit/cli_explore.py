@@ -122,10 +122,10 @@ def _completed(
     from psafit.physics import owner
     from psafit.physics.baseline import PARAMETERS
 
-    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, _usual(p)) for p in PARAMETERS}
+    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, p.prior_median) for p in PARAMETERS}
     for term in chosen:
         for p in term.parameters:
-            wanted[p.name] = (p, None if p is term.strength else _usual(p))
+            wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
             wanted |= {session_name(term.latent.name, id): (term.latent, 0.0) for id in data.ids}
     unknown = sorted(asked.keys() - wanted.keys())
@@ -148,11 +148,6 @@ def _completed(
             )
         theta[name] = value
     return theta
-
-
-def _usual(p: Parameter) -> float:
-    """The median of its prior."""
-    return float(p.to_physical(p.prior_quantile(0.5)))
 
 
 @click.command(cls=Command)

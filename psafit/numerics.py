@@ -68,15 +68,13 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
     experiment, terms = problem.experiment, problem.terms
     theta = problem.theta(u, experiment.ids)
     design = problem.design_of(experiment.ids)
-    path = simulate(design, theta, terms).engine
-    exact = path == "closed form"
+    found = simulate(design, theta, terms)
+    exact = found.engine == "closed form"
 
-    def ranges(tolerance: float | None) -> FloatArray:
-        if tolerance is None:
-            return simulate(design, theta, terms).launch_range
+    def ranges(tolerance: float) -> FloatArray:
         return simulate(design, theta, terms, path="stepper", tolerance=tolerance).launch_range
 
-    reference = ranges(None if exact else _FINEST)
+    reference = found.launch_range if exact else ranges(_FINEST)
     refinement = []
     for tolerance in _TOLERANCES:
         error = np.abs(ranges(tolerance) - reference) / np.maximum(reference, _FLOOR)
@@ -92,7 +90,7 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
     growth = float(rk4_growth(eigenvalues, COMMON_STEP).max())
     return Numerics(
         identity=identity,
-        engine=path,
+        engine=found.engine,
         tolerance=None if exact else TOLERANCE,
         n_sets=len(theta),
         n_points=design.n_points,

@@ -129,7 +129,7 @@ class Uniform:
         return "uniform" if self.coordinate == "linear" else "uniform in the logarithm"
 
 
-def widened(prior: Prior, factor: float) -> Prior | None:
+def broadened(prior: Prior, factor: float) -> Prior | None:
     """The same about the same middle, so many times as wide; None for one that has no middle."""
     if isinstance(prior, Normal):
         return Normal(prior.mean, prior.sd * factor)
@@ -174,6 +174,11 @@ class Parameter:
             raise ValueError(f"parameter name {self.name!r} is not an identifier")
         if self.prior.coordinate == "log" and self.bounds.lower <= 0:
             raise ValueError(f"{self.name}: a logarithmic prior needs a positive lower bound")
+
+    @property
+    def signature(self) -> list[str | float]:
+        """What determines what it may be, as JSON can say it: keys of kept work are made of it."""
+        return [self.name, self.prior.describe(), self.bounds.lower, self.bounds.upper]
 
     @cached_property
     def scale(self) -> float:
@@ -231,6 +236,11 @@ class Parameter:
         low, high = self.sampling_bounds.lower, self.sampling_bounds.upper
         x = self.prior.quantile(np.asarray(p, dtype=float), low * self.scale, high * self.scale)
         return np.clip(x / self.scale, low, high)
+
+    @property
+    def prior_median(self) -> float:
+        """Value in the middle of the prior."""
+        return float(self.to_physical(self.prior_quantile(0.5)))
 
     def prior_share(self, value: float) -> float:
         """Share of the prior below a value."""

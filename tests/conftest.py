@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from pathlib import Path
+from types import ModuleType
 
 # As the command line does: threads of the linear algebra library only wait for each other on our small matrices.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -31,6 +33,15 @@ def measure(rng: np.random.Generator, relative: float = 0.05, absolute: float = 
         read = true * (1 + relative * rng.standard_normal(f.size)) + absolute * rng.standard_normal(f.size)
         groups.append(Group(number, waveform, f"{number}.csv", f, v, np.maximum(np.round(read, 2), 0.0)))  # type: ignore[arg-type]
     return Experiment("A rig with known truth", "drawn", RIG, tuple(groups), Path("known"), fingerprint(RIG, groups))
+
+
+def loaded(script: Path) -> ModuleType:
+    """A script of the docs, as a module."""
+    spec = importlib.util.spec_from_file_location(script.stem, script)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="session")

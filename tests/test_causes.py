@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import math
 import re
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import loaded
 
 from psafit.experiment import Constants, read_experiment
 from psafit.parameters import Bounds, Normal, Parameter
@@ -244,10 +244,7 @@ def test_alike() -> None:
 
 def test_the_page_of_the_causes_is_up_to_date() -> None:
     """The text follows from the declarations; its figures exist, small enough for a page."""
-    spec = importlib.util.spec_from_file_location("make_causes", ROOT / "docs" / "make_causes.py")
-    assert spec and spec.loader
-    make = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(make)
+    make = loaded(ROOT / "docs" / "make_causes.py")
     written = make.PAGE.read_text("utf-8")
     computed = written.split(make.BEGIN)[1].split(make.END)[0].strip()
     assert written == make.page(computed), "run python docs/make_causes.py --text"

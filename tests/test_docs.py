@@ -20,6 +20,7 @@ from typing import NamedTuple
 import click
 import numpy as np
 import pytest
+from conftest import loaded
 
 from psafit import cli
 from psafit.errors import InputError
@@ -552,8 +553,5 @@ def test_a_small_letter_is_not_passed_over() -> None:
 
 
 def test_the_page_of_commands_is_what_they_say() -> None:
-    spec = importlib.util.spec_from_file_location("make_commands", DOCS / "make_commands.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert (DOCS / "commands.md").read_text("utf-8") == module.page(), "run python docs/make_commands.py"
+    page = loaded(DOCS / "make_commands.py").page()
+    assert (DOCS / "commands.md").read_text("utf-8") == page, "run python docs/make_commands.py"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 import os
 import re
 from pathlib import Path
 
 import pytest
+from conftest import loaded
 
 from psafit.experiment import Constants, Experiment, describe, read_experiment
 
@@ -174,12 +174,7 @@ def test_odd_points_stay_as_printed(psa: Experiment) -> None:
 def test_documented_numbers_are_current() -> None:
     """docs/figures/data.json, which docs/data.md quotes, follows from the data."""
     pytest.importorskip("matplotlib")
-    script = ROOT / "docs" / "make_data_figures.py"
-    spec = importlib.util.spec_from_file_location("make_data_figures", script)
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = loaded(ROOT / "docs" / "make_data_figures.py")
     groups = {g.id: g for g in read_experiment(ROOT / "experiments" / "psa").groups}
     stored = json.loads((ROOT / "docs" / "figures" / "data.json").read_text(encoding="utf-8"))
     current = json.loads(json.dumps(module.rounded(module.numbers(groups))))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import json
 import os
@@ -14,11 +13,11 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import loaded
 
 from psafit import cli, files, physics, plugins
 from psafit.errors import InputError
@@ -34,14 +33,6 @@ from psafit.simulate.sensitivity import REFERENCE
 
 ROOT = Path(__file__).parents[1]
 QUICK = Settings(n_walkers=24, chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300)
-
-
-def loaded(script: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(script.stem, script)
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 TUTORIAL = loaded(ROOT / "docs" / "make_tutorial.py")

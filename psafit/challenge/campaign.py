@@ -328,9 +328,12 @@ def _names(ids: object) -> bool:
 
 def _measured(parameters: object) -> bool:
     """Whether what is told of parameters, if anything is, has numbers in it; None stands for one that is not finite."""
-    told = parameters if isinstance(parameters, dict) else {}
-    ends = [p[k] for p in told.values() if isinstance(p, dict) for k in ("median", "lower", "upper") if k in p]
-    return parameters is None or (isinstance(parameters, dict) and all(isinstance(x, int | float | None) for x in ends))
+    if parameters is None:
+        return True
+    if not isinstance(parameters, dict):
+        return False
+    numbers = [p.get(k) for p in parameters.values() if isinstance(p, dict) for k in ("median", "lower", "upper")]
+    return all(isinstance(x, int | float | None) for x in numbers)
 
 
 def run(

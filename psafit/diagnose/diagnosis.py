@@ -36,7 +36,7 @@ from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem
 from psafit.inference.run import Silent, Watcher, fit, versions
 from psafit.numerics import refine
-from psafit.parameters import widened
+from psafit.parameters import broadened
 from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, read_content, read_json, write_json
@@ -112,8 +112,7 @@ def diagnose(
         require()
     everything = replace(Problem(experiment, experiment.ids), terms=tuple(catalogue))
     asked = [versions(), experiment.title, experiment.fingerprint, training, seed, quick, searches, nautilus]
-    asked += [[t.signature for t in catalogue]]
-    asked += [[p.name, p.prior.describe(), p.bounds.lower, p.bounds.upper] for p in everything.parameters]
+    asked += [[t.signature for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
     with sole(folder):
         _refuse_other_readings(folder / RESULT, experiment)
@@ -390,7 +389,7 @@ def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
     for word, factor in (("half", 0.5), ("twice", 2.0)):
         shifts = []
         for i, p in enumerate(problem.parameters):
-            if p.name in names and (other := widened(p.prior, factor)):
+            if p.name in names and (other := broadened(p.prior, factor)):
                 ends = p.sampling_bounds.lower * p.scale, p.sampling_bounds.upper * p.scale
                 x = found.draws[:, i] * p.scale
                 shifts.append(other.log_density(x, *ends) - p.prior.log_density(x, *ends))
@@ -532,7 +531,6 @@ def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any], pr
             f"Gain on data unseen ({protocol}): mean log_rmse {one['log_rmse_before']:.3f} before,"
             f" {one['log_rmse_after']:.3f} after (change {change[0]:+.3f} to {change[1]:+.3f}, 90 %)."
         )
-    best = next(iter(proposal.get("proposals", [])), None)
-    if best and next_experiment.worthwhile(best["separation"], best["error"]):
+    if best := next_experiment.recommended(proposal):
         result.append(f"Next, measure {best['text']}: it best {proposal['about']}.")
     return result

@@ -48,7 +48,7 @@ class Memory:
         determinants = [
             kind, _FORMAT, psafit.__version__, problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
             [t.signature for t in problem.terms], problem.tolerance, about,
-            [[p.name, p.prior.describe(), p.bounds.lower, p.bounds.upper] for p in problem.parameters],
+            [p.signature for p in problem.parameters],
         ]  # fmt: skip
         key = hashlib.sha256(json.dumps(determinants).encode()).hexdigest()[:24]
         path = self._folder / f"{kind}-{key}.npz"

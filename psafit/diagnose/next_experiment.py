@@ -12,8 +12,9 @@ again. What is printed comes from simulated experiments that had no part in the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,9 +162,17 @@ def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, lis
     ]
 
 
-def worthwhile(separation: float, error: float) -> bool:
-    """Whether a proposal would do more than its estimate errs, and enough to be told in a sentence."""
-    return separation - 2 * error > _WORTHWHILE
+def recommended(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The best of the proposals in a result file, if it would do more than its estimate errs, and enough to be told."""
+    best = next(iter(found.get("proposals", [])), None)
+    if best is None or None in (best["separation"], best["error"]):
+        return None  # what is not finite is null there
+    return best if best["separation"] - 2 * best["error"] > _WORTHWHILE else None
+
+
+def tells_apart(found: Mapping[str, Any]) -> bool:
+    """Whether the proposals in a result file are to separate two models, not to narrow a parameter of one."""
+    return str(found.get("about", "")).startswith("tells ")
 
 
 def _best(possible: Sequence[Possible], separation: Sequence[float] | FloatArray) -> list[int]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from psafit.compare import Told, read_predictions
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
-from psafit.diagnose.next_experiment import worthwhile
+from psafit.diagnose.next_experiment import recommended, tells_apart
 from psafit.diagnose.record import PAGE, CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Experiment, GroupId
 from psafit.inference.run import load
@@ -408,11 +408,11 @@ def _gained(result: Diagnosis) -> Markup:
 
 def _what_next(found: Mapping[str, Any]) -> list[Markup]:
     """The best proposal in a sentence, if it is worth the work."""
-    best = next(iter(found.get("proposals", [])), None)
-    if best is None or not worthwhile(_known(best["separation"]), _known(best["error"])):
+    best = recommended(found)
+    if best is None:
         return []
     about = _about(str(found["about"]))
-    if str(found["about"]).startswith("tells "):
+    if tells_apart(found):
         what = Markup("{} with an expected lead of {} nats").format(about, _nats(best["separation"]))
     else:
         what = Markup("{}, of which these readings tell little: it would narrow it by {}").format(
@@ -714,8 +714,7 @@ def _ledger(ledger: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
 def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
     if not found.get("proposals"):
         return None
-    about = str(found.get("about", ""))
-    tells = about.startswith("tells ")
+    tells = tells_apart(found)
     rows = []
     for p in found["proposals"]:
         changed = [
@@ -735,7 +734,9 @@ def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
                 _share(success),
             ]
         )
-    return {"about": _about(about), "tells": tells, "rows": rows if tells else [row[:-1] for row in rows]}
+    if not tells:
+        rows = [row[:-1] for row in rows]
+    return {"about": _about(str(found.get("about", ""))), "tells": tells, "rows": rows}
 
 
 def _search(found: Mapping[str, Any] | None) -> dict[str, Any] | None:

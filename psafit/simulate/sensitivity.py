@@ -73,7 +73,7 @@ def plausible(term: Term, share: float = 0.5, side: Side | None = None) -> Float
     (n_parameters,) array
         The strength, the cause's other parameters at their prior medians; in their units.
     """
-    values = [float(p.to_physical(p.prior_quantile(0.5))) for p in term.parameters]
+    values = [p.prior_median for p in term.parameters]
     values[0] = _away(term, share, side)
     return np.array(values)
 
