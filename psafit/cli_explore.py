@@ -17,7 +17,7 @@ from psafit.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from psafit.experiment import Experiment
+    from psafit.experiment import Conditions
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
     from psafit.watch import State
@@ -45,20 +45,20 @@ def simulate(
     quiet: bool,
     json_file: Path | None,
 ) -> int:
-    """Simulate the launch ranges at an experiment's conditions.
+    """Simulate the launch ranges at an experiment's conditions, measured or planned: EXP needs no readings.
 
     What neither --set nor --run gives has the median of its prior; the strength of a cause must be given.
     """
     import numpy as np
 
-    from psafit.experiment import read_experiment
+    from psafit.experiment import Group, read_plan
     from psafit.files import write_atomically
     from psafit.simulate import Design
     from psafit.simulate import simulate as simulate_batch
 
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise InputError("is no kind of picture psafit writes", f"end its name in {' or '.join(PICTURES)}", file=plot)
-    data = read_experiment(experiment)
+    constants, groups = read_plan(experiment)
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     if run is not None:
@@ -67,17 +67,15 @@ def simulate(
         finished = load(run)
         chosen = chosen or finished.problem.terms
         given = {p.name: p.median for p in finished.summary.parameters} | asked
-    theta = _completed(data, chosen, given, asked)
-    result = simulate_batch(Design.of(data.constants, data.groups), np.array(list(theta.values())), chosen)
+    theta = _completed(groups, chosen, given, asked)
+    result = simulate_batch(Design.of(constants, groups), np.array(list(theta.values())), chosen)
     micrometres = result.launch_range[0] * 1e6
-    each = np.split(micrometres, np.cumsum([g.n_points for g in data.groups])[:-1])
+    each = np.split(micrometres, np.cumsum([g.n_points for g in groups])[:-1])
     rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
-    for g, predicted in zip(data.groups, each, strict=True):
-        columns = (g.frequency_hz, g.amplitude_v, g.launch_range_um, predicted)
-        rows += [
-            f"{g.id},{g.waveform},{f!r},{v!r},{y!r},{p!r}"
-            for f, v, y, p in zip(*(c.tolist() for c in columns), strict=True)
-        ]
+    for g, predicted in zip(groups, each, strict=True):
+        measured = g.launch_range_um.tolist() if isinstance(g, Group) else [""] * g.n_points
+        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), measured, predicted.tolist())
+        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{y},{p!r}" for f, v, y, p in zip(*columns, strict=True)]
     text = "\n".join(rows) + "\n"
     if out is not None:
         write_atomically(out, text.encode())
@@ -86,7 +84,7 @@ def simulate(
     if plot is not None:
         from psafit.report.simulated import write_picture
 
-        write_picture(data.groups, each, plot)
+        write_picture(groups, each, plot)
         if not quiet:
             click.echo(f"picture: {click.format_filename(plot)}")
     write_result(
@@ -115,7 +113,7 @@ def _assignments(values: tuple[str, ...]) -> dict[str, float]:
 
 
 def _completed(
-    data: Experiment, chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
+    groups: Sequence[Conditions], chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
 ) -> dict[str, float]:
     """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
     from psafit.experiment import session_name
@@ -127,7 +125,7 @@ def _completed(
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
-            wanted |= {session_name(term.latent.name, id): (term.latent, 0.0) for id in data.ids}
+            wanted |= {session_name(term.latent.name, id): (term.latent, 0.0) for id in (g.id for g in groups)}
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:
         close = [name for name in wanted if name.casefold() == unknown[0].casefold()]

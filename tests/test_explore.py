@@ -15,6 +15,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas
 import pytest
 from reader import HOSTILE, Reader
 from test_architecture import HEAVY
@@ -25,7 +26,7 @@ from psafit import cli, cli_explore, watch
 from psafit.api import Diagnosed, Fitted, Rig
 from psafit.compare import Estimate, Side, Told, compare, read_predictions, read_side
 from psafit.errors import InputError
-from psafit.experiment import Experiment, Group, session_name, write_experiment
+from psafit.experiment import Conditions, Experiment, Group, read_experiment, session_name, write_experiment
 from psafit.files import sole
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
@@ -347,6 +348,37 @@ def test_simulate_draws_what_it_simulates(known_folder: Path, tmp_path: Path, mo
     for name, said in (("x.jpg", "end its name in .png or .svg or .pdf"), ("x", "no kind of picture")):
         assert run(monkeypatch, "simulate", known_folder, *values, "--plot", tmp_path / name) == 2
         assert said in capsys.readouterr().err and not (tmp_path / name).exists()
+
+
+def test_a_plan_needs_no_readings(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """A planned group is simulated like a measured one at the same conditions; only `simulate` takes it."""
+    folder = tmp_path / "plan"
+    shutil.copytree(known_folder, folder)
+    measured, planned = read_experiment(folder).groups[:2]
+    rows = zip(planned.frequency_hz.tolist(), planned.amplitude_v.tolist(), strict=True)
+    conditions = "".join(f"{f!r},{v!r}\n" for f, v in rows)
+    (folder / planned.file).write_text("frequency_hz,amplitude_v\n" + conditions, "utf-8")
+    told = {}
+    for place in (known_folder, folder):
+        out, picture = tmp_path / "simulated.csv", tmp_path / "picture.svg"
+        assert run(monkeypatch, "simulate", place, "--out", out, "--plot", picture) == 0
+        told[place] = pandas.read_csv(out)
+    with_readings, without = told.values()
+    assert with_readings["predicted_um"].equals(without["predicted_um"])
+    assert without["launch_range_um"].isna().equals(without["group"] == planned.id)
+    assert (without["launch_range_um"][without["group"] == measured.id] == measured.launch_range_um).all()
+    capsys.readouterr()
+    assert run(monkeypatch, "check", folder) == 2 and "missing column 'launch_range_um'" in capsys.readouterr().err
+    (folder / planned.file).write_text("frequency_hz\n100\n", "utf-8")
+    assert run(monkeypatch, "simulate", folder) == 2 and "missing column 'amplitude_v'" in capsys.readouterr().err
+
+
+def test_a_picture_of_a_plan_shows_no_readings() -> None:
+    plan = [Conditions(1, "sine", "", np.geomspace(1e2, 1e4, 9), np.full(9, 20.0))]
+    none = [[figures.Curve("simulated", "vermillion", np.r_[0.0, np.geomspace(0.5, 80.0, 8)])]]
+    figure = figures.groups_figure(plan, [figures.sweep_of(g) for g in plan], none)
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["zero", "simulated"]
+    assert figure.axes[0].get_yscale() == "log" and len(figure.axes[0].lines) == 2  # zeros at the foot, the rest a line
 
 
 def test_measured_and_simulated_are_told_apart(known: Experiment) -> None:

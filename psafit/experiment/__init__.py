@@ -7,6 +7,7 @@ like a wrong unit are kept, and named in `Experiment.warnings`.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 from psafit.errors import InputError
@@ -14,6 +15,7 @@ from psafit.experiment.definition import Definition
 from psafit.experiment.plausible import suspicious_constants, suspicious_readings
 from psafit.experiment.records import (
     DEFINITION,
+    Conditions,
     Constants,
     Experiment,
     Group,
@@ -28,6 +30,7 @@ from psafit.experiment.writer import write_experiment
 
 __all__ = [
     "DEFINITION",
+    "Conditions",
     "Constants",
     "Experiment",
     "Group",
@@ -36,6 +39,7 @@ __all__ = [
     "describe",
     "fingerprint",
     "read_experiment",
+    "read_plan",
     "session_name",
     "write_experiment",
 ]
@@ -60,17 +64,7 @@ def read_experiment(folder: str | Path) -> Experiment:
         On anything unusable: one line with file, line where there is one, and remedy.
     """
     folder = Path(folder)
-    try:
-        is_folder = folder.is_dir()
-        is_definition = folder.name == DEFINITION and folder.is_file()
-    except (OSError, ValueError):  # a name too long, or with a NUL
-        is_folder = is_definition = False
-    if is_definition:
-        raise InputError("this is a file", "give the folder that holds it", file=folder)
-    if not is_folder:
-        raise InputError("no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder)
-    definition = Definition(folder)
-    definition.known_keys(definition.data, ("title", "source", "constants", "group"))
+    definition = _definition(folder)
     title = definition.text("title", folder.name)
     source = definition.text("source", "")
     constants = definition.constants()
@@ -92,3 +86,49 @@ def read_experiment(folder: str | Path) -> Experiment:
             *(line for group in groups for line in suspicious_readings(group, constants)),
         ),
     )
+
+
+def read_plan(folder: str | Path) -> tuple[Constants, tuple[Conditions, ...]]:
+    """Read an experiment folder for its conditions: groups whose files hold no readings are planned.
+
+    Parameters
+    ----------
+    folder : path-like
+        As of `read_experiment`, but CSV files need no column ``launch_range_um``.
+
+    Returns
+    -------
+    Constants
+    tuple of Conditions
+        A `Group` where there are readings.
+
+    Raises
+    ------
+    InputError
+        On anything unusable.
+    """
+    definition = _definition(Path(folder))
+    constants = definition.constants()
+    groups = []
+    for declared in definition.groups():
+        columns = read_csv(declared.path, planned=True)
+        kind = Group if "launch_range_um" in columns else Conditions
+        names = {f.name for f in fields(kind)}
+        held = {name: column for name, column in columns.items() if name in names}
+        groups.append(kind(declared.id, declared.waveform, declared.file, **held))
+    return constants, tuple(groups)
+
+
+def _definition(folder: Path) -> Definition:
+    try:
+        is_folder = folder.is_dir()
+        is_definition = folder.name == DEFINITION and folder.is_file()
+    except (OSError, ValueError):  # a name too long, or with a NUL
+        is_folder = is_definition = False
+    if is_definition:
+        raise InputError("this is a file", "give the folder that holds it", file=folder)
+    if not is_folder:
+        raise InputError("no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder)
+    definition = Definition(folder)
+    definition.known_keys(definition.data, ("title", "source", "constants", "group"))
+    return definition

@@ -22,7 +22,8 @@ GroupId = int | str
 FloatArray = NDArray[np.float64]
 
 DEFINITION = "experiment.toml"
-REQUIRED_COLUMNS = ("frequency_hz", "amplitude_v", "launch_range_um")
+CONDITION_COLUMNS = ("frequency_hz", "amplitude_v")
+REQUIRED_COLUMNS = (*CONDITION_COLUMNS, "launch_range_um")
 OPTIONAL_COLUMNS = ("sigma_um",)
 
 
@@ -49,8 +50,8 @@ class Constants:
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value; compare fingerprints
-class Group:
-    """One measured sweep; arrays have shape (n_points,) and are read-only.
+class Conditions:
+    """One sweep, measured or planned; arrays have shape (n_points,) and are read-only.
 
     Parameters
     ----------
@@ -60,10 +61,8 @@ class Group:
         Drive voltage.
     file : str
         CSV file, relative to the experiment folder.
-    frequency_hz, amplitude_v, launch_range_um : (n_points,) array, Hz, V, um
-        Drive frequency (> 0) and amplitude (>= 0), measured launch range (>= 0).
-    sigma_um : (n_points,) array, um, optional
-        Known standard uncertainty of each reading (> 0).
+    frequency_hz, amplitude_v : (n_points,) array, Hz, V
+        Drive frequency (> 0) and amplitude (>= 0).
 
     Raises
     ------
@@ -76,13 +75,11 @@ class Group:
     file: str
     frequency_hz: FloatArray
     amplitude_v: FloatArray
-    launch_range_um: FloatArray
-    sigma_um: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
-            given = getattr(self, name)
-            if given is None and name in OPTIONAL_COLUMNS:
+            given = getattr(self, name, None)
+            if given is None and name not in CONDITION_COLUMNS:
                 continue
             array = np.array(given, dtype=np.float64)
             if array.ndim != 1 or array.size == 0 or array.shape != np.shape(self.frequency_hz):
@@ -98,6 +95,22 @@ class Group:
     def n_points(self) -> int:
         """Number of readings."""
         return int(self.frequency_hz.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Group(Conditions):
+    """One measured sweep: its `Conditions`, and what was read.
+
+    Parameters
+    ----------
+    launch_range_um : (n_points,) array, um
+        Measured launch range (>= 0).
+    sigma_um : (n_points,) array, um, optional
+        Known standard uncertainty of each reading (> 0).
+    """
+
+    launch_range_um: FloatArray
+    sigma_um: FloatArray | None = None
 
 
 def session_name(name: str, id: GroupId) -> str:

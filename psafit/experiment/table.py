@@ -7,12 +7,13 @@ import difflib
 import io
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from psafit.errors import InputError
-from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS, FloatArray
+from psafit.experiment.records import CONDITION_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS, FloatArray
 from psafit.experiment.text import read_text, shown
 
 MAX_ROWS = 1_000_000
@@ -33,8 +34,8 @@ _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _HEADER_REMEDY = f"the first line must read {','.join(REQUIRED_COLUMNS)} (and {OPTIONAL_COLUMNS[0]} if known)"
 
 
-def read_csv(file: Path) -> dict[str, FloatArray]:
-    """Read the columns of one CSV file, checked cell by cell."""
+def read_csv(file: Path, *, planned: bool = False) -> dict[str, FloatArray]:
+    """Read the columns of one CSV file, checked cell by cell; a planned one may lack readings."""
     text = read_text(file, MAX_CSV_BYTES)
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     names: list[str] = []
@@ -55,7 +56,7 @@ def read_csv(file: Path) -> dict[str, FloatArray]:
         if not cells:  # blank line, as editors leave at the end
             continue
         if not names:
-            names = _header(cells, file, line)
+            names = _header(cells, CONDITION_COLUMNS if planned else REQUIRED_COLUMNS, file, line)
             columns = [[] for _ in names]
             continue
         if len(cells) != len(names):
@@ -81,7 +82,7 @@ def read_csv(file: Path) -> dict[str, FloatArray]:
     return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
 
 
-def _header(cells: list[str], file: Path, line: int) -> list[str]:
+def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> list[str]:
     names = [cell.strip() for cell in cells]
     if len(names) == 1:
         for mark, mark_name in ((";", "semicolons"), ("\t", "tabs")):
@@ -95,7 +96,7 @@ def _header(cells: list[str], file: Path, line: int) -> list[str]:
     known = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
     for what, wrong in (
         ("unknown column", [n for n in names if n not in known]),
-        ("missing column", [n for n in REQUIRED_COLUMNS if n not in names]),
+        ("missing column", [n for n in needed if n not in names]),
         ("repeated column", [n for n in known if names.count(n) > 1]),
     ):
         if wrong:

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.experiment import Group
+from psafit.experiment import Conditions
 from psafit.files import write_atomically
 from psafit.report import figures
 from psafit.report.page import PNG_DPI
 from psafit.report.style import figure_style
 
 
-def write_picture(groups: Sequence[Group], predicted_um: Sequence[NDArray[np.float64]], path: Path) -> None:
-    """Draw each group's launch ranges, measured and simulated.
+def write_picture(groups: Sequence[Conditions], predicted_um: Sequence[NDArray[np.float64]], path: Path) -> None:
+    """Draw each group's launch ranges, simulated, and measured where it was.
 
     Parameters
     ----------
-    groups : sequence of Group
+    groups : sequence of Conditions
     predicted_um : sequence of (n_points,) arrays, um
         Of each group.
     path : Path

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.experiment import Constants, Group
+from psafit.experiment import Conditions, Constants
 
 SINE, SQUARE = 0, 1
 _WAVEFORMS = {"sine": SINE, "square": SQUARE}
@@ -78,8 +78,8 @@ class Design:
         )
 
     @classmethod
-    def of(cls, constants: Constants, groups: Sequence[Group]) -> Design:
-        """Conditions of measured groups, in the order given."""
+    def of(cls, constants: Constants, groups: Sequence[Conditions]) -> Design:
+        """Conditions of groups, measured or planned, in the order given."""
         sizes = [g.frequency_hz.size for g in groups]
         return cls(
             constants,

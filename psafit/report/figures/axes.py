@@ -96,6 +96,7 @@ def reading_range(measured: FloatArray, predicted: FloatArray, upper: FloatArray
     It is where positive readings span more than a factor of 20. The view follows the readings: a prediction may
     leave it at the bottom by more than a decade, or at the top by its tail.
     """
+    measured = measured if measured.size else predicted  # a plan: nothing else to follow
     top = max(float(np.max(measured)), float(np.max(predicted)))
     band = min(float(np.max(upper)), 3.0 * top)
     positive = measured[measured > 0]

@@ -11,7 +11,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from psafit.experiment import Group
+from psafit.experiment import Conditions, Group
 from psafit.report.figures.axes import label, reading_range, scale_axis, scale_sweep
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import MEASURED, PALETTE
@@ -73,6 +73,11 @@ def envelope(x: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArr
     return distinct, np.minimum.reduceat(low[order], first), np.maximum.reduceat(high[order], first)
 
 
+def readings_of(group: Conditions) -> FloatArray:
+    """Measured launch ranges, um; none of a planned group."""
+    return group.launch_range_um if isinstance(group, Group) else np.empty(0)
+
+
 def draw_readings(axes: Axes, x: FloatArray, measured: FloatArray, bottom: float, *, log: bool, **look: Any) -> None:
     """Readings as circles; zeros, where a logarithmic axis has none, as triangles at its end."""
     look = {**MEASURED, **look}
@@ -83,9 +88,9 @@ def draw_readings(axes: Axes, x: FloatArray, measured: FloatArray, bottom: float
         axes.plot(zeros, np.full(zeros.size, bottom), **{**look, "marker": "v", "clip_on": False})
 
 
-def draw_curves(axes: Axes, group: Group, sweep: Sweep, curves: Sequence[Curve], *, small: bool = False) -> None:
-    """Readings, models and their bands into given axes, which are scaled to them."""
-    measured, x = group.launch_range_um, sweep.values
+def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Curve], *, small: bool = False) -> None:
+    """Readings, if there are any, models and their bands into given axes, which are scaled to them."""
+    measured, x = readings_of(group), sweep.values
     middles = np.concatenate([c.middle for c in curves]) if curves else measured
     tops = np.concatenate([c.bands[0].high if c.bands else c.middle for c in curves]) if curves else measured
     bottom, top, log = reading_range(measured, middles, tops)
@@ -112,31 +117,32 @@ def draw_curves(axes: Axes, group: Group, sweep: Sweep, curves: Sequence[Curve],
                 axes.plot(none, np.full(none.size, bottom), "v", ms=3.0 if small else 4.5, clip_on=False, **look)
             line = np.where(line > 0, line, np.nan)
         axes.plot(at, line, lw=1.6, ls=DASHES if curve.dashed else "-", **look)
-    if group.sigma_um is not None:
+    if isinstance(group, Group) and group.sigma_um is not None:
         shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
         foot = np.minimum(group.sigma_um, measured - bottom if log else measured)
         axes.errorbar(
             x[shown], measured[shown], np.maximum([foot[shown], group.sigma_um[shown]], 0.0), fmt="none",
             ecolor=PALETTE["ink"], elinewidth=0.7, zorder=2.5,
         )  # fmt: skip
-    look = {"markersize": 3.0, "markeredgewidth": 0.7} if small else {}
-    draw_readings(axes, x, measured, bottom, log=log, **look)
+    if measured.size:
+        look = {"markersize": 3.0, "markeredgewidth": 0.7} if small else {}
+        draw_readings(axes, x, measured, bottom, log=log, **look)
     scale_axis(axes, "y", bottom, top, log=log)
     scale_sweep(axes, sweep, few=small)
 
 
-def has_zeros(axes: Axes, group: Group, curves: Sequence[Curve]) -> bool:
+def has_zeros(axes: Axes, group: Conditions, curves: Sequence[Curve]) -> bool:
     """Whether readings or curves hold zeros that logarithmic axes show at their foot."""
-    drawn = [group.launch_range_um, *(c.middle for c in curves)]
+    drawn = [readings_of(group), *(c.middle for c in curves)]
     return axes.get_yscale() == "log" and any(bool((values == 0).any()) for values in drawn)
 
 
-def handles(curves: Sequence[Curve], *, zeros: bool = False) -> list[Artist]:
+def handles(curves: Sequence[Curve], *, measured: bool = True, zeros: bool = False) -> list[Artist]:
     """What a legend says of readings and curves; bands of the first curve only."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    found: list[Artist] = [Line2D([], [], **MEASURED, label="measured")]
+    found: list[Artist] = [Line2D([], [], **MEASURED, label="measured")] if measured else []
     if zeros:
         found.append(Line2D([], [], **{**MEASURED, "marker": "v"}, label="zero"))
     found += [

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
-from psafit.experiment import Group
+from psafit.experiment import Conditions, Group
 from psafit.report.figures.axes import label, scale_sweep
 from psafit.report.figures.curves import ROLE_COLOR, Curve, curve_of, draw_curves, envelope, handles, has_zeros
 from psafit.report.figures.sweep import Sweep
@@ -71,7 +71,7 @@ def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str 
     return figure
 
 
-def groups_figure(groups: Sequence[Group], sweeps: Sequence[Sweep], curves: Sequence[Sequence[Curve]]) -> Figure:
+def groups_figure(groups: Sequence[Conditions], sweeps: Sequence[Sweep], curves: Sequence[Sequence[Curve]]) -> Figure:
     """All groups side by side, three in a row: a picture that stands alone."""
     columns = min(len(groups), 3)
     rows = math.ceil(len(groups) / columns)
@@ -87,7 +87,9 @@ def groups_figure(groups: Sequence[Group], sweeps: Sequence[Sweep], curves: Sequ
             axes.set_ylabel("Launch range (µm)")
         for axes in panels[len(groups) :]:
             axes.remove()
-        figure.legend(handles=handles(curves[0], zeros=zeros), loc="outside lower center", ncols=4)
+        measured = any(isinstance(group, Group) for group in groups)
+        entries = handles(curves[0], measured=measured, zeros=zeros)
+        figure.legend(handles=entries, loc="outside lower center", ncols=4)
     return figure
 
 

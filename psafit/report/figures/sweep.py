@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.experiment import Group
+from psafit.experiment import Conditions
 
 FloatArray = NDArray[np.float64]
 Variable = Literal["frequency", "amplitude", "order"]
@@ -61,7 +61,7 @@ def _extent(low: str, high: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def sweep_of(group: Group) -> Sweep:
+def sweep_of(group: Conditions) -> Sweep:
     """Decide from the data which variable a group sweeps."""
     f, v = group.frequency_hz, group.amplitude_v
     f_text = _extent(frequency_text(float(f.min())), frequency_text(float(f.max())))
