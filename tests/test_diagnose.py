@@ -344,6 +344,20 @@ def test_verdicts(hidden, sound):
     tie = conclude(tied, before, after, left)
     assert tie.verdict == "ambiguous"
     assert tie.alternatives[0] == ("flight_friction",)
+    # So does one that fits as well, held back by what is plausible alone; not one that is absurd, or has more causes.
+    leader, other = hidden.of(("amplifier_lag",)), hidden.of(("flight_friction",))
+    assert leader.log_likelihood - other.log_likelihood > 4.0
+    verdicts = {}
+    for behind in (2.0, 4.0):
+        alike = replace(other, heights=other.heights + leader.log_likelihood - other.log_likelihood - behind)
+        for p in (0.02, 1e-4):
+            candidates = tuple(alike if c is other else c for c in hidden.candidates)
+            share = dict.fromkeys(hidden.probability, 0.0) | {leader.ids: 0.98 - p, other.ids: p}
+            verdicts[behind, p] = conclude(
+                replace(hidden, candidates=candidates, probability=share, unfitted={}), before, after, left
+            )
+    assert {key for key, v in verdicts.items() if v.verdict == "ambiguous"} == {(2.0, 0.02)}
+    assert verdicts[2.0, 0.02].alternatives == (other.ids,) and "plausible" in verdicts[2.0, 0.02].reasons[0]
     # Causes that share the probability take nothing from what has no name: it has a tenth before the readings.
     doubtful = replace(left, log_bayes=np.log(9 * 1.5))
     assert conclude(hidden, before, after, doubtful).unnamed == pytest.approx(0.6)

@@ -61,6 +61,8 @@ VISIBLE_EVIDENCE = 3.0
 
 CREDIBLE = 0.95
 """Probability of the reported set."""
+# Nats of a likelihood that leave as much doubt; a set so much less probable than another is not brought up beside it.
+_FITS_ALIKE, _ABSURD = math.log(CREDIBLE / (1 - CREDIBLE)), 1e-3
 
 MOST_CAUSES = len(SIZE_WEIGHTS) - 1
 # Causes up to which several models are grown, and every part of a leader is fitted; beyond, the leader alone grows.
@@ -151,16 +153,33 @@ class Ladder:
         return log_prior(len(ids), len(self.screened))
 
     def rivals(self, named: Ids) -> tuple[Ids, ...]:
-        """Sets, fitted or not, that are needed beside the named one for 95 % of the probability; best first."""
+        """Sets that do as well as the named one, best first.
+
+        Fitted or not, those needed beside it for 95 % of the probability; and those of no more causes that fit as
+        well, which only what is plausible beforehand holds back.
+        """
         share = self.probability | self.unfitted
         held, found = share[named], []
+        alike = self._fitting_alike(named)
         for ids, p in sorted(share.items(), key=lambda item: -item[1]):
-            if held >= CREDIBLE:
-                break
-            if ids != named and p > 0:
+            if ids != named and p > 0 and (held < CREDIBLE or ids in alike):
                 found.append(ids)
                 held += p
         return tuple(found)
+
+    def _fitting_alike(self, named: Ids) -> set[Ids]:
+        """Fitted sets of no more causes that Akaike's criterion does not put behind a set at odds of 19.
+
+        Its own probability must not make one absurd: a value can be found for almost anything.
+        """
+        own = self.of(named)
+
+        def behind(c: Candidate) -> float:
+            return own.log_likelihood - c.log_likelihood - (own.problem.n_dim - c.problem.n_dim)
+
+        least = _ABSURD * self.probability[named]
+        rivals = [c for c in self.candidates if c.ids != named and len(c.ids) <= len(named)]
+        return {c.ids for c in rivals if self.probability[c.ids] > least and behind(c) < _FITS_ALIKE}
 
     def gain(self, ids: Ids) -> float:
         """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""

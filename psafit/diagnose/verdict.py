@@ -3,7 +3,7 @@ r"""From the ladder, the tests and the leftover to a verdict.
 * ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
 * ``explained``: one set of causes has 95 % of what the catalogue's sets have together, and the tests find nothing left
   once it is adopted.
-* ``ambiguous``: several sets together have 95 % of it; each would do.
+* ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
 * ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
   cause.
 
@@ -85,7 +85,7 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         return Verdict("adequate", (), (), probability, unnamed, inclusion, tuple(reasons))
 
     ranked = [c.ids for c in ladder.candidates]
-    named = next((ids for ids in ranked if ids), ())
+    best = next((ids for ids in ranked if ids), ())
     if ladder.leader.ids == ():
         # Something is wrong, and no cause helps.
         reasons.append(
@@ -95,9 +95,9 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
             else "A discrepancy without a name is more probable than any cause."
         )
         return Verdict("unexplained", (), (), probability, unnamed, inclusion, tuple(reasons))
-    alternatives = ladder.rivals(named)
+    alternatives = ladder.rivals(best)
     residual = after is not None and after.p_value < ALPHA
-    named = _best_first(named, ladder)
+    named = _best_first(best, ladder)
     if residual or mostly_unnamed:
         how = "fits little better than the baseline, and" if () in alternatives else "explains most, but"
         reasons.append(
@@ -108,7 +108,11 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         )
         return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
     if alternatives:
-        reasons.append(f"{len(alternatives) + 1} sets of causes explain these readings about equally well.")
+        only = ladder.probability[best] >= CREDIBLE
+        reasons.append(
+            f"{len(alternatives) + 1} sets of causes explain these readings about equally well"
+            + ("; only what is plausible beforehand speaks for the first." if only else ".")
+        )
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
     what = " + ".join(named)
     reasons.append(

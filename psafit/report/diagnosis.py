@@ -13,6 +13,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from psafit.compare import Told, read_predictions
+from psafit.diagnose.ladder import CREDIBLE
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import recommended, tells_apart
 from psafit.diagnose.record import PAGE, CauseResult, Diagnosis, ScreeningResult
@@ -325,9 +326,10 @@ def _wrong(result: Diagnosis) -> Markup:
             how = "{}{} fits far better, and no other set does as well; the tests alone would not have objected.{}"
         return head + Markup(how).format(named, share, _reservations(result))
     if result.verdict == "ambiguous":
-        return head + Markup(
-            "Several sets of causes do about equally well, and these readings cannot separate them: {}{}; or {}.{}"
-        ).format(named, share, tied, _reservations(result))
+        how = "Several sets of causes do about equally well, and these readings cannot separate them: {}{}; or {}.{}"
+        if listed_one and listed_one.probability >= CREDIBLE:
+            how = "{}{} is most plausible, but these readings cannot separate it from what fits as well: {}.{}"
+        return head + Markup(how).format(named, share, tied, _reservations(result))
     if not result.named:
         what = _character(result.misfit.get("baseline", {}))
         return head + Markup("No cause of the catalogue explains it. Of the baseline: {}.").format(what)
@@ -590,6 +592,7 @@ def _alternatives(result: Diagnosis) -> dict[str, Any]:
                 model(ids),
                 _share(c.probability) if c else "–",
                 _signed(c.evidence.get("over_baseline")) if c else "–",
+                _signed(c.evidence.get("gain")) if c else "–",
                 ("refitted" if c else "judged by the expansion only, not refitted"),
             ]
         )
