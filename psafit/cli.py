@@ -8,7 +8,7 @@ import re
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -225,10 +225,16 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
             )
             click.echo(
                 f"  group {group['id']}: {group['waveform']}, {_count(group['n_points'], 'reading')}, "
-                f"{spans[0]}, {spans[1]}, launch range {spans[2]}"
+                f"{spans[0]}, {spans[1]}, launch range {spans[2]}{_changed(group['constants'])}"
             )
         _warn(content["warnings"])
     return DONE
+
+
+def _changed(constants: Mapping[str, float]) -> str:
+    from psafit.experiment import CONSTANT_UNITS
+
+    return "".join(f", {name} = {value:g} {CONSTANT_UNITS[name]}" for name, value in constants.items())
 
 
 @commands.command()
@@ -295,7 +301,7 @@ def fit(
             f" {_count(best.starts, 'climb')} ended at the best, the others were given up behind it or ended lower"
         )
         if result.fit.n_missed:
-            click.echo("the sampler found a better minimum than the search: more --starts are advisable")
+            click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
         for p in result.summary.parameters:
             strange = p.implausible and p.verdict != "not determined"
             click.echo(f"  {p.text}" + ("; implausible under its prior" if strange else ""))
@@ -394,7 +400,7 @@ def diagnose(
 
 def _tell(result: Diagnosis) -> None:
     """Print a diagnosis."""
-    click.echo(f"verdict: {result.verdict}" + (f": {' + '.join(result.named)}" if result.named else ""))
+    click.echo(result.headline)
     for sentence in result.sentences:
         click.echo(f"  {sentence}")
     unnamed = result.mostly_unnamed
@@ -404,7 +410,7 @@ def _tell(result: Diagnosis) -> None:
         words = " + ".join(cause.terms) or "no cause"
         share = cause.evidence["share"] if unnamed else cause.probability
         click.echo(f"  {100 * share:5.1f} %  {words}, log likelihood {cause.evidence['gain']:+.1f} nats")
-        if cause.terms == result.named:
+        if cause.terms == result.named or cause.terms in result.alternatives:
             for line in _sizes(cause):
                 click.echo(f"           {line}")
     if not unnamed and result.unnamed >= _TOLD:

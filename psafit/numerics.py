@@ -84,8 +84,8 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
     reached = finest if exact else used
     required = max(REQUIRED, _OF_SCATTER * float(problem.noise_values(u[:1])[0, 0]))
 
-    rig = rig_of(experiment.constants, theta[:1], terms, len(experiment.groups))
-    eigenvalues = np.linalg.eigvals(contact_matrix_of(rig)).astype(complex)
+    rigs = [rig_of(c, theta[:1], terms, len(experiment.groups)) for c in (design.constants, *design.others)]
+    eigenvalues = np.concatenate([np.linalg.eigvals(contact_matrix_of(rig)) for rig in rigs]).astype(complex)
     step = largest_stable_step(eigenvalues)
     growth = float(rk4_growth(eigenvalues, COMMON_STEP).max())
     return Numerics(

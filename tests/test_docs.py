@@ -494,7 +494,7 @@ def test_a_broken_block_is_found(desk: Path, monkeypatch, capsys) -> None:  # ty
     good = {
         "python": "print(2)  # -> 2\n",
         "sh": "psafit check experiments/psa\n",
-        "toml": (ROOT / "README.md").read_text("utf-8").split("```toml\n")[1].split("```")[0],
+        "toml": (DOCS / "start.md").read_text("utf-8").split("```toml\n")[1].split("```")[0],
     }
     bad = {"python": "-> 2", "sh": "experiments/psa", "toml": "launch_range_um"}
     for language, text in good.items():

@@ -14,7 +14,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from psafit.errors import InputError
-from psafit.experiment import Constants, Experiment, Group, definition, describe, fingerprint, read_experiment, table
+from psafit.experiment import (
+    Constants,
+    Experiment,
+    Group,
+    definition,
+    describe,
+    fingerprint,
+    read_experiment,
+    table,
+    write_experiment,
+)
 from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
 
 HEADER = "frequency_hz,amplitude_v,launch_range_um\n"
@@ -146,6 +156,7 @@ def test_description_is_json(tmp_path: Path) -> None:
         "waveform": "square",
         "file": "b.csv",
         "n_points": 3,
+        "constants": {},
         "frequency_hz": [1200.0, 1200.0],
         "amplitude_v": [1.0, 20.0],
         "launch_range_um": [0.37, 76.0],
@@ -153,6 +164,21 @@ def test_description_is_json(tmp_path: Path) -> None:
         "replicates": 0,
         "has_sigma": False,
     }
+
+
+def test_a_group_may_be_of_another_rig(tmp_path: Path) -> None:
+    """Constants changed for a sweep are its own, and warned of like those of the folder."""
+    toml = TOML + "constants = { M = 0.05, l = 0.045 }\n"
+    experiment = read_experiment(write(tmp_path / "two", toml))
+    first, second = experiment.groups
+    assert first.rig(experiment.constants) == experiment.constants
+    assert second.rig(experiment.constants) == Constants(0.05, 0.005, 1.2e-7, 0.045, 4.89e7, 9.81)
+    assert describe(experiment)["groups"][1]["constants"] == {"M": 0.05, "l": 0.045}
+    write_experiment(experiment, tmp_path / "again")
+    again = read_experiment(tmp_path / "again")
+    assert again.fingerprint == experiment.fingerprint and again.groups[1].changed == second.changed
+    heavy = read_experiment(write(tmp_path / "heavy", TOML + "constants = { M = 27 }\n"))
+    assert [w for w in heavy.warnings if "constant M = 27" in w and "grams" in w]
 
 
 def test_file_may_lie_in_a_subfolder(tmp_path: Path) -> None:
@@ -186,6 +212,7 @@ def test_fingerprint_ignores_place_and_wording(tmp_path: Path) -> None:
     [
         {"toml": TOML.replace("9.81", "9.82")},
         {"toml": TOML.replace("id = 1", "id = 3")},
+        {"toml": TOML + "constants = { l = 0.045 }\n"},
         {"toml": TOML.replace('"sine"', '"square"')},
         {"a": CSV.replace("0.37", "0.38")},
         {"a": CSV.replace("1200,2,", "1201,2,")},
@@ -193,7 +220,7 @@ def test_fingerprint_ignores_place_and_wording(tmp_path: Path) -> None:
         {"a": HEADER + "1200,2,0.37\n1200,1,0.44\n1200,20,76.00\n"},
         {"a": CSV.replace("\n", ",1\n").replace("um,1", "um,sigma_um")},
     ],
-    ids=["constant", "id", "waveform", "range", "frequency", "replicate", "row-order", "sigma"],
+    ids=["constant", "id", "another rig", "waveform", "range", "frequency", "replicate", "row-order", "sigma"],
 )
 def test_fingerprint_follows_the_numbers(tmp_path: Path, change: dict[str, str]) -> None:
     first = read_experiment(write(tmp_path / "one"))
@@ -266,6 +293,11 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "file a directory": (TOML.replace("b.csv", "."), 20, "is a directory"),
     "file with NUL": (TOML.replace("b.csv", "b\\u0000"), 20, "cannot be a file name"),
     "file name too long": (TOML.replace("b.csv", "b" * 5000), 20, "cannot be a file name"),
+    "another rig, unknown": (TOML + "constants = { L = 1 }\n", 21, "known keys: M, m, q"),
+    "another rig, no number": (TOML + 'constants = { l = "1" }\n', 21, "constant l is not a number"),
+    "another rig, impossible": (TOML + "constants = { l = -1 }\n", 21, "constant l = -1"),
+    "another rig, own table": (TOML + "[group.constants]\nl = 1e9\n", 22, "beyond the limits"),
+    "another rig, no table": (TOML + "constants = 0.06\n", 21, "write for example constants = { l = 0.06 }"),
     "same file": (TOML.replace("b.csv", "./a.csv"), 20, "read the same file"),
 }
 

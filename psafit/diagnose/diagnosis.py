@@ -222,7 +222,7 @@ class _Work:
             gain=measured,
             next_experiment=proposal,
             predictions="predictions-diagnosis.csv",
-            sentences=_sentences(verdict, before, measured, proposal),
+            sentences=_sentences(verdict, before, ladder.screened, measured, proposal),
             unnamed=verdict.unnamed,
             screening=_screening(ladder, verdict),
             show=_show(ladder),
@@ -415,6 +415,8 @@ def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
     """What the whole ladder says of one cause; the refit knows better than the expansion what it can do."""
     if verdict.inclusion.get(found.term.id, 0.0) > 0.5:
         return "present"
+    if any(found.term.id in ids for ids in verdict.alternatives):
+        return "as good"
     if ladder.gain((found.term.id,)) >= PRESENT:
         return "explains part alone"
     return "not present" if found.visible >= VISIBLE else "could not have been seen"
@@ -514,7 +516,13 @@ def _words(ids: Sequence[str]) -> str:
     return " + ".join(ids) if ids else "the baseline"
 
 
-def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any], proposal: Mapping[str, Any]) -> list[str]:
+def _sentences(
+    verdict: Verdict,
+    before: Misfit,
+    screened: Sequence[Screened],
+    measured: Mapping[str, Any],
+    proposal: Mapping[str, Any],
+) -> list[str]:
     result = list(verdict.reasons)
     if before.wrong and before.character != "none":
         which = {
@@ -525,6 +533,8 @@ def _sentences(verdict: Verdict, before: Misfit, measured: Mapping[str, Any], pr
         result.append(f"Of the baseline: {what}.")
     if verdict.alternatives:
         result.append("As good: " + "; ".join(_words(ids) for ids in verdict.alternatives[:6]) + ".")
+    if unseen := [s.term for s in screened if s.visible < VISIBLE and s.term.id not in verdict.named]:
+        result.append(f"Of {len(screened)} candidate causes, {len(unseen)} could not have been seen in these readings.")
     for protocol, one in measured.items():
         change = one["log_rmse_interval"]
         result.append(

@@ -43,7 +43,7 @@ from psafit.diagnose.memory import Arrays, Memory
 from psafit.diagnose.screening import Screened, extended, screen
 from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.candidate import Candidate, coarse, fit, settle
-from psafit.inference.evidence import Weighed, weigh
+from psafit.inference.evidence import EFFECTIVE, ROUNDS, Weighed, weigh
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
 from psafit.parameters import Bounds
@@ -91,6 +91,8 @@ _NESTED, _LIKE = 4, 2
 # A model this far below the best (nats of evidence and prior) is not weighed.
 _HOPELESS = 7.0
 _WEIGHED = 4
+# Rounds of draws while the search goes on; and a part this far behind the leader (nats) is weighed, too.
+_GLANCE, _PART_DOUBT = 6, 30.0
 # A draw this far above the optimum (nats) says that the climb had not arrived.
 _HIGHER = 0.5
 # A start this far (nats) below a model's optimum may lead above it.
@@ -255,6 +257,7 @@ class _Search:
         self.fitted: dict[Ids, Candidate] = {}
         self.screenings: dict[Ids, tuple[Screened, ...]] = {}
         self.weighed: dict[Ids, Weighed] = {}
+        self._rounds: dict[Ids, int] = {}
         self._refined: set[Ids] = set()
         self._alone: dict[str, float] = {}
         self._memory, self._progress = memory, progress
@@ -347,11 +350,20 @@ class _Search:
         """Weigh the finalists: who leads is said by evidence, of which Laplace's may be off by several nats."""
         for c in self._finalists():
             self._look_within(c)
-        finalists = self._finalists()
-        for k, c in enumerate(finalists):
-            if c.ids not in self.weighed:
-                self._progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(finalists))
-                self._weigh(c)
+        self._weigh_all(self._finalists(), _GLANCE)
+        # Climbs stop at cliffs that a cloud of draws steps across: what a part lacks is not believed of a climb alone.
+        leader = self._leader()
+        parts = [c for c in self.fitted.values() if c.terms and set(c.terms) < set(leader.terms)]
+        parts = [c for c in parts if len(c.terms) == len(leader.terms) - 1]
+        self._weigh_all([c for c in parts if self._worth(c) > self._worth(leader) - _PART_DOUBT], _GLANCE)
+
+    def _weigh_all(self, candidates: Sequence[Candidate], rounds: int) -> None:
+        """Weigh what has not been weighed in so many rounds, nor well enough in fewer."""
+        for k, c in enumerate(candidates):
+            known = self.weighed.get(c.ids)
+            if known is None or (known.effective < EFFECTIVE and self._rounds[c.ids] < rounds):
+                self._progress(f"evidence of {' + '.join(c.ids) or 'the baseline'}", k, len(candidates))
+                self._weigh(c, rounds)
 
     def _finalists(self) -> list[Candidate]:
         order = sorted(self.fitted.values(), key=self._worth, reverse=True)
@@ -445,6 +457,7 @@ class _Search:
     def concluded(self) -> Ladder:
         """Rank the models, when all that would be told beside the leader has been fitted."""
         for _ in range(_ROUNDS):
+            self._weigh_all(self._finalists(), ROUNDS)
             found = self._ranked()
             untried = [ids for ids in found.rivals(found.leader.ids) if ids in found.unfitted]
             if not (untried and found.leader.terms):
@@ -546,13 +559,15 @@ class _Search:
         self.fitted[candidate.ids] = candidate
         return candidate
 
-    def _weigh(self, c: Candidate) -> Candidate:
+    def _weigh(self, c: Candidate, rounds: int = ROUNDS) -> Candidate:
         """Weigh a model, and return it fitted from the best draw if that is above what its climbs had found."""
 
         def make() -> dict[str, FloatArray]:
-            return {name: np.asarray(value, float) for name, value in vars(weigh(c, seed=self.seed)).items()}
+            found = weigh(c, seed=self.seed, rounds=rounds)
+            return {name: np.asarray(value, float) for name, value in vars(found).items()}
 
-        found = self._recall("evidence", c.problem, make, c.modes)
+        found = self._recall(f"evidence-{rounds}", c.problem, make, c.modes)
+        self._rounds[c.ids] = rounds
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in found.items()}
         weighed = Weighed(**values)
         if weighed.height > c.height + _HIGHER:

@@ -354,9 +354,9 @@ def _look(
 
 def _repeated(design: Design) -> list[NDArray[np.intp]]:
     """Rows of conditions that were measured in more than one session."""
-    seen: dict[tuple[float, float, int], list[int]] = {}
+    seen: dict[tuple[float, ...], list[int]] = {}
     for i in range(design.n_points):
-        key = (float(design.frequency[i]), float(design.amplitude[i]), int(design.waveform[i]))
+        key = (float(design.frequency[i]), float(design.amplitude[i]), int(design.waveform[i]), int(design.rig[i]))
         seen.setdefault(key, []).append(i)
     return [np.array(rows) for rows in seen.values() if len(set(design.group[rows].tolist())) > 1]
 

@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 
 _POINTS, _DRAWS, _TRIALS = 16, 150, 200
 # Draws for a first glance, and proposals looked at more closely.
-_GLANCE, _CLOSER = 40, 12
+_GLANCE, _CLOSER, _TOLD = 40, 12, 5
 _WINS = 3.0
 _FACTORS = (0.5, 2.0)
 # A posterior that keeps this share of its prior's width tells little.
@@ -39,7 +39,7 @@ _WEAK = 0.5
 # Separation from which on a proposal is worth a sentence: an odds ratio, or a standard deviation, a tenth better.
 _WORTHWHILE = 0.1
 # Log ratios of densities count up to here: beyond, nobody doubts any more.
-_CLEAR = 50.0
+CLEAR = 50.0
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ def _trial(truth: _Forecast, other: _Forecast, rng: np.random.Generator) -> _Jud
     readings = np.maximum(noise.draw(truth.ranges[chosen], truth.scatter[chosen], truth.known, rng), 0.0)
     # The draw that made the readings is not among those that judge them.
     ratio = np.array([truth.log_density(y, k) - other.log_density(y) for y, k in zip(readings, chosen, strict=True)])
-    told = np.clip(ratio, -_CLEAR, _CLEAR)
+    told = np.clip(ratio, -CLEAR, CLEAR)
     return float(told.mean()), float(np.mean(ratio > _WINS)), float(told.std() / math.sqrt(_TRIALS))
 
 
@@ -280,5 +280,8 @@ def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArr
 
 def as_dict(found: Iterable[Proposal], about: str) -> dict[str, object]:
     """For the result file."""
-    best = list(found)
-    return {"about": about, "proposals": [asdict(p) for p in best[:5]]}
+    every = list(found)
+    best = every[:_TOLD]
+    if all(p.constants for p in best):  # one for which nothing need be built
+        best = [*best[: _TOLD - 1], *[p for p in every if not p.constants][:1]]
+    return {"about": about, "proposals": [asdict(p) for p in best]}

@@ -121,6 +121,15 @@ class Diagnosis:
     identity: str = ""
 
     @property
+    def headline(self) -> str:
+        """The verdict in a line: every set that does as well, the first three by name."""
+        sets = [" + ".join(ids) or "nothing" for ids in ([self.named] if self.named else []) + self.alternatives]
+        if self.verdict != "ambiguous":
+            sets = sets[:1] if self.named else []
+        more = f" or {len(sets) - 3} more" if len(sets) > 3 else ""
+        return f"verdict: {self.verdict}" + (f": {', or '.join(sets[:3])}{more}" if sets else "")
+
+    @property
     def mostly_unnamed(self) -> bool:
         """Whether a discrepancy without a name is more probable than all that has one."""
         return self.unnamed > 0.5

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import softmax
 
 from psafit.diagnose.next_experiment import Proposal
-from psafit.experiment import Group
+from psafit.experiment import Group, Waveform
 from psafit.inference import noise
 from psafit.inference.ascent import ascend
 from psafit.inference.candidate import ENOUGH, Candidate, settle
@@ -68,7 +68,6 @@ def rehearse(
     log_prior : sequence of float
         Log prior probability of each.
     proposal : Proposal
-        With the rig's constants as they are.
     seed : int
     progress : callable
         Called with (rehearsals done, rehearsals).
@@ -77,8 +76,6 @@ def rehearse(
     -------
     Rehearsal
     """
-    if proposal.constants:
-        raise ValueError("readings of another rig do not belong to the same experiment")
     before = softmax([w.log_evidence + p for (_, w), p in zip(tied, log_prior, strict=True)])
     truth, after, first = [], [], 0
     for k, (candidate, draws) in enumerate(tied):
@@ -102,11 +99,14 @@ def _measured(candidate: Candidate, draws: Weighed, proposal: Proposal, rng: np.
     problem = candidate.problem
     u = draws.draws[rng.choice(len(draws.draws), p=draws.weights)][None]
     frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
-    design = Design.sweep(problem.experiment.constants, proposal.waveform, frequency, voltage)
+    rig = replace(problem.experiment.constants, **proposal.constants)
+    design = Design.sweep(rig, proposal.waveform, frequency, voltage)
     ranges = simulate(design, problem.theta(u, [NEW], rng), problem.terms).launch_range * MICRO
     known = None if problem.usual_sigma is None else np.full(frequency.size, problem.usual_sigma)
     readings = np.maximum(noise.draw(ranges, problem.noise_values(u), known, rng), 0.0)[0]
-    return Group(NEW, "square" if proposal.waveform == "square" else "sine", "", frequency, voltage, readings, known)
+    waveform: Waveform = "square" if proposal.waveform == "square" else "sine"
+    changed = tuple(proposal.constants.items())
+    return Group(NEW, waveform, "", frequency, voltage, readings, known, changed=changed)
 
 
 def _refitted(candidate: Candidate, draws: Weighed, new: Group, rng: np.random.Generator) -> Candidate:

@@ -25,6 +25,7 @@ from scipy.special import logsumexp
 from psafit.inference.ascent import ascend_linearly
 from psafit.inference.candidate import Candidate
 from psafit.inference.problem import Problem
+from psafit.parameters import Parameter
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import plausible
 
@@ -118,7 +119,7 @@ def _screen(candidate: Candidate, top: float, term: Term, catalogue: Sequence[Te
     q = np.array(_QUANTILES)
     ends, gain = refitted(q)
     for _ in range(_HALVINGS):
-        between = _unclear(q, gain)
+        between = _unclear(*_with_neutral(term.strength, q, gain))
         if not between.size:
             break
         more_ends, more_gain = refitted(between)
@@ -138,6 +139,19 @@ def _screen(candidate: Candidate, top: float, term: Term, catalogue: Sequence[Te
         visible=float(np.linalg.norm(candidate.beside(large.predict(shown[None]) - candidate.predicted))),
         starts=ends[np.argsort(-gain, kind="stable")[:4]],
     )
+
+
+def _with_neutral(strength: Parameter, q: FloatArray, gain: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Quantiles and gains with the neutral value among them, which gains nothing.
+
+    Where every strength tried is far too much, what helps is nearer to neutral.
+    """
+    if strength.neutral is None:
+        return q, gain
+    ends = {strength.bounds.lower: 0.0, strength.bounds.upper: 1.0}
+    neutral = ends.get(strength.neutral, strength.prior_share(strength.neutral))
+    place = int(np.searchsorted(q, neutral))
+    return np.insert(q, place, neutral), np.insert(gain, place, 0.0)
 
 
 def _unclear(q: FloatArray, gain: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from psafit.errors import InputError
 from psafit.experiment.definition import Definition
 from psafit.experiment.plausible import suspicious_constants, suspicious_readings
 from psafit.experiment.records import (
+    CONSTANT_UNITS,
     DEFINITION,
     Conditions,
     Constants,
@@ -29,6 +30,7 @@ from psafit.experiment.table import read_csv
 from psafit.experiment.writer import write_experiment
 
 __all__ = [
+    "CONSTANT_UNITS",
     "DEFINITION",
     "Conditions",
     "Constants",
@@ -69,9 +71,10 @@ def read_experiment(folder: str | Path) -> Experiment:
     source = definition.text("source", "")
     constants = definition.constants()
     groups = tuple(
-        Group(declared.id, declared.waveform, declared.file, **read_csv(declared.path))
+        Group(declared.id, declared.waveform, declared.file, changed=declared.changed, **read_csv(declared.path))
         for declared in definition.groups()
     )
+    rigs = dict.fromkeys([constants, *(g.rig(constants) for g in groups)])
     warnings = () if source else (f"{DEFINITION}: no source; say where the measurements come from",)
     return Experiment(
         title=title,
@@ -82,8 +85,8 @@ def read_experiment(folder: str | Path) -> Experiment:
         fingerprint=fingerprint(constants, groups),
         warnings=(
             *warnings,
-            *suspicious_constants(constants),
-            *(line for group in groups for line in suspicious_readings(group, constants)),
+            *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
+            *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
         ),
     )
 
@@ -115,7 +118,7 @@ def read_plan(folder: str | Path) -> tuple[Constants, tuple[Conditions, ...]]:
         kind = Group if "launch_range_um" in columns else Conditions
         names = {f.name for f in fields(kind)}
         held = {name: column for name, column in columns.items() if name in names}
-        groups.append(kind(declared.id, declared.waveform, declared.file, **held))
+        groups.append(kind(declared.id, declared.waveform, declared.file, changed=declared.changed, **held))
     return constants, tuple(groups)
 
 

@@ -17,6 +17,7 @@ from psafit.experiment.text import listed, one_line, read_text, shown
 MAX_TOML_BYTES = 1024 * 1024
 MAX_ID = 999_999_999
 _GROUP_KEYS = ("id", "waveform", "file")
+_CONSTANTS = tuple(f.name for f in fields(Constants))
 # Hard limits of each constant, SI: far beyond any rig; a wrong unit is only warned of.
 LIMITS = {
     "M": (1e-9, 1e6),
@@ -55,6 +56,9 @@ def _key_lines(text: str) -> dict[tuple[str | int, ...], int]:
             if header[1] == "[[":
                 counts[name] = counts.get(name, -1) + 1
                 table = (name, counts[name])
+            elif name.partition(".")[0] in counts:  # a table of the last group
+                first, _, rest = name.partition(".")
+                table = (first, counts[first], rest)
             lines.setdefault(table, number)
         elif key := _KEY.match(line):
             parts = [part.strip(" \t\"'") for part in key[1].split(".")]
@@ -71,6 +75,7 @@ class _DeclaredGroup:
     waveform: Waveform
     file: str
     path: Path
+    changed: tuple[tuple[str, float], ...]
 
 
 class Definition:
@@ -134,44 +139,32 @@ class Definition:
 
     def constants(self) -> Constants:
         """The rig's constants, checked."""
-        names = tuple(f.name for f in fields(Constants))
-        remedy = f"give {listed(names)} in SI units under [constants]"
+        remedy = f"give {listed(_CONSTANTS)} in SI units under [constants]"
         table = self.data.get("constants")
         if not isinstance(table, dict):
             raise self.error("no [constants] table", remedy, "constants")
-        self.known_keys(table, names, "constants")
-        values: dict[str, float] = {}
-        for name in names:
+        self.known_keys(table, _CONSTANTS, "constants")
+        for name in _CONSTANTS:
             if name not in table:
                 raise self.error(f"constant {name} is missing", remedy, "constants")
-            value = table[name]
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise self.error(
-                    f"constant {name} is not a number",
-                    f"write {name} = a number, without quotes or unit",
-                    "constants",
-                    name,
-                )
-            try:
-                values[name] = float(value)
-            except OverflowError:  # TOML integers have no size limit here
-                values[name] = math.inf
-            if not (math.isfinite(values[name]) and values[name] > 0):
-                raise self.error(
-                    f"constant {name} = {values[name]:g} is not positive and finite",
-                    "give its value in SI units",
-                    "constants",
-                    name,
-                )
-            low, high = LIMITS[name]
-            if not low <= values[name] <= high:
-                raise self.error(
-                    f"constant {name} = {values[name]:g} is beyond the limits {low:g} to {high:g}",
-                    "give its value in SI units",
-                    "constants",
-                    name,
-                )
-        return Constants(**values)
+        return Constants(**{name: self._constant(name, table[name], "constants") for name in _CONSTANTS})
+
+    def _constant(self, name: str, value: object, *path: str | int) -> float:
+        def error(what: str, remedy: str) -> InputError:
+            return self.error(f"constant {name} {what}", remedy, *path, name)
+
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise error("is not a number", f"write {name} = a number, without quotes or unit")
+        try:
+            number = float(value)
+        except OverflowError:  # TOML integers have no size limit here
+            number = math.inf
+        if not (math.isfinite(number) and number > 0):
+            raise error(f"= {number:g} is not positive and finite", "give its value in SI units")
+        low, high = LIMITS[name]
+        if not low <= number <= high:
+            raise error(f"= {number:g} is beyond the limits {low:g} to {high:g}", "give its value in SI units")
+        return number
 
     def groups(self) -> list[_DeclaredGroup]:
         """The declared groups, in order; their tables are not read yet."""
@@ -210,7 +203,7 @@ class Definition:
         return declared
 
     def _group(self, i: int, table: dict[str, Any]) -> _DeclaredGroup:
-        self.known_keys(table, _GROUP_KEYS, "group", i)
+        self.known_keys(table, (*_GROUP_KEYS, "constants"), "group", i)
         for key in _GROUP_KEYS:
             if key not in table:
                 raise self.error(f"group number {i + 1} has no {key}", f"give {listed(_GROUP_KEYS)}", "group", i)
@@ -240,7 +233,16 @@ class Definition:
                 i,
                 "file",
             )
-        return _DeclaredGroup(group_id, waveform, file, self._path(i, group_id, file))
+        return _DeclaredGroup(group_id, waveform, file, self._path(i, group_id, file), self._changed(i, table))
+
+    def _changed(self, i: int, table: dict[str, Any]) -> tuple[tuple[str, float], ...]:
+        """The constants that were others in one group."""
+        place = ("group", i, "constants")
+        changed = table.get("constants", {})
+        if not isinstance(changed, dict):
+            raise self.error("constants is no table", "write for example constants = { l = 0.06 }", *place)
+        self.known_keys(changed, _CONSTANTS, *place)
+        return tuple((name, self._constant(name, changed[name], *place)) for name in _CONSTANTS if name in changed)
 
     def _path(self, i: int, group_id: GroupId, file: str) -> Path:
         def error(what: str, remedy: str) -> InputError:

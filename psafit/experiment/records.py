@@ -7,7 +7,7 @@ import math
 import re
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ DEFINITION = "experiment.toml"
 CONDITION_COLUMNS = ("frequency_hz", "amplitude_v")
 REQUIRED_COLUMNS = (*CONDITION_COLUMNS, "launch_range_um")
 OPTIONAL_COLUMNS = ("sigma_um",)
+CONSTANT_UNITS = {"M": "kg", "m": "kg", "q": "m/V", "l": "m", "k_s": "N/m", "g": "m/s^2"}
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ class Conditions:
         CSV file, relative to the experiment folder.
     frequency_hz, amplitude_v : (n_points,) array, Hz, V
         Drive frequency (> 0) and amplitude (>= 0).
+    changed : tuple of (str, float)
+        Constants of the rig that were others in this sweep, SI, in the order of `Constants`.
 
     Raises
     ------
@@ -75,6 +78,7 @@ class Conditions:
     file: str
     frequency_hz: FloatArray
     amplitude_v: FloatArray
+    changed: tuple[tuple[str, float], ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
@@ -95,6 +99,10 @@ class Conditions:
     def n_points(self) -> int:
         """Number of readings."""
         return int(self.frequency_hz.size)
+
+    def rig(self, constants: Constants) -> Constants:
+        """The rig's constants in this sweep."""
+        return replace(constants, **dict(self.changed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +196,7 @@ class Experiment:
 def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
     """SHA-256 of the numbers: equal if and only if a run would see the same data.
 
-    It covers the constants and, for each group in order, id, waveform and columns in row order
+    It covers the constants and, for each group in order, id, waveform, changed constants and columns in row order
     (results are stored row by row). Titles, paths and the way a number is written do not enter.
 
     Returns
@@ -201,6 +209,8 @@ def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
         digest.update(f"{f.name}={float(getattr(constants, f.name)).hex()}\n".encode())
     for group in groups:
         digest.update(f"group={group.id} {group.waveform} {group.n_points}\n".encode())
+        for name, value in group.changed:
+            digest.update(f"{name}={value.hex()}\n".encode())
         for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
             column = getattr(group, name)
             if column is not None:
@@ -217,9 +227,9 @@ def describe(experiment: Experiment) -> dict[str, Any]:
     dict
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, and
         `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
-        `frequency_hz`, `amplitude_v`, `launch_range_um` as [least, greatest], `zeros` (readings
-        of exactly 0 um), `replicates` (readings beyond the first at the same condition) and
-        `has_sigma`.
+        `frequency_hz`, `amplitude_v`, `launch_range_um` as [least, greatest], `constants` (those
+        changed), `zeros` (readings of exactly 0 um), `replicates` (readings beyond the first at
+        the same condition) and `has_sigma`.
     """
     return {
         "title": experiment.title,
@@ -240,6 +250,7 @@ def _describe_group(group: Group) -> dict[str, Any]:
         "waveform": group.waveform,
         "file": group.file,
         "n_points": group.n_points,
+        "constants": dict(group.changed),
         **{name: [float(getattr(group, name).min()), float(getattr(group, name).max())] for name in REQUIRED_COLUMNS},
         "zeros": int(np.count_nonzero(group.launch_range_um == 0)),
         "replicates": group.n_points - len(np.unique(conditions, axis=0)),

@@ -39,6 +39,8 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
         lines += [
             "", "[[group]]", f"id = {group_id}", f"waveform = {_quoted(group.waveform)}", f"file = {_quoted(name)}",
         ]  # fmt: skip
+        if group.changed:
+            lines.append(f"constants = {{ {', '.join(f'{name} = {value!r}' for name, value in group.changed)} }}")
     write_atomically(folder / DEFINITION, ("\n".join(lines) + "\n").encode())
 
 

@@ -35,7 +35,7 @@ _TRUSTED, _FEW, _DOUBTS = 0.7, 30.0, (2.0, 5.0)
 _TAILS, _WIDER, _MOST = 6.0, 1.8, 8
 # Draws a round, rounds at least (the first emulators may not know all of a bent posterior yet) and at most, effective
 # draws wanted; and the same for the emulated posterior.
-_ROUND, _LEAST, _ROUNDS, _EFFECTIVE = 256, 4, 12, 150.0
+_ROUND, _LEAST, ROUNDS, EFFECTIVE = 256, 4, 12, 150.0
 _ROUND_EMULATED, _EFFECTIVE_EMULATED, _ROUNDS_EMULATED = 2048, 800.0, 10
 # Share of the draws that do not come from the emulated posterior, for its tails may be too light. (A quarter of a power
 # of two is one, as quasi-random draws want.)
@@ -118,7 +118,7 @@ def _systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.i
     return np.minimum(np.searchsorted(np.cumsum(weights), positions), len(weights) - 1)
 
 
-def weigh(candidate: Candidate, *, seed: int, rounds: int = _ROUNDS, effective: float = _EFFECTIVE) -> Weighed:
+def weigh(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: float = EFFECTIVE) -> Weighed:
     """Evidence and posterior of a fitted model.
 
     Parameters
@@ -133,7 +133,7 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = _ROUNDS, effective: 
     return _importance(candidate, np.random.default_rng([seed, 5]), rounds, effective)[0].weighed()
 
 
-def emulate(candidate: Candidate, *, seed: int, rounds: int = _ROUNDS, effective: float = _EFFECTIVE) -> Emulated:
+def emulate(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: float = EFFECTIVE) -> Emulated:
     """Emulate the posterior of a fitted model; arguments as of `weigh`."""
     random = np.random.default_rng([seed, 5])
     pool, simulated = _importance(candidate, random, rounds, effective)

@@ -426,8 +426,10 @@ def _summarise(
         points = profiles[i] if i < problem.n_physical else []
         prior = parameter.prior_quantile(p)
         contraction = 1 - float(np.var(problem.to_sampling(draws.flat)[:, i]) / np.var(prior))
-        word = identify.verdict(points, contraction)
         lower, median, upper = (float(q) for q in quantiles[:, i])
+        word = identify.verdict(points, contraction)
+        if not points and parameter.is_implausible(median):
+            word = "determined"  # readings drove it where its prior is not
         prior_lower, prior_upper = (float(x) for x in parameter.to_physical(parameter.prior_quantile([0.05, 0.95])))
         entries.append(
             ParameterSummary(

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from psafit.compare import Told, read_predictions
 from psafit.diagnose.ladder import CREDIBLE
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
-from psafit.diagnose.next_experiment import recommended, tells_apart
+from psafit.diagnose.next_experiment import CLEAR, recommended, tells_apart
 from psafit.diagnose.record import PAGE, CauseResult, Diagnosis, ScreeningResult
-from psafit.experiment import Experiment, GroupId
+from psafit.experiment import CONSTANT_UNITS, Experiment, GroupId
 from psafit.inference.run import load
 from psafit.numerics import audit
 from psafit.physics import owner
@@ -54,6 +54,7 @@ _MAX_PICTURED, _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 24, 10, 8, 12
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
 _SCREENED: Final = {
     "present": "bad",
+    "as good": "bad",
     "explains part alone": "warn",
     "not present": "good",
     "could not have been seen": "warn",
@@ -70,7 +71,6 @@ _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
     "nested": "For each group, causes and parameters chosen on all the others, then that group scored.",
 }
-_CONSTANTS: Final = {"M": "kg", "m": "kg", "q": "m/V", "l": "m", "k_s": "N/m", "g": "m/s^2"}
 
 
 def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> Path:
@@ -263,10 +263,10 @@ def _examined(result: Diagnosis, experiment: Experiment) -> Markup:
 
 
 def _adequate(result: Diagnosis) -> Markup:
-    p = _known(result.misfit.get("p_value"))
+    p, n = _known(result.misfit.get("p_value")), result.misfit.get("baseline", {}).get("n_simulated", 0)
     how = Markup(
-        "of data sets made by the fitted baseline itself, {} look at least as odd; below {} it counts as wrong"
-    ).format(_few(p), percent(ALPHA))
+        "of {} made by the fitted baseline itself, {} look at least as odd; below {} it counts as wrong"
+    ).format(count(n, "data set") if n else "data sets", _few(p, n), percent(ALPHA))
     if p < ALPHA:
         return Markup("<strong>Is the baseline adequate?</strong> No: {}.").format(how)
     if result.verdict == "adequate":
@@ -293,10 +293,12 @@ def _kind(result: Diagnosis) -> str:
     return "warn" if _in_doubt(result) else _KINDS.get(result.verdict, "warn")
 
 
-def _few(p: float) -> str:
-    """A p value as a share, with the digits that decide."""
+def _few(p: float, n: int = 0) -> str:
+    """A p value as a share, with the digits that decide; of `n` simulated data sets the least possible is none."""
     if not math.isfinite(p):
         return "–"
+    if n and p <= 1 / (n + 1):
+        return "none"
     return f"at most 0.1{NBSP}%" if p <= 1e-3 else f"{100 * p:.2g}{NBSP}%" if p < 0.1 else percent(p)
 
 
@@ -415,7 +417,7 @@ def _what_next(found: Mapping[str, Any]) -> list[Markup]:
         return []
     about = _about(str(found["about"]))
     if tells_apart(found):
-        what = Markup("{} with an expected lead of {} nats").format(about, _nats(best["separation"]))
+        what = Markup("{} with an expected lead of {}").format(about, _lead(best))
     else:
         what = Markup("{}, of which these readings tell little: it would narrow it by {}").format(
             about, _narrowing(best["separation"])
@@ -425,6 +427,12 @@ def _what_next(found: Mapping[str, Any]) -> list[Markup]:
             typeset(best["text"]), what
         )
     ]
+
+
+def _lead(proposal: Mapping[str, Any]) -> str:
+    """An expected separation with its error; single log ratios count up to a limit."""
+    x, error = _known(proposal["separation"]), _known(proposal["error"])
+    return typeset(f"over {0.9 * CLEAR:.0f} nats" if x > 0.9 * CLEAR else f"{x:.1f} ± {error:.1f} nats")
 
 
 def _narrowing(separation: object) -> str:
@@ -721,7 +729,7 @@ def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
     rows = []
     for p in found["proposals"]:
         changed = [
-            Markup("{} = {}").format(symbol_html(name), with_unit(number(value), _CONSTANTS.get(name, "1")))
+            Markup("{} = {}").format(symbol_html(name), with_unit(number(value), CONSTANT_UNITS.get(name, "1")))
             for name, value in p.get("constants", {}).items()
         ]
         success = _known(p.get("success"))
@@ -731,9 +739,7 @@ def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
                 _span(p["frequency_hz"], "Hz"),
                 _span(p["amplitude_v"], "V"),
                 listed(changed) if changed else "as it is",
-                f"{_known(p['separation']):.2f} ± {_known(p['error']):.2f} nats"
-                if tells
-                else _narrowing(p["separation"]),
+                _lead(p) if tells else _narrowing(p["separation"]),
                 _share(success),
             ]
         )

@@ -30,11 +30,12 @@ _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHE
 _EXTENDED: Final[dict[str, Any]] = {"color": PALETTE["vermillion"], "linewidth": 1.6, "zorder": 2.5}
 _VERDICT_COLOR: Final = {
     "present": PALETTE["vermillion"],
+    "as good": PALETTE["vermillion"],
     "explains part alone": PALETTE["orange"],
     "not present": PALETTE["grey"],
     "could not have been seen": PALETTE["sky"],
 }
-_HATCH: Final = {"could not have been seen": "////"}
+_HATCH: Final = {"could not have been seen": "////", "as good": "...."}
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
 

@@ -138,7 +138,7 @@ def _what_it_predicts(validation: Validation) -> Markup:
     readings = sum(s.n_points for s in unseen)
     best = min(unseen, key=lambda s: s.log_rmse)
     worst = max(unseen, key=lambda s: s.log_rmse)
-    words = {"good": "Yes: the fit predicts", "warn": "Only just: the fit roughly predicts"}
+    words = {"good": "Yes: the fit predicts", "warn": "Not quite: the fit roughly predicts"}
     how = words.get(_verdict(validation)["kind"], "No: the fit does not predict")
     which = groups([s.group for s in unseen]) if len(unseen) <= 6 else f"the {len(unseen)} other groups"
     spread = (
@@ -284,7 +284,7 @@ def _parameter_rows(run: Run) -> list[list[Any]]:
                 _ONE_SIDED.get(s.verdict) or with_unit(interval(s.lower, s.upper, spread), e.unit),
                 prior,
                 {"text": s.verdict, "kind": _KINDS[s.verdict]},
-                f"{s.r_hat:.3f}",
+                f"{s.r_hat:.4f}",
                 f"{s.ess_bulk:.0f} / {s.ess_tail:.0f}",
             ]
         )
@@ -376,7 +376,7 @@ def _health(run: Run) -> list[list[Any]]:
         ["Length after burn-in", f"{s.autocorrelation_times:.0f}", "autocorrelation times of the slowest parameter"],
         ["Kept", f"{run.draws.values.shape[0] * run.draws.values.shape[1]} draws", f"one step in {s.thinning}"
          if s.thinning > 1 else "every step"],
-        ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.3f}", "rank-normalised split R-hat; 1 is mixed"],
+        ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.4f}", "rank-normalised split R-hat; 1 is mixed"],
         ["Smallest effective sample", f"{min(min(p.ess_bulk, p.ess_tail) for p in s.parameters):.0f}",
          "independent draws that the worst estimate is worth"],
     ]  # fmt: skip

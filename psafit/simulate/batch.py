@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -228,9 +228,28 @@ def simulate(
     if path not in (None, *PATHS):
         raise ValueError(f"no path {path!r}; there are {' and '.join(PATHS)}")
 
+    parts = [_simulate(design.points(rows), sets, terms, n_sessions, path, tolerance) for rows in design.rows]
+    if len(parts) == 1:
+        return parts[0]
+    back = np.argsort(np.concatenate(design.rows), kind="stable")
+    engines = {p.engine for p in parts}
+    return Simulation(
+        **{
+            f.name: np.concatenate([getattr(p, f.name) for p in parts], axis=1)[:, back]
+            for f in fields(Simulation)
+            if f.name != "engine"
+        },
+        engine=engines.pop() if len(engines) == 1 else "mixed",
+    )
+
+
+def _simulate(
+    design: Design, sets: FloatArray, terms: Sequence[Term], n_sessions: int, path: str | None, tolerance: float
+) -> Simulation:
+    """The same at points of one rig."""
     own = _own(terms, n_sessions)
     # Sets that differ only in what happens after the launch share their contact.
-    after = np.zeros(len(names), bool)
+    after = np.zeros(sets.shape[1], bool)
     for term, columns_ in zip(terms, own, strict=True):
         after[columns_] = term.setup is None and not term.stepped
     first: NDArray[np.intp] | slice = slice(None)

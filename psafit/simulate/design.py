@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,10 @@ class Design:
     ----------
     constants : Constants
         Known constants of the rig, SI.
+    others : tuple of Constants
+        Of rigs with a constant changed, if there are points of such.
+    rig : (n_points,) int array
+        Whose each point is: 0 for `constants`, k for the k-th of `others`.
     waveform : (n_points,) int8 array
         `SINE` or `SQUARE`.
     frequency : (n_points,) array, Hz
@@ -41,6 +45,8 @@ class Design:
     frequency: NDArray[np.float64]
     amplitude: NDArray[np.float64]
     group: NDArray[np.int64]
+    others: tuple[Constants, ...] = ()
+    rig: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
 
     def __post_init__(self) -> None:
         for name, kind in (
@@ -48,8 +54,11 @@ class Design:
             ("frequency", np.float64),
             ("amplitude", np.float64),
             ("group", np.int64),
+            ("rig", np.int64),
         ):
             array = np.array(getattr(self, name), dtype=kind, ndmin=1)
+            if name == "rig" and array.size == 1:
+                array = np.repeat(array, self.n_points)
             if array.shape != (self.n_points,):
                 raise ValueError(f"{name} has shape {array.shape}, expected ({self.n_points},)")
             array.setflags(write=False)
@@ -72,22 +81,33 @@ class Design:
         return self.points(np.array([index]))
 
     def points(self, chosen: NDArray[np.intp]) -> Design:
-        """Some of the conditions."""
-        return Design(
-            self.constants, self.waveform[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
-        )
+        """Some of the conditions; those of one rig have its constants."""
+        some = self.waveform[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
+        rig = self.rig[chosen]
+        if rig.size and (rig == rig[0]).all():
+            return Design((self.constants, *self.others)[rig[0]], *some)
+        return Design(self.constants, *some, self.others, rig)
+
+    @property
+    def rows(self) -> list[NDArray[np.intp]]:
+        """Indices of the points of each rig that has any."""
+        return [np.flatnonzero(self.rig == k) for k in np.unique(self.rig)]
 
     @classmethod
     def of(cls, constants: Constants, groups: Sequence[Conditions]) -> Design:
         """Conditions of groups, measured or planned, in the order given."""
         sizes = [g.frequency_hz.size for g in groups]
-        return cls(
+        rigs = list(dict.fromkeys([constants, *(g.rig(constants) for g in groups)]))
+        every = cls(
             constants,
             np.repeat([_WAVEFORMS[g.waveform] for g in groups], sizes),
             np.concatenate([g.frequency_hz for g in groups]),
             np.concatenate([g.amplitude_v for g in groups]),
             np.repeat(np.arange(len(groups)), sizes),
+            tuple(rigs[1:]),
+            np.repeat([rigs.index(g.rig(constants)) for g in groups], sizes),
         )
+        return every.points(np.arange(every.n_points)) if rigs[1:] else every
 
     @classmethod
     def sweep(cls, constants: Constants, waveform: str, frequency: object, amplitude: object) -> Design:

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.experiment import Conditions
+from psafit.experiment import CONSTANT_UNITS, Conditions
 
 FloatArray = NDArray[np.float64]
 Variable = Literal["frequency", "amplitude", "order"]
@@ -67,18 +67,20 @@ def sweep_of(group: Conditions) -> Sweep:
     f_text = _extent(frequency_text(float(f.min())), frequency_text(float(f.max())))
     v_text = _extent(_volts(float(v.min())), _volts(float(v.max())))
 
+    rig = "".join(f", {name} = {value:g}{NBSP}{CONSTANT_UNITS[name]}" for name, value in group.changed)
+
     def varies(x: FloatArray) -> bool:
         return bool(np.ptp(x) > _HELD * np.max(np.abs(x)))
 
     if varies(f) and not varies(v):
         log = bool(f.max() >= 3 * f.min())
         held = _volts(float(np.median(v)))
-        return Sweep("frequency", f, AXIS["frequency"], log, f"{group.waveform}, {held}", f_text)
+        return Sweep("frequency", f, AXIS["frequency"], log, f"{group.waveform}, {held}{rig}", f_text)
     if varies(v) and not varies(f):
         log = bool(v.min() > 0 and v.max() >= 5 * v.min())
         held = frequency_text(float(np.median(f)))
-        return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.waveform}, {held}", v_text)
+        return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.waveform}, {held}{rig}", v_text)
     order = np.arange(1.0, group.n_points + 1)
-    held = f"{group.waveform}, {f_text}, {v_text}"
+    held = f"{group.waveform}, {f_text}, {v_text}{rig}"
     rows = f"{group.n_points} reading{'' if group.n_points == 1 else 's'}"
     return Sweep("order", order, "Reading, in the file's order", False, held, rows)
