@@ -226,7 +226,7 @@ def test_first_screen_answers(page):
     assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text
     assert "22,000 times" in text
     apart = "tells hysteresis of the stack from gap at rest + slew-limited amplifier"
-    assert f"Measure sine, 20 V: that best {apart} with an expected lead of 12.5 nats." in text
+    assert f"Measure sine, 20 V: that best {apart} with an expected lead of 12.5 ± 0.4 nats." in text
 
 
 def test_record_is_shown(page):
