@@ -104,6 +104,8 @@ def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> l
             if what == "unknown column" and (near := difflib.get_close_matches(wrong[0][:40], known, n=1)):
                 unit = near[0].rpartition("_")[2]
                 remedy = f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?"
+            if what == "missing column" and wrong == ["launch_range_um"]:
+                remedy += "; without readings it is a plan, which psafit simulate takes"
             raise InputError(f"{what} {shown(wrong[0])}", remedy, file=file, line=line)
     return names
 

@@ -116,7 +116,10 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "growth": _growth(result, experiment),
         "drift": _drift_rows(result),
         "models": _model_rows(result),
-        "leader": None if leader is None else {"name": model(leader.terms), "rows": _parameter_rows(leader)},
+        "training": ",".join(str(g) for g in result.training),
+        "leader": None
+        if leader is None
+        else {"name": model(leader.terms), "rows": _parameter_rows(leader), "options": ",".join(leader.terms)},
         "other_models": [
             {"name": model(c.terms), "rows": _parameter_rows(c)} for c in result.causes if c is not leader
         ],
