@@ -92,7 +92,7 @@ _NESTED, _LIKE = 4, 2
 _HOPELESS = 7.0
 _WEIGHED = 4
 # Rounds of draws while the search goes on; and a part this far behind the leader (nats) is weighed, too.
-_GLANCE, _PART_DOUBT = 6, 30.0
+_GLANCE, _PART_DOUBT = 4, 30.0
 # A draw this far above the optimum (nats) says that the climb had not arrived.
 _HIGHER = 0.5
 # A start this far (nats) below a model's optimum may lead above it.

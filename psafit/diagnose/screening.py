@@ -7,8 +7,8 @@ the expected strength, and their mean over the prior,
 
 .. math:: B \approx \sum_q w_q e^{\Delta_q},
 
-the evidence that the cause would add, where :math:`w_q` is the part of the prior that is nearest to :math:`q`. Where
-gains change steeply, quantiles between are tried, too. Slopes at the neutral value
+the evidence that the cause would add, where :math:`w_q` is the part of the prior that is nearest to :math:`q`; the
+neutral value, which gains nothing, is one of them. Where gains change steeply, quantiles between are tried, too. Slopes at the neutral value
 would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, others are infinite, and a boundary makes the
 law of the usual statistic a mixture.
 """
@@ -127,7 +127,8 @@ def _screen(candidate: Candidate, top: float, term: Term, catalogue: Sequence[Te
         q, gain = np.concatenate([q, between])[order], np.concatenate([gain, more_gain])[order]
         ends = np.concatenate([ends, more_ends])[order]
     # Each quantile stands for what is nearer to it than to its neighbours.
-    share = np.diff(np.concatenate([[0.0], 0.5 * (q[1:] + q[:-1]), [1.0]]))
+    places, gains = _with_neutral(term.strength, q, gain)
+    share = np.diff(np.concatenate([[0.0], 0.5 * (places[1:] + places[:-1]), [1.0]]))
     # Never quite neutral: a path that changes there would be another model.
     shown = at.copy()
     shown[own] = [p.to_sampling(v) for p, v in zip(term.parameters, plausible(term), strict=True)]
@@ -135,7 +136,7 @@ def _screen(candidate: Candidate, top: float, term: Term, catalogue: Sequence[Te
         term=term,
         strength=term.strength.to_physical(term.strength.prior_quantile(q)),
         gain=gain,
-        log_bayes=float(logsumexp(gain + np.log(share))),
+        log_bayes=float(logsumexp(gains, b=share)),
         visible=float(np.linalg.norm(candidate.beside(large.predict(shown[None]) - candidate.predicted))),
         starts=ends[np.argsort(-gain, kind="stable")[:4]],
     )
