@@ -8,9 +8,9 @@ the expected strength, and their mean over the prior,
 .. math:: B \approx \sum_q w_q e^{\Delta_q},
 
 the evidence that the cause would add, where :math:`w_q` is the part of the prior that is nearest to :math:`q`; the
-neutral value, which gains nothing, is one of them. Where gains change steeply, quantiles between are tried, too. Slopes at the neutral value
-would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, others are infinite, and a boundary makes the
-law of the usual statistic a mixture.
+neutral value, which gains nothing, is one of them. Where gains change steeply, quantiles between are tried, too.
+Slopes at the neutral value would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, others are infinite, and a
+boundary makes the law of the usual statistic a mixture.
 """
 
 from __future__ import annotations
