@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,11 +32,9 @@ def page() -> str:
     parts = [INTRODUCTION]
     for words, command in sorted(every(commands, ("psafit",))):
         context = click.Context(command, info_name=" ".join(words), max_content_width=100, terminal_width=100)
-        # click remembers the help option as it was first asked for, with its short form or without.
-        text = re.sub(
-            r"^  (-h, )?--help +", lambda m: "  -h, --help".ljust(len(m[0])), command.get_help(context), flags=re.M
-        )
-        parts.append(f"## {' '.join(words)}\n\n```text\n{text}\n```\n")
+        context.help_option_names = ["-h", "--help"]
+        command._help_option = None  # click remembers it as it was first asked for
+        parts.append(f"## {' '.join(words)}\n\n```text\n{command.get_help(context)}\n```\n")
     return "\n".join(parts)
 
 

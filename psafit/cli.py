@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import os
 import re
@@ -53,6 +54,8 @@ RUN_FILES = (
     "answer.json",
     "commitment.txt",
     "campaign.json",
+    "score.html",
+    "score.json",
 )
 """What fit, diagnose, reproduce and challenge write into their folders."""
 
@@ -132,9 +135,14 @@ PLUGIN = click.option(
 
 def main() -> None:
     """Run the command; turn what psafit raises on purpose into one line and an exit code."""
+    os.environ["MPLBACKEND"] = "agg"  # no window is ever opened
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal may know fewer letters than a title has
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = commands.main(standalone_mode=False, prog_name="psafit")
-        sys.stdout.flush()  # a full disk is told of here, not at the interpreter's end
+        if sys.stdout is not None:  # nobody's, where it was closed
+            sys.stdout.flush()  # a full disk is told of here, not at the interpreter's end
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         code = DONE
@@ -185,14 +193,13 @@ def _warn(warnings: Iterable[str]) -> None:
 
 def _say(message: str) -> None:
     """One line on standard error, without what would steer a terminal; of a word that fills screens, its ends."""
-    message = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
-    words = (word if len(word) <= _LONGEST_WORD else f"{word[:100]}…{word[-40:]}" for word in message.split(" "))
+    words = (w if len(w) <= _LONGEST_WORD else f"{w[:100]}…{w[-40:]}" for w in escaped(message).split(" "))
     click.echo(" ".join(words), err=True)
 
 
 def _discard_output() -> None:
     """Let the interpreter end without complaint about output that nobody takes."""
-    with suppress(OSError):  # no descriptor where somebody has replaced it
+    with suppress(OSError, AttributeError):  # no descriptor where somebody has replaced or closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -264,7 +271,7 @@ def fit(
     An interrupted run goes on where it stopped when the same command is repeated, and one that has not
     converged draws on.
     """
-    from psafit.files import usual_fit_folder
+    from psafit.files import ensure_writable, usual_fit_folder
     from psafit.inference.scale import read
     from psafit.progress import watcher
 
@@ -272,6 +279,7 @@ def fit(
     ids = _groups(group, data)
     chosen = causes(terms) if terms else ()
     folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])
+    ensure_writable(folder, "--out", folder=True, inputs=[experiment])
     refuse_run_file(json_file, folder)
     if not quiet:
         _warn(data.warnings)
@@ -308,7 +316,7 @@ def fit(
         click.echo(f"posterior: {result.summary.message}")
         if not no_report:
             _print_scores(validation)
-            click.echo(f"report: {click.format_filename(page)}")
+            click.echo(f"report: {shown_path(page)}")
     return DONE if result.summary.converged else CHECK_FAILED
 
 
@@ -353,13 +361,14 @@ def diagnose(
     The verdict uses all groups; the gain never scores data that a choice has seen. An interrupted diagnosis goes
     on where it stopped when the same command is repeated.
     """
-    from psafit.files import usual_folder
+    from psafit.files import ensure_writable, usual_folder
     from psafit.inference.scale import read
     from psafit.progress import watcher
 
     data = read(experiment)
     ids = [data.ids[0]] if group is None else _groups(group, data)
     folder = out or usual_folder(experiment, "diagnosis")
+    ensure_writable(folder, "--out", folder=True, inputs=[experiment])
     refuse_run_file(json_file, folder)
     if not quiet:
         _warn(data.warnings)
@@ -394,7 +403,7 @@ def diagnose(
 
             page = write_diagnosis(result, data, folder)
     if not (quiet or no_report):
-        click.echo(f"report: {click.format_filename(page)}")
+        click.echo(f"report: {shown_path(page)}")
     return DONE
 
 
@@ -439,6 +448,7 @@ def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
     from psafit.inference.run import load
     from psafit.validate import validate as check_predictions
 
+    refuse_run_file(json_file, run)
     validation, _ = check_predictions(load(run))
     write_result(json_file, validation)
     if not quiet:
@@ -474,7 +484,7 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
     write_result(json_file, content)
     if not quiet:
         click.echo(claims_table(result))
-        click.echo(f"report: {click.format_filename(page)}")
+        click.echo(f"report: {shown_path(page)}")
     return DONE
 
 
@@ -583,9 +593,22 @@ def _print_scores(validation: Any) -> None:
         click.echo(f"mean log_rmse over held-out groups: {validation.holdout_log_rmse:.3f}")
 
 
+def shown_path(path: str | Path) -> str:
+    """A path for a line of the terminal, without what would steer that."""
+    return escaped(click.format_filename(path))
+
+
+def escaped(text: str) -> str:
+    """Text in which every character can be seen."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def refuse_run_file(json_file: Path | None, folder: Path) -> None:
-    """Refuse a ``--json`` file that the command itself writes into its folder."""
-    if json_file is not None and json_file.name in RUN_FILES and json_file.resolve().parent == folder.resolve():
+    """Refuse a ``--json`` file that the command itself writes into its folder, or into one in it."""
+    if json_file is None:
+        return
+    real, place = json_file.resolve(), folder.resolve()
+    if real.is_relative_to(place) and (real.parent != place or real.name in RUN_FILES):
         raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
 
 

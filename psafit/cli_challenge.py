@@ -8,7 +8,18 @@ from typing import Any
 import click
 
 from psafit.challenge import DRAWN, EACH, NOTHING, PAIRS
-from psafit.cli import CHECK_FAILED, DONE, JSON, QUIET, Group, Place, causes, refuse_run_file, write_result
+from psafit.cli import (
+    CHECK_FAILED,
+    DONE,
+    JSON,
+    QUIET,
+    Group,
+    Place,
+    causes,
+    refuse_run_file,
+    shown_path,
+    write_result,
+)
 from psafit.errors import LARGEST_SEED, InputError
 
 _SEED = click.option("--seed", type=click.IntRange(0, LARGEST_SEED), required=True, help="Everything is drawn from it.")
@@ -71,10 +82,10 @@ def make(
     }
     write_result(json_file, content)
     if not quiet:
-        click.echo(f"experiment: {click.format_filename(content['experiment'])}")
+        click.echo(f"experiment: {shown_path(content['experiment'])}")
         click.echo(f"sealed answer, SHA-256 {made.commitment}")
-        place, told = click.format_filename(content["experiment"]), click.format_filename(made.folder)
-        answer = click.format_filename(made.folder / "diagnosis")
+        place, told = shown_path(content["experiment"]), shown_path(made.folder)
+        answer = shown_path(made.folder / "diagnosis")
         click.echo(f"next: psafit diagnose {place} --quick --out {answer}")
         click.echo(f"then: psafit challenge score {told} --diagnosis {answer}")
     return DONE
@@ -145,7 +156,7 @@ def run(
     if not quiet:
         for r in failed:
             click.echo(f"failed: {r.spec.id}: {r.message}", err=True)
-        click.echo(f"results: {click.format_filename(out)}")
+        click.echo(f"results: {shown_path(out)}")
     return CHECK_FAILED if failed else DONE
 
 
@@ -167,6 +178,9 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
     from psafit.records import write_json
     from psafit.report.challenge import write_page
 
+    refuse_run_file(json_file, folder)
+    if out is not None and out.resolve() == (folder / "score.json").resolve():
+        raise InputError("receives the numbers", "choose another place with --out", file=out)
     if diagnosis is None and (folder / ANSWER).exists() and not (folder / CAMPAIGN).exists():
         raise InputError("holds one challenge", "name its diagnosis: --diagnosis FOLDER", file=folder)
     if diagnosis is None:
@@ -191,7 +205,7 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
             click.echo(f"hidden: {row.truth}, {row.gain:.1f} nats; verdict {row.verdict}, named {row.named}")
             click.echo(f"truth {'in' if row.in_set else 'not in'} the reported set")
         if page is not None:
-            click.echo(f"page: {click.format_filename(page)}")
+            click.echo(f"page: {shown_path(page)}")
     return CHECK_FAILED if diagnosis is None and any(t.holds is False for t in found.targets) else DONE
 
 

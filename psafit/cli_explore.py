@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from psafit.cli import DONE, EXPERIMENT, JSON, PLUGIN, QUIET, Command, Place, causes, write_result
+from psafit.cli import DONE, EXPERIMENT, JSON, PLUGIN, QUIET, Command, Place, causes, escaped, shown_path, write_result
 from psafit.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def simulate(
 
         write_picture(groups, each, plot)
         if not quiet:
-            click.echo(f"picture: {click.format_filename(plot)}")
+            click.echo(f"picture: {shown_path(plot)}")
     write_result(
         json_file,
         {
@@ -106,6 +107,8 @@ def _assignments(values: tuple[str, ...]) -> dict[str, float]:
         if name in given:
             raise InputError(f"--set gives {name} twice", "give each parameter once")
         try:
+            if "_" in number or not number.isascii():
+                raise ValueError("no digits of a CSV file")
             given[name] = float(number)
         except ValueError:
             raise InputError(f"--set {text!r} is not NAME=VALUE", "write for example --set k_c=1.4e5") from None
@@ -117,6 +120,7 @@ def _completed(
 ) -> dict[str, float]:
     """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
     from psafit.experiment import session_name
+    from psafit.experiment.text import listed
     from psafit.physics import owner
     from psafit.physics.baseline import PARAMETERS
 
@@ -130,7 +134,7 @@ def _completed(
     if unknown:
         close = [name for name in wanted if name.casefold() == unknown[0].casefold()]
         close = close or difflib.get_close_matches(unknown[0], wanted, n=2)
-        remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(wanted)}"
+        remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {listed(wanted)}"
         if cause := owner(unknown[0]):
             remedy = f"add --terms {cause}"
         raise InputError(f"no parameter {unknown[0]}", remedy)
@@ -166,7 +170,7 @@ def report(
     if other is not None:
         if experiment is not None:
             raise InputError("--experiment is of no use for two runs", "leave it out: they hold what is compared")
-        page, record = _compared(run, other, out)
+        page, record = _compared(run, other, out, json_file)
         write_result(json_file, record)
         pages = [page]
     else:
@@ -174,17 +178,20 @@ def report(
             raise InputError("--out and --json are for two runs", "leave them out: the page goes into the run's folder")
         pages = list(_again(run, experiment))
     for page in pages if not quiet else ():
-        click.echo(f"report: {click.format_filename(page)}")
+        click.echo(f"report: {shown_path(page)}")
     return DONE
 
 
-def _compared(first: Path, second: Path, out: Path | None) -> tuple[Path, Any]:
+def _compared(first: Path, second: Path, out: Path | None, json_file: Path | None) -> tuple[Path, Any]:
     from psafit.compare import compare, read_side, told_apart
+    from psafit.files import encodable
     from psafit.report.comparison import write_comparison
 
     a, b = told_apart(read_side(first), read_side(second))
     found = compare(a, b)
-    page = out or first / f"comparison-{second.resolve().name}.html"
+    page = out or first / f"comparison-{encodable(second.resolve().name)}.html"
+    if json_file is not None and json_file.resolve() == page.resolve():
+        raise InputError("is the page itself", "choose another place with --json", file=json_file)
     return write_comparison(a, b, found, page), found
 
 
@@ -220,7 +227,9 @@ def _diagnosed_again(result: Path, experiment: Path | None) -> Path:
 @click.command(cls=Command)
 @click.argument("run", metavar="RUN", type=Place("input"))
 @click.option("--once", is_flag=True, help="Say how far it is, and end.")
-@click.option("--every", type=click.FloatRange(0.1), default=2.0, show_default=True, help="Seconds between looks.")
+@click.option(
+    "--every", type=click.FloatRange(0.1, 86400), default=2.0, show_default=True, help="Seconds between looks."
+)
 @QUIET
 @JSON
 def watch(run: Path, once: bool, every: float, quiet: bool, json_file: Path | None) -> int:
@@ -232,6 +241,8 @@ def watch(run: Path, once: bool, every: float, quiet: bool, json_file: Path | No
 
     from psafit.watch import look
 
+    if math.isnan(every):
+        raise InputError("--every nan is no time", "give seconds")
     state = look(run)
     if once or state.finished:
         if not quiet:
@@ -333,7 +344,7 @@ def _table(run: Path, state: State) -> Table:
     from rich.text import Text
 
     table = Table.grid(padding=(0, 2))
-    table.add_row(Text(run.name, style="bold"), Text(_stage(state)))
+    table.add_row(Text(escaped(run.name), style="bold"), Text(_stage(state)))
     if state.autocorrelation_times is not None and state.wanted_times is not None:
         table.add_row("", ProgressBar(total=state.wanted_times, completed=state.autocorrelation_times, width=40))
     for name, text in _facts(state):

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from psafit import plugins
-from psafit.cli import CHECK_FAILED, DONE, JSON, PLUGIN, QUIET, SEED, Command, Place, write_result
+from psafit.cli import CHECK_FAILED, DONE, JSON, PLUGIN, QUIET, SEED, Command, Place, shown_path, write_result
 from psafit.errors import InputError
 
 
@@ -41,8 +41,8 @@ def new(folder: Path, quiet: bool) -> int:
         undo.pop_all()
     if not quiet:
         for part in reversed(parts):
-            click.echo(f"wrote {click.format_filename(folder / part.name)}")
-        click.echo(f"put in your rig and readings, then: psafit check {click.format_filename(folder)}")
+            click.echo(f"wrote {shown_path(folder / part.name)}")
+        click.echo(f"put in your rig and readings, then: psafit check {shown_path(folder)}")
     return DONE
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
+from psafit.files import encodable
 from psafit.inference.identify import supported
 from psafit.inference.run import load
 from psafit.records import read_json
@@ -25,7 +26,7 @@ from psafit.validate import COLUMNS, log_ratio, neighbours_redrawn, predict, roo
 FloatArray = NDArray[np.float64]
 
 _BOOTSTRAPS = 1000
-_MEASURED = ("frequency_hz", "amplitude_v", "launch_range_um")
+_MEASURED, _ROLES = ("frequency_hz", "amplitude_v", "launch_range_um"), ("fit", "holdout")
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +222,7 @@ def _of_diagnosis(folder: Path) -> Side:
         )
         for name, p in (adopted.parameters if adopted else {}).items()
     }  # fmt: skip
-    told = read_predictions(folder / record.predictions)
+    told = read_predictions(record.table(folder, record.predictions))
     return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, told)
 
 
@@ -243,6 +244,9 @@ def read_predictions(path: Path, model: str | None = None) -> list[Told]:
     try:
         table = pd.read_csv(path, dtype={"group": str})
         table = (table if model is None else table[table["model"] == model])[list(COLUMNS)]
+        numbers = table[[*_MEASURED, "predicted_um", "lower_um", "upper_um"]].to_numpy(float)
+        if not (np.isfinite(numbers).all() and (numbers >= 0).all() and table["role"].isin(_ROLES).all()):
+            raise ValueError("impossible values")
         return [
             Told(
                 Group(
@@ -303,7 +307,7 @@ def told_apart(first: Side, second: Side) -> tuple[Side, Side]:
 
 
 def _name(folder: Path) -> str:
-    return folder.resolve().name
+    return encodable(folder.resolve().name)
 
 
 def _data(title: str, fingerprint: str) -> str:

@@ -157,11 +157,13 @@ def _ended(record: Fit, summary: PosteriorSummary) -> State:
     )
 
 
-def _read(path: Path) -> tuple[int, emcee.backends.Backend] | None:
+def _read(path: Path, n_parameters: int) -> tuple[int, emcee.backends.Backend] | None:
     """Every so many-th step of the checkpoint's chain, or None where there is none that can be read."""
     try:
         with h5py.File(path, "r", locking=False) as f:
             group = f[emcee_adaptor.GROUP]
+            if group["chain"].dtype.kind != "f" or group["chain"].shape[2] != n_parameters:
+                return None
             n = int(group.attrs["iteration"])
             every = math.ceil(n * math.prod(group["chain"].shape[1:]) / _VALUES) or 1
             backend = emcee.backends.Backend()
@@ -178,7 +180,7 @@ def _sampling(record: Fit, begun: Path, path: Path, before: State | None) -> Sta
     written = _written(path)  # before it is read: a newer one is then read again
     if before is not None and before.stage in ("sample", "profile") and before.written == written is not None:
         return before
-    found = _read(path)
+    found = _read(path, len(record.parameters))
     if found is None or written is None:
         return State("sample", best_minimum=record.minima[0].log_posterior)
     settings = Settings(**cast(dict[str, Any], record.sampler))

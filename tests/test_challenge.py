@@ -662,6 +662,8 @@ def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
             ]
         },
         {"causes": [{"terms": ["a"], "probability": 1.0, "parameters": ["x"]}]},
+        {"causes": [{"terms": ["a"], "probability": 10**400}]},
+        {"named": ["\x1b[31mred"]},
     ],
 )
 def test_a_foreign_diagnosis_must_keep_the_contract(change: dict[str, Any], tmp_path: Path) -> None:
@@ -671,6 +673,29 @@ def test_a_foreign_diagnosis_must_keep_the_contract(change: dict[str, Any], tmp_
     (tmp_path / "d.json").write_text(json.dumps(content | change))
     with pytest.raises(InputError, match="is no diagnosis of schema 1"):
         read_diagnosis(tmp_path / "d.json")
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda r: r["diagnosis"].update(named=5),
+        lambda r: r["diagnosis"].update(alternatives=[5]),
+        lambda r: r["diagnosis"].update(causes=[5]),
+        lambda r: r.update(seconds={}),
+    ],
+)
+def test_an_edited_result_is_one_line(
+    known: Experiment, tmp_path: Path, edit: Callable[[dict[str, Any]], None]
+) -> None:
+    specs = plan(1, **SMALL | {"nothing": 1})
+    run(specs, tmp_path, design_of=known, diagnose=deaf, jobs=1)
+    file = tmp_path / "results" / f"{specs[0].id}.json"
+    content = json.loads(file.read_text())
+    edit(content)
+    file.write_text(json.dumps(content))
+    with pytest.raises(InputError) as told:
+        load(tmp_path)
+    assert told.value.file == file
 
 
 # --- commands ---------------------------------------------------------------------------------------

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -192,6 +194,15 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
         (["reproduce", "EXP", "--out", "r", "--json", "r/reproduction.json"], "of the run itself"),
         (["challenge", "make", "--seed", "1", "--out", "c", "--json", "c/answer.json"], "of the run itself"),
         (["challenge", "run", "--seed", "1", "--out", "c", "--json", "c/campaign.json"], "of the run itself"),
+        (["diagnose", "EXP", "--out", "d", "--json", "d/experiment/experiment.toml"], "of the run itself"),
+        (["challenge", "make", "--seed", "1", "--out", "c", "--json", "c/experiment/x.csv"], "of the run itself"),
+        (
+            ["challenge", "run", "--seed", "1", "--out", "c", "--experiment", "EXP", "--scheduler", "foo://bar"],
+            "no Dask scheduler answers",
+        ),
+        (["simulate", "EXP", "--set", "k_c=1_0e5"], "not NAME=VALUE"),
+        (["watch", "EXP", "--every", "nan"], "is no time"),
+        (["watch", "EXP", "--every", "inf"], "is not in the range"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(  # type: ignore[no-untyped-def]
@@ -220,6 +231,28 @@ def test_a_link_stays_and_a_device_is_not_replaced(known_folder: Path, tmp_path:
     os.close(reader)
     assert (tmp_path / "link").is_symlink() and json.loads((tmp_path / "real.json").read_text())["n_points"] == 62
     assert sorted(p.name for p in tmp_path.iterdir()) == ["link", "pipe", "real.json"]
+
+
+def test_a_closed_output_is_no_failure(known_folder: Path, tmp_path: Path) -> None:
+    """Nor is one that knows fewer letters than a title has."""
+    psafit = [sys.executable, "-m", "psafit"]
+    command = " ".join(map(shlex.quote, map(str, [*psafit, "check", known_folder])))
+    for closed, code in ((">&-", 0), (">&- 2>&-", 0)):
+        done = subprocess.run(
+            f"{command} {closed}", shell=True, capture_output=True, text=True, timeout=60, check=False
+        )
+        assert (done.returncode, done.stderr) == (code, ""), closed
+    odd = tmp_path / "odd"
+    shutil.copytree(known_folder, odd)
+    toml = (odd / "experiment.toml").read_text("utf-8")
+    (odd / "experiment.toml").write_text(re.sub("title = .*", 'title = "a → b"', toml), "utf-8")
+    environment = os.environ | {"PYTHONIOENCODING": "latin-1", "MPLBACKEND": "none such"}
+    words = [*psafit, "simulate", odd, "--plot", tmp_path / "x\x1b.png"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    assert done.returncode == 0 and r"x\x1b.png" in done.stdout and "\x1b" not in done.stdout
+    words = [*psafit, "check", odd]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    assert done.returncode == 0 and r"a \u2192 b" in done.stdout
 
 
 def test_a_name_that_is_no_utf_8(known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]

@@ -20,7 +20,7 @@ from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.next_experiment import determine, proposals, tell_apart
 from psafit.diagnose.rehearsal import rehearse
-from psafit.diagnose.screening import PRESENT, _unclear, screen
+from psafit.diagnose.screening import PRESENT, _unclear, _with_neutral, screen
 from psafit.diagnose.show import drift, growth
 from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
@@ -658,3 +658,44 @@ def test_another_rigs_diagnosis_is_not_replaced(tmp_path):
     with pytest.raises(InputError, match="of other readings"):
         diagnose(experiment(), ["a"], tmp_path, quick=True)
     assert [p.name for p in tmp_path.iterdir() if p.suffix == ".json"] == ["diagnosis.json"]
+
+
+def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
+    """Measurements of another rig, a fit, somebody's own notes: told before any work."""
+    one, other = experiment(seed=1), experiment(seed=2)
+    for name in ("experiment/experiment.toml", "fit.json", "diagnosis.json"):
+        folder = tmp_path / name.replace("/", "-")
+        (folder / name).parent.mkdir(parents=True)
+        (folder / name).write_text('{"my": "own"}')
+        with pytest.raises(InputError, match="already holds other files"):
+            diagnose(one, ["a"], folder, quick=True)
+        assert [(p, p.read_text()) for p in folder.rglob("*") if p.is_file()] == [(folder / name, '{"my": "own"}')]
+    # An interrupted one is known by its mark, and goes on for the same readings alone.
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / ".diagnosis.json.1.tmp").write_text("what a killed process left")
+    diagnosis._claim(mine, one)
+    (mine / "steps").mkdir()
+    diagnosis._claim(mine, one)
+    with pytest.raises(InputError, match="of other readings"):
+        diagnosis._claim(mine, other)
+    (mine / "diagnosis.html").mkdir()
+    with pytest.raises(InputError, match="is a folder, where a file of the diagnosis goes"):
+        diagnosis._claim(mine, one)
+
+
+def test_a_stronger_effect_than_any_tried_is_looked_for_towards_neutral():
+    """Where the weakest strength of the prior's quantiles is far too much, what helps lies below it."""
+    lag = terms(["amplifier_lag"])[0].strength
+    q, gain = _with_neutral(lag, np.array([0.02, 0.1]), np.array([-50.0, -90.0]))
+    assert (q[0], gain[0]) == (0.0, 0.0) and _unclear(q, gain) == pytest.approx([0.01])
+    ratio = terms(["stroke_tolerance"])[0].strength  # neutral in the middle
+    q, gain = _with_neutral(ratio, np.array([0.1, 0.9]), np.array([5.0, -9.0]))
+    assert q[1] == pytest.approx(ratio.prior_share(ratio.neutral)) and gain.tolist() == [5.0, 0.0, -9.0]
+    # A layer of a hundredth of what is plausible shows where ranges are small.
+    layer = terms(["soft_layer"])
+    depth = float(layer[0].strength.to_physical(layer[0].strength.prior_quantile(0.004)))
+    one = fit(problem(experiment(["soft_layer"], [depth], relative=0.005)), (), seed=1, draws=512, most=8)
+    found = screen(one, layer)[0]
+    assert found.strength[0] < float(layer[0].strength.to_physical(layer[0].strength.prior_quantile(0.02)))
+    assert found.gain[found.best] > PRESENT and 0.5 < found.strength[found.best] / depth < 2.0

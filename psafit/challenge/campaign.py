@@ -10,11 +10,13 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
+import logging
 import math
 import multiprocessing
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -62,6 +64,8 @@ SEEN_NATS = 25.0
 
 # How often a worker looks whether its parent is still there.
 _LOOK_UP_S = 1.0
+# For a scheduler to answer.
+_ANSWER_S = 20
 _FOLDER = "psafit-challenge-{}-"  # of a process
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
 _AGAIN = "remove it, and run the campaign again"
@@ -304,7 +308,14 @@ def read_diagnosis(file: Path, fingerprint: str | None = None) -> dict[str, Any]
         If it is missing, damaged, or lacks a key.
     """
     remedy = "run psafit diagnose again"
-    content = read_content(file, remedy=remedy)
+    content = _checked(read_content(file, remedy=remedy), file, remedy)
+    if fingerprint and content.get("fingerprint", fingerprint) != fingerprint:
+        raise InputError("is of other readings than the challenge's", "diagnose FOLDER/experiment", file=file)
+    return {key: content.get(key, {}) for key in _KEPT}
+
+
+def _checked(content: Any, file: Path, remedy: str) -> dict[str, Any]:
+    """A diagnosis, if it keeps the contract."""
     verdicts = ("adequate", "explained", "ambiguous", "unexplained")
     lists = ("named", "alternatives", "causes")
     if (
@@ -314,16 +325,15 @@ def read_diagnosis(file: Path, fingerprint: str | None = None) -> dict[str, Any]
         or not all(isinstance(cause, dict) and _measured(cause.get("parameters")) for cause in content["causes"])
         or not all(map(_names, [content["named"], *content["alternatives"]]))
         or not all(_names(cause.get("terms")) for cause in content["causes"])
+        or not all(_is_number(cause.get("probability") or 0.0) for cause in content["causes"])
         or not isinstance(content.get("misfit", {}), dict)
     ):
         raise InputError("is no diagnosis of schema 1", remedy, file=file)
-    if fingerprint and content.get("fingerprint", fingerprint) != fingerprint:
-        raise InputError("is of other readings than the challenge's", "diagnose FOLDER/experiment", file=file)
-    return {key: content.get(key, {}) for key in _KEPT}
+    return content
 
 
 def _names(ids: object) -> bool:
-    return isinstance(ids, list) and all(isinstance(id, str) for id in ids)
+    return isinstance(ids, list) and all(isinstance(id, str) and id.isprintable() for id in ids)
 
 
 def _measured(parameters: object) -> bool:
@@ -333,7 +343,12 @@ def _measured(parameters: object) -> bool:
     if not isinstance(parameters, dict):
         return False
     numbers = [p.get(k) for p in parameters.values() if isinstance(p, dict) for k in ("median", "lower", "upper")]
-    return all(isinstance(x, int | float | None) for x in numbers)
+    return all(x is None or _is_number(x) for x in numbers)
+
+
+def _is_number(x: object) -> bool:
+    """Whether it is one that a float can hold: JSON's integers have no end."""
+    return isinstance(x, int | float) and abs(x) <= sys.float_info.max
 
 
 def run(
@@ -383,6 +398,8 @@ def run(
     """
     if scheduler is not None and importlib.util.find_spec("distributed") is None:
         raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
+    if scheduler is not None:
+        _reach(scheduler)
     campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs))
     with sole(folder):
         _claim(folder, campaign)
@@ -459,6 +476,10 @@ def _read(folder: Path, spec: Spec) -> Result | None:
     result = read_json(file, Result, remedy=_AGAIN)
     if plain(result.spec) != plain(spec):
         raise InputError("is of another data set than the campaign plans", _AGAIN, file=file)
+    if result.status == "done":
+        _checked(result.diagnosis, file, _AGAIN)
+    if not _is_number(result.seconds.get("diagnose")):
+        raise InputError("does not say how long the diagnosis took", _AGAIN, file=file)
     return result
 
 
@@ -477,6 +498,19 @@ def _claim(folder: Path, campaign: Campaign) -> None:
     write_json(file, campaign)
 
 
+def _reach(scheduler: str) -> None:
+    """See that a scheduler answers, before anything is written."""
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line
+    try:
+        client: Any = Client(scheduler, timeout=_ANSWER_S)  # type: ignore[no-untyped-call]
+        client.close()
+    except Exception as error:  # an address may be wrong in many ways, each with an error of its own
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"no Dask scheduler answers at {scheduler} ({reason})", "check --scheduler") from error
+
+
 @contextmanager
 def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[int, bool]]:
     """Who computes: number of processes for joblib, and whether they are ours to shield from Ctrl-C."""
@@ -484,9 +518,6 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[int, bool]]:
         with joblib.parallel_config(backend="loky", inner_max_num_threads=1 if jobs > 1 else None):
             yield jobs, jobs > 1
         return
-    try:
-        # joblib brings its own link to Dask, and calls it by this address.
-        with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=60):
-            yield -1, False
-    except OSError as error:
-        raise InputError(f"no Dask scheduler answers at {scheduler} ({error})", "check --scheduler") from error
+    # joblib brings its own link to Dask, and calls it by this address.
+    with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=60):
+        yield -1, False

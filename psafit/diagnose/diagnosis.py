@@ -21,14 +21,14 @@ from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
-from psafit.diagnose.record import PAGE, RESULT, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, RESULT, CauseResult, Diagnosis, ScreeningResult
 from psafit.diagnose.rehearsal import rehearse
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
-from psafit.files import portable_command, sole
+from psafit.files import is_temporary, portable_command, sha256, sole, write_atomically
 from psafit.inference.candidate import Candidate
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Weighed
@@ -115,23 +115,32 @@ def diagnose(
     asked += [[t.signature for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
     with sole(folder):
-        _refuse_other_readings(folder / RESULT, experiment)
+        _claim(folder, experiment)
         if finished := _finished(folder, identity):
             return finished
         work = _Work(experiment, training, folder, seed, catalogue, watcher or Silent(), command)
         return work.all(quick, searches, nautilus, identity)
 
 
-def _refuse_other_readings(file: Path, experiment: Experiment) -> None:
-    """Nobody's result is replaced by that of another rig whose folder has the same name."""
+def _claim(folder: Path, experiment: Experiment) -> None:
+    """Make a folder ours, or see that it is: nobody's files are replaced, nor the diagnosis of another rig."""
+    marker, another = folder / MARKER, "choose another --out, or remove it"
     try:
-        held = read_content(file)
-    except InputError:
-        return  # none, or none that anybody can use
-    if isinstance(held, dict) and held.get("fingerprint", experiment.fingerprint) != experiment.fingerprint:
-        raise InputError(
-            "holds the diagnosis of other readings", "choose another --out, or remove it", file=file.parent
-        )
+        held = read_content(folder / RESULT)
+    except InputError:  # none, or none that anybody can use
+        held = None
+    ours = marker.is_file() or (isinstance(held, dict) and "fingerprint" in held)
+    foreign = sorted(p.name for p in folder.iterdir() if not is_temporary(p))
+    if foreign and not ours:
+        raise InputError(f"already holds other files ({foreign[0]})", "choose an empty folder with --out", file=folder)
+    mine = experiment.fingerprint
+    kept = held.get("fingerprint", mine) if isinstance(held, dict) else mine
+    if kept != mine or (marker.is_file() and marker.read_bytes() != mine.encode()):
+        raise InputError("holds the diagnosis of other readings", another, file=folder)
+    for name in (RESULT, PAGE, PREDICTIONS):
+        if (folder / name).is_dir():
+            raise InputError("is a folder, where a file of the diagnosis goes", another, file=folder / name)
+    write_atomically(marker, mine.encode())
 
 
 def _finished(folder: Path, identity: str) -> Diagnosis | None:
@@ -144,7 +153,8 @@ def _finished(folder: Path, identity: str) -> Diagnosis | None:
     if held.extension:
         parts.append(held.extension["folder"])
     whole = held.extension.get("converged", True) and all((folder / part).exists() for part in parts)
-    return held if whole and held.identity == identity else None
+    unchanged = whole and all(sha256(folder / name) == seal for name, seal in held.files.items())
+    return held if unchanged and held.identity == identity else None
 
 
 @dataclass(eq=False)
@@ -180,7 +190,7 @@ class _Work:
             (self.folder / name).unlink(missing_ok=True)
         numerics = asdict(refine(leader.problem, leader.modes[:1], experiment.fingerprint))
         write_predictions(
-            self.folder / "predictions-diagnosis.csv", predictive(leader.problem, draws.resampled(_DRAWS), self.seed)
+            self.folder / PREDICTIONS, predictive(leader.problem, draws.resampled(_DRAWS), self.seed)
         )  # fmt: skip
         with self._stage("next experiment"):
             proposal = _next(ladder, verdict, self.seed, None if quick else self.watcher)
@@ -211,6 +221,7 @@ class _Work:
             decisive = [set(ids) for ids in ((), verdict.named, leader.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
+        tables = [PREDICTIONS, *(one["predictions"] for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
             verdict=verdict.verdict,
@@ -221,7 +232,8 @@ class _Work:
             numerics=numerics,
             gain=measured,
             next_experiment=proposal,
-            predictions="predictions-diagnosis.csv",
+            predictions=PREDICTIONS,
+            files={name: sha256(self.folder / name) for name in tables},
             sentences=_sentences(verdict, before, ladder.screened, measured, proposal),
             unnamed=verdict.unnamed,
             screening=_screening(ladder, verdict),

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+from psafit.errors import InputError
 from psafit.experiment import GroupId
+from psafit.files import sha256
 
-RESULT, PAGE = "diagnosis.json", "diagnosis.html"
+RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
+MARKER = ".psafit-diagnosis"
+"""In a folder that a diagnosis has made its own, and of which readings."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,8 @@ class Diagnosis:
         where the training groups name nothing.
     title, fingerprint, groups, training, seed, quick, versions, command, seconds
         Where it comes from.
+    files : dict
+        SHA-256 of each table of predictions.
     identity : str
         SHA-256 of all that determines the result.
     """
@@ -118,6 +125,7 @@ class Diagnosis:
     versions: dict[str, str]
     command: str
     seconds: dict[str, float]
+    files: dict[str, str] = field(default_factory=dict)
     identity: str = ""
 
     @property
@@ -128,6 +136,13 @@ class Diagnosis:
             sets = sets[:1] if self.named else []
         more = f" or {len(sets) - 3} more" if len(sets) > 3 else ""
         return f"verdict: {self.verdict}" + (f": {', or '.join(sets[:3])}{more}" if sets else "")
+
+    def table(self, folder: Path, name: str) -> Path:
+        """A table of predictions, refused where somebody has changed it."""
+        seal = self.files.get(name)
+        if seal and (folder / name).is_file() and sha256(folder / name) != seal:
+            raise InputError("was changed after the diagnosis", "run psafit diagnose again", file=folder / name)
+        return folder / name
 
     @property
     def mostly_unnamed(self) -> bool:

@@ -225,9 +225,9 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     members = experiment.select(result.groups)
     n = sum(g.n_points for g in members)
     told = {name: np.asarray(model.get("predicted_um", []), dtype=float) for name, model in result.show.items()}
-    adopted = _told(folder / result.predictions)
+    adopted = _told(result.table(folder, result.predictions))
     strict = result.gain.get("strict")
-    unseen = _told(folder / strict["predictions"], "extended") if strict else {}
+    unseen = _told(result.table(folder, strict["predictions"]), "extended") if strict else {}
     found, start = [], 0
     for group in members:
         part = slice(start, start + group.n_points)

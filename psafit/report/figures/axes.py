@@ -99,7 +99,7 @@ def reading_range(measured: FloatArray, predicted: FloatArray, upper: FloatArray
     measured = measured if measured.size else predicted  # a plan: nothing else to follow
     top = max(float(np.max(measured)), float(np.max(predicted)))
     band = min(float(np.max(upper)), 3.0 * top)
-    positive = measured[measured > 0]
+    positive = measured[measured > 1e-12 * top]
     if positive.size == 0 or float(positive.max()) < 20.0 * float(positive.min()):
         return 0.0, 1.06 * max(band, top, 1e-9), False
     least = float(positive.min())

@@ -17,6 +17,8 @@ SWEPT: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude"}
 AXIS: Final = {"frequency": "Drive frequency (Hz)", "amplitude": "Drive amplitude (V)"}
 # A setting that drifts by less than this (relative) was meant to be held.
 _HELD = 0.02
+# Smallest part of the largest value from which on a logarithmic axis is of use.
+_DECADES = 1e-12
 NBSP = "\N{NO-BREAK SPACE}"
 
 
@@ -77,7 +79,7 @@ def sweep_of(group: Conditions) -> Sweep:
         held = _volts(float(np.median(v)))
         return Sweep("frequency", f, AXIS["frequency"], log, f"{group.waveform}, {held}{rig}", f_text)
     if varies(v) and not varies(f):
-        log = bool(v.min() > 0 and v.max() >= 5 * v.min())
+        log = bool(v.min() > _DECADES * v.max() and v.max() >= 5 * v.min())
         held = frequency_text(float(np.median(f)))
         return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.waveform}, {held}{rig}", v_text)
     order = np.arange(1.0, group.n_points + 1)
