@@ -38,7 +38,7 @@ COMES_WITH = {  # hard requirements of a declared library, met in its own interf
     "markupsafe": "jinja2",
     "pil": "matplotlib",
 }
-OPTIONAL = {"nautilus": "nautilus-sampler"}  # of an extra, and named so by a distribution
+OPTIONAL = {"nautilus": "nautilus-sampler", "distributed": "distributed"}  # of an extra, and named so by a distribution
 HEAVY = ("scipy", "numba", "pandas", "matplotlib", "arviz", "lmfit", "emcee", "corner", "xarray", "h5py")
 
 
