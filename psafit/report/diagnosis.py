@@ -39,6 +39,7 @@ from psafit.report.wording import (
     number,
     p_value,
     percent,
+    prefixed,
     symbol_html,
     two_digits,
     typeset,
@@ -360,9 +361,9 @@ def _sizes(result: Diagnosis) -> Markup:
     found: dict[str, Markup] = {}
     for name, p in (leader.parameters if leader else {}).items():
         if owner(name) in result.named:
-            median, low, high = (_known(p.get(k)) for k in ("median", "lower", "upper"))
+            unit, (median, low, high) = _estimate(p)
             spread = (high - low) / 2
-            size = with_unit(number(median, spread if spread > 0 else None), str(p.get("unit", "1")))
+            size = with_unit(number(median, spread if spread > 0 else None), unit)
             ends = interval(low, high, spread) if high > low else ""
             ends = f"({ends})" if ends and not ends.startswith("(") else ends
             found[name] = Markup("{} = {} {}").format(symbol(name), size, ends).strip()
@@ -550,8 +551,8 @@ def _method(evidence: Mapping[str, Any]) -> str:
 def _parameter_rows(cause: CauseResult) -> list[list[Any]]:
     rows: list[list[Any]] = []
     for name, p in cause.parameters.items():
-        median, low, high = (_known(p.get(k)) for k in ("median", "lower", "upper"))
-        unit, spread = str(p.get("unit", "1")), (high - low) / 2
+        unit, (median, low, high) = _estimate(p)
+        spread = (high - low) / 2
         share = _known(p.get("prior_share"))
         rows.append(
             [
@@ -567,6 +568,16 @@ def _parameter_rows(cause: CauseResult) -> list[list[Any]]:
             ]
         )
     return rows
+
+
+def _estimate(p: Mapping[str, Any]) -> tuple[str, list[float]]:
+    """Unit, and median, lower and upper end in it."""
+    return prefixed(str(p.get("unit", "1")), *(_known(p.get(k)) for k in ("median", "lower", "upper")))
+
+
+def _quantity(value: float, unit: str) -> str:
+    unit, (value,) = prefixed(unit, value)
+    return with_unit(number(value), unit)
 
 
 def _at_prior(share: float) -> str:
@@ -585,7 +596,7 @@ def _screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             _nats(s.refit_gain),
             _nats(s.gain),
             _signed(s.log_bayes),
-            with_unit(number(_known(s.strength)), s.unit),
+            _quantity(_known(s.strength), s.unit),
             number(_known(s.visible)),
             _share(s.inclusion),
         ]

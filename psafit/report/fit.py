@@ -28,6 +28,7 @@ from psafit.report.wording import (
     number,
     p_value,
     percent,
+    prefixed,
     symbol_html,
     two_digits,
     unit_text,
@@ -256,16 +257,19 @@ def _coverage(scores: Sequence[GroupScore]) -> float:
 
 def _value(run: Run, s: ParameterSummary) -> str:
     """The value as far as the data support it."""
-    unit = next(e.unit for e in run.fit.parameters if e.name == s.name)
+    given = next(e.unit for e in run.fit.parameters if e.name == s.name)
     low, high = limits(s.profile) if s.profile else (None, None)
+    unit, (median, lower, upper) = prefixed(given, s.median, s.lower, s.upper)
     if s.verdict == "bounded above" and high is not None:
+        unit, (high,) = prefixed(given, high)
         text = f"at most {number(high, high)}"
     elif s.verdict == "bounded below" and low is not None:
+        unit, (low,) = prefixed(given, low)
         text = f"at least {number(low, low)}"
     elif s.verdict == "not determined":
         return "not determined"
     else:
-        text = number(s.median, (s.upper - s.lower) / 2)
+        text = number(median, (upper - lower) / 2)
     return with_unit(text, unit)
 
 
@@ -273,15 +277,16 @@ def _parameter_rows(run: Run) -> list[list[Any]]:
     rows: list[list[Any]] = []
     symbols = _symbols(run)
     for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True):
-        spread = (s.upper - s.lower) / 2
-        prior = Markup("{}").format(with_unit(interval(s.prior_lower, s.prior_upper), e.unit))
+        unit, (_, lower, upper) = prefixed(e.unit, s.median, s.lower, s.upper)
+        other, plausible = prefixed(e.unit, s.prior_lower, s.prior_upper)
+        prior = Markup("{}").format(with_unit(interval(*plausible), other))
         if s.implausible:
             prior += Markup("<br><span class='badge bad'>implausible under the prior</span>")
         rows.append(
             [
                 noted(symbols[s.name], e.description),
                 _value(run, s),
-                _ONE_SIDED.get(s.verdict) or with_unit(interval(s.lower, s.upper, spread), e.unit),
+                _ONE_SIDED.get(s.verdict) or with_unit(interval(lower, upper, (upper - lower) / 2), unit),
                 prior,
                 {"text": s.verdict, "kind": _KINDS[s.verdict]},
                 f"{s.r_hat:.4f}",

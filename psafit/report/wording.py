@@ -38,6 +38,9 @@ _GREEK: Final = {
     "Omega": "Ω",
 }
 _MAX_LISTED = 9
+# Units that take prefixes, each below this size; and the prefixes.
+_PREFIXED: Final = {"m": 1e-3, "s": 1.0, "N": 1e-2}
+_SMALL: Final = ((1e3, "m"), (1e6, "u"), (1e9, "n"))
 NBSP: Final = "\N{NO-BREAK SPACE}"
 TIMES: Final = f"{NBSP}×{NBSP}"
 
@@ -45,7 +48,23 @@ TIMES: Final = f"{NBSP}×{NBSP}"
 def unit_text(unit: str) -> str:
     """Unit as shown: µm for um, m/s² for m/s^2, nothing for a pure number; it does not break."""
     raised = re.sub(r"\^(-?\d)", lambda m: m[1].translate(SUPERSCRIPT), unit)
-    return {"1": "", "um": "µm"}.get(unit, raised).replace(" ", NBSP)
+    return {"1": "", "um": "µm", "us": "µs", "uN": "µN"}.get(unit, raised).replace(" ", NBSP)
+
+
+def prefixed(unit: str, *values: float) -> tuple[str, list[float]]:
+    """A unit with the prefix that suits the largest of some values, and the values in it.
+
+    >>> prefixed("m", 7.67e-5)
+    ('um', [76.7])
+    >>> prefixed("N/m", 1e-9)
+    ('N/m', [1e-09])
+    """
+    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
+    if unit in _PREFIXED and 0 < largest < _PREFIXED[unit]:
+        factor, prefix = next(((f, p) for f, p in _SMALL if largest * f >= 1), (1.0, ""))
+        # To fifteen digits: what was round stays round.
+        return prefix + unit, [float(f"{v * factor:.15g}") for v in values]
+    return unit, list(values)
 
 
 def with_unit(text: str, unit: str) -> str:
