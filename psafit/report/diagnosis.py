@@ -356,11 +356,13 @@ def _implausible(result: Diagnosis) -> Markup:
 
 
 def _sizes(result: Diagnosis) -> Markup:
-    """How large the causes are that are named."""
+    """How large the causes are that are named, and those of the first sets that do as well."""
     leader = _listed_leader(result)
+    tied = [c for ids in result.alternatives[:2] for c in result.causes if c.terms == ids]
     found: dict[str, Markup] = {}
-    for name, p in (leader.parameters if leader else {}).items():
-        if owner(name) in result.named:
+    told = [(c, name, p) for c in ([leader] if leader else []) + tied for name, p in c.parameters.items()]
+    for c, name, p in told:
+        if owner(name) in c.terms and name not in found:
             unit, (median, low, high) = _estimate(p)
             spread = (high - low) / 2
             size = with_unit(number(median, spread if spread > 0 else None), unit)
