@@ -325,7 +325,9 @@ def _facts(state: State) -> list[tuple[str, str]]:
     elif s.best_minimum is not None:
         facts.append(("best log posterior", f"{s.best_minimum:.2f}, of the search"))
     if s.seconds_left is not None and not s.stalled:
-        facts.append(("time left", f"about {_duration(s.seconds_left)}"))
+        # A short chain makes the autocorrelation time too short.
+        long = (s.autocorrelation_times or 0.0) >= 0.5 * (s.wanted_times or 0.0)
+        facts.append(("time left", f"{'about' if long else 'at least'} {_duration(s.seconds_left)}"))
     return facts
 
 
