@@ -246,7 +246,7 @@ def _changed(constants: Mapping[str, float]) -> str:
 
 @commands.command()
 @EXPERIMENT
-@click.option("--group", "group", required=True, metavar="ID[,ID...]", help="Group or groups to fit.")
+@click.option("--group", "group", metavar="ID[,ID...]", help="Group or groups to fit.")
 @click.option("--terms", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
 @click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
 @SEED
@@ -257,7 +257,7 @@ def _changed(constants: Mapping[str, float]) -> str:
 @JSON
 def fit(
     experiment: Path,
-    group: str,
+    group: str | None,
     terms: str,
     out: Path | None,
     seed: int,
@@ -271,11 +271,14 @@ def fit(
     An interrupted run goes on where it stopped when the same command is repeated, and one that has not
     converged draws on.
     """
+    from psafit.experiment.text import listed
     from psafit.files import ensure_writable, usual_fit_folder
     from psafit.inference.scale import read
     from psafit.progress import watcher
 
     data = read(experiment)
+    if group is None:
+        raise InputError("no group to fit", f"name one or more with --group: {listed(map(str, data.ids))}")
     ids = _groups(group, data)
     chosen = causes(terms) if terms else ()
     folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])

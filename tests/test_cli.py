@@ -161,7 +161,6 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        (["fit", "EXP"], "Missing option '--group'"),
         (["fit", "EXP", "--group", "9"], "there is no group '9'; choose one of 1, 2, 3"),
         (["fit", "EXP", "--group", "1,1"], "not a list of different group ids"),
         (["fit", "EXP", "--group", "1", "--terms", "magic"], "no cause 'magic'"),
@@ -201,6 +200,7 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
             "no Dask scheduler answers",
         ),
         (["simulate", "EXP", "--set", "k_c=1_0e5"], "not NAME=VALUE"),
+        (["fit", "EXP"], "name one or more with --group: 1, 2, 3"),
         (["watch", "EXP", "--every", "nan"], "is no time"),
         (["watch", "EXP", "--every", "inf"], "is not in the range"),
     ],
