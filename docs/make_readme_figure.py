@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -13,25 +14,25 @@ def main() -> int:
     if not (RUN / "posterior.json").exists():
         print("no fits/psa-group1: run make fit GROUP=1 first; the README's picture stays as it is")
         return 0
-    from matplotlib.figure import Figure
-
     from psafit.inference.run import load
-    from psafit.report.figures.groups import draw_group
-    from psafit.report.figures.sweep import sweep_of
+    from psafit.report import figures
     from psafit.report.style import figure_style
     from psafit.validate import predict
 
     predictions = predict(load(RUN))
+    curves = [figures.curve_of(p) for p in predictions]
+    groups = [p.group for p in predictions]
+    figure = figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], [[c] for c in curves])
+    fitted = next(c for c, p in zip(curves, predictions, strict=True) if p.role == "fit")
+    predicted = next(c for c, p in zip(curves, predictions, strict=True) if p.role != "fit")
+    figure.legends[0].remove()
+    entries = figures.handles([replace(fitted, name="fitted", bands=())])
+    entries += figures.handles([replace(predicted, name="predicted, never seen")], measured=False)
     with figure_style():
-        figure = Figure(figsize=(10.5, 5.8), layout="constrained")
-        for axes, p in zip(figure.subplots(2, 3).flat, predictions, strict=False):
-            sweep = sweep_of(p.group)
-            draw_group(axes, p, sweep, small=True)
+        for axes, p in zip(figure.axes, predictions, strict=True):
             seen = "fitted" if p.role == "fit" else "never seen"
-            axes.set_title(f"Group {p.group.id}, {p.group.waveform}: {seen}", fontsize=11, loc="left")
-            varies = p.group.frequency_hz.min() < p.group.frequency_hz.max()
-            axes.set_xlabel("Drive frequency (Hz)" if varies else "Drive amplitude (V)")
-            axes.set_ylabel("Launch range (µm)")
+            axes.set_title(f"Group {p.group.id}, {p.group.waveform}: {seen}")
+        figure.legend(handles=entries, loc="outside lower center", ncols=5)
         figure.savefig(ROOT / "docs" / "figures" / "fit-group1.png", dpi=150)
     return 0
 

@@ -89,7 +89,7 @@ def groups_figure(groups: Sequence[Conditions], sweeps: Sequence[Sweep], curves:
             axes.remove()
         measured = any(isinstance(group, Group) for group in groups)
         entries = handles(curves[0], measured=measured, zeros=zeros)
-        figure.legend(handles=entries, loc="outside lower center", ncols=4)
+        figure.legend(handles=entries, loc="outside lower center", ncols=min(2 * columns, 5))
     return figure
 
 
