@@ -422,7 +422,7 @@ def _tell(result: Diagnosis) -> None:
         words = " + ".join(cause.terms) or "no cause"
         share = cause.evidence["share"] if unnamed else cause.probability
         click.echo(f"  {100 * share:5.1f} %  {words}, log likelihood {cause.evidence['gain']:+.1f} nats")
-        if cause.terms == result.named or cause.terms in result.alternatives:
+        if cause.terms == result.named or cause.terms in result.alternatives[:1]:
             for line in _sizes(cause):
                 click.echo(f"           {line}")
     if not unnamed and result.unnamed >= _TOLD:

@@ -344,3 +344,16 @@ def test_an_adopted_model_that_is_not_listed(tmp_path):
     assert "The best extension is hysteresis of the stack, but structure remains" in page.text
     assert "3.21 × 10⁶ N/m" in page.text and "The adopted model is not among those listed" in page.text
     assert not NOT_A_NUMBER.search(page.text)
+
+
+def test_the_headline_names_what_is_tied() -> None:
+    record = make_record(make_experiment())
+
+    def said(verdict: str, named: list[str], alternatives: list[list[str]]) -> str:
+        return replace(record, verdict=verdict, named=named, alternatives=alternatives).headline
+
+    assert said("adequate", [], []) == "verdict: adequate"
+    assert said("explained", ["a", "b"], []) == "verdict: explained: a + b"
+    assert said("unexplained", ["a"], [["b"]]) == "verdict: unexplained: a"
+    assert said("ambiguous", ["a"], [["b", "c"], []]) == "verdict: ambiguous: a, or b + c, or nothing"
+    assert said("ambiguous", list("abcdef"), [["x"], ["y"]]).endswith("a + b + c + d + e + f, or 2 more sets")

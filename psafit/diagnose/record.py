@@ -11,6 +11,8 @@ from psafit.experiment import GroupId
 from psafit.files import sha256
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
+# Names of causes in a headline.
+_NAMES = 6
 MARKER = ".psafit-diagnosis"
 """In a folder that a diagnosis has made its own, and of which readings."""
 
@@ -130,12 +132,15 @@ class Diagnosis:
 
     @property
     def headline(self) -> str:
-        """The verdict in a line: every set that does as well, the first three by name."""
-        sets = [" + ".join(ids) or "nothing" for ids in ([self.named] if self.named else []) + self.alternatives]
-        if self.verdict != "ambiguous":
-            sets = sets[:1] if self.named else []
-        more = f" or {len(sets) - 3} more" if len(sets) > 3 else ""
-        return f"verdict: {self.verdict}" + (f": {', or '.join(sets[:3])}{more}" if sets else "")
+        """The verdict in a line: the named set, and those that do as well, by name as long as these are few."""
+        sets = [self.named] if self.named else []
+        if self.verdict == "ambiguous":
+            sets += self.alternatives
+        told = [ids for k, ids in enumerate(sets) if k == 0 or sum(map(len, sets[: k + 1])) <= _NAMES]
+        words = [" + ".join(ids) or "nothing" for ids in told]
+        if more := len(sets) - len(told):
+            words.append(f"{more} more set{'' if more == 1 else 's'}")
+        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "")
 
     def table(self, folder: Path, name: str) -> Path:
         """A table of predictions, refused where somebody has changed it."""
