@@ -9,7 +9,7 @@ import re
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -215,7 +215,7 @@ def commands() -> None:
 @JSON
 def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     """Validate an experiment folder and say what is in it."""
-    from psafit.experiment import describe
+    from psafit.experiment import changes_text, describe
     from psafit.inference.scale import read
 
     content = describe(read(experiment))
@@ -232,16 +232,10 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
             )
             click.echo(
                 f"  group {group['id']}: {group['waveform']}, {_count(group['n_points'], 'reading')}, "
-                f"{spans[0]}, {spans[1]}, launch range {spans[2]}{_changed(group['constants'])}"
+                f"{spans[0]}, {spans[1]}, launch range {spans[2]}{changes_text(group['constants'].items())}"
             )
         _warn(content["warnings"])
     return DONE
-
-
-def _changed(constants: Mapping[str, float]) -> str:
-    from psafit.experiment import CONSTANT_UNITS
-
-    return "".join(f", {name} = {value:g} {CONSTANT_UNITS[name]}" for name, value in constants.items())
 
 
 @commands.command()
@@ -282,7 +276,8 @@ def fit(
     ids = _groups(group, data)
     chosen = causes(terms) if terms else ()
     folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])
-    ensure_writable(folder, "--out", folder=True, inputs=[experiment])
+    if out is None:  # one that was given has been looked at
+        ensure_writable(folder, "--out", folder=True, inputs=[experiment])
     refuse_run_file(json_file, folder)
     if not quiet:
         _warn(data.warnings)
@@ -371,7 +366,8 @@ def diagnose(
     data = read(experiment)
     ids = [data.ids[0]] if group is None else _groups(group, data)
     folder = out or usual_folder(experiment, "diagnosis")
-    ensure_writable(folder, "--out", folder=True, inputs=[experiment])
+    if out is None:
+        ensure_writable(folder, "--out", folder=True, inputs=[experiment])
     refuse_run_file(json_file, folder)
     if not quiet:
         _warn(data.warnings)

@@ -129,7 +129,7 @@ def _completed(
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
-            wanted |= {session_name(term.latent.name, id): (term.latent, 0.0) for id in (g.id for g in groups)}
+            wanted |= {session_name(term.latent.name, g.id): (term.latent, 0.0) for g in groups}
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:
         close = [name for name in wanted if name.casefold() == unknown[0].casefold()]

@@ -92,6 +92,13 @@ def is_temporary(path: Path) -> bool:
     return _TEMPORARY.fullmatch(path.name) is not None and path.is_file()
 
 
+def refuse_foreign(folder: Path) -> None:
+    """Refuse a folder that holds anything but what a killed `replacing` left."""
+    foreign = sorted(p.name for p in folder.iterdir() if not is_temporary(p))
+    if foreign:
+        raise InputError(f"already holds other files ({foreign[0]})", "choose an empty folder with --out", file=folder)
+
+
 def remove_temporaries(folder: Path) -> None:
     """Remove what a killed `replacing` left in a folder of ours."""
     for path in folder.iterdir():

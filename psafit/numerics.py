@@ -84,7 +84,7 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
     reached = finest if exact else used
     required = max(REQUIRED, _OF_SCATTER * float(problem.noise_values(u[:1])[0, 0]))
 
-    rigs = [rig_of(c, theta[:1], terms, len(experiment.groups)) for c in (design.constants, *design.others)]
+    rigs = [rig_of(c, theta[:1], terms, len(experiment.groups)) for c in design.rigs]
     eigenvalues = np.concatenate([np.linalg.eigvals(contact_matrix_of(rig)) for rig in rigs]).astype(complex)
     step = largest_stable_step(eigenvalues)
     growth = float(rk4_growth(eigenvalues, COMMON_STEP).max())

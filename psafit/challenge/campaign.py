@@ -396,8 +396,6 @@ def run(
     InputError
         If the folder holds another campaign, a result is damaged, or Dask is asked for and not there.
     """
-    if scheduler is not None and importlib.util.find_spec("distributed") is None:
-        raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
     if scheduler is not None:
         _reach(scheduler)
     campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs))
@@ -500,6 +498,8 @@ def _claim(folder: Path, campaign: Campaign) -> None:
 
 def _reach(scheduler: str) -> None:
     """See that a scheduler answers, before anything is written."""
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
     from distributed import Client
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line

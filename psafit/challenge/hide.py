@@ -362,7 +362,7 @@ def _some(
             own = [parameters[p.name] for p in term.parameters]
             own += [parameters[session_name(term.latent.name, ids[group])]] if term.latent else []
             causes.append((term, own))
-        world = literal_world(theta, causes, design.point(int(i)).constants)
+        world = literal_world(theta, causes, design.rigs[design.rig[i]])
         if edit is not None:
             edit(world, point)
         found[k] = launch_in(world, point, group=group, rtol=_RTOL).launch_range * 1e6

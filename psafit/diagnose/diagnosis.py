@@ -28,7 +28,7 @@ from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
-from psafit.files import is_temporary, portable_command, sha256, sole, write_atomically
+from psafit.files import portable_command, refuse_foreign, sha256, sole, write_atomically
 from psafit.inference.candidate import Candidate
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Weighed
@@ -130,9 +130,8 @@ def _claim(folder: Path, experiment: Experiment) -> None:
     except InputError:  # none, or none that anybody can use
         held = None
     ours = marker.is_file() or (isinstance(held, dict) and "fingerprint" in held)
-    foreign = sorted(p.name for p in folder.iterdir() if not is_temporary(p))
-    if foreign and not ours:
-        raise InputError(f"already holds other files ({foreign[0]})", "choose an empty folder with --out", file=folder)
+    if not ours:
+        refuse_foreign(folder)
     mine = experiment.fingerprint
     kept = held.get("fingerprint", mine) if isinstance(held, dict) else mine
     if kept != mine or (marker.is_file() and marker.read_bytes() != mine.encode()):

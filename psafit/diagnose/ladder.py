@@ -353,9 +353,9 @@ class _Search:
         self._weigh_all(self._finalists(), _GLANCE)
         # Climbs stop at cliffs that a cloud of draws steps across: what a part lacks is not believed of a climb alone.
         leader = self._leader()
-        parts = [c for c in self.fitted.values() if c.terms and set(c.terms) < set(leader.terms)]
-        parts = [c for c in parts if len(c.terms) == len(leader.terms) - 1]
-        self._weigh_all([c for c in parts if self._worth(c) > self._worth(leader) - _PART_DOUBT], _GLANCE)
+        own, least = set(leader.terms), self._worth(leader) - _PART_DOUBT
+        parts = [c for c in self.fitted.values() if c.terms and set(c.terms) < own and len(c.terms) == len(own) - 1]
+        self._weigh_all([c for c in parts if self._worth(c) > least], _GLANCE)
 
     def _weigh_all(self, candidates: Sequence[Candidate], rounds: int) -> None:
         """Weigh what has not been weighed in so many rounds, nor well enough in fewer."""

@@ -105,6 +105,11 @@ class Conditions:
         return replace(constants, **dict(self.changed))
 
 
+def changes_text(changed: Iterable[tuple[str, float]], space: str = " ") -> str:
+    """Constants that were others, behind what else is said of a sweep: ``, l = 0.06 m``; `space` is before the unit."""
+    return "".join(f", {name} = {value:g}{space}{CONSTANT_UNITS[name]}" for name, value in changed)
+
+
 @dataclass(frozen=True, eq=False)
 class Group(Conditions):
     """One measured sweep: its `Conditions`, and what was read.

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 import psafit
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
-from psafit.files import is_temporary, portable_command, remove_temporaries, sha256, sole, write_atomically
+from psafit.files import portable_command, refuse_foreign, remove_temporaries, sha256, sole, write_atomically
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
@@ -331,10 +331,7 @@ def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
         if marker.read_bytes() != identity.encode():
             raise InputError("holds another run, interrupted in its search", another, file=folder)
     else:
-        foreign = sorted(p.name for p in folder.iterdir() if not is_temporary(p))
-        if foreign:
-            what = f"already holds other files ({foreign[0]})"
-            raise InputError(what, "choose an empty folder with --out", file=folder)
+        refuse_foreign(folder)
         write_atomically(marker, identity.encode())
     for part in (folder, folder / "experiment"):
         if part.is_dir():

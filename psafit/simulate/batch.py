@@ -228,10 +228,11 @@ def simulate(
     if path not in (None, *PATHS):
         raise ValueError(f"no path {path!r}; there are {' and '.join(PATHS)}")
 
-    parts = [_simulate(design.points(rows), sets, terms, n_sessions, path, tolerance) for rows in design.rows]
-    if len(parts) == 1:
-        return parts[0]
-    back = np.argsort(np.concatenate(design.rows), kind="stable")
+    if not design.others:  # a search calls this thousands of times
+        return _simulate(design, sets, terms, n_sessions, path, tolerance)
+    rows = design.rows
+    parts = [_simulate(design.points(some), sets, terms, n_sessions, path, tolerance) for some in rows]
+    back = np.argsort(np.concatenate(rows), kind="stable")
     engines = {p.engine for p in parts}
     return Simulation(
         **{

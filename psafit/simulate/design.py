@@ -85,8 +85,13 @@ class Design:
         some = self.waveform[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
         rig = self.rig[chosen]
         if rig.size and (rig == rig[0]).all():
-            return Design((self.constants, *self.others)[rig[0]], *some)
+            return Design(self.rigs[rig[0]], *some)
         return Design(self.constants, *some, self.others, rig)
+
+    @property
+    def rigs(self) -> tuple[Constants, ...]:
+        """Constants of each rig, as `rig` counts them."""
+        return (self.constants, *self.others)
 
     @property
     def rows(self) -> list[NDArray[np.intp]]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from psafit.experiment import Conditions, Group
 from psafit.report.figures.axes import label, scale_sweep
-from psafit.report.figures.curves import ROLE_COLOR, Curve, curve_of, draw_curves, envelope, handles, has_zeros
+from psafit.report.figures.curves import ROLE_COLOR, Curve, draw_curves, envelope, handles, has_zeros
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import BAND, PALETTE, WIDTH, figure_style, new_figure
 
@@ -41,11 +41,6 @@ def title(axes: Axes, group_id: object, sweep: Sweep, role: str | None = None) -
             ROLE_TEXT[role], (0, 1), (0, 5), xycoords="axes fraction", textcoords="offset points",
             color=PALETTE[ROLE_COLOR[role]], fontsize=10, va="bottom",
         )  # fmt: skip
-
-
-def draw_group(axes: Axes, p: Prediction, sweep: Sweep, *, small: bool = False) -> None:
-    """Readings, predicted median and both bands into given axes."""
-    draw_curves(axes, p.group, sweep, [curve_of(p)], small=small)
 
 
 def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str | None = None) -> Figure:

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.experiment import CONSTANT_UNITS, Conditions
+from psafit.experiment import Conditions, changes_text
 
 FloatArray = NDArray[np.float64]
 Variable = Literal["frequency", "amplitude", "order"]
@@ -69,7 +69,7 @@ def sweep_of(group: Conditions) -> Sweep:
     f_text = _extent(frequency_text(float(f.min())), frequency_text(float(f.max())))
     v_text = _extent(_volts(float(v.min())), _volts(float(v.max())))
 
-    rig = "".join(f", {name} = {value:g}{NBSP}{CONSTANT_UNITS[name]}" for name, value in group.changed)
+    rig = changes_text(group.changed, NBSP)
 
     def varies(x: FloatArray) -> bool:
         return bool(np.ptp(x) > _HELD * np.max(np.abs(x)))
