@@ -253,6 +253,9 @@ def test_a_closed_output_is_no_failure(known_folder: Path, tmp_path: Path) -> No
     words = [*psafit, "check", odd]
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, env=environment)
     assert done.returncode == 0 and r"a \u2192 b" in done.stdout
+    environment = os.environ | {"NUMBA_NUM_THREADS": "0"}
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "NUMBA_NUM_THREADS" in done.stderr
 
 
 def test_a_name_that_is_no_utf_8(known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]

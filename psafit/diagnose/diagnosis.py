@@ -21,7 +21,7 @@ from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
-from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, RESULT, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, RESULT, UNSEEN, CauseResult, Diagnosis, ScreeningResult
 from psafit.diagnose.rehearsal import rehearse
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.significance import significance
@@ -220,6 +220,7 @@ class _Work:
             decisive = [set(ids) for ids in ((), verdict.named, leader.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
+        screening = _screening(ladder, verdict)
         tables = [PREDICTIONS, *(one["predictions"] for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -233,9 +234,9 @@ class _Work:
             next_experiment=proposal,
             predictions=PREDICTIONS,
             files={name: sha256(self.folder / name) for name in tables},
-            sentences=_sentences(verdict, before, ladder.screened, measured, proposal),
+            sentences=_sentences(verdict, before, screening, measured, proposal),
             unnamed=verdict.unnamed,
-            screening=_screening(ladder, verdict),
+            screening=screening,
             show=_show(ladder),
             extension=extension,
             ledger=ledger,
@@ -430,7 +431,7 @@ def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
         return "as good"
     if ladder.gain((found.term.id,)) >= PRESENT:
         return "explains part alone"
-    return "not present" if found.visible >= VISIBLE else "could not have been seen"
+    return "not present" if found.visible >= VISIBLE else UNSEEN
 
 
 def _tests(misfit: Misfit) -> dict[str, Any]:
@@ -530,7 +531,7 @@ def _words(ids: Sequence[str]) -> str:
 def _sentences(
     verdict: Verdict,
     before: Misfit,
-    screened: Sequence[Screened],
+    screening: Sequence[ScreeningResult],
     measured: Mapping[str, Any],
     proposal: Mapping[str, Any],
 ) -> list[str]:
@@ -544,8 +545,8 @@ def _sentences(
         result.append(f"Of the baseline: {what}.")
     if verdict.alternatives:
         result.append("As good: " + "; ".join(_words(ids) for ids in verdict.alternatives[:6]) + ".")
-    if unseen := [s.term for s in screened if s.visible < VISIBLE and s.term.id not in verdict.named]:
-        result.append(f"Of {len(screened)} candidate causes, {len(unseen)} could not have been seen in these readings.")
+    if unseen := sum(s.verdict == UNSEEN for s in screening):
+        result.append(f"Of {len(screening)} candidate causes, {unseen} could not have been seen in these readings.")
     for protocol, one in measured.items():
         change = one["log_rmse_interval"]
         result.append(

@@ -12,9 +12,9 @@ again. What is printed comes from simulated experiments that had no part in the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 
 FloatArray = NDArray[np.float64]
+_Item = TypeVar("_Item")
 
 _POINTS, _DRAWS, _TRIALS = 16, 150, 200
 # Draws for a first glance, and proposals looked at more closely.
@@ -176,11 +177,16 @@ def tells_apart(found: Mapping[str, Any]) -> bool:
 
 
 def _best(possible: Sequence[Possible], separation: Sequence[float] | FloatArray) -> list[int]:
-    """Indices of the best; one that leaves the rig as it is stays, since nothing need be built for it."""
+    """Indices of those worth a closer look, best first."""
     order = sorted(range(len(possible)), key=lambda k: -separation[k])
-    best = order[:_CLOSER]
-    if all(possible[k].changed for k in best):
-        best += [k for k in order[_CLOSER:] if not possible[k].changed][:1]
+    return _first(order, _CLOSER, lambda k: not possible[k].changed)
+
+
+def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) -> list[_Item]:
+    """The first `n`; the last gives way to one that leaves the rig as it is, since nothing need be built for it."""
+    best = list(ranked[:n])
+    if not any(map(unchanged, best)):
+        best[-1:] = [p for p in ranked[n:] if unchanged(p)][:1] or best[-1:]
     return best
 
 
@@ -280,8 +286,5 @@ def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArr
 
 def as_dict(found: Iterable[Proposal], about: str) -> dict[str, object]:
     """For the result file."""
-    every = list(found)
-    best = every[:_TOLD]
-    if all(p.constants for p in best):  # one for which nothing need be built
-        best = [*best[: _TOLD - 1], *[p for p in every if not p.constants][:1]]
-    return {"about": about, "proposals": [asdict(p) for p in best]}
+    told = _first(list(found), _TOLD, lambda p: not p.constants)
+    return {"about": about, "proposals": [asdict(p) for p in told]}

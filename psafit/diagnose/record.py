@@ -43,6 +43,10 @@ class CauseResult:
     implausible: list[str]
 
 
+UNSEEN = "could not have been seen"
+"""What is said of a cause of which even a plausible strength would not show."""
+
+
 @dataclass(frozen=True)
 class ScreeningResult:
     """What one cause could add to the baseline: see `psafit.diagnose.screening`."""

@@ -16,7 +16,7 @@ from psafit.compare import Told, read_predictions
 from psafit.diagnose.ladder import CREDIBLE
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import CLEAR, recommended, tells_apart
-from psafit.diagnose.record import PAGE, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.record import PAGE, UNSEEN, CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import CONSTANT_UNITS, Experiment, GroupId
 from psafit.inference.run import load
 from psafit.numerics import audit
@@ -58,7 +58,7 @@ _SCREENED: Final = {
     "as good": "bad",
     "explains part alone": "warn",
     "not present": "good",
-    "could not have been seen": "warn",
+    UNSEEN: "warn",
 }
 _LOOKS_AT: Final = {
     "mean": "the physics",
@@ -317,7 +317,7 @@ def _wrong(result: Diagnosis) -> Markup:
     # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
     share = f" (probability {_share(listed_one.probability)})" if listed_one and not result.mostly_unnamed else ""
     if result.verdict == "adequate":
-        unseen = sum(s.verdict == "could not have been seen" for s in result.screening)
+        unseen = sum(s.verdict == UNSEEN for s in result.screening)
         but = Markup(" Of {}, {} could not have been seen in them.").format(
             count(len(result.screening), "candidate cause"), unseen
         )

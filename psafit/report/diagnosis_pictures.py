@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from psafit.diagnose.record import ScreeningResult
+from psafit.diagnose.record import UNSEEN, ScreeningResult
 from psafit.experiment import Group, GroupId
 from psafit.report import figures
 from psafit.report.figures.axes import label, scale_axis, scale_sweep, widened
@@ -33,9 +33,9 @@ _VERDICT_COLOR: Final = {
     "as good": PALETTE["vermillion"],
     "explains part alone": PALETTE["orange"],
     "not present": PALETTE["grey"],
-    "could not have been seen": PALETTE["sky"],
+    UNSEEN: PALETTE["sky"],
 }
-_HATCH: Final = {"could not have been seen": "////", "as good": "...."}
+_HATCH: Final = {UNSEEN: "////", "as good": "...."}
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
 
