@@ -245,6 +245,8 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
                 f"  group {group['id']}: {group['waveform']}, {_count(group['n_points'], 'reading')}, "
                 f"{spans[0]}, {spans[1]}, launch range {spans[2]}{changes_text(group['constants'].items())}"
             )
+        for known in content["priors"]:
+            click.echo(f"  prior of {known['name']}: {known['prior']} ({known['source']})")
         _warn(content["warnings"])
     return DONE
 

@@ -18,7 +18,7 @@ from psafit.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from psafit.experiment import Conditions
+    from psafit.experiment import Plan
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
     from psafit.watch import State
@@ -59,7 +59,8 @@ def simulate(
 
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise InputError("is no kind of picture psafit writes", f"end its name in {' or '.join(PICTURES)}", file=plot)
-    constants, groups = read_plan(experiment)
+    plan = read_plan(experiment)
+    groups = plan.groups
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     if run is not None:
@@ -68,8 +69,8 @@ def simulate(
         finished = load(run)
         chosen = chosen or finished.problem.terms
         given = {p.name: p.median for p in finished.summary.parameters} | asked
-    theta = _completed(groups, chosen, given, asked)
-    result = simulate_batch(Design.of(constants, groups), np.array(list(theta.values())), chosen)
+    theta = _completed(plan, chosen, given, asked)
+    result = simulate_batch(Design.of(plan.constants, groups), np.array(list(theta.values())), chosen)
     micrometres = result.launch_range[0] * 1e6
     each = np.split(micrometres, np.cumsum([g.n_points for g in groups])[:-1])
     rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
@@ -116,20 +117,20 @@ def _assignments(values: tuple[str, ...]) -> dict[str, float]:
 
 
 def _completed(
-    groups: Sequence[Conditions], chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
+    plan: Plan, chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
 ) -> dict[str, float]:
     """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
     from psafit.experiment import session_name
     from psafit.experiment.text import listed
-    from psafit.physics import owner
-    from psafit.physics.baseline import PARAMETERS
+    from psafit.physics import informed, owner
 
-    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, p.prior_median) for p in PARAMETERS}
+    plain, chosen = informed(plan.beliefs, chosen)
+    wanted: dict[str, tuple[Parameter, float | None]] = {p.name: (p, p.prior_median) for p in plain}
     for term in chosen:
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
-            wanted |= {session_name(term.latent.name, g.id): (term.latent, 0.0) for g in groups}
+            wanted |= {session_name(term.latent.name, g.id): (term.latent, 0.0) for g in plan.groups}
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:
         close = [name for name in wanted if name.casefold() == unknown[0].casefold()]

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import keyword
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
@@ -22,6 +23,8 @@ Coordinate = Literal["linear", "log"]
 # Outside this part of its prior, or this close to a bound (share of the bounds), a value is called implausible.
 _SURPRISING, _AT_BOUND = 0.025, 1e-3
 _SHARES = np.linspace(0.0005, 0.9995, 1000)
+# Widths that knowledge of one's own rig may give a prior, in units of the usual one.
+_NARROWEST, _WIDEST = 1e-3, 1e2
 FloatArray = NDArray[np.float64]
 
 
@@ -137,6 +140,28 @@ def broadened(prior: Prior, factor: float) -> Prior | None:
 
 
 @dataclass(frozen=True)
+class Belief:
+    """What is known beforehand of one parameter of a certain rig: a prior in the place of the usual one.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+    prior : Normal or LogNormal
+    source : str
+        How it is known.
+    file, line : Path and int, optional
+        Where it stands, for messages.
+    """
+
+    name: str
+    prior: Normal | LogNormal
+    source: str
+    file: Path | None = field(default=None, compare=False)
+    line: int | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
 class Parameter:
     """One quantity to identify.
 
@@ -174,6 +199,30 @@ class Parameter:
             raise ValueError(f"parameter name {self.name!r} is not an identifier")
         if self.prior.coordinate == "log" and self.bounds.lower <= 0:
             raise ValueError(f"{self.name}: a logarithmic prior needs a positive lower bound")
+
+    def informed(self, belief: Belief) -> Parameter:
+        """The same with what is known of it.
+
+        Raises
+        ------
+        ValueError
+            If the prior lives in the other coordinate, has its middle beyond the bounds, or a width that no knowledge
+            has.
+        """
+        prior = belief.prior
+        if prior.coordinate != self.prior.coordinate:
+            words = "median and factor" if self.prior.coordinate == "log" else "mean and sd"
+            raise ValueError(f"is given by {words}")
+        middle = prior.median if isinstance(prior, LogNormal) else prior.mean
+        if not self.bounds.lower <= middle <= self.bounds.upper:
+            raise ValueError(f"has its middle within {self.bounds.lower:g} to {self.bounds.upper:g} {self.unit}")
+        width = math.log(prior.factor) if isinstance(prior, LogNormal) else prior.sd
+        usual = math.log(self.prior.factor) if isinstance(self.prior, LogNormal) else self.scale
+        if not _NARROWEST * usual <= width <= _WIDEST * usual:
+            ends = [_NARROWEST * usual, _WIDEST * usual]
+            ends, word = ([math.exp(x) for x in ends], "factor") if prior.coordinate == "log" else (ends, "sd")
+            raise ValueError(f"has a {word} from {ends[0]:.6g} to {ends[1]:.6g}")
+        return replace(self, prior=prior, source=belief.source)
 
     @property
     def signature(self) -> list[str | float]:

@@ -350,8 +350,13 @@ def run_python(block: Block, page: Path, names: dict[str, object], capsys: pytes
 
 
 def run_toml(block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An experiment.toml, beside files with the columns that its comments name."""
+    """An experiment.toml, beside files with the columns that its comments name; or more of the one before."""
     folder.mkdir(exist_ok=True)
+    if "[constants]" not in block.text:
+        before = (folder / "experiment.toml").read_text("utf-8")
+        (folder / "experiment.toml").write_text(before + block.text, encoding="utf-8")
+        call(["check", str(folder)], monkeypatch)
+        return
     (folder / "experiment.toml").write_text(block.text, encoding="utf-8")
     columns = re.findall(r"\b[a-z]+(?:_[a-z]+)*_(?:hz|v|um)\b", block.text)
     row = {"frequency_hz": "1000", "amplitude_v": "20", "launch_range_um": "50", "sigma_um": "1"}

@@ -22,10 +22,12 @@ from psafit.experiment import (
     describe,
     fingerprint,
     read_experiment,
+    read_plan,
     table,
     write_experiment,
 )
 from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
+from psafit.parameters import Belief, LogNormal, Normal
 
 HEADER = "frequency_hz,amplitude_v,launch_range_um\n"
 CSV = HEADER + "1200,1,0.44\n1200,2,0.37\n1200,20,76.00\n"
@@ -181,6 +183,23 @@ def test_a_group_may_be_of_another_rig(tmp_path: Path) -> None:
     assert [w for w in heavy.warnings if "constant M = 27" in w and "grams" in w]
 
 
+def test_what_is_known_of_the_rig_is_read(tmp_path: Path) -> None:
+    """And written, and told; it is no reading, so that the data stay the same data."""
+    toml = TOML + (
+        '[prior.k_c]\nmedian = 4e6\nfactor = 1.5\nsource = "Hertz"\n[prior."stroke"]\nsd = 2\nmean = -1\nsource = "é"\n'
+    )
+    experiment = read_experiment(write(tmp_path / "two", toml))
+    beliefs = (Belief("k_c", LogNormal(4e6, 1.5), "Hertz"), Belief("stroke", Normal(-1.0, 2.0), "é"))
+    assert experiment.beliefs == beliefs and [b.line for b in experiment.beliefs] == [21, 25]
+    assert read_plan(tmp_path / "two").beliefs == beliefs
+    told = {"name": "k_c", "prior": "log-normal, median 4e+06, factor 1.5 for one sd", "source": "Hertz"}
+    assert describe(experiment)["priors"][0] == told
+    write_experiment(experiment, tmp_path / "again")
+    again = read_experiment(tmp_path / "again")
+    assert again.beliefs == beliefs and again.fingerprint == experiment.fingerprint
+    assert again.fingerprint == read_experiment(write(tmp_path / "plain")).fingerprint
+
+
 def test_file_may_lie_in_a_subfolder(tmp_path: Path) -> None:
     write(tmp_path, TOML.replace('"a.csv"', '"raw/../raw/a.csv"'))
     (tmp_path / "raw").mkdir()
@@ -298,6 +317,15 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "another rig, impossible": (TOML + "constants = { l = -1 }\n", 21, "constant l = -1"),
     "another rig, own table": (TOML + "[group.constants]\nl = 1e9\n", 22, "beyond the limits"),
     "another rig, no table": (TOML + "constants = 0.06\n", 21, "write for example constants = { l = 0.06 }"),
+    "prior, no table": ("prior = 1\n" + TOML, 1, "prior is no table"),
+    "prior, a number": (TOML + "[prior]\nk_c = 3e6\n", 22, "prior of 'k_c' is no table"),
+    "prior, half": (TOML + '[prior.k_c]\nmedian = 3e6\nsource = "x"\n', 21, "has median; write for example"),
+    "prior, both": (TOML + '[prior.k_c]\nmedian = 3e6\nsd = 1\nsource = "x"\n', 21, "has median, sd"),
+    "prior, unknown": (TOML + "[prior.k_c]\nmedian = 3e6\nfaktor = 2\n", 23, "did you mean factor?"),
+    "prior, no source": (TOML + "[prior.k_c]\nmedian = 3e6\nfactor = 2\n", 21, "has no source"),
+    "prior, factor of one": (TOML + '[prior.k_c]\nmedian = 3e6\nfactor = 1\nsource = "x"\n', 23, "number above 1"),
+    "prior, not finite": (TOML + '[prior.x]\nmean = nan\nsd = 1\nsource = "x"\n', 22, "mean is not a finite number"),
+    "prior, text": (TOML + '[prior.x]\nmean = 0\nsd = "1"\nsource = "x"\n', 23, "sd is not a finite number above 0"),
     "same file": (TOML.replace("b.csv", "./a.csv"), 20, "read the same file"),
 }
 

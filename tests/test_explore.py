@@ -26,7 +26,7 @@ from psafit import cli, cli_explore, watch
 from psafit.api import Diagnosed, Fitted, Rig
 from psafit.compare import Estimate, Side, Told, compare, read_predictions, read_side
 from psafit.errors import InputError
-from psafit.experiment import Conditions, Experiment, Group, read_experiment, session_name, write_experiment
+from psafit.experiment import Conditions, Experiment, Group, Plan, read_experiment, session_name, write_experiment
 from psafit.files import sole
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
@@ -327,7 +327,7 @@ def test_names_of_a_sessions_own_hold_its_id(known: Experiment) -> None:
     assert both.names[-5:-3] == ("reading_gain_z_x_2", "reading_gain_z_7")
     values = both.to_physical(both.prior_transform(np.linspace(0.3, 0.7, both.n_dim))).tolist()
     given = dict(zip(both.names, values, strict=True))
-    theta = cli_explore._completed(experiment.groups, both.terms, given, {})
+    theta = cli_explore._completed(Plan(known.constants, experiment.groups, ()), both.terms, given, {})
     gains = {name: z for name, z in theta.items() if "_z_" in name}
     assert list(gains) == ["reading_gain_z_7", late, "reading_gain_z_x_2"]
     assert list(gains.values()) == [given["reading_gain_z_7"], 0.0, given["reading_gain_z_x_2"]]

@@ -26,6 +26,7 @@ from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.optimise import Minimum, Optimum, hessian, laplace_covariance, optimise
 from psafit.inference.problem import Problem
+from psafit.parameters import Belief, LogNormal, Normal
 from psafit.physics import terms
 from psafit.records import Fit, ProfilePoint, read_json, write_json
 
@@ -85,6 +86,33 @@ def test_known_sigma_enters_per_group(known: Experiment) -> None:
     sigma = Problem(mixed, (1, 2)).known_sigma
     assert sigma is not None
     assert (sigma[: first.n_points] == 0.5).all() and (sigma[first.n_points :] == 0).all()
+
+
+def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experiment) -> None:
+    hertz, loop = LogNormal(4e6, 1.5), Normal(0.1, 0.05)
+    told = replace(known, beliefs=(Belief("k_c", hertz, "Hertz"), Belief("hysteresis_strength", loop, "data sheet")))
+    problem = Problem(told, (1, 2), terms(["hysteresis"]))
+    usual = Problem(known, (1, 2), terms(["hysteresis"]))
+    changed = {p.name: p for p, q in zip(problem.parameters, usual.parameters, strict=True) if p != q}
+    assert {name: (p.prior, p.source) for name, p in changed.items()} == {
+        "k_c": (hertz, "Hertz"), "hysteresis_strength": (loop, "data sheet"),
+    }  # fmt: skip
+    assert problem.terms[0].strength is changed["hysteresis_strength"]  # what the diagnosis's screens look at
+    middle = problem.to_physical(problem.prior_transform(np.full(problem.n_dim, 0.5)))
+    assert middle[problem.names.index("k_c")] == pytest.approx(4e6)
+    plain = replace(problem, terms=())
+    assert [p for p, q in zip(plain.parameters, Problem(known, (1, 2)).parameters, strict=True) if p != q] == [
+        changed["k_c"]
+    ]
+    with pytest.raises(InputError, match="there is no parameter 'k_cc' to know of; did you mean k_c"):
+        Problem(replace(known, beliefs=(Belief("k_cc", hertz, "x"),)), (1,))
+    for name, prior, words in (
+        ("k_c", Normal(1e6, 1e5), "it is given by median and factor"),
+        ("k_c", LogNormal(1.0, 2.0), "it has its middle within 1000 to 1e.09 N/m"),
+        ("k_c", LogNormal(1e6, 1.001), "it has a factor from 1.002"),
+    ):
+        with pytest.raises(InputError, match=words):
+            Problem(replace(known, beliefs=(Belief(name, prior, "x"),)), (1,))
 
 
 def test_curvature_of_a_known_function() -> None:
@@ -470,6 +498,9 @@ def test_a_refusal_says_what_differs(known: Experiment, finished: running.Run) -
         arguments: dict[str, Any] = {"seed": 4, "n_starts": 12, "settings": QUICK} | change
         with pytest.raises(InputError, match=rf"\(what differs: {words}\)"):
             running.fit(known, [1, 2], finished.folder, **arguments)
+    told = replace(known, beliefs=(Belief("k_c", LogNormal(1e6, 2.0), "Hertz"),))
+    with pytest.raises(InputError, match=r"\(what differs: priors\)"):
+        running.fit(told, [1, 2], finished.folder, seed=4, n_starts=12, settings=QUICK)
     with pytest.raises(InputError, match=r"\(what differs: groups\)"):
         running.fit(known, [1], finished.folder, seed=4, n_starts=12, settings=QUICK)
 

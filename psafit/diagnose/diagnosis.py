@@ -110,7 +110,8 @@ def diagnose(
     check_seed(seed)
     if nautilus:
         require()
-    everything = replace(Problem(experiment, experiment.ids), terms=tuple(catalogue))
+    everything = Problem(experiment, experiment.ids, tuple(catalogue))
+    catalogue = everything.terms  # with the priors that the experiment states
     asked = [versions(), experiment.title, experiment.fingerprint, training, seed, quick, searches, nautilus]
     asked += [[t.signature for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()

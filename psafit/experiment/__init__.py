@@ -7,7 +7,7 @@ like a wrong unit are kept, and named in `Experiment.warnings`.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from psafit.errors import InputError
@@ -29,6 +29,7 @@ from psafit.experiment.records import (
 )
 from psafit.experiment.table import read_csv
 from psafit.experiment.writer import write_experiment
+from psafit.parameters import Belief
 
 __all__ = [
     "CONSTANT_UNITS",
@@ -38,6 +39,7 @@ __all__ = [
     "Experiment",
     "Group",
     "GroupId",
+    "Plan",
     "Waveform",
     "changes_text",
     "describe",
@@ -85,6 +87,7 @@ def read_experiment(folder: str | Path) -> Experiment:
         groups=groups,
         folder=folder,
         fingerprint=fingerprint(constants, groups),
+        beliefs=definition.beliefs(),
         warnings=(
             *warnings,
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
@@ -93,7 +96,24 @@ def read_experiment(folder: str | Path) -> Experiment:
     )
 
 
-def read_plan(folder: str | Path) -> tuple[Constants, tuple[Conditions, ...]]:
+@dataclass(frozen=True)
+class Plan:
+    """What an experiment folder says before anything is read: rig, conditions, what is known beforehand.
+
+    Parameters
+    ----------
+    constants : Constants
+    groups : tuple of Conditions
+        A `Group` where there are readings.
+    beliefs : tuple of Belief
+    """
+
+    constants: Constants
+    groups: tuple[Conditions, ...]
+    beliefs: tuple[Belief, ...]
+
+
+def read_plan(folder: str | Path) -> Plan:
     """Read an experiment folder for its conditions: groups whose files hold no readings are planned.
 
     Parameters
@@ -103,9 +123,7 @@ def read_plan(folder: str | Path) -> tuple[Constants, tuple[Conditions, ...]]:
 
     Returns
     -------
-    Constants
-    tuple of Conditions
-        A `Group` where there are readings.
+    Plan
 
     Raises
     ------
@@ -121,7 +139,7 @@ def read_plan(folder: str | Path) -> tuple[Constants, tuple[Conditions, ...]]:
         names = {f.name for f in fields(kind)}
         held = {name: column for name, column in columns.items() if name in names}
         groups.append(kind(declared.id, declared.waveform, declared.file, changed=declared.changed, **held))
-    return constants, tuple(groups)
+    return Plan(constants, tuple(groups), definition.beliefs())
 
 
 def _definition(folder: Path) -> Definition:
@@ -135,5 +153,5 @@ def _definition(folder: Path) -> Definition:
     if not is_folder:
         raise InputError("no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder)
     definition = Definition(folder)
-    definition.known_keys(definition.data, ("title", "source", "constants", "group"))
+    definition.known_keys(definition.data, ("title", "source", "constants", "group", "prior"))
     return definition

@@ -13,6 +13,7 @@ from typing import Any
 from psafit.errors import InputError
 from psafit.experiment.records import DEFINITION, Constants, GroupId, Waveform
 from psafit.experiment.text import listed, one_line, read_text, shown
+from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_TOML_BYTES = 1024 * 1024
 MAX_ID = 999_999_999
@@ -27,8 +28,7 @@ LIMITS = {
     "k_s": (1e-3, 1e15),
     "g": (1e-3, 1e6),
 }
-
-
+_PRIOR = 'write for example [prior.k_c] with median, factor (a value that may be zero: mean, sd) and source = "..."'
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]#]+?)\s*\]")
 _KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*[\w-]+)*)\s*=""")
 _ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}")
@@ -50,15 +50,12 @@ def _key_lines(text: str) -> dict[tuple[str | int, ...], int]:
                 closing = ""
             continue
         if header := _HEADER.match(line):
-            name = header[2].strip("\"'")
-            table = (name,)
-            lines.setdefault(table, number)
+            name, *rest = (part.strip(" \t\"'") for part in header[2].split("."))
+            lines.setdefault((name,), number)
             if header[1] == "[[":
                 counts[name] = counts.get(name, -1) + 1
-                table = (name, counts[name])
-            elif name.partition(".")[0] in counts:  # a table of the last group
-                first, _, rest = name.partition(".")
-                table = (first, counts[first], rest)
+            # In a table of an array, that of its last entry.
+            table = (name, counts[name], *rest) if name in counts else (name, *rest)
             lines.setdefault(table, number)
         elif key := _KEY.match(line):
             parts = [part.strip(" \t\"'") for part in key[1].split(".")]
@@ -115,10 +112,12 @@ class Definition:
 
     def error(self, what: str, remedy: str, *path: str | int) -> InputError:
         """Error at the line of `path`, or of the nearest table around it."""
-        place = path
-        while place and place not in self.lines:
-            place = place[:-1]
-        return InputError(what, remedy, file=self.file, line=self.lines.get(place))
+        return InputError(what, remedy, file=self.file, line=self._line(*path))
+
+    def _line(self, *path: str | int) -> int | None:
+        while path and path not in self.lines:
+            path = path[:-1]
+        return self.lines.get(path)
 
     def known_keys(self, table: dict[str, Any], known: tuple[str, ...], *path: str | int) -> None:
         """Refuse keys that mean nothing: a typo must not pass silently."""
@@ -164,6 +163,39 @@ class Definition:
         low, high = LIMITS[name]
         if not low <= number <= high:
             raise error(f"= {number:g} is beyond the limits {low:g} to {high:g}", "give its value in SI units")
+        return number
+
+    def beliefs(self) -> tuple[Belief, ...]:
+        """What is said to be known of parameters; whether there are such parameters is not for this file to know."""
+        tables = self.data.get("prior", {})
+        if not isinstance(tables, dict):
+            raise self.error("prior is no table", _PRIOR, "prior")
+        return tuple(self._belief(name, table) for name, table in tables.items())
+
+    def _belief(self, name: str, table: object) -> Belief:
+        place = ("prior", name)
+        if not isinstance(table, dict):
+            raise self.error(f"prior of {shown(name)} is no table", _PRIOR, *place)
+        self.known_keys(table, ("median", "factor", "mean", "sd", "source"), *place)
+        given = set(table) - {"source"}
+        if given not in ({"median", "factor"}, {"mean", "sd"}):
+            raise self.error(f"prior of {shown(name)} has {listed(sorted(given)) or 'no numbers'}", _PRIOR, *place)
+        source = table.get("source")
+        if not isinstance(source, str) or not one_line(source):
+            raise self.error(f"prior of {shown(name)} has no source", 'write source = "how it is known"', *place)
+        number = {key: self._number(name, key, table[key]) for key in sorted(given)}
+        prior = LogNormal(**number) if "median" in number else Normal(**number)
+        return Belief(name, prior, one_line(source), self.file, self._line(*place))
+
+    def _number(self, name: str, key: str, value: object) -> float:
+        least = {"median": 0.0, "factor": 1.0, "sd": 0.0}.get(key, -math.inf)
+        try:
+            number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
+        except OverflowError:
+            number = math.inf
+        if not (math.isfinite(number) and number > least):
+            what = "a finite number" if math.isinf(least) else f"a finite number above {least:g}"
+            raise self.error(f"prior of {shown(name)}: {key} is not {what}", _PRIOR, "prior", name, key)
         return number
 
     def groups(self) -> list[_DeclaredGroup]:

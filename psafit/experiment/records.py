@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from psafit.errors import InputError
 from psafit.experiment.text import listed, shown
+from psafit.parameters import Belief
 
 Waveform = Literal["sine", "square"]
 GroupId = int | str
@@ -146,6 +147,7 @@ class Experiment:
     folder: Path
     fingerprint: str  # SHA-256 of the numbers, so that a run knows the data it saw
     warnings: tuple[str, ...] = ()  # what `check` says of suspicious but usable values
+    beliefs: tuple[Belief, ...] = ()  # what is known of the rig's parameters beforehand, in the place of usual priors
 
     @property
     def ids(self) -> tuple[GroupId, ...]:
@@ -230,8 +232,8 @@ def describe(experiment: Experiment) -> dict[str, Any]:
     Returns
     -------
     dict
-        `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, and
-        `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
+        `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
+        `prior`, `source`), and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
         `frequency_hz`, `amplitude_v`, `launch_range_um` as [least, greatest], `constants` (those
         changed), `zeros` (readings of exactly 0 um), `replicates` (readings beyond the first at
         the same condition) and `has_sigma`.
@@ -244,6 +246,7 @@ def describe(experiment: Experiment) -> dict[str, Any]:
         "constants": {f.name: getattr(experiment.constants, f.name) for f in fields(Constants)},
         "n_points": sum(group.n_points for group in experiment.groups),
         "warnings": list(experiment.warnings),
+        "priors": [{"name": b.name, "prior": b.prior.describe(), "source": b.source} for b in experiment.beliefs],
         "groups": [_describe_group(group) for group in experiment.groups],
     }
 

@@ -32,6 +32,9 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
     """
     lines = [f"title = {_quoted(experiment.title)}", f"source = {_quoted(experiment.source)}", "", "[constants]"]
     lines += [f"{f.name} = {getattr(experiment.constants, f.name)!r}" for f in fields(experiment.constants)]
+    for belief in experiment.beliefs:
+        numbers = [f"{f.name} = {getattr(belief.prior, f.name)!r}" for f in fields(belief.prior) if f.init]
+        lines += ["", f"[prior.{_quoted(belief.name)}]", *numbers, f"source = {_quoted(belief.source)}"]
     for number, group in enumerate(experiment.groups, 1):
         name = f"group{number}.csv"
         write_atomically(folder / name, _table(group).encode())

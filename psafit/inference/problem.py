@@ -13,7 +13,7 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, session_name
 from psafit.inference import noise
 from psafit.parameters import Bounds, Parameter
-from psafit.physics import baseline
+from psafit.physics import baseline, informed
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 from psafit.simulate.stepper import TOLERANCE
@@ -35,7 +35,7 @@ class Problem:
     group_ids : tuple of group ids
         The groups the likelihood sees.
     terms : tuple of Term
-        Causes that extend the baseline.
+        Causes that extend the baseline. They get the priors that the experiment states.
     tolerance : float
         Of the simulator; see `psafit.simulate.simulate`.
     within : tuple of (name, Bounds)
@@ -55,13 +55,15 @@ class Problem:
             raise InputError("a group is named twice", "its readings would count twice: name it once")
         for group_id in self.group_ids:
             self.experiment.group(group_id)
+        object.__setattr__(self, "terms", informed(self.experiment.beliefs, self.terms)[1])
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters, in the order of the columns."""
         narrower = dict(self.within)
         # Those left as they are keep what they have worked out.
-        plain = tuple(replace(p, bounds=narrower[p.name]) if p.name in narrower else p for p in baseline.PARAMETERS)
+        usual, _ = informed(self.experiment.beliefs, ())
+        plain = tuple(replace(p, bounds=narrower[p.name]) if p.name in narrower else p for p in usual)
         own = tuple(p for term in self.terms for p in term.parameters)
         return plain + own + self._latents + noise.PARAMETERS
 

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from psafit.errors import InputError
+from psafit.experiment.text import listed, shown
+from psafit.parameters import Belief, Parameter
 from psafit.physics import (
     adhesion,
     amplifier_lag,
@@ -41,7 +44,7 @@ from psafit.physics import (
 )
 from psafit.physics.term import SLOTS, Term, signature
 
-__all__ = ["TERMS", "baseline", "owner", "plugin_versions", "recorded", "signatures", "term", "terms"]
+__all__ = ["TERMS", "baseline", "informed", "owner", "plugin_versions", "recorded", "signatures", "term", "terms"]
 
 _BUILT_IN: tuple[Term, ...] = tuple(
     module.TERM
@@ -160,3 +163,34 @@ _OWNERS = {p.name: t.id for t in TERMS for p in t.parameters}
 def owner(name: str) -> str | None:
     """The cause that a parameter belongs to; None for the baseline's, a session's own and the scatter's."""
     return _OWNERS.get(name)
+
+
+def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[Parameter, ...], tuple[Term, ...]]:
+    """The baseline's parameters and some causes, with what is known of their values in the place of usual priors.
+
+    Raises
+    ------
+    InputError
+        If something is said to be known of what is no parameter, or what cannot be.
+    """
+    causes = tuple(causes)
+    if not beliefs:
+        return baseline.PARAMETERS, causes
+    own = {p.name: p for t in (*TERMS, *causes) for p in t.parameters}
+    known = {p.name: p for p in baseline.PARAMETERS} | own
+    found = {}
+    for b in beliefs:
+        if b.name not in known:
+            close = difflib.get_close_matches(b.name, known, n=2)
+            remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {listed(known)}"
+            raise InputError(f"there is no parameter {shown(b.name)} to know of", remedy, file=b.file, line=b.line)
+        try:
+            found[b.name] = known[b.name].informed(b)
+        except ValueError as error:
+            what = f"prior of {b.name} ({b.prior.describe()}) cannot be"
+            raise InputError(what, f"it {error}", file=b.file, line=b.line) from None
+
+    def known_of(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+        return tuple(found.get(p.name, p) for p in parameters)
+
+    return known_of(baseline.PARAMETERS), tuple(replace(t, parameters=known_of(t.parameters)) for t in causes)

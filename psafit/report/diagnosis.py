@@ -855,4 +855,7 @@ def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
     ]
     if result.command:
         facts.insert(2, ["Command", result.command])
+    if experiment.beliefs:
+        stated = (f"{b.name}: {b.prior.describe()} ({b.source})" for b in experiment.beliefs)
+        facts.insert(2, ["Priors that the experiment states", "; ".join(stated)])
     return facts
