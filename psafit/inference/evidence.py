@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -25,6 +25,7 @@ from scipy.stats import chi2, qmc
 from psafit.inference import store
 from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate
+from psafit.physics import baseline
 
 FloatArray = NDArray[np.float64]
 
@@ -44,6 +45,9 @@ _CAUTION = 0.25
 # degree, in the whitened coordinate and in units of the scatter, may differ by from what was known; and draws wanted
 # for each of them in degrees above two.
 _NEAR, _FREEDOM, _DRAWS_PER_COEFFICIENT = 1.5, np.array([10.0, 3.0, 1.0, 0.3, 0.1]), 5
+# Places at which each parameter of a cause is looked at over its prior, nats below the mode within which it has company
+# there, and what lies so many widths away that the curvature says nothing of it.
+_PLACES, _COMPANY, _AWAY = 32, 4.0, 4.0
 # An emulator is not believed much further out than its better draws: nats that are lost at twice that distance.
 _BEYOND, _DISTRUST = 1.2, 20.0
 # Metropolis steps in an emulated posterior between two in the posterior itself (few where the emulator is poor), and
@@ -136,6 +140,7 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: f
 def emulate(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: float = EFFECTIVE) -> Emulated:
     """Emulate the posterior of a fitted model; arguments as of `weigh`."""
     random = np.random.default_rng([seed, 5])
+    candidate = _on_plateaus(candidate)
     pool, simulated = _importance(candidate, random, rounds, effective)
     return Emulated(candidate, pool, simulated, _laplace_mixture(candidate).around(pool, _width(candidate)), random)
 
@@ -155,9 +160,48 @@ def _importance(
     def next_one(pool: _Pool, before: _Density) -> _Density:
         return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
 
+    candidate = _on_plateaus(candidate)
     first = _laplace_mixture(candidate)
     pool = _sample(height, problem.bounds, first, next_one, random, _ROUND, rounds, effective)
     return pool, np.concatenate(simulated)
+
+
+def _on_plateaus(candidate: Candidate) -> Candidate:
+    """The same with its best mode in the middle of where a parameter may lie, if that is wider than its curvature says.
+
+    What acts by thresholds changes nothing between two of them. A climb ends anywhere there, often at an edge, and
+    draws around that place shrink to the few that are right.
+    """
+    problem = candidate.problem
+    for k in range(len(baseline.PARAMETERS), problem.n_physical):
+        mode, curvature = candidate.modes[0], candidate.curvature[0]
+        place = problem.parameters[k].prior_quantile((np.arange(_PLACES) + 0.5) / _PLACES)
+        rows = np.repeat(mode[None], _PLACES, axis=0)
+        rows[:, k] = place
+        found = problem.predict(rows)
+        height = heights(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
+        company = height > candidate.heights[0] - _COMPANY
+        if candidate.slope[k].any():
+            company &= np.abs(place - mode[k]) > _AWAY / math.sqrt(max(curvature[k, k], 1e-300))
+        if not company.any():
+            continue
+        step = np.gradient(place)
+        mass = np.where(company, np.exp(height - candidate.heights[0]) * step, 0.0)
+        mass /= mass.sum()
+        middle = int(np.argmin(np.where(company, np.abs(place - mass @ place), np.inf)))
+        spread = float(mass @ ((place - place[middle]) ** 2 + step**2 / 12))
+        apart, slope = curvature.copy(), candidate.slope.copy()
+        apart[k], apart[:, k], slope[k] = 0.0, 0.0, 0.0
+        apart[k, k] = 1.0 / spread
+        candidate = replace(
+            candidate,
+            modes=np.vstack([rows[middle], candidate.modes]),
+            heights=np.append(height[middle], candidate.heights),
+            predicted=found[middle],
+            slope=slope,
+            curvature=np.concatenate([apart[None], candidate.curvature]),
+        )
+    return candidate
 
 
 def _width(candidate: Candidate) -> FloatArray:
