@@ -24,7 +24,7 @@ from psafit.challenge.answer import Answer, Place, unseal
 from psafit.challenge.campaign import LEVELS, PRIOR, Result, Spec, content_hash, load, plan, read_diagnosis, run
 from psafit.challenge.hide import Outside, make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, find_rivals
-from psafit.challenge.score import located, rate, reported_set, score
+from psafit.challenge.score import _clustered, located, rate, reported_set, score
 from psafit.challenge.strength import find, lost_nats
 from psafit.cli import commands
 from psafit.diagnose.ladder import SIZE_WEIGHTS
@@ -628,6 +628,19 @@ def test_recovery_looks_at_what_was_named_right() -> None:
     (tau,) = found.recovery
     assert tau.name == "tau" and (tau.covered.k, tau.covered.n) == (1, 2) and found.coverage.n == 2
     assert tau.error == pytest.approx(np.median([-0.25 / 0.75, 1.0 / 0.5]))
+
+
+def test_intervals_of_one_posterior_count_as_what_they_tell() -> None:
+    """Nine of ten hits, one by one or five at a time that hit or miss together; and all of them."""
+    alone = _clustered([[k % 10 > 0] for k in range(100)])
+    exact = rate(k % 10 > 0 for k in range(100))
+    assert (alone.k, alone.n) == (exact.k, exact.n)
+    assert [alone.lower, alone.upper] == pytest.approx([exact.lower, exact.upper], abs=0.01)
+    fives = _clustered([[k % 10 > 0] * 5 for k in range(100)])
+    assert (fives.k, fives.n) == (450, 500)
+    assert [fives.lower, fives.upper] == pytest.approx([exact.lower, exact.upper], abs=0.01)
+    assert _clustered([[True] * 5] * 20).lower == rate([True] * 20).lower
+    assert _clustered([[]]) == rate([])
 
 
 def test_time_is_told() -> None:

@@ -188,7 +188,8 @@ class Score:
         Of all data sets, and of those whose truth was drawn from the diagnosis's own priors.
     recovery : list of Recovery
     coverage : Rate
-        Of all intervals of parameters of causes that were named exactly.
+        Of all intervals of parameters of causes that were named exactly; its interval knows that those of one data set
+        hit or miss together.
     outside : dict
         Effect, then verdict (or "located"), then how often.
     seconds : dict
@@ -223,10 +224,31 @@ def rate(hits: Iterable[bool], confidence: float = 0.95) -> Rate:
     k, n = sum(listed), len(listed)
     if n == 0:
         return Rate(0, 0, None, None, None)
+    return Rate(k, n, k / n, *_exact(k, n, confidence))
+
+
+def _exact(k: float, n: float, confidence: float = 0.95) -> tuple[float, float]:
+    """Clopper and Pearson's interval of a share."""
     tail = 0.5 * (1.0 - confidence)
     lower = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
     upper = 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
-    return Rate(k, n, k / n, lower, upper)
+    return lower, upper
+
+
+def _clustered(hits: Sequence[Sequence[bool]]) -> Rate:
+    """Share of hits that come in clusters, which hit or miss together: the intervals of one posterior.
+
+    The interval is that of as many independent hits as have the same variance (E. L. Korn and B. I. Graubard, Survey
+    Methodology 24 (1998) 193); where all hit or all miss, of one for each cluster.
+    """
+    clusters = [c for c in hits if c]
+    k, n = sum(map(sum, clusters)), sum(map(len, clusters))
+    if n == 0:
+        return rate([])
+    share, m = k / n, len(clusters)
+    spread = sum((sum(c) - share * len(c)) ** 2 for c in clusters) * m / max(m - 1, 1)
+    effective = m if k in (0, n) else n / max(spread / (n * share * (1 - share)), 1.0)
+    return Rate(k, n, share, *_exact(share * effective, effective))
 
 
 def reported_set(diagnosis: dict[str, Any]) -> set[Ids]:
@@ -454,7 +476,9 @@ def _reliable(bins: Sequence[ProbabilityBin], of: str) -> Target:
 def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
     """Intervals of the leading candidate's parameters, where it is exactly the truth."""
     found: dict[str, list[tuple[bool, float]]] = {}
+    together: list[list[bool]] = []
     for result in results:
+        together.append([])
         causes = result.diagnosis.get("causes") or [{"terms": [], "parameters": {}}]
         truth = frozenset(result.answer.terms)
         named = frozenset(result.diagnosis.get("named", []))
@@ -467,12 +491,13 @@ def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
                 continue
             half = 0.5 * (told["upper"] - told["lower"])
             error = (told["median"] - true) / half if half > 0 else math.nan
-            found.setdefault(name, []).append((told["lower"] <= true <= told["upper"], error))
+            together[-1].append(told["lower"] <= true <= told["upper"])
+            found.setdefault(name, []).append((together[-1][-1], error))
     recovery = []
     for name, pairs in sorted(found.items()):
         errors = [e for _, e in pairs if math.isfinite(e)]
         recovery.append(Recovery(name, rate(hit for hit, _ in pairs), float(np.median(errors)) if errors else None))
-    return recovery, rate(hit for pairs in found.values() for hit, _ in pairs)
+    return recovery, _clustered(together)
 
 
 __all__ = [
