@@ -40,6 +40,18 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     (lone / data).write_text("\n".join((known_folder / data).read_text().splitlines()[:2]) + "\n")
     assert run(monkeypatch, "check", lone) == 0
     assert ": 1 group, 1 reading\n" in capsys.readouterr().out
+    known = '[prior.{}]\nmedian = 4e5\nfactor = 2\nsource = "Hertz"\n'
+    (lone / "experiment.toml").write_text(definition + known.format("k_c"))
+    for group in read_experiment(known_folder).groups:
+        (lone / group.file).write_text((known_folder / group.file).read_text())
+    assert run(monkeypatch, "check", lone) == 0
+    assert "  prior of k_c: log-normal, median 400000, factor 2 for one sd (Hertz)\n" in capsys.readouterr().out
+    assert run(monkeypatch, "simulate", lone, "--json", tmp_path / "s.json", "--quiet") == 0
+    assert json.loads((tmp_path / "s.json").read_text())["parameters"]["k_c"] == pytest.approx(4e5)
+    (lone / "experiment.toml").write_text(definition + known.format('"k_\\u202e"'))
+    assert run(monkeypatch, "check", lone) == 2
+    said = capsys.readouterr().err
+    assert "there is no parameter 'k_" in said and said.count("\n") == 1 and "\u202e" not in said
 
 
 def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

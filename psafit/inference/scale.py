@@ -19,6 +19,7 @@ from psafit.experiment import Experiment, read_experiment
 from psafit.experiment.text import one_line
 from psafit.inference.candidate import thinned
 from psafit.inference.problem import Problem
+from psafit.physics import informed
 
 _DRAWS = 256
 # Of more readings than this, some tell their scale.
@@ -30,8 +31,10 @@ _APART = math.log(30.0)
 
 
 def read(folder: str | Path) -> Experiment:
-    """Read an experiment folder, its warnings extended by `with_scale`."""
-    return with_scale(read_experiment(folder))
+    """Read an experiment folder, its warnings extended by `with_scale`; refuse knowledge of what is no parameter."""
+    experiment = read_experiment(folder)
+    informed(experiment.beliefs, ())
+    return with_scale(experiment)
 
 
 def with_scale(experiment: Experiment) -> Experiment:
