@@ -32,11 +32,7 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
     Path
     """
     with figure_style():
-        drawn = {"gain": _gain_figure(score.by_gain), "reliability": _reliability_figure(score)}
-        if score.confusion:
-            drawn["confusion"] = _confusion_figure(score.confusion)
-        if score.recovery:
-            drawn["recovery"] = _recovery_figure(score.recovery)
+        drawn = draw(score)
     sections = [("targets", "Targets"), ("finding", "Finding and naming")]
     sections += [("confusion", "What is taken for what")] if score.confusion else []
     sections += [("parameters", "Parameters")] if score.recovery else []
@@ -78,6 +74,16 @@ def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | Non
         ],
         seen_nats=f"{SEEN_NATS:g}",
     )
+
+
+def draw(score: Score) -> dict[str, Figure]:
+    """The page's figures, those for which there is something to draw: gain, reliability, confusion, recovery."""
+    drawn = {"gain": _gain_figure(score.by_gain), "reliability": _reliability_figure(score)}
+    if score.confusion:
+        drawn["confusion"] = _confusion_figure(score.confusion)
+    if score.recovery:
+        drawn["recovery"] = _recovery_figure(score.recovery)
+    return drawn
 
 
 _KINDS = {True: "good", False: "bad", None: "warn"}
@@ -209,13 +215,32 @@ def _reliability_figure(score: Score) -> Figure:
 
 def _confusion_figure(table: Mapping[str, Mapping[str, int]]) -> Figure:
     truths = list(table)
-    said = sorted({name for row in table.values() for name in row}, key=lambda n: (n not in truths, n))
-    counts = np.array([[table[t].get(s, 0) for s in said] for t in truths], dtype=float)
+    # What takes several causes together is no name: how many they are says enough.
+    several = {1: "two causes", 2: "three causes", 3: "four or more"}
+    short = {
+        name: name if name in truths or " + " not in name else several[min(name.count(" + "), 3)]
+        for row in table.values()
+        for name in row
+    }
+    last = ["", *several.values()]
+    said = sorted(set(short.values()), key=lambda n: (n not in truths, last.index(n) if n in last else 0, n))
+    counts = np.zeros((len(truths), len(said)))
+    for i, row in enumerate(table.values()):
+        for name, n in row.items():
+            counts[i, said.index(short[name])] += n
     share = counts / counts.sum(axis=1, keepdims=True)
-    figure, axes = new_figure(width=WIDE, height=1.8 + 0.22 * len(truths))
+    figure, axes = new_figure(width=WIDE, height=2.2 + 0.24 * len(truths))
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
     for i, j in zip(*np.nonzero(counts), strict=True):
-        axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=8, color=PALETTE["ink"])
+        axes.text(
+            j,
+            i,
+            f"{counts[i, j]:.0f}",
+            ha="center",
+            va="center",
+            fontsize=8,
+            color="white" if share[i, j] > 0.6 else PALETTE["ink"],
+        )
     axes.set_xticks(range(len(said)), said, rotation=60, ha="right", fontsize=8)
     axes.set_yticks(range(len(truths)), truths, fontsize=8)
     axes.grid(visible=False)
@@ -240,4 +265,4 @@ def _recovery_figure(recovery: Sequence[Recovery]) -> Figure:
     return figure
 
 
-__all__ = ["write_page"]
+__all__ = ["draw", "write_page"]
