@@ -434,6 +434,20 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     assert len(rows) == 1 + 2 * 48
 
 
+def test_a_search_begins_from_what_fewer_readings_led_to(monkeypatch):
+    """A search that goes no further than single causes finds the pair that a part of the readings had."""
+    ids, values = ["amplifier_lag", "flight_friction"], [4e-5, 0.02]
+    e = experiment(ids, values)
+    part = replace(problem(e, ("a", "b")), terms=terms(ids))
+    known = fit(part, [fit(problem(e, ("a", "b")), (), seed=1)], seed=1)
+    monkeypatch.setattr(ladder._Search, "grow", lambda self, size: False)
+    monkeypatch.setattr(ladder._Search, "refine", lambda self: False)
+    alone, begun = (climb(problem(e), FEW, seed=1, others=others) for others in ((), (known,)))
+    assert len(alone.leader.terms) == 1 and begun.leader.ids == tuple(ids)
+    whole = fit(replace(problem(e), terms=terms(ids)), [alone.of(())], seed=1)
+    assert begun.leader.height == pytest.approx(whole.height, abs=0.5)
+
+
 def test_next_experiment_separates_what_is_tied(hidden):
     leader = hidden.leader
     rival = hidden.of(("flight_friction",))

@@ -169,13 +169,15 @@ class _Work:
     watcher: Watcher
     command: Sequence[object]
     seconds: dict[str, float] = field(default_factory=dict)
+    _ladders: dict[tuple[GroupId, ...], Ladder] = field(default_factory=dict)
 
     def all(self, quick: bool, searches: int | None, nautilus: bool, identity: str) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
         write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
+        parts = () if quick else self._parts()
         with self._stage("causes"):
-            ladder = self._search(experiment.ids)
+            ladder = self._search(experiment.ids, parts)
         leader = ladder.leader
         with self._stage("tests"):
             n_simulated = _SIMULATED_QUICK if quick else _SIMULATED
@@ -271,8 +273,18 @@ class _Work:
         with self._timed(name):
             yield
 
-    def _search(self, groups: tuple[GroupId, ...]) -> Ladder:
+    def _parts(self) -> tuple[Candidate, ...]:
+        """What the groups lead to without each in turn: the nested gain needs it, and the verdict begins there, too."""
+        splits = _protocols(self.experiment, self.training)["nested"]
+        if not splits:
+            return ()
+        with self._stage("parts"):
+            return tuple(self._search(seen).leader for seen, _ in splits)
+
+    def _search(self, groups: tuple[GroupId, ...], others: Sequence[Candidate] = ()) -> Ladder:
         """The ladder of what some groups say."""
+        if groups in self._ladders:
+            return self._ladders[groups]
         problem = Problem(self.experiment, groups, tolerance=_TOLERANCE)
         absent = [str(g) for g in self.experiment.ids if g not in groups]
         which = f"without {', '.join(absent)}: " if absent else ""
@@ -280,7 +292,10 @@ class _Work:
         def progress(what: str, done: int, total: int) -> None:
             self.watcher.update(done, total, which + what)
 
-        return climb(problem, self.catalogue, seed=self.seed, memory=self._memory, progress=progress)
+        self._ladders[groups] = climb(
+            problem, self.catalogue, seed=self.seed, memory=self._memory, progress=progress, others=others
+        )
+        return self._ladders[groups]
 
     def _gains(self) -> dict[str, Any]:
         """What the extension gains on groups that it has not seen, for each protocol."""

@@ -201,6 +201,7 @@ def climb(
     seed: int,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     memory: Memory | None = None,
+    others: Sequence[Candidate] = (),
 ) -> Ladder:
     """Search the catalogue for what explains the readings.
 
@@ -214,6 +215,8 @@ def climb(
         Called with (what, models done, models of this rung).
     memory : Memory, optional
         Where fits are kept; those already there are not repeated.
+    others : sequence of Candidate
+        Models that some of these readings led to: they are begun from, too.
 
     Returns
     -------
@@ -227,7 +230,7 @@ def climb(
         if size == 1:
             search.look_around()
     search.settle()
-    for another in (search.think_again, search.cross_over):
+    for another in (search.think_again, search.cross_over, lambda: search.take_over(others)):
         if another():
             search.settle()
     return search.concluded()
@@ -329,6 +332,19 @@ class _Search:
             known = self.fitted.get(c.ids)
             found |= self._take(self._climbed_from(known or replace(c, problem=replace(c.problem, within=())), c.modes))
         return found
+
+    def take_over(self, others: Sequence[Candidate]) -> bool:
+        """Fit what fewer readings led to; whether that leads.
+
+        A search goes uphill, and what is uphill depends on the readings: a part of them may lead to where all of them
+        fit better.
+        """
+        leader = self._leader()
+        for k, c in enumerate(c for c in others if c.terms):
+            whole = replace(self.problem, terms=c.terms)
+            self._progress(f"{' + '.join(c.ids) or 'the baseline'}, as a part of the readings has it", k, len(others))
+            self._take(self._climbed(whole, widened(whole, c.values, c.problem.names)[:1]))
+        return self._leader().ids != leader.ids
 
     def _side(self, root: Candidate, k: int) -> _Search | None:
         """Take a model to the other side of one baseline parameter's prior; None where that is the same hill."""
@@ -577,14 +593,15 @@ class _Search:
 
     def _climbed_from(self, candidate: Candidate, starts: FloatArray) -> Candidate:
         """Fit a model anew from its optima and from places that may be above them."""
-        whole = np.vstack([candidate.modes, starts])
+        return self._climbed(candidate.problem, np.vstack([candidate.modes, starts]))
 
+    def _climbed(self, problem: Problem, starts: FloatArray) -> Candidate:
         def make() -> dict[str, FloatArray]:
-            end = ascend(candidate.problem, whole)
+            end = ascend(problem, starts)
             return {"u": end.u, "heights": end.height, "predicted": end.predicted}
 
-        found = self._recall("refit", candidate.problem, make, whole)
-        return settle(candidate.problem, Ascent(found["u"], found["heights"], found["predicted"], 0))
+        found = self._recall("refit", problem, make, starts)
+        return settle(problem, Ascent(found["u"], found["heights"], found["predicted"], 0))
 
     def _recall(
         self, kind: str, problem: Problem, make: Callable[[], dict[str, FloatArray]], start: FloatArray | None = None
