@@ -359,17 +359,27 @@ def _sizes(result: Diagnosis) -> Markup:
     """How large the causes are that are named, and those of the first sets that do as well."""
     leader = _listed_leader(result)
     tied = [c for ids in result.alternatives[:2] for c in result.causes if c.terms == ids]
+    own = _sized([leader] if leader else [])
+    other = {name: text for name, text in _sized(tied).items() if name not in own}
+    if not own:
+        own, other = other, own
+    words = Markup("; of the others that do as well: {}").format(_by_cause(other)) if other else ""
+    return Markup(" Size, with 90{}% interval: {}{}.").format(NBSP, _by_cause(own), words) if own else Markup("")
+
+
+def _sized(causes: Sequence[CauseResult]) -> dict[str, Markup]:
+    """The values of models' own causes; where several have one, the first's."""
     found: dict[str, Markup] = {}
-    told = [(c, name, p) for c in ([leader] if leader else []) + tied for name, p in c.parameters.items()]
-    for c, name, p in told:
-        if owner(name) in c.terms and name not in found:
+    told = [(c.terms, name, p) for c in causes for name, p in c.parameters.items()]
+    for terms, name, p in told:
+        if owner(name) in terms and name not in found:
             unit, (median, low, high) = _estimate(p)
             spread = (high - low) / 2
             size = with_unit(number(median, spread if spread > 0 else None), unit)
             ends = interval(low, high, spread) if high > low else ""
             ends = f"({ends})" if ends and not ends.startswith("(") else ends
             found[name] = Markup("{} = {} {}").format(symbol(name), size, ends).strip()
-    return Markup(" Size, with 90{}% interval: {}.").format(NBSP, _by_cause(found)) if found else Markup("")
+    return found
 
 
 def _by_cause(told: Mapping[str, Markup]) -> Markup:
