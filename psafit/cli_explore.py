@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import time
 from collections.abc import Iterator, Sequence
@@ -121,7 +120,7 @@ def _completed(
 ) -> dict[str, float]:
     """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
     from psafit.experiment import session_name
-    from psafit.experiment.text import listed
+    from psafit.experiment.text import meant
     from psafit.physics import informed, owner
 
     plain, chosen = informed(plan.beliefs, chosen)
@@ -133,11 +132,8 @@ def _completed(
             wanted |= {session_name(term.latent.name, g.id): (term.latent, 0.0) for g in plan.groups}
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:
-        close = [name for name in wanted if name.casefold() == unknown[0].casefold()]
-        close = close or difflib.get_close_matches(unknown[0], wanted, n=2)
-        remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {listed(wanted)}"
-        if cause := owner(unknown[0]):
-            remedy = f"add --terms {cause}"
+        cause = owner(unknown[0])
+        remedy = f"add --terms {cause}" if cause else meant(unknown[0], wanted)
         raise InputError(f"no parameter {unknown[0]}", remedy)
     theta = {}
     for name, (parameter, usual) in wanted.items():

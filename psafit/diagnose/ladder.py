@@ -340,9 +340,10 @@ class _Search:
         fit better.
         """
         leader = self._leader()
-        for k, c in enumerate(c for c in others if c.terms):
+        others = [c for c in others if c.terms]
+        for k, c in enumerate(others):
             whole = replace(self.problem, terms=c.terms)
-            self._progress(f"{' + '.join(c.ids) or 'the baseline'}, as a part of the readings has it", k, len(others))
+            self._progress(f"{' + '.join(c.ids)}, as a part of the readings has it", k, len(others))
             self._take(self._climbed(whole, widened(whole, c.values, c.problem.names)[:1]))
         return self._leader().ids != leader.ids
 

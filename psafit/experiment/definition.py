@@ -152,12 +152,9 @@ class Definition:
         def error(what: str, remedy: str) -> InputError:
             return self.error(f"constant {name} {what}", remedy, *path, name)
 
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        number = _number(value)
+        if number is None:
             raise error("is not a number", f"write {name} = a number, without quotes or unit")
-        try:
-            number = float(value)
-        except OverflowError:  # TOML integers have no size limit here
-            number = math.inf
         if not (math.isfinite(number) and number > 0):
             raise error(f"= {number:g} is not positive and finite", "give its value in SI units")
         low, high = LIMITS[name]
@@ -183,17 +180,14 @@ class Definition:
         source = table.get("source")
         if not isinstance(source, str) or not one_line(source):
             raise self.error(f"prior of {shown(name)} has no source", 'write source = "how it is known"', *place)
-        number = {key: self._number(name, key, table[key]) for key in sorted(given)}
-        prior = LogNormal(**number) if "median" in number else Normal(**number)
+        numbers = {key: self._belief_number(name, key, table[key]) for key in sorted(given)}
+        prior = LogNormal(**numbers) if "median" in numbers else Normal(**numbers)
         return Belief(name, prior, one_line(source), self.file, self._line(*place))
 
-    def _number(self, name: str, key: str, value: object) -> float:
+    def _belief_number(self, name: str, key: str, value: object) -> float:
         least = {"median": 0.0, "factor": 1.0, "sd": 0.0}.get(key, -math.inf)
-        try:
-            number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
-        except OverflowError:
-            number = math.inf
-        if not (math.isfinite(number) and number > least):
+        number = _number(value)
+        if number is None or not (math.isfinite(number) and number > least):
             what = "a finite number" if math.isinf(least) else f"a finite number above {least:g}"
             raise self.error(f"prior of {shown(name)}: {key} is not {what}", _PRIOR, "prior", name, key)
         return number
@@ -298,6 +292,16 @@ class Definition:
         if not is_file:
             raise error("is not a regular file", "name a CSV file")
         return path
+
+
+def _number(value: object) -> float | None:
+    """A TOML number, infinite where it is beyond all floats (integers have no limit there); None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def _value_text(value: object) -> str:

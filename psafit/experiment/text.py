@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -18,6 +19,14 @@ def listed(names: Iterable[str]) -> str:
     """Join names for a message, at most twenty of them."""
     all_names = list(names)
     return ", ".join(all_names[:20]) + (", ..." if len(all_names) > 20 else "")
+
+
+def meant(wrong: str, known: Iterable[str]) -> str:
+    """Remedy for a name that is none of those known: the nearest of them, or all."""
+    names = list(known)
+    near = [name for name in names if name.casefold() == wrong.casefold()]
+    near = near or difflib.get_close_matches(wrong[:40], names, n=2)
+    return f"did you mean {' or '.join(near)}?" if near else f"choose from {listed(names)}"
 
 
 def one_line(text: str) -> str:

@@ -134,7 +134,7 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: f
     effective : float
         Effective draws at which it is enough.
     """
-    return _importance(candidate, np.random.default_rng([seed, 5]), rounds, effective)[0].weighed()
+    return _importance(_on_plateaus(candidate), np.random.default_rng([seed, 5]), rounds, effective)[0].weighed()
 
 
 def emulate(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: float = EFFECTIVE) -> Emulated:
@@ -160,7 +160,6 @@ def _importance(
     def next_one(pool: _Pool, before: _Density) -> _Density:
         return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
 
-    candidate = _on_plateaus(candidate)
     first = _laplace_mixture(candidate)
     pool = _sample(height, problem.bounds, first, next_one, random, _ROUND, rounds, effective)
     return pool, np.concatenate(simulated)
@@ -179,7 +178,7 @@ def _on_plateaus(candidate: Candidate) -> Candidate:
         rows = np.repeat(mode[None], _PLACES, axis=0)
         rows[:, k] = place
         found = problem.predict(rows)
-        height = heights(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
+        height = heights(problem, rows, found, problem.observed)
         company = height > candidate.heights[0] - _COMPANY
         if candidate.slope[k].any():
             company &= np.abs(place - mode[k]) > _AWAY / math.sqrt(max(curvature[k, k], 1e-300))

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from psafit.errors import InputError
-from psafit.experiment.text import listed, shown
+from psafit.experiment.text import meant, shown
 from psafit.parameters import Belief, Parameter
 from psafit.physics import (
     adhesion,
@@ -181,9 +181,8 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
     found = {}
     for b in beliefs:
         if b.name not in known:
-            close = difflib.get_close_matches(b.name, known, n=2)
-            remedy = f"did you mean {' or '.join(close)}?" if close else f"choose from {listed(known)}"
-            raise InputError(f"there is no parameter {shown(b.name)} to know of", remedy, file=b.file, line=b.line)
+            what = f"there is no parameter {shown(b.name)} to know of"
+            raise InputError(what, meant(b.name, known), file=b.file, line=b.line)
         try:
             found[b.name] = known[b.name].informed(b)
         except ValueError as error:
