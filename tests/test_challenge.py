@@ -181,6 +181,26 @@ def test_tampering_is_refused(known: Experiment, tmp_path: Path, victim: str) ->
         unseal(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("forge", "what"),
+    [
+        (lambda a: a["parameters"].pop("k_c"), "does not say k_c"),
+        (lambda a: a["scatter"].pop("nu"), "does not say nu"),
+        (lambda a: a["true_um"].pop(), "not one true range for every reading"),
+        (lambda a: a["terms"].append("no such cause"), "no such cause"),
+    ],
+)
+def test_a_forged_answer_with_its_own_hash_is_refused(known: Experiment, tmp_path: Path, forge: Any, what: str) -> None:
+    make(5, tmp_path, design_of=known, kind="nothing")
+    file = tmp_path / "answer.json"
+    content = json.loads(file.read_text())
+    forge(content)
+    file.write_text(json.dumps(content))
+    (tmp_path / "commitment.txt").write_text(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  answer.json\n")
+    with pytest.raises(InputError, match=what):
+        unseal(tmp_path)
+
+
 # --- strength and oracle ----------------------------------------------------------------------------
 
 
@@ -692,8 +712,8 @@ def test_a_foreign_diagnosis_must_keep_the_contract(change: dict[str, Any], tmp_
     "edit",
     [
         lambda r: r["diagnosis"].update(named=5),
-        lambda r: r["diagnosis"].update(alternatives=[5]),
-        lambda r: r["diagnosis"].update(causes=[5]),
+        lambda r: r["diagnosis"].update(verdict="explained"),
+        lambda r: r["oracle"].update(gain=1e3),
         lambda r: r.update(seconds={}),
     ],
 )
@@ -706,7 +726,7 @@ def test_an_edited_result_is_one_line(
     content = json.loads(file.read_text())
     edit(content)
     file.write_text(json.dumps(content))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError, match="was changed") as told:
         load(tmp_path)
     assert told.value.file == file
 

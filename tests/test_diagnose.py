@@ -337,6 +337,23 @@ def test_a_second_cause_is_looked_for_beside_every_cause_alone(tmp_path, monkeyp
         assert np.array_equal(one.gain, other.gain) and np.array_equal(one.starts, other.starts)
 
 
+def test_the_best_of_many_causes_may_hold_what_was_not_the_best_of_fewer(monkeypatch):
+    """Nothing promises anything beside the cause that leads; the pair is found beside the other one."""
+    both = ("amplifier_lag", "flight_friction")
+    search = ladder._Search(
+        problem(experiment(both, [4e-5, 0.05], n=40)), FEW, 1, Memory(None), lambda what, done, total: None
+    )
+    search.begin()
+    leader, promising = search._leader().ids, search._promising
+    assert len(leader) == 1
+    monkeypatch.setattr(search, "_promising", lambda ids: [] if ids == leader else promising(ids))
+    fitted = set(search.fitted)
+    assert not search.broaden() and set(search.fitted) == fitted  # a leader of few causes has had its beam
+    monkeypatch.setattr(ladder, "_WIDE", 1)
+    assert search.broaden() and search._leader().ids == both
+    assert not search.broaden()
+
+
 def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden):
     for c in hidden.candidates:
         for smaller in hidden.candidates:

@@ -11,6 +11,8 @@ from typing import Literal
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment
 from psafit.files import write_atomically
+from psafit.inference.problem import Problem
+from psafit.physics import terms
 from psafit.records import read_json, write_json
 
 ANSWER, COMMITMENT, EXPERIMENT = "answer.json", "commitment.txt", "experiment"
@@ -123,7 +125,7 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
     Raises
     ------
     InputError
-        If a file is missing, or the answer is not the one committed to, or belongs to other data.
+        If a file is missing, or the answer is not the one committed to, is incomplete, or belongs to other data.
     """
     remedy = "make the challenge again with psafit challenge make"
     answer_file, commitment = folder / ANSWER, folder / COMMITMENT
@@ -140,6 +142,12 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
     experiment = read_experiment(folder / EXPERIMENT)
     if experiment.fingerprint != answer.fingerprint:
         raise InputError("holds other data than the answer belongs to", remedy, file=folder / EXPERIMENT)
+    # A hash does not say that what it belongs to is an answer.
+    model = Problem(experiment, experiment.ids, terms(answer.terms))
+    missing = set(model.names) - set(answer.parameters) - set(answer.scatter)
+    if missing or len(answer.true_um) != model.observed.size:
+        what = f"does not say {', '.join(sorted(missing))}" if missing else "has not one true range for every reading"
+        raise InputError(what, remedy, file=answer_file)
     return experiment, answer
 
 

@@ -418,7 +418,7 @@ def run(
                     n_jobs=n_jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
                 )
                 for result in parallel(calls):
-                    write_json(results / f"{result.spec.id}.json", result)
+                    write_json(results / f"{result.spec.id}.json", result, sealed=True)
                     done[result.spec.id] = result
                     progress(len(done), len(wanted), result.spec.id)
     # Read back, so that a fresh result and one of an earlier run are the same to the last digit.
@@ -471,13 +471,9 @@ def _read(folder: Path, spec: Spec) -> Result | None:
     file = folder / RESULTS / f"{spec.id}.json"
     if not file.exists():
         return None
-    result = read_json(file, Result, remedy=_AGAIN)
+    result = read_json(file, Result, sealed=True, remedy=_AGAIN)
     if plain(result.spec) != plain(spec):
         raise InputError("is of another data set than the campaign plans", _AGAIN, file=file)
-    if result.status == "done":
-        _checked(result.diagnosis, file, _AGAIN)
-    if not _is_number(result.seconds.get("diagnose")):
-        raise InputError("does not say how long the diagnosis took", _AGAIN, file=file)
     return result
 
 

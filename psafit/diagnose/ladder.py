@@ -12,7 +12,8 @@ r"""The ladder: from every cause alone to combinations of up to six, and a proba
    causes.
 4. Beside a leader of three causes or more the best that has at most half of its causes in common with it is refined
    in the same way, as far as that goes: it was behind when models were small. Then the leader is looked for on the
-   other side of the baseline's prior, too: what grows step by step stands where its parts fitted best alone.
+   other side of the baseline's prior, too: what grows step by step stands where its parts fitted best alone. Where the
+   leader has four causes or more, the beam grows up to six: their best may hold what was not the best of five.
 5. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
    them and the prior probabilities below.
 
@@ -65,7 +66,8 @@ CREDIBLE = 0.95
 _FITS_ALIKE, _ABSURD = math.log(CREDIBLE / (1 - CREDIBLE)), 1e-3
 
 MOST_CAUSES = len(SIZE_WEIGHTS) - 1
-# Causes up to which several models are grown, and every part of a leader is fitted; beyond, the leader alone grows.
+# Causes up to which several models are grown before all else, and every part of a leader is fitted; beyond, the leader
+# alone grows until there is nothing else left to do.
 _WIDE = 4
 # Log likelihood (nats) that some cause alone must gain before combinations are tried: with nothing hidden the best of
 # two dozen gains more once in fifty times.
@@ -230,7 +232,7 @@ def climb(
         if size == 1:
             search.look_around()
     search.settle()
-    for another in (search.think_again, search.cross_over, lambda: search.take_over(others)):
+    for another in (search.think_again, search.cross_over, lambda: search.take_over(others), search.broaden):
         if another():
             search.settle()
     return search.concluded()
@@ -345,6 +347,18 @@ class _Search:
             whole = replace(self.problem, terms=c.terms)
             self._progress(f"{' + '.join(c.ids)}, as a part of the readings has it", k, len(others))
             self._take(self._climbed(whole, widened(whole, c.values, c.problem.names)[:1]))
+        return self._leader().ids != leader.ids
+
+    def broaden(self) -> bool:
+        """Grow models of many causes side by side, as those of few were; whether that leads.
+
+        The leader of six need not hold the leader of five: what lacks one cause to be the best may be far behind.
+        """
+        leader = self._leader()
+        if len(leader.terms) < _WIDE:
+            return False
+        for size in range(_WIDE, min(MOST_CAUSES, len(self.catalogue))):
+            self.grow(size)
         return self._leader().ids != leader.ids
 
     def _side(self, root: Candidate, k: int) -> _Search | None:
