@@ -338,7 +338,7 @@ def test_a_second_cause_is_looked_for_beside_every_cause_alone(tmp_path, monkeyp
 
 
 def test_the_best_of_many_causes_may_hold_what_was_not_the_best_of_fewer(monkeypatch):
-    """Nothing promises anything beside the cause that leads; the pair is found beside the other one."""
+    """Nothing promises anything beside the cause that leads; what it lacks is found beside another one."""
     both = ("amplifier_lag", "flight_friction")
     search = ladder._Search(
         problem(experiment(both, [4e-5, 0.05], n=40)), FEW, 1, Memory(None), lambda what, done, total: None
@@ -350,7 +350,10 @@ def test_the_best_of_many_causes_may_hold_what_was_not_the_best_of_fewer(monkeyp
     fitted = set(search.fitted)
     assert not search.broaden() and set(search.fitted) == fitted  # a leader of few causes has had its beam
     monkeypatch.setattr(ladder, "_WIDE", 1)
-    assert search.broaden() and search._leader().ids == both
+    before = search._best()
+    assert search.broaden() and search._best() > before + 5
+    # A third cause may come along the way; who is named is said when all is weighed.
+    assert set(both) <= set(search._leader().ids)
     assert not search.broaden()
 
 
