@@ -106,6 +106,7 @@ class Rig(_Shown):
         quick: bool = False,
         out: str | Path | None = None,
         seed: int = 1,
+        jobs: int | None = None,
         quiet: bool = False,
     ) -> Diagnosed:
         """Find what the simulation gets wrong, and why: see `psafit.diagnose.diagnose`.
@@ -119,6 +120,8 @@ class Rig(_Shown):
         out : path-like, optional
             Folder; the command line's by default.
         seed : int
+        jobs : int, optional
+            Processes that search side by side; one for every core by default.
         quiet : bool
             Whether to show no progress.
 
@@ -130,7 +133,7 @@ class Rig(_Shown):
         folder = Path(out) if out else usual_folder(self.experiment.folder, "diagnosis")
         ensure_writable(folder, "out", folder=True, inputs=[self.experiment.folder])
         with watcher(quiet) as show:
-            record = diagnose(self.experiment, ids, folder, quick=quick, seed=seed, watcher=show)
+            record = diagnose(self.experiment, ids, folder, quick=quick, seed=seed, jobs=jobs, watcher=show)
         return Diagnosed(record, self.experiment, folder)
 
     def plot(self, group: GroupId, ax: Axes | None = None) -> Axes:

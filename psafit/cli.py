@@ -351,6 +351,12 @@ def fit(
 )
 @click.option("--out", type=Place("folder"), help="Folder; fits/<experiment>-diagnosis by default.")
 @SEED
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    metavar="N",
+    help="Processes that search side by side; one for every core by default. The result is the same.",
+)
 @click.option("--no-report", is_flag=True, help="Write the result only, no page.")
 @PLUGIN
 @QUIET
@@ -363,6 +369,7 @@ def diagnose(
     nautilus: bool,
     out: Path | None,
     seed: int,
+    jobs: int | None,
     no_report: bool,
     quiet: bool,
     json_file: Path | None,
@@ -401,6 +408,7 @@ def diagnose(
             searches=searches,
             nautilus=nautilus,
             seed=seed,
+            jobs=jobs,
             watcher=show,
             command=command,
         )

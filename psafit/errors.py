@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 
 class PsafitError(Exception):
     """Base of every error psafit raises on purpose; the command line turns it into one line."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # From a worker process as it was raised there: what __init__ was given is not what it says.
+        return type(self).__new__, (type(self), *self.args), self.__dict__
 
 
 class InputError(PsafitError):

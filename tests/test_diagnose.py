@@ -31,7 +31,7 @@ from psafit.inference.candidate import _across_steps, fit, settle, thinned
 from psafit.inference.evidence import weigh
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import MICRO, Problem
-from psafit.inference.run import load
+from psafit.inference.run import Silent, load
 from psafit.inference.store import pareto_k
 from psafit.parameters import Bounds
 from psafit.physics import TERMS, terms
@@ -625,7 +625,7 @@ def test_thinning_keeps_small_groups():
 
 def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
     e = experiment(["amplifier_lag"], [4e-5])
-    result = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2)
+    result = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2, jobs=2)
     stored = json.loads((tmp_path / "one" / "diagnosis.json").read_text())
     assert stored["schema"] == 1
     assert stored["verdict"] in ("explained", "ambiguous")
@@ -669,6 +669,20 @@ def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
         (tmp_path / "two" / quick.predictions).unlink()
         with pytest.raises(AttributeError):
             diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_processes_search_what_one_would(jobs, tmp_path):
+    """Two leave nothing to search, and what they leave is what one finds."""
+    e = experiment(["amplifier_lag"], [4e-5], groups=("a", "b"), n=12)
+    work = diagnosis._Work(e, ("a",), tmp_path, 1, FEW[:2], jobs, Silent(), ())
+    with pytest.MonkeyPatch.context() as patch:
+        if jobs == 2:
+            patch.setattr(ladder, "fit", None)
+        parts = work._parts()
+    alone = [climb(Problem(e, (g,), tolerance=diagnosis._TOLERANCE), FEW[:2], seed=1).leader for g in ("b", "a")]
+    assert [c.ids for c in parts] == [c.ids for c in alone]
+    assert all(np.array_equal(c.modes, d.modes) for c, d in zip(parts, alone, strict=True))
 
 
 def test_a_session_not_seen_may_err_as_the_prior_says():

@@ -12,18 +12,13 @@ import importlib.util
 import json
 import logging
 import math
-import multiprocessing
 import os
-import shutil
-import signal
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -43,6 +38,7 @@ from psafit.experiment import Experiment, read_experiment
 from psafit.files import remove_temporaries, sole
 from psafit.physics import TERMS
 from psafit.records import plain, read_content, read_json, write_json
+from psafit.workers import attend, processes
 
 Diagnose = Callable[..., object]
 """``diagnose(experiment, group_ids, folder, quick=True, seed=seed)`` writes `diagnosis.json` into `folder`."""
@@ -62,8 +58,6 @@ _DRAWN_DESIGN = 4
 SEEN_NATS = 25.0
 """An oracle gain from which a miss counts, and rivals are looked for."""
 
-# How often a worker looks whether its parent is still there.
-_LOOK_UP_S = 1.0
 # For a scheduler to answer.
 _ANSWER_S = 20
 _FOLDER = "psafit-challenge-{}-"  # of a process
@@ -244,11 +238,7 @@ def solve(
         Failed where the diagnosis says so on purpose (`PsafitError`) or breaks its contract; anything else it raises
         is a bug, and goes on.
     """
-    parent = multiprocessing.parent_process()
-    if shielded and parent and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if parent and parent.pid:
-        _leave_with(parent.pid)
+    attend(shielded=shielded, litter=_FOLDER.format(os.getpid()) + "*")
     effects = {effect.name: effect for effect in outside}
     if spec.outside is not None and spec.outside not in effects:
         raise InputError(f"{spec.id}: no outside effect {spec.outside}", "pass it to the campaign")
@@ -281,20 +271,6 @@ def solve(
     oracle = consult(experiment, made.answer, seed=1, rivals_from=SEEN_NATS)
     seconds["oracle"] = oracle.seconds
     return Result(spec, psafit.__version__, status, message, made.answer, oracle, diagnosis, seconds)
-
-
-@cache
-def _leave_with(parent: int) -> None:
-    """End this worker when the process that started it has been killed: nobody would take its result."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_LOOK_UP_S)
-        for folder in Path(tempfile.gettempdir()).glob(_FOLDER.format(os.getpid()) + "*"):
-            shutil.rmtree(folder, ignore_errors=True)
-        os._exit(1)
-
-    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def read_diagnosis(file: Path, fingerprint: str | None = None) -> dict[str, Any]:
@@ -511,7 +487,7 @@ def _reach(scheduler: str) -> None:
 def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[int, bool]]:
     """Who computes: number of processes for joblib, and whether they are ours to shield from Ctrl-C."""
     if scheduler is None:
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1 if jobs > 1 else None):
+        with processes(jobs):
             yield jobs, jobs > 1
         return
     # joblib brings its own link to Dask, and calls it by this address.

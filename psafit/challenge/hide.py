@@ -38,6 +38,7 @@ from psafit.simulate import Design
 from psafit.simulate.literal import launch_in, literal_world
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of
+from psafit.workers import processes
 
 FloatArray = NDArray[np.float64]
 Edit = Callable[[World, Point], None]
@@ -339,7 +340,8 @@ def simulate_literally(
     if jobs == 1:
         return _some(*work, chosen)
     parts = np.array_split(chosen, max(len(chosen) // _CHUNK, 1))
-    done = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_some)(*work, part) for part in parts)
+    with processes(jobs):
+        done = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_some)(*work, part) for part in parts)
     return np.concatenate(done)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -41,6 +41,7 @@ from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, read_content, read_json, write_json
 from psafit.validate import predictive, validate, write_predictions
+from psafit.workers import ahead, cores
 
 FloatArray = NDArray[np.float64]
 
@@ -68,6 +69,7 @@ def diagnose(
     nautilus: bool = False,
     seed: int = 1,
     catalogue: Sequence[Term] = TERMS,
+    jobs: int | None = None,
     watcher: Watcher | None = None,
     command: Sequence[object] = (),
 ) -> Diagnosis:
@@ -90,6 +92,9 @@ def diagnose(
     seed : int
     catalogue : sequence of Term
         Candidate causes.
+    jobs : int, optional
+        Processes that search side by side where several searches are needed; one for every core by default. The result
+        does not depend on it.
     watcher : Watcher, optional
     command : sequence
         Words of the command line, kept with the result.
@@ -119,7 +124,7 @@ def diagnose(
         _claim(folder, experiment)
         if finished := _finished(folder, identity):
             return finished
-        work = _Work(experiment, training, folder, seed, catalogue, watcher or Silent(), command)
+        work = _Work(experiment, training, folder, seed, catalogue, jobs or cores(), watcher or Silent(), command)
         return work.all(quick, searches, nautilus, identity)
 
 
@@ -166,6 +171,7 @@ class _Work:
     folder: Path
     seed: int
     catalogue: Sequence[Term]
+    jobs: int
     watcher: Watcher
     command: Sequence[object]
     seconds: dict[str, float] = field(default_factory=dict)
@@ -215,7 +221,7 @@ class _Work:
                 misfit["search"] = asdict(
                     significance(
                         ladder, self.catalogue, searches, seed=self.seed, memory=self._memory,
-                        progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
+                        jobs=self.jobs, progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
                     )
                 )  # fmt: skip
         causes = _causes(ladder, verdict)
@@ -275,25 +281,30 @@ class _Work:
 
     def _parts(self) -> tuple[Candidate, ...]:
         """What the groups lead to without each in turn: the nested gain needs it, and the verdict begins there, too."""
-        splits = _protocols(self.experiment, self.training)["nested"]
-        if not splits:
+        protocols = _protocols(self.experiment, self.training)
+        if not protocols["nested"]:
             return ()
         with self._stage("parts"):
-            return tuple(self._search(seen).leader for seen, _ in splits)
+            wanted = dict.fromkeys(seen for splits in reversed(protocols.values()) for seen, _ in splits)
+            fixed = self.experiment, self.catalogue, self.seed, self._memory
+            ahead(
+                _climbed, [(*fixed, seen) for seen in wanted], self.jobs,
+                lambda k, n: self.watcher.update(k, n, f"searches; {self._memory.count('fit')} models fitted so far"),
+            )  # fmt: skip
+            return tuple(self._search(seen).leader for seen, _ in protocols["nested"])
 
     def _search(self, groups: tuple[GroupId, ...], others: Sequence[Candidate] = ()) -> Ladder:
         """The ladder of what some groups say."""
         if groups in self._ladders:
             return self._ladders[groups]
-        problem = Problem(self.experiment, groups, tolerance=_TOLERANCE)
         absent = [str(g) for g in self.experiment.ids if g not in groups]
         which = f"without {', '.join(absent)}: " if absent else ""
 
         def progress(what: str, done: int, total: int) -> None:
             self.watcher.update(done, total, which + what)
 
-        self._ladders[groups] = climb(
-            problem, self.catalogue, seed=self.seed, memory=self._memory, progress=progress, others=others
+        self._ladders[groups] = _climbed(
+            self.experiment, self.catalogue, self.seed, self._memory, groups, progress=progress, others=others
         )
         return self._ladders[groups]
 
@@ -349,6 +360,20 @@ class _Work:
 
         found = self._memory.recall("nautilus", problem, [self.seed], make)
         return replace(cause, evidence=cause.evidence | {"nautilus": {name: float(a) for name, a in found.items()}})
+
+
+def _climbed(
+    experiment: Experiment,
+    catalogue: Sequence[Term],
+    seed: int,
+    memory: Memory,
+    groups: tuple[GroupId, ...],
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    others: Sequence[Candidate] = (),
+) -> Ladder:
+    """The ladder of what some groups say."""
+    problem = Problem(experiment, groups, tolerance=_TOLERANCE)
+    return climb(problem, catalogue, seed=seed, memory=memory, progress=progress, others=others)
 
 
 def _protocols(

@@ -471,7 +471,7 @@ class _Search:
         for smaller in problems:
             if len(smaller.terms) >= min(MOST_CAUSES, len(self.catalogue)):
                 continue
-            self._progress(f"{' + '.join(smaller.ids)}: what else", 0, 1)
+            self._progress(f"{' + '.join(smaller.ids) or 'the baseline'}: what else", 0, 1)
             for found in self._promising(smaller.ids)[:most]:
                 self._enlist(wanted, smaller, found, found.log_bayes)
         return list(wanted.values())

@@ -30,6 +30,15 @@ class Memory:
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
 
+    @property
+    def lasts(self) -> bool:
+        """Whether another process finds what is kept."""
+        return self._folder is not None
+
+    def count(self, kind: str) -> int:
+        """Number of things of a kind that are kept."""
+        return 0 if self._folder is None else sum(1 for _ in self._folder.glob(f"{kind}-*.npz"))
+
     def recall(self, kind: str, problem: Problem, about: object, make: Callable[[], Arrays]) -> Arrays:
         """Look up what `make` would give, or make and keep it.
 

@@ -15,7 +15,9 @@ import numpy as np
 from psafit.diagnose.ladder import Ladder, climb
 from psafit.diagnose.memory import Memory
 from psafit.inference import noise
+from psafit.inference.candidate import Candidate
 from psafit.physics.term import Term
+from psafit.workers import ahead
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ def significance(
     *,
     seed: int,
     memory: Memory,
+    jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Significance:
     """Repeat the search on readings simulated from the fitted baseline.
@@ -64,6 +67,8 @@ def significance(
     seed : int
     memory : Memory
         Repetitions already there are not run again.
+    jobs : int
+        Processes that share the repetitions, where the memory lasts.
     progress : callable
         Called with (repetitions done, repetitions).
 
@@ -72,18 +77,25 @@ def significance(
     Significance
     """
     baseline, own = ladder.baseline, lead(ladder)
+    if memory.lasts:
+        ahead(_again, [(baseline, catalogue, seed, memory, k) for k in range(n_searches)], jobs, progress)
     null = []
     for k in range(n_searches):
         progress(k, n_searches)
-
-        def again(k: int = k) -> dict[str, np.ndarray]:
-            rng = np.random.default_rng([seed, 29, k])
-            known = baseline.problem.known_sigma
-            readings = np.maximum(noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], 0.0)
-            simulated = baseline.problem.experiment.with_readings(readings)
-            found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed)
-            return {"lead": np.array(lead(found))}
-
-        about = [seed, k, [t.signature for t in catalogue]]
-        null.append(float(memory.recall("null", baseline.problem, about, again)["lead"]))
+        null.append(_again(baseline, catalogue, seed, memory, k))
     return Significance(own, null, (1 + sum(x >= own for x in null)) / (n_searches + 1))
+
+
+def _again(baseline: Candidate, catalogue: Sequence[Term], seed: int, memory: Memory, k: int) -> float:
+    """The lead that one search finds where nothing is hidden."""
+
+    def make() -> dict[str, np.ndarray]:
+        rng = np.random.default_rng([seed, 29, k])
+        known = baseline.problem.known_sigma
+        readings = np.maximum(noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], 0.0)
+        simulated = baseline.problem.experiment.with_readings(readings)
+        found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed)
+        return {"lead": np.array(lead(found))}
+
+    about = [seed, k, [t.signature for t in catalogue]]
+    return float(memory.recall("null", baseline.problem, about, make)["lead"])

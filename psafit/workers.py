@@ -1,0 +1,134 @@
+"""Processes of this machine that share work out, and end with the one that started them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import joblib
+from joblib.externals.loky import get_reusable_executor
+
+from psafit import plugins
+from psafit.errors import PsafitError
+
+# How often a worker looks whether its parent is still there, and a parent tells how far its workers are.
+_LOOK_UP_S = 1.0
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return int(joblib.cpu_count())
+
+
+def attend(*, shielded: bool, litter: str = "") -> None:
+    """Make the process that runs this a good worker; nothing where it is the one that shares out.
+
+    Parameters
+    ----------
+    shielded : bool
+        Whether it leaves Ctrl-C to the process that started it.
+    litter : str
+        Pattern of its folders among the temporary ones, removed when it ends with its parent.
+    """
+    parent = multiprocessing.parent_process()
+    if shielded and parent and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if parent and parent.pid:
+        _leave_with(parent.pid, litter)
+
+
+@cache
+def _leave_with(parent: int, litter: str) -> None:
+    """End this worker when the process that started it has been killed: nobody would take its result."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK_UP_S)
+        for folder in Path(tempfile.gettempdir()).glob(litter) if litter else ():
+            shutil.rmtree(folder, ignore_errors=True)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
+
+
+@contextmanager
+def processes(jobs: int) -> Iterator[None]:
+    """Let joblib use so many processes, which part the cores between them.
+
+    Raises
+    ------
+    PsafitError
+        If one of them has been ended.
+    """
+    threads = max(cores() // jobs, 1) if jobs > 1 else None
+    try:
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=threads):
+            yield
+        if jobs > 1:  # idle ones hold memory, and joblib takes growth since their first call for a leak
+            get_reusable_executor(reuse=True).shutdown(wait=True)
+    except BrokenProcessPool as error:
+        raise PsafitError(
+            "a worker process was ended from outside, perhaps for want of memory; repeat the same command, which goes"
+            " on from what is done, with fewer --jobs"
+        ) from error
+
+
+def ahead(
+    work: Callable[..., object],
+    calls: Sequence[tuple[Any, ...]],
+    jobs: int,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> None:
+    """Do work in processes of its own for what it leaves in files; nothing where one process would do it all.
+
+    Parameters
+    ----------
+    work : callable
+    calls : sequence of tuple
+        Its arguments, a tuple a call.
+    jobs : int
+        Processes.
+    progress : callable
+        Called with (calls done, calls) every second.
+    """
+    if min(jobs, len(calls)) < 2:
+        return
+    done, over = 0, threading.Event()
+
+    def tell() -> None:
+        while not over.wait(_LOOK_UP_S):
+            progress(done, len(calls))
+
+    teller = threading.Thread(target=tell, name="progress", daemon=True)
+    teller.start()
+    try:
+        with processes(min(jobs, len(calls))):
+            parallel = joblib.Parallel(
+                n_jobs=min(jobs, len(calls)), return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs"
+            )
+            for _ in parallel(joblib.delayed(_shielded)(work, call) for call in calls):
+                done += 1
+    finally:
+        over.set()
+        teller.join()
+
+
+def _shielded(work: Callable[..., object], call: tuple[Any, ...]) -> None:
+    attend(shielded=True)
+    try:
+        work(*call)
+    except Exception as error:
+        if blamed := plugins.blamed(error):  # whose line in whose file is not told to other processes
+            raise blamed from error
+        raise

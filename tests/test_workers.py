@@ -1,0 +1,58 @@
+"""Processes that share work out: what they leave, what ends them, and how errors come back."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from psafit.errors import ConvergenceError, InputError, PsafitError
+from psafit.workers import ahead
+
+
+def test_errors_come_back_from_a_process_as_they_were_raised(tmp_path):
+    for error in (
+        PsafitError("a word"),
+        InputError("is wrong", "mend it", file=tmp_path / "it.csv", line=3),
+        ConvergenceError("a climb", reached=1.0, required=2.0),
+    ):
+        back = pickle.loads(pickle.dumps(error))
+        assert type(back) is type(error) and str(back) == str(error) and vars(back) == vars(error)
+
+
+def test_work_is_done_ahead_where_several_processes_share_it(tmp_path):
+    for jobs, n_calls, made in ((1, 3, 0), (2, 3, 3), (2, 1, 0)):
+        place = tmp_path / f"{jobs}-{n_calls}"
+        place.mkdir()
+        told: list[tuple[int, int]] = []
+        calls = [(str(place / f"{k}"),) for k in range(n_calls)]
+        ahead(os.mkdir, calls, jobs, lambda done, total, told=told: told.append((done, total)))
+        assert len(list(place.iterdir())) == made
+        assert all(done <= total == n_calls for done, total in told)
+
+
+def test_what_a_process_cannot_do_is_raised():
+    with pytest.raises(FileNotFoundError):
+        ahead(os.rmdir, [("no such folder",)] * 2, 2)
+
+
+def test_a_process_ended_from_outside_is_told_of():
+    with pytest.raises(PsafitError, match="ended from outside"):
+        ahead(os._exit, [(1,), (1,)], 2)
+
+
+def test_a_plugin_that_fails_in_a_process_is_named_with_its_line(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.py"
+    mine.write_text("import sys\nif 'psafit.workers' in sys.modules:\n    raise ValueError('no')\n")
+    (tmp_path / "work.py").write_text(
+        "import runpy\nfrom psafit import plugins\nfrom psafit.errors import InputError\n"
+        "from psafit.workers import ahead\n"
+        f"plugins.add([{str(mine)!r}])\n"
+        f"try:\n    ahead(runpy.run_path, [({str(mine)!r},)] * 2, 2)\nexcept InputError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "work.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "mine.py:3: the cause fails (ValueError: no)" in done.stdout, done.stderr
