@@ -201,7 +201,9 @@ def fit(
     """
     trial = coarse(problem)
     if not nested:
-        return settle(problem, ascend(problem, starts_of(trial, seed, most, draws)[0], schedule=_THOROUGH))
+        # One climb on each hill goes on: six on the highest would lose a second that holds half of the posterior.
+        starts = starts_of(trial, seed, most, draws)[0]
+        return settle(problem, ascend(problem, starts, schedule=_THOROUGH, unite=True))
     rows = [r for c in nested for r in c.widened(problem, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
