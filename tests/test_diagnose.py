@@ -25,7 +25,8 @@ from psafit.diagnose.show import drift, growth
 from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
 from psafit.errors import InputError
-from psafit.experiment import Constants, Experiment, Group, fingerprint
+from psafit.experiment import Constants, Experiment, Group, fingerprint, read_experiment
+from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.candidate import _across_steps, fit, settle, thinned
 from psafit.inference.evidence import weigh
@@ -615,6 +616,20 @@ def test_a_diagnosis_that_makes_no_sense_is_refused(tmp_path):
 def test_without_a_drive_nothing_is_proposed(tmp_path):
     found = diagnose(few([5.0, 0.0, 4.0, 0.0, 6.0], amplitude=0.0), ["a"], tmp_path, quick=True, catalogue=FEW[:1])
     assert found.next_experiment == {}
+
+
+def test_a_second_hill_of_the_baseline_is_not_lost():
+    """A hardly damped stack with a lossy contact reads like a damped one with a stiff contact; the truth is in both."""
+    design = read_experiment(Path(__file__).parents[1] / "experiments" / "psa")
+    held = []
+    for seed in (0, 1, 3):
+        p = Problem(design, design.ids)
+        truth = p.to_sampling(np.array([7.7e6, 51.0, 7600.0, 0.16, 0.013, 60.0]))[None]
+        readings = noise.draw(p.predict(truth), p.noise_values(truth), None, np.random.default_rng(seed))[0]
+        again = replace(p, experiment=design.with_readings(np.maximum(readings, 0.0)))
+        found = fit(again, (), seed=1, draws=4096, most=48)
+        held.append(np.abs(found.modes[:, 1] - truth[0, 1]).min() < 1.5)
+    assert all(held)
 
 
 def test_thinning_keeps_small_groups():
