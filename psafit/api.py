@@ -6,6 +6,7 @@ and return it. ``import psafit`` loads none of this before it is asked for.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +26,9 @@ from psafit.records import Validation
 from psafit.report import notebook
 from psafit.report.notebook import Axes
 from psafit.validate import COLUMNS, Prediction, prediction_rows, validate
+
+# Probability from which a discrepancy without a name is shown.
+_TOLD = 0.001
 
 
 class _Shown:
@@ -239,11 +243,16 @@ class Diagnosed(_Shown):
 
     @property
     def causes(self) -> pd.DataFrame:
-        """The models that were compared, most probable first; gain and evidence over the baseline in nats."""
+        """The models that were compared, most probable first; gain and evidence over the baseline in nats.
+
+        A discrepancy without a name that has a share of the probability is the last.
+        """
         rows = [
             [" + ".join(c.terms) or "baseline", c.probability, c.evidence.get("gain"), c.evidence.get("over_baseline")]
             for c in self.record.causes
         ]
+        if self.record.unnamed >= _TOLD:
+            rows.append(["a discrepancy without a name", self.record.unnamed, math.nan, math.nan])
         return pd.DataFrame(rows, columns=["model", "probability", "gain", "evidence"]).set_index("model")
 
     def plot(self, group: GroupId | None = None, ax: Axes | None = None) -> Axes:

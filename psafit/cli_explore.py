@@ -134,6 +134,8 @@ def _completed(
     if unknown:
         cause = owner(unknown[0])
         remedy = f"add --terms {cause}" if cause else meant(unknown[0], wanted)
+        if hasattr(plan.constants, unknown[0]):
+            remedy = "it is a constant of the rig: change [constants] in experiment.toml, or give one group its own"
         raise InputError(f"no parameter {unknown[0]}", remedy)
     theta = {}
     for name, (parameter, usual) in wanted.items():

@@ -42,7 +42,8 @@ def new(folder: Path, quiet: bool) -> int:
     if not quiet:
         for part in reversed(parts):
             click.echo(f"wrote {shown_path(folder / part.name)}")
-        click.echo(f"put in your rig and readings, then: psafit check {shown_path(folder)}")
+        place = shown_path(folder)
+        click.echo(f"put in your rig and readings, then: psafit check {place}; psafit diagnose {place} --quick")
     return DONE
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 import psafit
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
-from psafit.files import portable_command, refuse_foreign, remove_temporaries, sha256, sole, write_atomically
+from psafit.files import in_use, portable_command, refuse_foreign, remove_temporaries, sha256, sole, write_atomically
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
@@ -294,6 +294,8 @@ def load(folder: Path) -> Run:
         raise InputError("is not a run folder", "give a folder that psafit fit has written", file=folder)
     record = read_json(folder / "fit.json", Fit, sealed=True)
     if not (folder / "posterior.json").exists():
+        if in_use(folder):
+            raise InputError("holds a run under way", "psafit watch shows how far it is; wait for its end", file=folder)
         raise InputError(
             "holds an interrupted run", "repeat the same psafit fit command: it goes on where it stopped", file=folder
         )

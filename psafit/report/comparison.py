@@ -14,7 +14,7 @@ from psafit.compare import Comparison, Estimate, GroupPair, ParameterPair, Side
 from psafit.experiment import Group
 from psafit.report import figures
 from psafit.report.catalogue import declared, model, parameter, symbol
-from psafit.report.figures.groups import short
+from psafit.report.figures.groups import short, titled
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, render
 from psafit.report.wording import (
     count,
@@ -195,7 +195,7 @@ def _summary(pictured: Sequence[_Shown], found: Comparison) -> Picture:
     ranked = sorted(
         pictured, key=lambda g: (g.pair.group not in found.judged, -abs(g.pair.log_rmse[1] - g.pair.log_rmse[0]))
     )
-    examples = [figures.Example(f"Group {short(g.pair.group)}", "ink", g.group, g.sweep, g.curves) for g in ranked[:2]]
+    examples = [figures.Example(titled(g.pair.group), "ink", g.group, g.sweep, g.curves) for g in ranked[:2]]
     told = "; ".join(
         f"group {g.pair.group} {factor(g.pair.log_rmse[0])} and {factor(g.pair.log_rmse[1])}" for g in pictured[:20]
     )

@@ -261,7 +261,7 @@ def _pictured(shown: list[Shown]) -> list[Shown]:
 
 def _examined(result: Diagnosis, experiment: Experiment) -> Markup:
     readings = sum(g.n_points for g in experiment.select(result.groups))
-    return Markup("<strong>Examined:</strong> {} of {}, against the study’s model, the baseline, and {}.").format(
+    return Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(
         count(readings, "reading"), _ids(result.groups), count(len(result.screening), "candidate cause")
     )
 

@@ -17,7 +17,7 @@ from psafit.experiment import Group, GroupId
 from psafit.report import figures
 from psafit.report.figures.axes import label, scale_axis, scale_sweep, widened
 from psafit.report.figures.curves import DASHES
-from psafit.report.figures.groups import short
+from psafit.report.figures.groups import short, titled
 from psafit.report.figures.sweep import AXIS, SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
@@ -78,7 +78,7 @@ def _uri(figure: Figure, n: int) -> str:
 
 
 def _heading(axes: Axes, group_id: GroupId, condition: str) -> None:
-    axes.set_title(label(f"Group {short(group_id, 18)}: {condition}"))
+    axes.set_title(label(f"{titled(group_id, 18)}: {condition}"))
 
 
 def _scale_x(axes: Axes, values: FloatArray, *, log: bool) -> None:
@@ -97,7 +97,7 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     # The one that the baseline misses most, and of the others the one that the last model does.
     worst = sorted(told, key=lambda g: -g.errors[0])[:1] or list(pictured[:1])
     worst += sorted((g for g in told if g is not worst[0]), key=lambda g: -g.errors[-1])[:1]
-    examples = [figures.Example(f"Group {short(g.group.id)}", "ink", g.group, g.sweep, g.curves) for g in worst]
+    examples = [figures.Example(titled(g.group.id), "ink", g.group, g.sweep, g.curves) for g in worst]
     legend = figures.handles([replace(c, bands=()) for c in pictured[0].curves])
     groups = " and ".join(f"group {e.group.id}" for e in examples)
     return Picture(

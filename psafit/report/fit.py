@@ -121,7 +121,7 @@ def _what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
     terms = Markup(" extended by {}").format(listed(run.fit.terms)) if run.fit.terms else ""
     where = listed(f"{g.score.group} ({g.sweep.condition}, {g.sweep.extent})" for g in fitted)
     return Markup(
-        "<strong>Fitted:</strong> {} of the study’s model{}, and the scatter of a reading, to the {} of {} {}."
+        "<strong>Fitted:</strong> {} of the baseline{}, and the scatter of a reading, to the {} of {} {}."
     ).format(names, terms, count(readings, "reading"), "group" if len(fitted) == 1 else "groups", where)
 
 

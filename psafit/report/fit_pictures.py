@@ -17,7 +17,7 @@ from psafit.inference.run import Run
 from psafit.records import GroupScore, Validation
 from psafit.report import figures
 from psafit.report.figures.curves import ROLE_COLOR
-from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, short
+from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import MEASURED, PALETTE
@@ -70,9 +70,7 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     unseen = sorted((g for g in pictured if g.score.role == "holdout"), key=lambda g: g.score.log_rmse)
     typical = unseen[len(unseen) // 2 : len(unseen) // 2 + 1]
     examples = [
-        figures.Example(
-            f"Group {short(g.score.group)}", ROLE_COLOR[g.score.role], g.prediction.group, g.sweep, g.curves
-        )
+        figures.Example(titled(g.score.group), ROLE_COLOR[g.score.role], g.prediction.group, g.sweep, g.curves)
         for g in [*seen[:1], *typical]
     ]
     scores = [g.score for g in pictured]

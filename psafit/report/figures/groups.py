@@ -33,9 +33,15 @@ def short(group_id: object, room: int = 14) -> str:
     return name if len(name) <= room else f"{name[: room // 2 - 1]}…{name[-(room - room // 2) :]}"
 
 
+def titled(group_id: object, room: int = 14) -> str:
+    """A group at the head of a figure: a number needs the word before it, a name leaves no room for it."""
+    name = str(group_id)
+    return f"Group {name}" if len(name) <= 6 else short(name, room)
+
+
 def title(axes: Axes, group_id: object, sweep: Sweep, role: str | None = None) -> None:
     """Title: the group and what is held; below it the role, in the role's colour."""
-    axes.set_title(label(f"Group {short(group_id, 20)}: {sweep.condition}"), pad=20 if role else None)
+    axes.set_title(label(f"{titled(group_id, 18)}: {sweep.condition}", 36), pad=20 if role else None)
     if role:
         axes.annotate(
             ROLE_TEXT[role], (0, 1), (0, 5), xycoords="axes fraction", textcoords="offset points",

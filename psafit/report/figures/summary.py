@@ -76,7 +76,7 @@ def draw_factors(axes: Axes, rows: Sequence[Row]) -> None:
             textcoords="offset points", va="center", fontsize=9.5, color=PALETTE["ink"],
         )  # fmt: skip
     axes.yaxis.set_major_locator(FixedLocator(list(places)))
-    axes.yaxis.set_major_formatter(FixedFormatter([label(r.name, 24) for r in rows]))
+    axes.yaxis.set_major_formatter(FixedFormatter([label(r.name, 30) for r in rows]))
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
     room = 1.22 if all(len(r.marks) == 1 for r in rows) else 1.6
