@@ -169,7 +169,7 @@ def main() -> None:
         _say(f"psafit: {error}")
         code = CHECK_FAILED
     except (KeyboardInterrupt, click.Abort):
-        typed = "\n" if sys.stderr.isatty() else ""  # the terminal shows ^C
+        typed = "\n" if sys.stderr is not None and sys.stderr.isatty() else ""  # the terminal shows ^C
         click.echo(f"{typed}psafit: interrupted; repeat the same command, which goes on from what is done", err=True)
         code = BAD_INPUT
     except BrokenPipeError:  # at the last flush

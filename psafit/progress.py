@@ -72,7 +72,7 @@ class _Lines:
 @contextmanager
 def watcher(quiet: bool) -> Iterator[Watcher]:
     """Show progress the way standard error allows, or not at all."""
-    if quiet:
+    if quiet or sys.stderr is None:  # nobody's, where it was closed
         yield Silent()
     elif sys.stderr.isatty():
         columns = (

@@ -300,7 +300,10 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     """One plain sentence about a group, from its log errors and the scores of its band."""
     rmse, n = root_mean_square(error), error.size
     size = "predicted well" if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
-    parts = [f"{size}, typically off by ×{math.exp(rmse):.2f}, {_direction(error)}"]
+    worst = int(np.argmax(np.abs(error)))
+    ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
+    rest = f" (×{math.exp(root_mean_square(np.delete(error, worst))):.2f} but for one reading)" if ruled else ""
+    parts = [f"{size}, typically off by ×{math.exp(rmse):.2f}{rest}, {_direction(error)}"]
     if n < _FEWEST_FOR_BAND:
         return f"{parts[0]}; too few readings to judge its band"
     # Two standard deviations of a binomial count around 90 %.

@@ -6,12 +6,13 @@ import multiprocessing
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ import joblib
 from joblib.externals.loky import get_reusable_executor
 
 from psafit import plugins
-from psafit.errors import PsafitError
+from psafit.errors import InputError
 
 # How often a worker looks whether its parent is still there, and a parent tells how far its workers are.
 _LOOK_UP_S = 1.0
@@ -28,7 +29,10 @@ _LOOK_UP_S = 1.0
 
 def cores() -> int:
     """Cores that this process may use."""
-    return int(joblib.cpu_count())
+    try:
+        return int(joblib.cpu_count())
+    except ValueError as error:
+        raise InputError(f"LOKY_MAX_CPU_COUNT: {error}", "set it to a number of cores, or not at all") from error
 
 
 def attend(*, shielded: bool, litter: str = "") -> None:
@@ -55,33 +59,57 @@ def _leave_with(parent: int, litter: str) -> None:
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(_LOOK_UP_S)
-        for folder in Path(tempfile.gettempdir()).glob(litter) if litter else ():
-            shutil.rmtree(folder, ignore_errors=True)
+        if litter:
+            clear(litter)
         os._exit(1)
 
     threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
+def clear(litter: str) -> None:
+    """Remove what matches a pattern among the temporary folders."""
+    for folder in Path(tempfile.gettempdir()).glob(litter):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 @contextmanager
-def processes(jobs: int) -> Iterator[None]:
-    """Let joblib use so many processes, which part the cores between them.
+def processes(jobs: int) -> Iterator[int]:
+    """Let joblib use so many processes, which part the cores between them; gives the number that it may use.
 
     Raises
     ------
-    PsafitError
+    InputError
         If one of them has been ended.
     """
+    # joblib's own switch; and it flushes both streams before it starts a process.
+    if os.environ.get("JOBLIB_MULTIPROCESSING") == "0" or sys.stdout is None or sys.stderr is None:
+        jobs = 1
     threads = max(cores() // jobs, 1) if jobs > 1 else None
     try:
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=threads):
-            yield
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=threads) if jobs > 1 else nullcontext():
+            yield jobs
         if jobs > 1:  # idle ones hold memory, and joblib takes growth since their first call for a leak
             get_reusable_executor(reuse=True).shutdown(wait=True)
     except BrokenProcessPool as error:
-        raise PsafitError(
-            "a worker process was ended from outside, perhaps for want of memory; repeat the same command, which goes"
-            " on from what is done, with fewer --jobs"
+        raise InputError(
+            "a worker process was ended from outside, perhaps for want of memory",
+            "repeat the same command, which goes on from what is done, with fewer --jobs",
         ) from error
+
+
+def unordered(jobs: int, calls: Iterable[Any]) -> Iterator[Any]:
+    """Results of `joblib.delayed` calls as they come, one call at a time to each worker: what is not begun is not lost.
+
+    Workers are born deaf to Ctrl-C: one that is still importing would answer it with a traceback.
+    """
+    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+    if jobs < 2 or not hasattr(signal, "pthread_sigmask"):
+        return iter(parallel(calls))
+    heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return iter(parallel(calls))
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, heard)
 
 
 def ahead(
@@ -102,30 +130,29 @@ def ahead(
     progress : callable
         Called with (calls done, calls) every second.
     """
-    if min(jobs, len(calls)) < 2:
-        return
-    done, over = 0, threading.Event()
+    with processes(min(jobs, len(calls))) as usable:
+        if usable < 2:
+            return
+        done, over = 0, threading.Event()
 
-    def tell() -> None:
-        while not over.wait(_LOOK_UP_S):
-            progress(done, len(calls))
+        def tell() -> None:
+            while not over.wait(_LOOK_UP_S):
+                progress(done, len(calls))
 
-    teller = threading.Thread(target=tell, name="progress", daemon=True)
-    teller.start()
-    try:
-        with processes(min(jobs, len(calls))):
-            parallel = joblib.Parallel(
-                n_jobs=min(jobs, len(calls)), return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs"
-            )
-            for _ in parallel(joblib.delayed(_shielded)(work, call) for call in calls):
+        teller = threading.Thread(target=tell, name="progress", daemon=True)
+        teller.start()
+        try:
+            for _ in unordered(usable, (joblib.delayed(_attended)(os.getpid(), work, call) for call in calls)):
                 done += 1
-    finally:
-        over.set()
-        teller.join()
+        finally:
+            over.set()
+            teller.join()
 
 
-def _shielded(work: Callable[..., object], call: tuple[Any, ...]) -> None:
-    attend(shielded=True)
+def _attended(owner: int, work: Callable[..., object], call: tuple[Any, ...]) -> None:
+    """One call, in a process that `owner` has started; or in the owner itself, where joblib starts none."""
+    if os.getpid() != owner:
+        attend(shielded=True)
     try:
         work(*call)
     except Exception as error:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from psafit.errors import ConvergenceError, InputError, PsafitError
-from psafit.workers import ahead
+from psafit.workers import ahead, cores
 
 
 def test_errors_come_back_from_a_process_as_they_were_raised(tmp_path):
@@ -35,13 +35,29 @@ def test_work_is_done_ahead_where_several_processes_share_it(tmp_path):
         assert all(done <= total == n_calls for done, total in told)
 
 
+@pytest.mark.parametrize("why", ["switch", "closed"])
+def test_where_joblib_starts_no_process_nothing_is_done_ahead(why, tmp_path, monkeypatch):
+    if why == "switch":
+        monkeypatch.setenv("JOBLIB_MULTIPROCESSING", "0")
+    else:
+        monkeypatch.setattr(sys, "stderr", None)
+    ahead(os.mkdir, [(str(tmp_path / name),) for name in "ab"], 2)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_number_of_cores_that_is_none_is_told_of(monkeypatch):
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "many")
+    with pytest.raises(InputError, match="set it to a number of cores"):
+        cores()
+
+
 def test_what_a_process_cannot_do_is_raised():
     with pytest.raises(FileNotFoundError):
         ahead(os.rmdir, [("no such folder",)] * 2, 2)
 
 
 def test_a_process_ended_from_outside_is_told_of():
-    with pytest.raises(PsafitError, match="ended from outside"):
+    with pytest.raises(InputError, match="ended from outside"):
         ahead(os._exit, [(1,), (1,)], 2)
 
 
@@ -50,7 +66,7 @@ def test_a_plugin_that_fails_in_a_process_is_named_with_its_line(tmp_path: Path)
     mine.write_text("import sys\nif 'psafit.workers' in sys.modules:\n    raise ValueError('no')\n")
     (tmp_path / "work.py").write_text(
         "import runpy\nfrom psafit import plugins\nfrom psafit.errors import InputError\n"
-        "from psafit.workers import ahead\n"
+        "from psafit.workers import ahead, cores\n"
         f"plugins.add([{str(mine)!r}])\n"
         f"try:\n    ahead(runpy.run_path, [({str(mine)!r},)] * 2, 2)\nexcept InputError as error:\n    print(error)\n"
     )

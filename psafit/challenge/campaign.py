@@ -38,7 +38,7 @@ from psafit.experiment import Experiment, read_experiment
 from psafit.files import remove_temporaries, sole
 from psafit.physics import TERMS
 from psafit.records import plain, read_content, read_json, write_json
-from psafit.workers import attend, processes
+from psafit.workers import attend, clear, processes, unordered
 
 Diagnose = Callable[..., object]
 """``diagnose(experiment, group_ids, folder, quick=True, seed=seed)`` writes `diagnosis.json` into `folder`."""
@@ -60,7 +60,7 @@ SEEN_NATS = 25.0
 
 # For a scheduler to answer.
 _ANSWER_S = 20
-_FOLDER = "psafit-challenge-{}-"  # of a process
+_FOLDER = "psafit-challenge-{}-{}-"  # of a process that another one has started
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
 _AGAIN = "remove it, and run the campaign again"
 
@@ -238,11 +238,11 @@ def solve(
         Failed where the diagnosis says so on purpose (`PsafitError`) or breaks its contract; anything else it raises
         is a bug, and goes on.
     """
-    attend(shielded=shielded, litter=_FOLDER.format(os.getpid()) + "*")
+    attend(shielded=shielded, litter=_FOLDER.format(os.getppid(), os.getpid()) + "*")
     effects = {effect.name: effect for effect in outside}
     if spec.outside is not None and spec.outside not in effects:
         raise InputError(f"{spec.id}: no outside effect {spec.outside}", "pass it to the campaign")
-    with tempfile.TemporaryDirectory(prefix=_FOLDER.format(os.getpid())) as name:
+    with tempfile.TemporaryDirectory(prefix=_FOLDER.format(os.getppid(), os.getpid())) as name:
         folder = Path(name)
         begun = time.monotonic()
         made = make(
@@ -389,11 +389,7 @@ def run(
                 calls = (
                     joblib.delayed(solve)(spec, design_of, diagnose, tuple(outside), shielded=shielded) for spec in left
                 )
-                # One at a time to each worker: what is not begun is not lost.
-                parallel = joblib.Parallel(
-                    n_jobs=n_jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
-                )
-                for result in parallel(calls):
+                for result in unordered(n_jobs, calls):
                     write_json(results / f"{result.spec.id}.json", result, sealed=True)
                     done[result.spec.id] = result
                     progress(len(done), len(wanted), result.spec.id)
@@ -487,8 +483,11 @@ def _reach(scheduler: str) -> None:
 def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[int, bool]]:
     """Who computes: number of processes for joblib, and whether they are ours to shield from Ctrl-C."""
     if scheduler is None:
-        with processes(jobs):
-            yield jobs, jobs > 1
+        try:
+            with processes(jobs) as usable:
+                yield usable, usable > 1
+        finally:  # of workers that were killed
+            clear(_FOLDER.format(os.getpid(), "*") + "*")
         return
     # joblib brings its own link to Dask, and calls it by this address.
     with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=60):

@@ -340,8 +340,8 @@ def simulate_literally(
     if jobs == 1:
         return _some(*work, chosen)
     parts = np.array_split(chosen, max(len(chosen) // _CHUNK, 1))
-    with processes(jobs):
-        done = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_some)(*work, part) for part in parts)
+    with processes(jobs) as usable:
+        done = joblib.Parallel(n_jobs=usable)(joblib.delayed(_some)(*work, part) for part in parts)
     return np.concatenate(done)
 
 
