@@ -29,7 +29,7 @@ PICTURES = (".png", ".svg", ".pdf")
 @EXPERIMENT
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
 @click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
-@click.option("--run", type=Place("input"), help="Take model and posterior medians of this run instead.")
+@click.option("--run", type=Place("input"), help="Take model and medians of this fit or diagnosis.")
 @click.option("--out", type=Place("file"), help="CSV file; by default standard output, or nothing beside --plot.")
 @click.option("--plot", type=Place("file"), metavar="FILE", help="Draw every group: .png, .svg or .pdf.")
 @PLUGIN
@@ -63,11 +63,8 @@ def simulate(
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     if run is not None:
-        from psafit.inference.run import load
-
-        finished = load(run)
-        chosen = chosen or finished.problem.terms
-        given = {p.name: p.median for p in finished.summary.parameters} | asked
+        own, medians = _model_of(run)
+        chosen, given = chosen or own, medians | asked
     theta = _completed(plan, chosen, given, asked)
     result = simulate_batch(Design.of(plan.constants, groups), np.array(list(theta.values())), chosen)
     micrometres = result.launch_range[0] * 1e6
@@ -98,6 +95,19 @@ def simulate(
         },
     )
     return DONE
+
+
+def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float]]:
+    """Causes and posterior medians of a fit, or of the model that a diagnosis names (where it names none, its best)."""
+    from psafit.diagnose.record import RESULT, Diagnosis
+    from psafit.inference.run import load
+    from psafit.records import read_json
+
+    if not (run / RESULT).is_file():
+        fitted = load(run)
+        return fitted.problem.terms, {p.name: p.median for p in fitted.summary.parameters}
+    best = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis").causes[0]
+    return causes(",".join(best.terms)) if best.terms else (), {n: p["median"] for n, p in best.parameters.items()}
 
 
 def _assignments(values: tuple[str, ...]) -> dict[str, float]:

@@ -334,6 +334,21 @@ def test_names_of_a_sessions_own_hold_its_id(known: Experiment) -> None:
     assert len({session_name("z", id) for id in (1, "a-b", "a_b", "a b", "ä-b")}) == 5 and late.isidentifier()
 
 
+def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def]
+    diagnosis: tuple[Path, Experiment], known_folder: Path, tmp_path: Path, monkeypatch
+) -> None:
+    record = make_record(diagnosis[1])
+    values = {"k_c": 2e6, "hysteresis_strength": 0.2, "hysteresis_voltage": 15.0, "sigma_rel": 0.05}
+    best = replace(record.causes[0], terms=["hysteresis"], parameters={n: {"median": x} for n, x in values.items()})
+    write_json(tmp_path / "diagnosis.json", replace(record, causes=[best, *record.causes[1:]]), sealed=True)
+    words = ("--set", "c_c=40", "--quiet", "--json", tmp_path / "it.json")
+    assert run(monkeypatch, "simulate", known_folder, "--run", tmp_path, *words) == 0
+    told = json.loads((tmp_path / "it.json").read_text("utf-8"))
+    assert told["terms"] == ["hysteresis"]
+    wanted = {"k_c": 2e6, "c_c": 40.0, "hysteresis_strength": 0.2, "hysteresis_voltage": 15.0}
+    assert wanted.items() <= told["parameters"].items() and "sigma_rel" not in told["parameters"]
+
+
 def test_simulate_draws_what_it_simulates(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     values = ["--set", "k_c=4e5", "--set", "c_s=9e3", "--set", "c_c=60"]
     for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")):
