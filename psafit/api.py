@@ -27,9 +27,6 @@ from psafit.report import notebook
 from psafit.report.notebook import Axes
 from psafit.validate import COLUMNS, Prediction, prediction_rows, validate
 
-# Probability from which a discrepancy without a name is shown.
-_TOLD = 0.001
-
 
 class _Shown:
     """What a notebook shows of a view: a headline above tables."""
@@ -251,7 +248,7 @@ class Diagnosed(_Shown):
             [" + ".join(c.terms) or "baseline", c.probability, c.evidence.get("gain"), c.evidence.get("over_baseline")]
             for c in self.record.causes
         ]
-        if self.record.unnamed >= _TOLD:
+        if self.record.tells_unnamed:
             rows.append(["a discrepancy without a name", self.record.unnamed, math.nan, math.nan])
         return pd.DataFrame(rows, columns=["model", "probability", "gain", "evidence"]).set_index("model")
 

@@ -33,8 +33,6 @@ for _library in ("OPENBLAS", "MKL"):
 DONE, CHECK_FAILED, BAD_INPUT = 0, 1, 2
 # Characters of a word above which a message shows its ends only: no path on a usual machine is longer.
 _LONGEST_WORD = 300
-# Probability of a discrepancy without a name from which on it is told.
-_TOLD = 0.001
 RUN_FILES = (
     "fit.json",
     "chain.h5",
@@ -442,7 +440,7 @@ def _tell(result: Diagnosis) -> None:
         if cause.terms == result.named or cause.terms in result.alternatives[:1]:
             for line in _sizes(cause):
                 click.echo(f"           {line}")
-    if not unnamed and result.unnamed >= _TOLD:
+    if not unnamed and result.tells_unnamed:
         click.echo(f"  {100 * result.unnamed:5.1f} %  a discrepancy without a name")
     for place in result.misfit["where"][:5]:
         click.echo(f"  baseline, {place['text']}")

@@ -101,13 +101,16 @@ def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float]]:
     """Causes and posterior medians of a fit, or of the model that a diagnosis names (where it names none, its best)."""
     from psafit.diagnose.record import RESULT, Diagnosis
     from psafit.inference.run import load
+    from psafit.physics import recorded
     from psafit.records import read_json
 
     if not (run / RESULT).is_file():
         fitted = load(run)
         return fitted.problem.terms, {p.name: p.median for p in fitted.summary.parameters}
-    best = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis").causes[0]
-    return causes(",".join(best.terms)) if best.terms else (), {n: p["median"] for n, p in best.parameters.items()}
+    found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
+    best = found.causes[0]
+    terms = recorded(best.terms, found.versions, run / RESULT)
+    return terms, {name: p["median"] for name, p in best.parameters.items()}
 
 
 def _assignments(values: tuple[str, ...]) -> dict[str, float]:

@@ -25,6 +25,7 @@ from psafit.errors import InputError
 
 # How often a worker looks whether its parent is still there, and a parent tells how far its workers are.
 _LOOK_UP_S = 1.0
+_FOLDER = "psafit-{}-{}-"  # temporary, of a process that another one has started
 
 
 def cores() -> int:
@@ -35,40 +36,16 @@ def cores() -> int:
         raise InputError(f"LOKY_MAX_CPU_COUNT: {error}", "set it to a number of cores, or not at all") from error
 
 
-def attend(*, shielded: bool, litter: str = "") -> None:
-    """Make the process that runs this a good worker; nothing where it is the one that shares out.
-
-    Parameters
-    ----------
-    shielded : bool
-        Whether it leaves Ctrl-C to the process that started it.
-    litter : str
-        Pattern of its folders among the temporary ones, removed when it ends with its parent.
-    """
-    parent = multiprocessing.parent_process()
-    if shielded and parent and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if parent and parent.pid:
-        _leave_with(parent.pid, litter)
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """Lend a temporary folder; of a worker that is killed, whoever outlives it removes what is left."""
+    with tempfile.TemporaryDirectory(prefix=_FOLDER.format(os.getppid(), os.getpid())) as name:
+        yield Path(name)
 
 
-@cache
-def _leave_with(parent: int, litter: str) -> None:
-    """End this worker when the process that started it has been killed: nobody would take its result."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_LOOK_UP_S)
-        if litter:
-            clear(litter)
-        os._exit(1)
-
-    threading.Thread(target=watch, name="parent", daemon=True).start()
-
-
-def clear(litter: str) -> None:
-    """Remove what matches a pattern among the temporary folders."""
-    for folder in Path(tempfile.gettempdir()).glob(litter):
+def _clear(parent: int, worker: int | str) -> None:
+    """Remove what workers have left in temporary folders."""
+    for folder in Path(tempfile.gettempdir()).glob(_FOLDER.format(parent, worker) + "*"):
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -95,19 +72,23 @@ def processes(jobs: int) -> Iterator[int]:
             "a worker process was ended from outside, perhaps for want of memory",
             "repeat the same command, which goes on from what is done, with fewer --jobs",
         ) from error
+    finally:
+        _clear(os.getpid(), "*")
 
 
-def unordered(jobs: int, calls: Iterable[Any]) -> Iterator[Any]:
-    """Results of `joblib.delayed` calls as they come, one call at a time to each worker: what is not begun is not lost.
+def unordered(jobs: int, work: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
+    """Results as they come of `work` with each tuple of arguments.
 
-    Workers are born deaf to Ctrl-C: one that is still importing would answer it with a traceback.
+    One call at a time to each worker: what is not begun is not lost. Workers are born deaf to Ctrl-C: one that is still
+    importing would answer it with a traceback.
     """
+    asked = (joblib.delayed(_attended)(os.getpid(), work, call) for call in calls)
     parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
     if jobs < 2 or not hasattr(signal, "pthread_sigmask"):
-        return iter(parallel(calls))
+        return iter(parallel(asked))
     heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        return iter(parallel(calls))
+        return iter(parallel(asked))
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, heard)
 
@@ -142,20 +123,43 @@ def ahead(
         teller = threading.Thread(target=tell, name="progress", daemon=True)
         teller.start()
         try:
-            for _ in unordered(usable, (joblib.delayed(_attended)(os.getpid(), work, call) for call in calls)):
+            for _ in unordered(usable, _forgotten, ((work, *call) for call in calls)):
                 done += 1
         finally:
             over.set()
             teller.join()
 
 
-def _attended(owner: int, work: Callable[..., object], call: tuple[Any, ...]) -> None:
+def _forgotten(work: Callable[..., object], *call: Any) -> None:
+    """Do work whose result need not, or cannot, be sent."""
+    work(*call)
+
+
+def _attended(owner: int, work: Callable[..., Any], call: tuple[Any, ...]) -> Any:
     """One call, in a process that `owner` has started; or in the owner itself, where joblib starts none."""
     if os.getpid() != owner:
-        attend(shielded=True)
+        _attend()
     try:
-        work(*call)
+        return work(*call)
     except Exception as error:
         if blamed := plugins.blamed(error):  # whose line in whose file is not told to other processes
             raise blamed from error
         raise
+
+
+@cache
+def _attend() -> None:
+    """Leave Ctrl-C to whoever started this worker, and end it when that process has been killed: none takes results."""
+    parent = multiprocessing.parent_process()
+    if parent is None or not parent.pid:
+        return
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch(parent: int) -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK_UP_S)
+        _clear(parent, os.getpid())
+        os._exit(1)
+
+    threading.Thread(target=watch, args=(parent.pid,), name="parent", daemon=True).start()

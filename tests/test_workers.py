@@ -66,7 +66,7 @@ def test_a_plugin_that_fails_in_a_process_is_named_with_its_line(tmp_path: Path)
     mine.write_text("import sys\nif 'psafit.workers' in sys.modules:\n    raise ValueError('no')\n")
     (tmp_path / "work.py").write_text(
         "import runpy\nfrom psafit import plugins\nfrom psafit.errors import InputError\n"
-        "from psafit.workers import ahead, cores\n"
+        "from psafit.workers import ahead\n"
         f"plugins.add([{str(mine)!r}])\n"
         f"try:\n    ahead(runpy.run_path, [({str(mine)!r},)] * 2, 2)\nexcept InputError as error:\n    print(error)\n"
     )

@@ -12,9 +12,7 @@ import importlib.util
 import json
 import logging
 import math
-import os
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -38,7 +36,7 @@ from psafit.experiment import Experiment, read_experiment
 from psafit.files import remove_temporaries, sole
 from psafit.physics import TERMS
 from psafit.records import plain, read_content, read_json, write_json
-from psafit.workers import attend, clear, processes, unordered
+from psafit.workers import processes, scratch, unordered
 
 Diagnose = Callable[..., object]
 """``diagnose(experiment, group_ids, folder, quick=True, seed=seed)`` writes `diagnosis.json` into `folder`."""
@@ -60,7 +58,6 @@ SEEN_NATS = 25.0
 
 # For a scheduler to answer.
 _ANSWER_S = 20
-_FOLDER = "psafit-challenge-{}-{}-"  # of a process that another one has started
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
 _AGAIN = "remove it, and run the campaign again"
 
@@ -215,8 +212,6 @@ def solve(
     design_of: Experiment,
     diagnose: Diagnose = examine,
     outside: Sequence[Outside] = (),
-    *,
-    shielded: bool = False,
 ) -> Result:
     """Make one data set, diagnose it, and ask the oracle.
 
@@ -229,8 +224,6 @@ def solve(
         See `Diagnose`.
     outside : sequence of Outside
         The effects that specs name.
-    shielded : bool
-        Whether this process leaves Ctrl-C to the one that started it.
 
     Returns
     -------
@@ -238,12 +231,10 @@ def solve(
         Failed where the diagnosis says so on purpose (`PsafitError`) or breaks its contract; anything else it raises
         is a bug, and goes on.
     """
-    attend(shielded=shielded, litter=_FOLDER.format(os.getppid(), os.getpid()) + "*")
     effects = {effect.name: effect for effect in outside}
     if spec.outside is not None and spec.outside not in effects:
         raise InputError(f"{spec.id}: no outside effect {spec.outside}", "pass it to the campaign")
-    with tempfile.TemporaryDirectory(prefix=_FOLDER.format(os.getppid(), os.getpid())) as name:
-        folder = Path(name)
+    with scratch() as folder:
         begun = time.monotonic()
         made = make(
             spec.seed,
@@ -266,7 +257,7 @@ def solve(
             diagnose(experiment, experiment.ids, folder / "diagnosis", quick=True, seed=spec.seed % 2**31)
             diagnosis = read_diagnosis(folder / "diagnosis" / RESULT)
         except PsafitError as error:
-            status, message = "failed", str(error).replace(name, "")
+            status, message = "failed", str(error).replace(str(folder), "")
         seconds["diagnose"] = time.monotonic() - begun
     oracle = consult(experiment, made.answer, seed=1, rivals_from=SEEN_NATS)
     seconds["oracle"] = oracle.seconds
@@ -385,11 +376,9 @@ def run(
         left = [spec for spec in wanted if spec.id not in done]
         progress(len(done), len(wanted), "")
         if left:
-            with _workers(jobs, scheduler) as (n_jobs, shielded):
-                calls = (
-                    joblib.delayed(solve)(spec, design_of, diagnose, tuple(outside), shielded=shielded) for spec in left
-                )
-                for result in unordered(n_jobs, calls):
+            with _workers(jobs, scheduler) as usable:
+                calls = ((spec, design_of, diagnose, tuple(outside)) for spec in left)
+                for result in unordered(usable, solve, calls):
                     write_json(results / f"{result.spec.id}.json", result, sealed=True)
                     done[result.spec.id] = result
                     progress(len(done), len(wanted), result.spec.id)
@@ -480,15 +469,12 @@ def _reach(scheduler: str) -> None:
 
 
 @contextmanager
-def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[int, bool]]:
-    """Who computes: number of processes for joblib, and whether they are ours to shield from Ctrl-C."""
+def _workers(jobs: int, scheduler: str | None) -> Iterator[int]:
+    """Who computes: number of processes for joblib."""
     if scheduler is None:
-        try:
-            with processes(jobs) as usable:
-                yield usable, usable > 1
-        finally:  # of workers that were killed
-            clear(_FOLDER.format(os.getpid(), "*") + "*")
+        with processes(jobs) as usable:
+            yield usable
         return
     # joblib brings its own link to Dask, and calls it by this address.
     with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=60):
-        yield -1, False
+        yield -1

@@ -43,6 +43,9 @@ class CauseResult:
     implausible: list[str]
 
 
+# Probability of a discrepancy without a name from which on it is told.
+_TOLD = 0.001
+
 UNSEEN = "could not have been seen"
 """What is said of a cause of which even a plausible strength would not show."""
 
@@ -157,3 +160,8 @@ class Diagnosis:
     def mostly_unnamed(self) -> bool:
         """Whether a discrepancy without a name is more probable than all that has one."""
         return self.unnamed > 0.5
+
+    @property
+    def tells_unnamed(self) -> bool:
+        """Whether a discrepancy without a name is probable enough to stand among the models."""
+        return self.unnamed >= _TOLD
