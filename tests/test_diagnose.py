@@ -29,7 +29,7 @@ from psafit.experiment import Constants, Experiment, Group, fingerprint, read_ex
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.candidate import _across_steps, fit, settle, thinned
-from psafit.inference.evidence import weigh
+from psafit.inference.evidence import Emulated, _laplace_mixture, _Pool, weigh
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import Silent, load
@@ -119,6 +119,18 @@ def test_evidence_is_that_of_a_nested_sampler(sound):
     ours = weigh(sound, seed=1)
     theirs = nested_evidence(sound.problem, seed=1, n_live=150, effective=150)
     assert ours.log_evidence == pytest.approx(theirs.log_evidence, abs=0.5)
+
+
+@pytest.mark.filterwarnings("error")
+def test_one_draw_far_above_all_others_is_no_width(sound):
+    """A first round that misses a narrow posterior but once: the emulator must still say something of other places."""
+    mixture, random = _laplace_mixture(sound), np.random.default_rng(0)
+    u = np.vstack([sound.modes[:1], mixture.draw(256, random).clip(*sound.problem.bounds.T)])
+    height = np.where(np.arange(len(u)) == 0, 0.0, -1e6)
+    found = Emulated(sound, _Pool(u, height, height, len(u)), sound.problem.predict(u), mixture, random)
+    draws = found.draw(64, random)
+    assert np.isfinite(found.log_density(draws)).sum() > 32
+    assert np.ptp(draws, axis=0).min() > 0
 
 
 def test_nautilus_is_asked_for_in_one_line(monkeypatch):

@@ -459,7 +459,8 @@ class Emulated:
         usable = np.isfinite(pool.height)
         depth = (pool.height[usable].max() - pool.height[usable]) / (_NEAR * problem.n_dim)
         weight = 1 / (1 + depth**2)
-        self._reach = _BEYOND * float(self._distance(pool.u[usable, :k])[depth < 1].max())
+        # ... and one draw that is far above all others is no width: then what the mixture has stands for one.
+        self._reach = max(_BEYOND * float(self._distance(pool.u[usable, :k])[depth < 1].max()), 1.0)
         features = np.vstack([self._features(pool.u[usable, :k]), self._features(mode[None])])
         target = np.vstack([self._scaled(simulated[usable]), here]) - features @ start
         root = np.sqrt(np.append(weight, 1.0))[:, None]
