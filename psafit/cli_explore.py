@@ -321,6 +321,8 @@ def _stage(state: State) -> str:
 
 def _facts(state: State) -> list[tuple[str, str]]:
     """What there is to tell, each with its goal and unit."""
+    from psafit.progress import duration
+
     s = state
     facts = []
     if s.steps is not None:
@@ -339,13 +341,8 @@ def _facts(state: State) -> list[tuple[str, str]]:
     if s.seconds_left is not None and not s.stalled:
         # A short chain makes the autocorrelation time too short.
         long = (s.autocorrelation_times or 0.0) >= 0.5 * (s.wanted_times or 0.0)
-        facts.append(("time left", f"{'about' if long else 'at least'} {_duration(s.seconds_left)}"))
+        facts.append(("time left", f"{'about' if long else 'at least'} {duration(s.seconds_left)}"))
     return facts
-
-
-def _duration(seconds: float) -> str:
-    minutes, hours = seconds / 60, seconds / 3600
-    return f"{seconds:.0f} s" if seconds < 100 else f"{minutes:.0f} min" if minutes < 100 else f"{hours:.0f} h"
 
 
 def _line(state: State) -> str:

@@ -194,7 +194,7 @@ def read_side(folder: Path) -> Side:
     parameters = {
         e.name: Estimate(
             s.median, s.lower, s.upper, e.unit, e.description, s.verdict,
-            supported(e.unit, s.profile, s.verdict),
+            supported(e.unit, s.profile, (s.lower, s.upper), s.verdict),
         )
         for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True)
     }  # fmt: skip

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column
 
 from psafit.inference.run import Silent, Watcher
 
@@ -31,6 +32,16 @@ TITLES = {
 }
 
 
+def duration(seconds: float) -> str:
+    """A time that is known roughly, in the unit that suits it."""
+    minutes, hours = seconds / 60, seconds / 3600
+    return f"{seconds:.0f} s" if seconds < 100 else f"{minutes:.0f} min" if minutes < 100 else f"{hours:.0f} h"
+
+
+def _state(done: float, total: float | None, note: str) -> str:
+    return note if total is None else f"{done:.0f} of {total:.0f} {note}"
+
+
 class _Bars:
     def __init__(self, bars: Progress) -> None:
         self._bars = bars
@@ -42,7 +53,7 @@ class _Bars:
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
         if self._task is not None:
-            self._bars.update(self._task, completed=done, total=total, note=note)
+            self._bars.update(self._task, completed=done, total=total, note=_state(done, total, note))
 
     def finish(self) -> None:
         if self._task is not None:
@@ -56,16 +67,22 @@ class _Lines:
 
     def __init__(self) -> None:
         self._begun = self._said = time.monotonic()
+        self._first: tuple[float, float] | None = None  # what was done when, at a stage's first sign
 
     def stage(self, name: str) -> None:
         self._said = time.monotonic()
+        self._first = None
         print(f"[{self._said - self._begun:5.1f} s] {TITLES[name]}", file=sys.stderr, flush=True)
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
         now = time.monotonic()
+        self._first = self._first or (done, now)
         if now - self._said > 10:
             self._said = now
-            state = note if total is None else f"{done:.0f} of {total:.0f} {note}"
+            state = _state(done, total, note)
+            if total is not None and done > self._first[0]:
+                pace = (now - self._first[1]) / (done - self._first[0])
+                state += f"; about {duration(pace * (total - done))} left"
             print(f"[{now - self._begun:5.1f} s]   {state}", file=sys.stderr, flush=True)
 
 
@@ -76,8 +93,9 @@ def watcher(quiet: bool) -> Iterator[Watcher]:
         yield Silent()
     elif sys.stderr.isatty():
         columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
+            # Where there is little room, the note loses its end and not the name of the stage.
+            TextColumn("{task.description}", table_column=Column(no_wrap=True, min_width=28)),
+            BarColumn(bar_width=16),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             TextColumn("{task.fields[note]}", style="dim"),

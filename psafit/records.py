@@ -197,7 +197,7 @@ class ParameterSummary:
     autocorrelation_time : float
         Steps.
     verdict : {"determined", "bounded above", "bounded below", "not determined"}
-        From the profile likelihood for physical parameters, from the contraction for the scatter's.
+        From the profile likelihood for physical parameters, from contraction and density of the posterior for others.
     text : str
         The value as far as the data support it.
     profile : list of ProfilePoint

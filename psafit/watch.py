@@ -192,13 +192,6 @@ def _sampling(record: Fit, begun: Path, path: Path, before: State | None) -> Sta
     if before is not None and before.steps is not None and before.written is not None and before.steps < steps:
         since, done = before.written, before.steps
     pace = max(written - since, 0.0) / (steps - done)
-    # The excess of R-hat falls as the chain grows, so that its goal is a length, too.
-    wanted = max(
-        settings.autocorrelation_times * tau,
-        settings.effective_samples * tau / settings.n_walkers,
-        kept * (r_hat - 1) / (settings.r_hat - 1),
-    )
-    missing = settings.chunk * math.ceil(max(wanted - kept, 0.0) / settings.chunk)
     return State(
         "profile" if chain.converged else "sample",
         steps=steps,
@@ -212,6 +205,6 @@ def _sampling(record: Fit, begun: Path, path: Path, before: State | None) -> Sta
         log_posterior=chain.height,
         best_minimum=record.minima[0].log_posterior,
         seconds_per_step=pace,
-        seconds_left=None if chain.converged else pace * max(missing, settings.chunk),
+        seconds_left=None if chain.converged else pace * emcee_adaptor.steps_left(kept, tau, r_hat, settings),
         written=written,
     )

@@ -288,14 +288,17 @@ def test_a_full_disk_is_one_line(known_folder: Path) -> None:
 
 
 def test_progress_in_a_log_says_what_is_awaited(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    clock = iter([0.0, 11.0, 12.0, 30.0])
+    clock = iter([0.0, 11.0, 12.0, 30.0, 31.0, 42.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     lines = progress._Lines()
     lines.update(500, None, "step 500 of at most 40000, R-hat 1.030 (goal 1.01)")
     lines.update(750, None, "too soon")
-    lines.update(3, 48)
+    lines.stage("profile")
+    lines.update(3, 48, "profiles")
+    lines.update(8, 48, "profiles")
     assert capsys.readouterr().err.splitlines() == [
-        "[ 11.0 s]   step 500 of at most 40000, R-hat 1.030 (goal 1.01)", "[ 30.0 s]   3 of 48 ",
+        "[ 11.0 s]   step 500 of at most 40000, R-hat 1.030 (goal 1.01)", "[ 30.0 s] profile the likelihood",
+        "[ 42.0 s]   8 of 48 profiles; about 88 s left",
     ]  # fmt: skip
 
 

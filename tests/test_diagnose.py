@@ -29,10 +29,12 @@ from psafit.experiment import Constants, Experiment, Group, fingerprint, read_ex
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.candidate import _across_steps, fit, settle, thinned
+from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Emulated, _laplace_mixture, _Pool, weigh
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import Silent, load
+from psafit.inference.run import fit as run_fit
 from psafit.inference.store import pareto_k
 from psafit.parameters import Bounds
 from psafit.physics import TERMS, terms
@@ -207,6 +209,26 @@ def test_what_is_spoilt_is_found_where_it_is(spoil, characters, group):
         assert found.odd_groups == (group,)
     assert group in {p.group for p in found.places}
     assert leftover(one).log_bayes > 3
+
+
+@pytest.mark.parametrize(("jitter", "wrong"), [(0.0, False), (0.1, True)])
+def test_replicates_are_pure_error(jitter, wrong):
+    """Conditions off by a tenth without any order look like scatter, unless replicates agree to one per cent."""
+    rng = np.random.default_rng(2)
+    few = experiment(n=12, relative=1e-4)
+    groups = []
+    for g in few.groups:
+        y = g.launch_range_um * np.exp(jitter * rng.standard_normal(g.n_points))
+        rows = np.concatenate([np.arange(g.n_points), [1, 6, 10]])  # three conditions of a sweep are measured twice
+        y = y[rows] * (1 + 0.01 * rng.standard_normal(rows.size))
+        groups.append(Group(g.id, g.waveform, g.file, g.frequency_hz[rows], g.amplitude_v[rows], y.round(3)))
+    e = replace(few, groups=tuple(groups), fingerprint=fingerprint(RIG, groups))
+    found = examine(fit(problem(e), (), seed=1, draws=256, most=6), FEW, seed=1, n_simulated=199)
+    pure = next(s for s in found.statistics if s.name == "conditions against their replicates")
+    assert (pure.significant, found.wrong) == (wrong, wrong)
+    if wrong:
+        assert found.character == "physics"
+        assert found.statistics[0] == pure
 
 
 def test_places_hold_the_spoilt_stretch():
@@ -755,6 +777,18 @@ def test_another_rigs_diagnosis_is_not_replaced(tmp_path):
     with pytest.raises(InputError, match="of other readings"):
         diagnose(experiment(), ["a"], tmp_path, quick=True)
     assert [p.name for p in tmp_path.iterdir() if p.suffix == ".json"] == ["diagnosis.json"]
+
+
+def test_a_diagnosis_lies_beside_the_fit_of_the_same_readings(tmp_path):
+    e = experiment(n=8)
+    settings = replace(Settings.of(problem(e)), max_steps=60, chunk=20)
+    fitted = run_fit(e, ["a"], tmp_path, n_starts=4, settings=settings)
+    with pytest.raises(InputError, match="already holds other files"):
+        diagnose(experiment(n=8, seed=9), ["a"], tmp_path, quick=True, catalogue=FEW)
+    found = diagnose(e, ["a"], tmp_path, quick=True, catalogue=FEW)
+    assert found.fingerprint == fitted.fit.fingerprint
+    assert load(tmp_path).summary == fitted.summary
+    assert diagnose(e, ["a"], tmp_path, quick=True, catalogue=FEW) == found
 
 
 def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):

@@ -26,7 +26,7 @@ from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.optimise import Minimum, Optimum, hessian, laplace_covariance, optimise
 from psafit.inference.problem import Problem
-from psafit.parameters import Belief, LogNormal, Normal
+from psafit.parameters import Belief, Bounds, LogNormal, Normal
 from psafit.physics import terms
 from psafit.records import Fit, ProfilePoint, read_json, write_json
 
@@ -575,7 +575,7 @@ def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) ->
     lone = Group(1, one.waveform, "x", one.frequency_hz[:1], one.amplitude_v[:1], one.launch_range_um[:1])
     poor = Problem(Experiment("t", "s", finished.problem.experiment.constants, (lone,), Path(), "f"), (1,))
     top = poor.prior_transform(np.full(poor.n_dim, 0.5))
-    assert identify.verdict(identify.profiles(poor, top, columns=[1])[0], 0.0) != "determined"
+    assert identify.verdict(identify.profiles(poor, top, columns=[1])[0]) != "determined"
 
 
 def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
@@ -627,7 +627,7 @@ def test_words_for_each_verdict() -> None:
 
     closed = points((1, 4), (2, 0), (3, 4))
     above, below, flat = points((1, 0), (2, 0.1), (3, 4)), points((1, 4), (2, 0.1), (3, 0)), points((1, 0), (3, 0.2))
-    assert [identify.verdict(p, 0.9) for p in (closed, above, below, flat)] == [
+    assert [identify.verdict(p) for p in (closed, above, below, flat)] == [
         "determined", "bounded above", "bounded below", "not determined",
     ]  # fmt: skip
     assert identify.limits(closed)[0] == pytest.approx(2 - 1.353 / 4)
@@ -642,7 +642,19 @@ def test_words_for_each_verdict() -> None:
     assert identify.significant(3219876.0, 526000.0) == "3.22e6"
     assert identify.significant(99999.0, 99999.0) == "1.0e5"
     assert identify.significant(0.2523, 0.05) == "0.252"
-    assert identify.verdict([], 0.9) == "determined" and identify.verdict([], 0.1) == "not determined"
+
+
+def test_what_piles_up_at_its_bound_is_not_called_determined() -> None:
+    rng = np.random.default_rng(5)
+    bounds = Bounds(0.0, 10.0)
+    piled = rng.exponential(0.7, 4000)
+    near = rng.normal(2.0, 0.7, 4000).clip(0, 10)  # its bound lies out where a normal law has dropped enough
+    cases = [(piled, "bounded above"), (10 - piled, "bounded below"), (near, "determined")]
+    assert [identify.verdict_of_draws(draws, bounds, 0.9) for draws, _ in cases] == [word for _, word in cases]
+    assert identify.verdict_of_draws(piled, bounds, 0.1) == "not determined"
+    low, high = np.quantile(10 - piled, [0.05, 0.95])
+    text = identify.describe("nu", "1", 9.4, (low, high), [], "bounded below")
+    assert text == f"nu at least {identify.significant(low, low)} (95 %); the data set no upper limit"
 
 
 def test_diagnostics_tell_mixed_from_stuck() -> None:

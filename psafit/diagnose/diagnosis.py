@@ -34,7 +34,7 @@ from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Weighed
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem
-from psafit.inference.run import Silent, Watcher, fit, versions
+from psafit.inference.run import Silent, Watcher, fit, load, versions
 from psafit.numerics import refine
 from psafit.parameters import broadened
 from psafit.physics import TERMS
@@ -136,7 +136,7 @@ def _claim(folder: Path, experiment: Experiment) -> None:
     except InputError:  # none, or none that anybody can use
         held = None
     ours = marker.is_file() or (isinstance(held, dict) and "fingerprint" in held)
-    if not ours:
+    if not (ours or _is_fit_of(experiment, folder)):
         refuse_foreign(folder)
     mine = experiment.fingerprint
     kept = held.get("fingerprint", mine) if isinstance(held, dict) else mine
@@ -146,6 +146,17 @@ def _claim(folder: Path, experiment: Experiment) -> None:
         if (folder / name).is_dir():
             raise InputError("is a folder, where a file of the diagnosis goes", another, file=folder / name)
     write_atomically(marker, mine.encode())
+
+
+def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
+    """Whether a folder holds a fit of the same readings, beside which a diagnosis may lie."""
+    try:
+        fitted = load(folder).problem.experiment
+    except InputError:
+        return False
+    return (fitted.fingerprint, fitted.title, fitted.beliefs) == (
+        experiment.fingerprint, experiment.title, experiment.beliefs,
+    )  # fmt: skip
 
 
 def _finished(folder: Path, identity: str) -> Diagnosis | None:

@@ -3,7 +3,8 @@ r"""Is anything wrong? Tests of a fitted model against its own simulated data, r
 Residuals are normal scores :math:`e = \Phi^{-1}(F(y))` of the readings under the fitted scatter. Statistics look for
 what a sound fit leaves at random: order along each sweep (runs, lag one, windows), levels of groups and of waveforms,
 trends against every covariate, the directions in which any cause of the catalogue would move the ranges, the spread
-of groups and of sizes, single readings, and readings taken twice. None has a law from a table, since residuals of a
+of groups and of sizes, single readings, conditions against the pure error of their replicates, and conditions that two
+sessions share. None has a law from a table, since residuals of a
 fit are not independent: data are simulated from the fit, refitted, and give every statistic its own law.
 
 The family has one p-value: every statistic is expressed in units of its own law (how far above the median, against
@@ -44,6 +45,8 @@ _CLIP = 6.0
 # A point is odd beyond this score (normal law: once in 15,000 readings).
 _ODD = 4.0
 _FEWEST = 5
+# Replicates beyond the first of their conditions from which on they tell how a reading scatters.
+_SPARE = 3
 CHARACTERS = {
     "none": "no particular character",
     "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong, not the scatter",
@@ -342,23 +345,34 @@ def _look(
     found["largest residual", "point", None] = np.abs(e).max(axis=1)
     for id, unit in directions.items():
         found[f"direction of {id}", "mean", None] = (e @ unit.T).max(axis=1)
-    repeated = _repeated(design)
-    if repeated:
-        total = np.zeros(len(e))
-        for rows in repeated:
-            y = e[:, rows]
-            total += np.square(y - y.mean(axis=1, keepdims=True)).sum(axis=1)
-        found["one condition in two sessions", "replicate", None] = np.sqrt(total)
+    conditions = _conditions(design)
+    in_sessions = [rows for rows in conditions if np.ptp(design.group[rows])]
+    if in_sessions:
+        found["one condition in two sessions", "replicate", None] = np.sqrt(_scattered(e, in_sessions))
+    replicates = [rows[design.group[rows] == k] for rows in conditions for k in np.unique(design.group[rows])]
+    replicates = [rows for rows in replicates if rows.size > 1]
+    spare = sum(rows.size - 1 for rows in replicates)
+    if spare >= _SPARE:
+        # Pure error: however wide the fitted scatter is, means of replicates must not scatter more than they do.
+        means = np.mean([rows.size * np.square(e[:, rows].mean(axis=1)) for rows in replicates], axis=0)
+        found["conditions against their replicates", "mean", None] = np.log(
+            (means + 1e-9) / (_scattered(e, replicates) / spare + 1e-9)
+        )
     return found
 
 
-def _repeated(design: Design) -> list[NDArray[np.intp]]:
-    """Rows of conditions that were measured in more than one session."""
+def _conditions(design: Design) -> list[NDArray[np.intp]]:
+    """Rows of every condition of the rig."""
     seen: dict[tuple[float, ...], list[int]] = {}
     for i in range(design.n_points):
         key = (float(design.frequency[i]), float(design.amplitude[i]), int(design.waveform[i]), int(design.rig[i]))
         seen.setdefault(key, []).append(i)
-    return [np.array(rows) for rows in seen.values() if len(set(design.group[rows].tolist())) > 1]
+    return [np.array(rows) for rows in seen.values()]
+
+
+def _scattered(e: FloatArray, parts: Sequence[NDArray[np.intp]]) -> FloatArray:
+    """Sum of squares about the means of some columns each; (n_sets,)."""
+    return np.asarray(sum(np.square(e[:, c] - e[:, c].mean(axis=1, keepdims=True)).sum(axis=1) for c in parts))
 
 
 def _windows(x: FloatArray) -> tuple[FloatArray, list[tuple[int, int]]]:

@@ -121,9 +121,10 @@ class Chain:
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a running chain, for whoever shows it."""
+    """State of a running chain, for whoever shows it; `steps_left` is what it would take if nothing changed."""
 
     steps: int
+    steps_left: int
     autocorrelation_times: float
     r_hat: float
     acceptance: float
@@ -293,14 +294,9 @@ def sample(
         while True:
             if backend.iteration:
                 chain = chain_of(backend, settings)
-                progress(
-                    Progress(
-                        int(backend.iteration),
-                        float(chain.draws.shape[1] / chain.autocorrelation_time.max()),
-                        float(chain.r_hat.max()),
-                        chain.acceptance,
-                    )
-                )
+                kept, tau = chain.draws.shape[1], float(chain.autocorrelation_time.max())
+                left = 0 if chain.converged else steps_left(kept, tau, float(chain.r_hat.max()), settings)
+                progress(Progress(int(backend.iteration), left, kept / tau, float(chain.r_hat.max()), chain.acceptance))
                 if chain.converged or backend.iteration >= settings.max_steps or chain.height > ceiling:
                     return chain
             for state in sampler.sample(start, iterations=settings.chunk, skip_initial_state_check=True):
@@ -350,6 +346,26 @@ def chain_of(backend: emcee.backends.Backend, settings: Settings) -> Chain:
         steps[top].copy(),
         float(heights[top]),
     )
+
+
+def steps_left(kept: int, tau: float, r_hat: float, settings: Settings) -> int:
+    """Steps that a chain which has not converged would still take, at least a chunk: the later, the better it is known.
+
+    Parameters
+    ----------
+    kept : int
+        Steps after burn-in.
+    tau, r_hat : float
+        The longest autocorrelation time, steps, and the largest R-hat.
+    settings : Settings
+    """
+    # The excess of R-hat falls as the chain grows, so that its goal is a length, too.
+    wanted = max(
+        settings.autocorrelation_times * tau,
+        settings.effective_samples * tau / settings.n_walkers,
+        kept * (r_hat - 1) / (settings.r_hat - 1),
+    )
+    return settings.chunk * max(math.ceil((wanted - kept) / settings.chunk), 1)
 
 
 def _checkpoint(backend: emcee.backends.Backend, path: Path, identity: str) -> None:

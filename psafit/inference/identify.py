@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from psafit.inference.ascent import Ascent, ascend, expansion, slopes
 from psafit.inference.problem import Problem
+from psafit.parameters import Bounds
 from psafit.physics import baseline
 from psafit.records import ProfilePoint
 
@@ -189,16 +190,39 @@ def limits(points: list[ProfilePoint]) -> tuple[float | None, float | None]:
     return crossing(np.arange(top, -1, -1)), crossing(np.arange(top, len(points)))
 
 
-def verdict(points: list[ProfilePoint], contraction: float) -> str:
+def verdict(points: list[ProfilePoint]) -> str:
     """One of "determined", "bounded above", "bounded below", "not determined"."""
-    if not points:
-        return "determined" if contraction >= _INFORMED else "not determined"
     lower, upper = limits(points)
-    if lower is not None and upper is not None:
+    return _word(lower is not None, upper is not None)
+
+
+def verdict_of_draws(draws: FloatArray, bounds: Bounds, contraction: float) -> str:
+    """The same of what has no profile: a side is closed where the posterior is as much lower at its bound.
+
+    Parameters
+    ----------
+    draws : (n_draws,) array
+        Posterior, in the sampling coordinate.
+    bounds : Bounds
+        Of that coordinate.
+    contraction : float
+        One minus the ratio of posterior to prior variance.
+    """
+    if contraction < _INFORMED:
+        return "not determined"
+    width = float(np.ptp(np.quantile(draws, [0.05, 0.95]))) / _ACROSS
+    highest = np.bincount(((draws - draws.min()) / width).astype(int)).max()
+    at_low, at_high = (np.count_nonzero(np.abs(draws - end) < width) for end in (bounds.lower, bounds.upper))
+    enough = math.exp(-DROP_90) * highest
+    return _word(bool(at_low < enough), bool(at_high < enough))
+
+
+def _word(closed_below: bool, closed_above: bool) -> str:
+    if closed_below and closed_above:
         return "determined"
-    if upper is not None:
+    if closed_above:
         return "bounded above"
-    return "bounded below" if lower is not None else "not determined"
+    return "bounded below" if closed_below else "not determined"
 
 
 def significant(value: float, spread: float) -> str:
@@ -217,14 +241,19 @@ def significant(value: float, spread: float) -> str:
     return f"{float(f'{value:.{digits}g}'):g}" if -4 <= tens < 5 else f"{mantissa}e{tens}"
 
 
-def supported(unit: str, points: list[ProfilePoint], word: str) -> str:
+def one_sided(points: list[ProfilePoint], interval: tuple[float, float]) -> tuple[float | None, float | None]:
+    """Limits that hold with 95 % each: of the profile, or of the posterior where there is none."""
+    return limits(points) if points else interval
+
+
+def supported(unit: str, points: list[ProfilePoint], interval: tuple[float, float], word: str) -> str:
     """What the data support where that is no interval; nothing where it is one."""
     if word == "determined":
         return ""
     if word == "not determined":
         return "is not determined by these data"
-    lower, upper = limits(points)
-    side, limit = ("most", upper) if upper is not None else ("least", lower)
+    lower, upper = one_sided(points, interval)
+    side, limit = ("most", upper) if word == "bounded above" else ("least", lower)
     assert limit is not None  # bounded on one side
     return f"at {side} {significant(limit, limit)}{'' if unit == '1' else f' {unit}'} (95 %)"
 
@@ -241,5 +270,5 @@ def describe(
     if word == "not determined":
         why = "neither side of its profile closes" if points else "its interval is little narrower than the prior's"
     else:
-        why = f"the data set no {'lower' if limits(points)[1] is not None else 'upper'} limit"
-    return f"{name} {supported(unit, points, word)}; {why}"
+        why = f"the data set no {'lower' if word == 'bounded above' else 'upper'} limit"
+    return f"{name} {supported(unit, points, interval, word)}; {why}"

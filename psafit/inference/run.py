@@ -357,8 +357,8 @@ def _engine(problem: Problem, optimum: Optimum) -> str:
 def _teller(watcher: Watcher, settings: emcee_adaptor.Settings, limit: int) -> Callable[[emcee_adaptor.Progress], None]:
     return lambda s: watcher.update(
         s.steps,
-        None,
-        f"step {s.steps} of at most {limit}, R-hat {s.r_hat:.5f} (goal: below {settings.r_hat}),"
+        min(s.steps + s.steps_left, limit),
+        f"steps (at most {limit}), R-hat {s.r_hat:.5f} (goal: below {settings.r_hat}),"
         f" {s.autocorrelation_times:.0f} autocorrelation times (goal {settings.autocorrelation_times:.0f})",
     )
 
@@ -420,14 +420,19 @@ def _summarise(
     health = store.diagnostics(draws.values)
     quantiles = np.quantile(draws.flat, [0.05, 0.5, 0.95], axis=0)
     p = np.linspace(0.0005, 0.9995, 1000)
+    sampled = problem.to_sampling(draws.flat)
     entries = []
     for i, parameter in enumerate(problem.parameters):
         points = profiles[i] if i < problem.n_physical else []
         prior = parameter.prior_quantile(p)
-        contraction = 1 - float(np.var(problem.to_sampling(draws.flat)[:, i]) / np.var(prior))
+        contraction = 1 - float(np.var(sampled[:, i]) / np.var(prior))
         lower, median, upper = (float(q) for q in quantiles[:, i])
-        word = identify.verdict(points, contraction)
-        if not points and parameter.is_implausible(median):
+        word = (
+            identify.verdict(points)
+            if points
+            else identify.verdict_of_draws(sampled[:, i], parameter.sampling_bounds, contraction)
+        )
+        if word == "not determined" and not points and parameter.is_implausible(median):
             word = "determined"  # readings drove it where its prior is not
         prior_lower, prior_upper = (float(x) for x in parameter.to_physical(parameter.prior_quantile([0.05, 0.95])))
         entries.append(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from psafit.inference.identify import limits
+from psafit.inference.identify import one_sided
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
 from psafit.report import fit_pictures
@@ -258,7 +258,7 @@ def _coverage(scores: Sequence[GroupScore]) -> float:
 def _value(run: Run, s: ParameterSummary) -> str:
     """The value as far as the data support it."""
     given = next(e.unit for e in run.fit.parameters if e.name == s.name)
-    low, high = limits(s.profile) if s.profile else (None, None)
+    low, high = one_sided(s.profile, (s.lower, s.upper))
     unit, (median, lower, upper) = prefixed(given, s.median, s.lower, s.upper)
     if s.verdict == "bounded above" and high is not None:
         unit, (high,) = prefixed(given, high)
