@@ -24,13 +24,13 @@ from psafit.diagnose.screening import PRESENT, _unclear, _with_neutral, screen
 from psafit.diagnose.show import drift, growth
 from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
-from psafit.errors import InputError
+from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Constants, Experiment, Group, fingerprint, read_experiment
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.candidate import _across_steps, fit, settle, thinned
 from psafit.inference.emcee_adaptor import Settings
-from psafit.inference.evidence import Emulated, _laplace_mixture, _Pool, weigh
+from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture, _Mixture, _Pool, _sample, weigh
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import Silent, load
@@ -133,6 +133,26 @@ def test_one_draw_far_above_all_others_is_no_width(sound):
     draws = found.draw(64, random)
     assert np.isfinite(found.log_density(draws)).sum() > 32
     assert np.ptp(draws, axis=0).min() > 0
+
+
+def test_evidence_of_a_corner():
+    """A mode at the bounds of eight parameters: of draws around it one in three hundred lies inside."""
+    rate = np.linspace(2, 5, 8)
+    bounds, width = np.repeat([[0.0, 1.0]], rate.size, axis=0), np.ones(rate.size)
+    first = _Mixture.of([(np.zeros(rate.size), 0.3**2 * np.eye(rate.size), 1.0)])
+
+    def height(u):
+        return np.sum(np.log(rate) - rate * u, axis=1)
+
+    def adapted(found, last):
+        return last.mixture.around(found, width)
+
+    assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
+    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), 256, 12, 1e9).weighed()
+    assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
+    assert found.effective > 60
+    with pytest.raises(ConvergenceError, match="within the bounds"):
+        _drawn_inside(first, bounds + 100.0, 256, np.random.default_rng(0))
 
 
 def test_nautilus_is_asked_for_in_one_line(monkeypatch):

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp, ndtri
 from scipy.stats import chi2, qmc
 
+from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate
@@ -37,6 +38,8 @@ _TAILS, _WIDER, _MOST = 6.0, 1.8, 8
 # Draws a round, rounds at least (the first emulators may not know all of a bent posterior yet) and at most, effective
 # draws wanted; and the same for the emulated posterior.
 _ROUND, _LEAST, ROUNDS, EFFECTIVE = 256, 4, 12, 150.0
+# Draws after which none will lie within the bounds, and those made at a time.
+_PATIENCE, _BLOCK = 1 << 18, 1 << 13
 _ROUND_EMULATED, _EFFECTIVE_EMULATED, _ROUNDS_EMULATED = 2048, 800.0, 10
 # Share of the draws that do not come from the emulated posterior, for its tails may be too light. (A quarter of a power
 # of two is one, as quasi-random draws want.)
@@ -266,21 +269,37 @@ def _sample(
     effective: float,
 ) -> _Pool:
     """Rounds of draws, each from what those before suggest; weights by the mixture of all."""
-    proposals = [first]
+    proposals, rounds_of = [first], []  # and how many rounds' draws each of them has given
     u, h, n = np.empty((0, len(bounds))), np.empty(0), 0
     density = np.empty((0, 0))  # of every draw under every proposal
     while True:
-        draws = proposals[-1].draw(n_round, random)
-        draws = draws[((draws >= bounds[:, 0]) & (draws <= bounds[:, 1])).all(axis=1)]
-        n += n_round
+        draws, drawn = _drawn_inside(proposals[-1], bounds, n_round, random)
+        n += drawn
+        rounds_of.append(drawn / n_round)
         density = np.vstack([density, proposals[-1].log_density(u)[None]]) if len(u) else np.empty((len(proposals), 0))
-        if len(draws):
-            density = np.hstack([density, [p.log_density(draws) for p in proposals]])
-            u, h = np.concatenate([u, draws]), np.concatenate([h, height(draws)])
-        pool = _Pool(u, h, h - logsumexp(density, axis=0) + math.log(len(proposals)), n)
+        density = np.hstack([density, [p.log_density(draws) for p in proposals]])
+        u, h = np.concatenate([u, draws]), np.concatenate([h, height(draws)])
+        share = np.array(rounds_of)[:, None]
+        pool = _Pool(u, h, h - logsumexp(density, axis=0, b=share) + math.log(share.sum()), n)
         if len(proposals) == rounds or (len(proposals) >= _LEAST and pool.effective > effective):
             return pool
         proposals.append(adapted(pool, proposals[-1]))
+
+
+def _drawn_inside(density: _Density, bounds: FloatArray, n: int, random: np.random.Generator) -> tuple[FloatArray, int]:
+    """Draws inside the bounds, some at least, and how many were drawn for them.
+
+    Of a mode in a corner, at the bounds of ten parameters, hardly one draw in a thousand is.
+    """
+    found, drawn = np.empty((0, len(bounds))), 0
+    while len(found) < 2 * len(bounds) and drawn < _PATIENCE:
+        draws = density.draw(max(n, min(drawn, _BLOCK)), random)  # as many again: they want powers of two
+        drawn += len(draws)
+        inside = ((draws >= bounds[:, 0]) & (draws <= bounds[:, 1])).all(axis=1)
+        found = np.concatenate([found, draws[inside]])
+    if not len(found):
+        raise ConvergenceError("draws within the bounds around a mode", reached=0, required=1)
+    return found, drawn
 
 
 # --- mixtures of Student densities ----------------------------------------------------------------------------------
