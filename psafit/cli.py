@@ -444,6 +444,9 @@ def _tell(result: Diagnosis) -> None:
         click.echo(f"  {100 * result.unnamed:5.1f} %  a discrepancy without a name")
     for place in result.misfit["where"][:5]:
         click.echo(f"  baseline, {place['text']}")
+    for run in result.extension.values():
+        if not run["converged"]:
+            click.echo(f"  posterior of {' + '.join(run['terms'])}: {run['message']}")
 
 
 def _sizes(cause: CauseResult) -> Iterator[str]:
@@ -452,8 +455,9 @@ def _sizes(cause: CauseResult) -> Iterator[str]:
     from psafit.physics import owner
 
     for name, p in cause.parameters.items():
-        if owner(name) in cause.terms:
-            yield describe(name, p["unit"], p["median"], (p["lower"], p["upper"]), [], "determined")
+        if owner(name) in cause.terms and p["lower"] is not None:
+            size = describe(name, p["unit"], p["median"], (p["lower"], p["upper"]), [], "determined")
+            yield size + ("; implausible under its prior" if name in cause.implausible else "")
 
 
 @commands.command()

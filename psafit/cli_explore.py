@@ -330,10 +330,10 @@ def _facts(state: State) -> list[tuple[str, str]]:
     if s.acceptance is not None:
         facts.append(("acceptance", f"{100 * s.acceptance:.0f} %"))
     if s.autocorrelation_times is not None and s.autocorrelation_time is not None:
-        length = f"{s.autocorrelation_times:.0f} autocorrelation times of {s.autocorrelation_time:.0f} steps"
+        length = f"{math.floor(s.autocorrelation_times)} autocorrelation times of {s.autocorrelation_time:.0f} steps"
         facts.append(("length", f"{length} (goal {s.wanted_times:.0f})"))
     if s.r_hat is not None:
-        facts.append(("R-hat", f"{s.r_hat:.3f} (goal {s.wanted_r_hat:g})"))
+        facts.append(("R-hat", f"{math.ceil(1e3 * s.r_hat) / 1e3:.3f} (goal {s.wanted_r_hat:g})"))
     if s.log_posterior is not None:
         facts.append(("best log posterior", f"{s.log_posterior:.2f} (the search's {s.best_minimum:.2f})"))
     elif s.best_minimum is not None:

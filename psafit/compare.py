@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.diagnose.gain import changes, interval
 from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
@@ -21,11 +22,10 @@ from psafit.files import encodable
 from psafit.inference.identify import supported
 from psafit.inference.run import load
 from psafit.records import read_json
-from psafit.validate import COLUMNS, log_ratio, neighbours_redrawn, predict, root_mean_square, silence
+from psafit.validate import COLUMNS, log_ratio, predict, root_mean_square, silence
 
 FloatArray = NDArray[np.float64]
 
-_BOOTSTRAPS = 1000
 _MEASURED, _ROLES = ("frequency_hz", "amplitude_v", "launch_range_um"), ("fit", "holdout")
 
 
@@ -40,8 +40,8 @@ class Told:
     role : {"fit", "holdout"}
     median, lower, upper : arrays, um
         Of the launch range, and of the 90 % predictive interval of a reading.
-    log_density : array, 1/um, optional
-        Log predictive density of each reading, where it is on record.
+    log_density : array, 1/um
+        Log predictive density of each reading; NaN where it is not on record.
     """
 
     group: Group
@@ -49,12 +49,7 @@ class Told:
     median: FloatArray
     lower: FloatArray
     upper: FloatArray
-    log_density: FloatArray | None = None
-
-    @property
-    def error(self) -> FloatArray:
-        """``ln((predicted + 0.3 um)/(measured + 0.3 um))``."""
-        return log_ratio(self.median, self.group.launch_range_um)
+    log_density: FloatArray
 
 
 @dataclass(frozen=True)
@@ -217,7 +212,7 @@ def _of_diagnosis(folder: Path) -> Side:
     }
     parameters = {
         name: Estimate(
-            _known(p.get("median")), _known(p.get("lower")), _known(p.get("upper")), str(p.get("unit", "1")),
+            known(p.get("median")), known(p.get("lower")), known(p.get("upper")), str(p.get("unit", "1")),
             str(p.get("description", "")),
         )
         for name, p in (adopted.parameters if adopted else {}).items()
@@ -226,7 +221,7 @@ def _of_diagnosis(folder: Path) -> Side:
     return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, told)
 
 
-def _known(value: object) -> float:
+def known(value: object) -> float:
     """A number of the record; what was not finite is None in a record read back."""
     return float(value) if isinstance(value, int | float) else math.nan
 
@@ -243,7 +238,7 @@ def read_predictions(path: Path, model: str | None = None) -> list[Told]:
 
     try:
         table = pd.read_csv(path, dtype={"group": str})
-        table = (table if model is None else table[table["model"] == model])[list(COLUMNS)]
+        table = (table if model is None else table[table["model"] == model])[list(COLUMNS)].assign(log_density=np.nan)
         numbers = table[[*_MEASURED, "predicted_um", "lower_um", "upper_um"]].to_numpy(float)
         if not (np.isfinite(numbers).all() and (numbers >= 0).all() and table["role"].isin(_ROLES).all()):
             raise ValueError("impossible values")
@@ -253,7 +248,7 @@ def read_predictions(path: Path, model: str | None = None) -> list[Told]:
                     str(id), rows["waveform"].iloc[0], path.name, *(rows[name].to_numpy(float) for name in _MEASURED)
                 ),
                 str(rows["role"].iloc[0]),
-                *(rows[name].to_numpy(float) for name in ("predicted_um", "lower_um", "upper_um")),
+                *(rows[name].to_numpy(float) for name in ("predicted_um", "lower_um", "upper_um", "log_density")),
             )
             for id, rows in table.groupby("group", sort=False)
         ]
@@ -277,7 +272,7 @@ def compare(first: Side, second: Side) -> Comparison:
     if not pairs:
         what = f"{first.name} and {second.name} have no group with the same readings"
         raise InputError(what, "compare results of one experiment")
-    rows, changes = zip(*(_pair(a, b, seed) for seed, (a, b) in enumerate(pairs)), strict=True)
+    rows, redrawn = zip(*(_pair(a, b, seed) for seed, (a, b) in enumerate(pairs)), strict=True)
     judged = [k for k, row in enumerate(rows) if row.informative and "fit" not in row.roles]
     apart = {str(t.group.id): t.group.id for t in (*first.told, *second.told)}
     return Comparison(
@@ -295,7 +290,7 @@ def compare(first: Side, second: Side) -> Comparison:
         apart=[id for name, id in apart.items() if name not in common],
         judged=[rows[k].group for k in judged],
         log_rmse=[float(np.mean([rows[k].log_rmse[i] for k in judged])) for i in (0, 1)] if judged else None,
-        log_rmse_interval=_interval(np.mean([changes[k] for k in judged], axis=0)) if judged else None,
+        log_rmse_interval=interval(np.mean([redrawn[k] for k in judged], axis=0)) if judged else None,
     )
 
 
@@ -329,26 +324,21 @@ def _same(one: Told, other: Told | None) -> bool:
 def _pair(a: Told, b: Told, seed: int) -> tuple[GroupPair, FloatArray]:
     """Both scores of a group, and the bootstrap of the change of its log RMSE."""
     measured, n = a.group.launch_range_um, a.group.n_points
-    rng = np.random.default_rng(seed)
-    rows = neighbours_redrawn(a.group, _BOOTSTRAPS, rng)
-    roots = [np.sqrt(np.mean(t.error[rows] ** 2, axis=1)) for t in (a, b)]
-    gain = None if a.log_density is None or b.log_density is None else b.log_density - a.log_density
+    errors = [log_ratio(t.median, measured) for t in (a, b)]
+    rmse, elpd = changes(a.group, errors, [a.log_density, b.log_density], np.random.default_rng(seed))
+    gain = float((b.log_density - a.log_density).sum())
     pair = GroupPair(
         group=a.group.id,
         roles=[a.role, b.role],
         informative=not silence(a.group),
         n_points=n,
-        log_rmse=[root_mean_square(t.error) for t in (a, b)],
-        log_rmse_interval=_interval(roots[1] - roots[0]),
+        log_rmse=[root_mean_square(error) for error in errors],
+        log_rmse_interval=interval(rmse),
         coverage_90=[float(np.mean((measured >= t.lower) & (measured <= t.upper))) for t in (a, b)],
-        elpd_change=None if gain is None else float(gain.sum()),
-        elpd_interval=None if gain is None else _interval(gain[rows].sum(axis=1)),
+        elpd_change=None if math.isnan(gain) else gain,
+        elpd_interval=None if math.isnan(gain) else interval(elpd),
     )
-    return pair, roots[1] - roots[0]
-
-
-def _interval(values: FloatArray) -> list[float]:
-    return [float(q) for q in np.quantile(values, [0.05, 0.95])]
+    return pair, rmse
 
 
 def _parameter(name: str, a: Estimate | None, b: Estimate | None) -> ParameterPair:

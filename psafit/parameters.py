@@ -22,7 +22,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 Coordinate = Literal["linear", "log"]
 # Outside this part of its prior, or this close to a bound (share of the bounds), a value is called implausible.
 _SURPRISING, _AT_BOUND = 0.025, 1e-3
-_SHARES = np.linspace(0.0005, 0.9995, 1000)
+SHARES = np.linspace(0.0005, 0.9995, 1000)
 # Widths that knowledge of one's own rig may give a prior, in units of the usual one.
 _NARROWEST, _WIDEST = 1e-3, 1e2
 FloatArray = NDArray[np.float64]
@@ -293,7 +293,7 @@ class Parameter:
 
     def prior_share(self, value: float) -> float:
         """Share of the prior below a value."""
-        return float(np.interp(float(self.to_sampling(value)), self.prior_quantile(_SHARES), _SHARES))
+        return float(np.interp(float(self.to_sampling(value)), self.prior_quantile(SHARES), SHARES))
 
     def is_implausible(self, value: float) -> bool:
         """Whether a value lies where the prior has less than one chance in twenty, or at a bound that is not neutral.

@@ -39,7 +39,7 @@ def duration(seconds: float) -> str:
 
 
 def _state(done: float, total: float | None, note: str) -> str:
-    return note if total is None else f"{done:.0f} of {total:.0f} {note}"
+    return note if total is None or total <= 1 else f"{done:.0f} of {total:.0f} {note}"
 
 
 class _Bars:
@@ -67,7 +67,8 @@ class _Lines:
 
     def __init__(self) -> None:
         self._begun = self._said = time.monotonic()
-        self._first: tuple[float, float] | None = None  # what was done when, at a stage's first sign
+        self._first: tuple[float, float] | None = None  # what was done when, where the count began
+        self._last = 0.0
 
     def stage(self, name: str) -> None:
         self._said = time.monotonic()
@@ -76,7 +77,9 @@ class _Lines:
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
         now = time.monotonic()
-        self._first = self._first or (done, now)
+        if self._first is None or done < self._last:  # a stage may count more than once
+            self._first = (done, now)
+        self._last = done
         if now - self._said > 10:
             self._said = now
             state = _state(done, total, note)

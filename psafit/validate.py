@@ -81,6 +81,7 @@ class Prediction:
         Log predictive density of each reading.
     crps : array, um
     pit : array
+        Probability integral transforms; those of readings of zero lie anywhere in what the law has below zero.
     pit_p_value, drift_p_value : float
         Share of groups simulated from the posterior whose PIT is as far from uniform, and as correlated between
         neighbours in the sweep; NaN where there are too few readings above zero.
@@ -107,11 +108,6 @@ def log_ratio(predicted: FloatArray, measured: FloatArray) -> FloatArray:
     return np.log((predicted + OFFSET_UM) / (measured + OFFSET_UM))
 
 
-def in_sweep(group: Group) -> NDArray[np.intp]:
-    """Rows of a group in the order of its sweep, whatever the order of its file."""
-    return np.lexsort((group.amplitude_v, group.frequency_hz))
-
-
 def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Rows drawn with replacement, in blocks of neighbours in the sweep: its readings are not independent.
 
@@ -121,7 +117,7 @@ def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator) -> ND
     """
     n = group.n_points
     begin = rng.integers(0, n, (times, math.ceil(n / _BLOCK), 1))
-    return in_sweep(group)[((begin + np.arange(_BLOCK)) % n).reshape(times, -1)[:, :n]]
+    return group.in_sweep[((begin + np.arange(_BLOCK)) % n).reshape(times, -1)[:, :n]]
 
 
 def root_mean_square(error: FloatArray) -> float:
@@ -173,12 +169,9 @@ def departures(pit: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _p_values(group: Group, pit: FloatArray, readings: FloatArray) -> tuple[float, float]:
     """Ranks of a group's `departures` among those of simulated groups; `readings` is (n_sets, n_points)."""
-    # Readings of exactly zero pile up at one value and have no uniform transform.
-    sweep = in_sweep(group)
-    sweep = sweep[group.launch_range_um[sweep] > 0]
-    if sweep.size < _FEWEST:
+    if np.count_nonzero(group.launch_range_um) < _FEWEST:
         return math.nan, math.nan
-    n = len(readings)
+    n, sweep = len(readings), group.in_sweep
     simulated = (np.argsort(np.argsort(readings[:, sweep], axis=0), axis=0) + 0.5) / n
     found = zip(departures(pit[None, sweep]), departures(simulated), strict=True)
     uniformity, drift = (float((1 + np.sum(others >= one[0])) / (1 + n)) for one, others in found)
@@ -218,7 +211,7 @@ def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Predictio
         Of the simulated readings.
     """
     scatter = problem.noise_values(draws)
-    rng = np.random.default_rng([seed, 2])
+    rng, chance = np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
     result = []
     for group in problem.experiment.groups:
         ranges = problem.predict(draws, [group.id], rng)
@@ -227,6 +220,8 @@ def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Predictio
         density = noise.log_density(group.launch_range_um, ranges, scatter, group.sigma_um)
         below = noise.cumulative(group.launch_range_um, ranges, scatter, group.sigma_um)
         pit = below.mean(axis=0)
+        # Readings of zero are all that the law has below it: they lie anywhere there.
+        pit = np.where(group.launch_range_um > 0, pit, pit * chance.uniform(size=pit.size))
         pit_p_value, drift_p_value = _p_values(group, pit, readings)
         model_lower, median, model_upper = np.quantile(ranges, [0.05, 0.5, 0.95], axis=0)
         result.append(

@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
+import hashlib
 import io
 import json
 import os
 import random
+import re
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -28,6 +32,7 @@ from unittest import mock
 
 import numpy as np
 
+ROOT = Path(__file__).resolve().parents[1]
 LIMIT = 60  # s, of one case
 TOKENS = [
     b"", b"nan", b"NaN", b"inf", b"-inf", b"1e999", b"-1", b"0", b"1e-320", b"\x00", b"\xff\xfe", b"\xef\xbb\xbf",
@@ -39,10 +44,14 @@ VALUES: list[Any] = [
     None, True, False, 0, -1, 1, 2**80, 1e999, -1e999, float("nan"), 1e-320, "", "nan", "\u202e",
     "<script>alert(1)</script>", "a" * 5000, [], {}, [[]], [None], {"": None}, "../../x", "\x00",
 ]  # fmt: skip
+TOML = [
+    "nan", "inf", "-inf", "-1", "0", "0.0", "1", "2", "1e-320", "1e-9", "1e9", "1e300", "9" * 400, "true", "''", "'a'",
+    "'b'", "'c'", "'sine'", "'square'", "'../a.csv'", '"\\u0000"', '"\\u202e"', "[]", "[[]]", "{}", "1979-05-27",
+]  # fmt: skip
 WORDS = [
     "", " ", "0", "-1", "1", "2", "a", "b", "a,b", "a,a", ",", "nan", "1e999", "1e400", "99999999999999999999", "--",
-    "-", "-x", "--nonsense", "rig", "missing", "rig/a.csv", "rig/experiment.toml", "fit", "challenge", "/dev/null",
-    "/dev/full", "/proc/nothing", "new", "out.json", "rig/out.csv", "x" * 5000, "\u202e", "<script>",
+    "-", "-x", "--nonsense", "rig", "missing", "rig/a.csv", "rig/experiment.toml", "fit", "challenge", "campaign",
+    "/dev/null", "/dev/full", "/proc/nothing", "new", "out.json", "rig/out.csv", "x" * 5000, "\u202e", "<script>",
     "$(touch hacked)", "%s", "k_c=1", "k_c=", "=1", "k_c=nan", "k_c=-1", "q=2", "c_s=1e300", "hysteresis",
     "hysteresis,hysteresis", "preload,gap", "nothing", "plug.py", "picture.png", "picture.xyz", "1.5",
     "tcp://127.0.0.1:1",
@@ -55,10 +64,25 @@ class Reached(BaseException):
 
 # --- folders to spoil -----------------------------------------------------------------------------------------------
 
+# The candidates of a diagnosis here: the whole catalogue takes minutes.
+CAUSES = ("reading_offset", "stack_stiffness")
+# What the diagnosis that is taken up again found undisturbed.
+UNDISTURBED = "undisturbed.json"
+CAMPAIGN = (
+    f"challenge run --seed 11 --experiment rig --terms {CAUSES[0]} --each 0 --nothing 2 --pairs 0 --drawn 0"
+    " --quiet --out campaign"
+)
+
 
 def prepare(folder: Path) -> None:
-    """A small experiment, a finished fit, a diagnosis and a challenge of it."""
+    """A small experiment and what comes of it: fits, diagnoses, a challenge, a campaign; claims, and a plugin."""
+    from conftest import loaded
+
+    from psafit.challenge.campaign import plan
+    from psafit.challenge.campaign import run as run_campaign
+    from psafit.challenge.hide import make
     from psafit.diagnose import diagnose
+    from psafit.diagnose.record import RESULT
     from psafit.experiment import read_experiment
     from psafit.inference.emcee_adaptor import Settings
     from psafit.inference.problem import Problem
@@ -84,8 +108,21 @@ def prepare(folder: Path) -> None:
     settings = Settings.of(problem)
     run = fit(data, ("a",), folder / "fit", seed=1, settings=replace(settings, max_steps=100), n_starts=4)
     validate(run)
-    diagnose(data, ("a",), folder / "diagnosis", quick=True, catalogue=terms(["reading_offset", "stack_stiffness"]))
-    shutil.rmtree(folder / "diagnosis" / "steps", ignore_errors=True)
+    shutil.copytree(folder / "fit", folder / "other")
+    few = functools.partial(diagnose, catalogue=terms(CAUSES), jobs=1)
+    few(data, ("a",), folder / "diagnosis")
+    shutil.rmtree(folder / "diagnosis" / "steps")
+    few(data, ("a",), folder / "interrupted", quick=True)
+    (folder / "interrupted" / RESULT).rename(folder / UNDISTURBED)
+    hidden = make(4, folder / "challenge", design_of=data, terms=CAUSES)
+    few(hidden.experiment, ("a",), folder / "challenge" / "diagnosis", quick=True)
+    # Its own conditions, small as they are, instead of drawn ones.
+    specs = plan(11, terms=CAUSES[:1], each=0, nothing=2, pairs=0, drawn=0)
+    assert all(spec.design == "given" for spec in specs)
+    run_campaign(specs, folder / "campaign", design_of=data, diagnose=few, jobs=1)
+    claims = (ROOT / "experiments" / "psa" / "published.toml").read_text("utf-8")
+    (rig / "published.toml").write_text(re.sub(r"(?m)^group = .*$", 'group = "a"', claims), "utf-8")
+    (folder / "plug.py").write_text(loaded(ROOT / "docs" / "make_tutorial.py").example(), "utf-8")
 
 
 # --- spoiling -------------------------------------------------------------------------------------------------------
@@ -137,13 +174,29 @@ def spoil_json(content: bytes, rng: random.Random) -> bytes:
     return json.dumps(tree).encode("utf-8", "surrogatepass")
 
 
+def spoil_toml(content: bytes, rng: random.Random) -> bytes:
+    """One to three values, each changed to another that TOML knows."""
+    lines = content.decode().split("\n")
+    values = [k for k, line in enumerate(lines) if " = " in line]
+    for k in rng.sample(values, rng.choice([1, 1, 2, 3])):
+        lines[k] = f"{lines[k].partition(' = ')[0]} = {rng.choice(TOML)}"
+    return "\n".join(lines).encode()
+
+
+DEEPER = {".json": spoil_json, ".toml": spoil_toml}
+
+
 def spoil(path: Path, rng: random.Random) -> None:
-    """Spoil a file where it is."""
+    """Spoil a file where it is: its values, where it is of a kind that has some, or its bytes."""
     content = path.read_bytes()
-    if path.suffix == ".json" and rng.random() < 0.6:
-        path.write_bytes(spoil_json(content, rng))
-    else:
-        path.write_bytes(spoil_bytes(content, rng))
+    by = DEEPER.get(path.suffix, spoil_bytes) if rng.random() < 0.6 else spoil_bytes
+    path.write_bytes(by(content, rng))
+
+
+def commit(folder: Path) -> None:
+    """Forge the seal of a challenge's answer, which nobody would read otherwise."""
+    digest = hashlib.sha256((folder / "answer.json").read_bytes()).hexdigest()
+    (folder / "commitment.txt").write_text(f"{digest}  answer.json\n")
 
 
 # --- cases ----------------------------------------------------------------------------------------------------------
@@ -152,11 +205,39 @@ READERS: dict[str, tuple[list[str], list[str]]] = {
     # What is spoilt, and the commands that read it.
     "definition": (["rig/experiment.toml"], ["check rig"]),
     "table": (["rig/a.csv", "rig/b.csv"], ["check rig"]),
-    "run": (["fit/*.json", "fit/*.csv"], ["simulate rig --run fit", "watch fit --once", "validate fit"]),
+    "claims": (["rig/published.toml"], ["reproduce rig --out new --quiet"]),
+    "plugin": (
+        ["plug.py"],
+        [
+            "terms --plugin plug.py",
+            "check-cause plug.py --draws 1",
+            "simulate rig --plugin plug.py --terms sensor_compression --set sensor_kappa=1000",
+        ],
+    ),
+    "run": (
+        ["fit/*.json", "fit/*.csv", "fit/experiment/*"],
+        ["simulate rig --run fit", "watch fit --once", "validate fit", "report fit", "report other fit"],
+    ),
     "chain": (["fit/*.nc", "fit/*.h5"], ["simulate rig --run fit", "watch fit --once", "validate fit"]),
-    "diagnosis": (["diagnosis/diagnosis.json"], ["report diagnosis --experiment rig"]),
+    "diagnosis": (
+        ["diagnosis/*.json", "diagnosis/*.csv", "diagnosis/experiment/*"],
+        ["report diagnosis --experiment rig", "report diagnosis", "simulate rig --run diagnosis"],
+    ),
+    "pair": (["fit/*", "diagnosis/*"], ["report fit diagnosis", "report diagnosis fit"]),
+    "steps": (
+        ["interrupted/steps/*"],
+        ["diagnose rig --group a --quick --no-report --quiet --out interrupted"],
+    ),
+    "challenge": (
+        ["challenge/*.json", "challenge/*.txt", "challenge/experiment/*", "challenge/diagnosis/diagnosis.json"],
+        ["challenge score challenge --diagnosis challenge/diagnosis"],
+    ),
+    "campaign": (["campaign/*.json", "campaign/results/*"], ["challenge score campaign", CAMPAIGN]),
 }
-SHARE = {"definition": 0.22, "table": 0.22, "run": 0.08, "chain": 0.04, "diagnosis": 0.02, "options": 0.42}
+SHARE = {
+    "definition": 0.2, "table": 0.2, "claims": 0.02, "plugin": 0.02, "run": 0.08, "chain": 0.04, "diagnosis": 0.03,
+    "pair": 0.02, "steps": 0.02, "challenge": 0.06, "campaign": 0.04, "options": 0.27,
+}  # fmt: skip
 
 
 def commands() -> dict[str, list[str]]:
@@ -192,16 +273,23 @@ def words_of(rng: random.Random, known: dict[str, list[str]]) -> list[str]:
     return words
 
 
-def case(number: int, seed: int, known: dict[str, list[str]], folder: Path) -> tuple[str, list[str]]:
-    """Spoil something in `folder`; the kind of case and the command to run."""
+def case(number: int, seed: int) -> tuple[random.Random, str]:
+    """What determines a case, and its kind."""
     rng = random.Random(f"{seed}-{number}")
-    kind = rng.choices(list(SHARE), list(SHARE.values()))[0]
+    return rng, rng.choices(list(SHARE), list(SHARE.values()))[0]
+
+
+def set_up(kind: str, rng: random.Random, known: dict[str, list[str]], folder: Path) -> list[str]:
+    """Spoil something in `folder`; the command to run."""
     if kind == "options":
-        return kind, words_of(rng, known)
+        return words_of(rng, known)
     patterns, readers = READERS[kind]
-    files = sorted(f for pattern in patterns for f in folder.glob(pattern))
-    spoil(rng.choice(files), rng)
-    return kind, rng.choice(readers).split()
+    files = sorted(f for pattern in patterns for f in folder.glob(pattern) if f.is_file())
+    spoilt = rng.choice(files)
+    spoil(spoilt, rng)
+    if spoilt.name == "answer.json" and rng.random() < 0.6:
+        commit(spoilt.parent)
+    return rng.choice(readers).split()
 
 
 def listing(folder: Path) -> set[str]:
@@ -209,9 +297,49 @@ def listing(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
 
 
-def run(words: list[str], folder: Path) -> dict[str, Any]:
+def run(kind: str, words: list[str], folder: Path) -> dict[str, Any]:
     """Run a command in a process of its own; what came of it."""
     before = listing(folder)
+    with stand_ins(kind):
+        # Causes are read once in a process: a plugin needs one that has read none.
+        result = _anew(words, folder) if kind == "plugin" else _forked(words, folder)
+    result["left"] = sorted(listing(folder) - before)
+    return result
+
+
+def stand_ins(kind: str) -> contextlib.ExitStack:
+    """What takes the place of long work: nothing, as far as options go; few candidates, where steps are read."""
+    from psafit.diagnose import diagnose
+    from psafit.physics import terms
+
+    def reached(*args: object, **options: object) -> None:
+        raise Reached
+
+    patches = contextlib.ExitStack()
+    for name in LONG if kind == "options" else ():
+        patches.enter_context(mock.patch(name, reached))
+    if kind == "steps":
+        few = functools.partial(diagnose, catalogue=terms(CAUSES), jobs=1)
+        patches.enter_context(mock.patch("psafit.diagnose.diagnose", few))
+    return patches
+
+
+def _anew(words: list[str], folder: Path) -> dict[str, Any]:
+    environment = {k: v for k, v in os.environ.items() if k != "PSAFIT_PLUGINS"} | {"PYTHONPATH": str(ROOT)}
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "psafit", *words], cwd=folder, capture_output=True, timeout=LIMIT, check=False,
+            env=environment,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return {"code": None, "signal": signal.SIGALRM, "err": ""}
+    out, err = (text.decode(errors="replace") for text in (done.stdout, done.stderr))
+    if done.returncode < 0:
+        return {"code": None, "signal": -done.returncode, "err": err}
+    return {"code": done.returncode, "err": err, "out": out[-300:]}
+
+
+def _forked(words: list[str], folder: Path) -> dict[str, Any]:
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -224,9 +352,7 @@ def run(words: list[str], folder: Path) -> dict[str, Any]:
     with os.fdopen(reading) as pipe:
         text = pipe.read()
     _, status = os.waitpid(child, 0)
-    result: dict[str, Any] = json.loads(text) if text else {"code": None, "signal": os.WTERMSIG(status), "err": ""}
-    result["left"] = sorted(listing(folder) - before)
-    return result
+    return json.loads(text) if text else {"code": None, "signal": os.WTERMSIG(status), "err": ""}
 
 
 def _in_child(words: list[str], folder: Path) -> dict[str, Any]:
@@ -276,6 +402,15 @@ def fault(result: dict[str, Any]) -> str:
     return f"left behind {', '.join(result['left'][:3])}" if result["left"] else ""
 
 
+def another(folder: Path) -> str:
+    """Whether a diagnosis that went on found something else than undisturbed; empty for no."""
+    found, expected = (
+        {k: v for k, v in json.loads(path.read_text("utf-8")).items() if k not in ("seconds", "command", "sha256")}
+        for path in (folder / "interrupted" / "diagnosis.json", folder / UNDISTURBED)
+    )
+    return "" if found == expected else "another result"
+
+
 # What begins long work, once options and inputs have been accepted.
 LONG = [
     "psafit.inference.run.fit", "psafit.diagnose.diagnose", "psafit.reproduce.reproduce",
@@ -316,33 +451,42 @@ def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
     ends: Counter[tuple[str, str]] = Counter()
     faults: dict[int, str] = {}
     begun = time.monotonic()
-
-    def reached(*args: object, **options: object) -> None:
-        raise Reached
-
-    with contextlib.ExitStack() as patches:
-        for name in LONG:
-            patches.enter_context(mock.patch(name, reached))
-        for number in [given.only] if given.only is not None else range(given.cases):
-            place = root / "case"
+    place = root / "case"
+    if given.only is None and not _sound(given.kind, place, whole):
+        return 1
+    for number in [given.only] if given.only is not None else range(given.cases):
+        rng, kind = case(number, given.seed)
+        if given.kind in (None, kind):
             shutil.copytree(whole, place)
-            kind, words = case(number, given.seed, known, place)
-            if given.kind in (None, kind):
-                result = run(words, place)
-                wrong = fault(result)
-                ends[kind, f"exit {result['code']}" if not wrong else "FAULT"] += 1
-                if wrong:
-                    faults[number] = f"{kind}: psafit {' '.join(w[:60] for w in words)}: {wrong}"
-                    print(f"case {number}: {faults[number]}", flush=True)
-                if given.only is not None:
-                    print(json.dumps({"words": words, **result}, indent=1))
+            words = set_up(kind, rng, known, place)
+            result = run(kind, words, place)
+            wrong = fault(result) or (another(place) if kind == "steps" else "")
             shutil.rmtree(place)
-            if number % 1000 == 999:
-                print(f"{number + 1} cases, {len(faults)} faults, {time.monotonic() - begun:.0f} s", flush=True)
+            ends[kind, f"exit {result['code']}" if not wrong else "FAULT"] += 1
+            if wrong:
+                faults[number] = f"{kind}: psafit {' '.join(w[:60] for w in words)}: {wrong}"
+                print(f"case {number}: {faults[number]}", flush=True)
+            if given.only is not None:
+                print(json.dumps({"words": words, **result}, indent=1))
+        if number % 1000 == 999:
+            print(f"{number + 1} cases, {len(faults)} faults, {time.monotonic() - begun:.0f} s", flush=True)
     for (kind, end), n in sorted(ends.items()):
         print(f"{kind:12} {end:16} {n}")
     print(f"{sum(ends.values())} cases in {time.monotonic() - begun:.0f} s, {len(faults)} faults")
     return 1 if faults else 0
+
+
+def _sound(wanted: str | None, place: Path, whole: Path) -> bool:
+    """Whether the commands take what is not spoilt: a refusal would otherwise be told of anything."""
+    for kind in READERS if wanted is None else READERS.keys() & {wanted}:
+        for command in READERS[kind][1]:
+            shutil.copytree(whole, place)
+            result = run(kind, command.split(), place)
+            shutil.rmtree(place)
+            if fault(result) or result["code"] not in (0, 1):
+                print(f"{kind}: psafit {command}: {json.dumps(result, indent=1)}")
+                return False
+    return True
 
 
 if __name__ == "__main__":

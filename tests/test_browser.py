@@ -12,14 +12,20 @@ from pathlib import Path
 
 import pytest
 from reader import HOSTILE
+from test_challenge import result
 from test_explore import made
 from test_report import build, make_run, sweep_groups
 from test_report_diagnosis import make_experiment, make_record
 
+from psafit.challenge.score import score
 from psafit.compare import compare
+from psafit.report.challenge import write_page
 from psafit.report.comparison import write_comparison
 from psafit.report.diagnosis import write_diagnosis
+from psafit.report.reproduction import write_reproduction
+from psafit.reproduce import reproduce
 
+PSA = Path(__file__).parents[1] / "experiments" / "psa"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 SIZES = ((1280, 900), (400, 800))
 
@@ -174,29 +180,44 @@ def test_curves_are_switched_on_and_off(opened):
     page.locator(".explorer select").select_option("0")
 
 
+# Pages on which curves can be explored, and those without.
+EXPLORED, STILL = ("diagnosis", "comparison"), ("reproduction", "score")
+
+
 @pytest.fixture(scope="module")
-def other_pages(tmp_path_factory) -> list[Path]:
+def other_pages(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
     experiment = make_experiment(HOSTILE)
     sides = made(HOSTILE, 2.0), made("b", 1.1)
-    return [
-        write_diagnosis(make_record(experiment, title=HOSTILE), experiment, folder),
-        write_comparison(*sides, compare(*sides), folder / "comparison.html"),
+    provenance = {"Command": HOSTILE}
+    told = {"tau": {"median": 2.0, "lower": 1.0, "upper": 3.0}}
+    judged = [
+        result(["a"], named=["a"], causes=[{"terms": ["a"], "probability": 0.9, "parameters": told}]),
+        result(["a"], named=["<b> & $x_ {{ 7 }}"]),
+        result([], verdict="adequate"),
+        result([], outside="<i> & $x_ {{ 7 }}", verdict="unexplained"),
     ]
+    return {
+        "diagnosis": write_diagnosis(make_record(experiment, title=HOSTILE), experiment, folder),
+        "comparison": write_comparison(*sides, compare(*sides), folder / "comparison.html"),
+        "reproduction": write_reproduction(reproduce(PSA), folder / "reproduction.html", provenance),
+        "score": write_page(score(judged), folder / "score.html", provenance),
+    }
 
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}px")
-def test_every_page_has_the_same_manners(browser, other_pages, size):
-    for path in other_pages:
-        one = Opened(browser, path, size)
-        one.page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
-        assert one.width() <= one.page.evaluate("innerWidth")
-        assert one.page.locator(".verdict .badge").is_visible() and one.page.locator(".summary img").count() == 1
-        assert one.page.locator(".explorer > svg .reading").count() > 0
-        unnamed = "[...document.querySelectorAll('input, select, svg[tabindex]')].filter(e =>"
-        assert one.page.evaluate(f"{unnamed} !e.ariaLabel && !e.labels?.[0]?.textContent).length") == 0
-        assert one.complaints == [] and [url for url in one.requests if not url.startswith("data:")] == [one.address]
-        one.context.close()
+@pytest.mark.parametrize("name", [*EXPLORED, *STILL])
+def test_every_page_has_the_same_manners(browser, other_pages, name, size):
+    one = Opened(browser, other_pages[name], size)
+    one.page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+    assert one.width() <= one.page.evaluate("innerWidth")
+    assert one.page.locator(".verdict .badge").is_visible() and one.page.locator(".summary img").count() == 1
+    assert (one.page.locator(".explorer > svg .reading").count() > 0) is (name in EXPLORED)
+    assert one.page.evaluate("[...document.images].filter(e => !e.alt).length") == 0
+    unnamed = "[...document.querySelectorAll('input, select, svg[tabindex]')].filter(e =>"
+    assert one.page.evaluate(f"{unnamed} !e.ariaLabel && !e.labels?.[0]?.textContent).length") == 0
+    assert one.complaints == [] and [url for url in one.requests if not url.startswith("data:")] == [one.address]
+    one.context.close()
 
 
 def contrast(one: str, other: str) -> float:

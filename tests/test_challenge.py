@@ -115,6 +115,26 @@ def test_most_readings_of_a_truth_launch(known: Experiment, lagged: Path, tmp_pa
         assert np.mean(np.array(answer.true_um) > 1.0) >= 0.5
 
 
+def test_a_weak_truth_that_hardly_launches_is_tried_once(
+    known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The strongest of those tried gives way to the next."""
+    nats = iter(range(99, 0, -1))
+
+    def weak(*drawn: Any) -> hide._Truth:
+        gain = float(next(nats))
+        values = {"k_c": gain, "c_s": 9e3, "c_c": 60.0, "swing_drag_coefficient": 1e-3}
+        return hide._Truth(values, {"swing_drag": gain}, {"swing_drag": 0.9}, reached=False)
+
+    def ranges(design: Design, parameters: dict[str, float], *rest: Any, jobs: int) -> Any:
+        return np.full(design.n_points, 0.0 if parameters["k_c"] == 99.0 else 10.0)
+
+    monkeypatch.setattr(hide, "_draw", weak)
+    monkeypatch.setattr(hide, "simulate_literally", ranges)
+    answer = make(1, tmp_path / "a", design_of=known, terms=["swing_drag"], strength=500.0).answer
+    assert (answer.expected_nats, answer.redraws) == ({"swing_drag": 98.0}, hide._PATIENCE)
+
+
 def test_a_drawn_design_is_one_of_similar_size(tmp_path: Path) -> None:
     blank = hide._drawn_design(np.random.default_rng(1))
     other = hide._drawn_design(np.random.default_rng(2))

@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment
 from psafit.diagnose.gain import split, summarise
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.next_experiment import determine, proposals, tell_apart
@@ -36,8 +36,8 @@ from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import Silent, load
 from psafit.inference.run import fit as run_fit
 from psafit.inference.store import pareto_k
-from psafit.parameters import Bounds
-from psafit.physics import TERMS, terms
+from psafit.parameters import Belief, Bounds, Normal
+from psafit.physics import TERMS, informed, terms
 from psafit.simulate import Design, simulate
 
 RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
@@ -463,7 +463,7 @@ def test_verdicts(hidden, sound):
     # Nothing hidden.
     plain = climb(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)
-    assert conclude(plain, quiet, None, None).verdict == "adequate"
+    assert conclude(plain, quiet, None, leftover(sound)).verdict == "adequate"
 
 
 # --- showing, gaining, planning -------------------------------------------------------------------------------------
@@ -553,6 +553,27 @@ def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
     # Sixteen free numbers fit anything of forty draws by chance, and nothing is learnt of what is known.
     assert max(falls(10 * rng.normal(size=(40, 16)), rng.normal(size=(40, 8)))) < 0.05
     assert falls(x, np.ones((400, 1))) == [0.0]
+
+
+def test_luck_puts_a_measurement_first_but_is_not_told(sound, monkeypatch):
+    """Where nothing but chance tells proposals apart, the first of twelve promises no more than any other."""
+    rng = np.random.default_rng(1)
+    monkeypatch.setattr(next_experiment, "_narrowing", lambda told, u: rng.normal(size=(2, u.shape[1])))
+    draws = weigh(sound, seed=1)
+    first = [determine(sound, draws, seed=1)[1][0].separation for _ in range(5)]
+    assert abs(np.mean(first)) < 2 / np.sqrt(5)  # two standard errors; the best of twelve has 1.6
+
+
+def test_proposals_differ_and_stay_where_was_measured(sound):
+    e = experiment()
+    for low, high in ((1234.0, 1234.0), (1249.0, 1251.0), (1000.0, 1300.0)):
+        groups = (replace(g, frequency_hz=np.linspace(low, high, g.n_points)) for g in e.groups)
+        possible = proposals(replace(sound, problem=problem(replace(e, groups=tuple(groups)))))
+        assert len({p.text for p in possible}) == len(possible)
+        assert all((low <= p.design.frequency).all() and (p.design.frequency <= high).all() for p in possible)
+        swept = [p.text for p in possible if np.ptp(p.design.frequency) > 0]
+        assert bool(swept) == (high == 1300.0)
+    assert "sine, 1200 Hz, 3 to 20 V" in [p.text for p in possible]
 
 
 def test_copies_of_a_draw_do_not_judge_what_it_made():
@@ -715,13 +736,15 @@ def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
         assert seen <= {g for entry in gain["ledger"] for g in entry["saw"]}
     assert (tmp_path / "one" / stored["predictions"]).exists()
     # What the training group names by itself is a run like any other.
-    if named := stored["gain"]["strict"]["groups"][0]["named"]:
-        extension = load(tmp_path / "one" / stored["extension"]["folder"])
-        assert extension.fit.terms == stored["extension"]["terms"] == named
-        assert stored["extension"]["scored_on"] == ["b", "c"]
-        assert stored["extension"]["converged"] == extension.summary.converged
-    else:
-        assert stored["extension"] == {}
+    named = {"adopted": stored["named"], "strict": stored["gain"]["strict"]["groups"][0]["named"]}
+    seen = {"adopted": ["a", "b", "c"], "strict": ["a"]}
+    assert set(stored["extension"]) == {which for which, ids in named.items() if ids} >= {"adopted"}
+    for which, told in stored["extension"].items():
+        extension = load(tmp_path / "one" / told["folder"])
+        assert extension.fit.terms == told["terms"] == named[which]
+        assert extension.fit.groups == told["groups"] == seen[which]
+        assert told["scored_on"] == [g for g in e.ids if g not in seen[which]]
+        assert told["converged"] == extension.summary.converged
     # Again from what is kept, and once more from nothing: the same.
     again = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2)
     quick = diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
@@ -766,6 +789,17 @@ def test_a_session_not_seen_may_err_as_the_prior_says():
     assert spreads[1] < 0.7 * spreads[0]
 
 
+def test_readings_that_say_nothing_do_not_dilute_a_leftover(sound):
+    n = sound.problem.observed.size
+    mean, sd = np.full(n, 0.5), np.full(n, 0.1)
+    quiet = sound.problem.design.group == 1
+    quiet[:20] = True
+    mean[quiet], sd[quiet] = 0.0, np.inf
+    found = Leftover(0.0, 0.1, 0.1, 0.7, 0.04, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
+    assert [g for g, *_ in found] == ["a", "b", "c"]
+    assert np.array_equal([told for _, *told in found], [[0.5, 0.5], [np.nan, np.nan], [0.5, 0.5]], equal_nan=True)
+
+
 @pytest.mark.slow
 def test_diagnosis_of_one_group_with_the_whole_catalogue(tmp_path):
     e = experiment(groups=("only",))
@@ -789,6 +823,19 @@ def test_screening_looks_between_where_gains_are_steep():
     assert _unclear(q, np.array([0.0, 1.0, 2.0, 1.0])).size == 0
     # Far below the best nothing is worth a look.
     assert _unclear(q, np.array([40.0, 39.0, 0.0, -30.0])) == pytest.approx([0.4])
+
+
+def test_what_is_kept_belongs_to_the_priors_it_was_found_with(tmp_path):
+    """A prior stated after a first diagnosis: neither screenings nor evidences of the old one may be recalled."""
+    one, memory = problem(experiment(n=8)), Memory(tmp_path)
+    (wide,) = informed((Belief("amplifier_lag_tau", Normal(0.0, 4e-4), "seen"),), FEW[:1])[1]
+    found = {}
+    for term in (FEW[0], wide):
+        found[term] = climb(one, (term,), seed=1, memory=memory)
+        fresh = climb(one, (term,), seed=1)
+        assert found[term].probability == fresh.probability
+        assert found[term].screened[0].log_bayes == fresh.screened[0].log_bayes
+    assert found[FEW[0]].screened[0].log_bayes != found[wide].screened[0].log_bayes
 
 
 def test_another_rigs_diagnosis_is_not_replaced(tmp_path):

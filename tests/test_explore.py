@@ -31,7 +31,7 @@ from psafit.files import sole
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
-from psafit.inference.run import fit
+from psafit.inference.run import fit, load
 from psafit.physics import terms
 from psafit.records import write_json
 from psafit.report import figures
@@ -153,6 +153,9 @@ def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
     found = Diagnosed(make_record(experiment), experiment, folder)
     assert found.verdict == "ambiguous" and found.named == ["hysteresis"]
     assert found.causes.loc["hysteresis", "probability"] == 0.61
+    assert (found.causes.index[-1], found.causes["probability"].iloc[-1]) == ("a discrepancy without a name", 0.03)
+    few = Diagnosed(replace(found.record, unnamed=1e-4), experiment, folder)
+    assert few.causes.index[-1] == "baseline"
     assert "ambiguous (hysteresis)" in repr(found) and "baseline" in found._repr_html_()
     ax = Figure().subplots()
     assert found.plot(ax=ax) is ax and found.plot(2, ax=ax) is ax
@@ -448,6 +451,8 @@ def test_a_finished_run_is_told(fitted: tuple[Path, Path], tmp_path: Path, monke
 
 
 def test_a_running_one_is_told_of(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(InputError, match="holds a run under way; psafit watch shows how far it is"):
+        load(running)
     before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in running.rglob("*") if p.is_file()}
     state = watch.look(running)
     assert (state.stage, state.steps) == ("sample", 60) and not state.stalled

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 from collections.abc import Callable
@@ -22,11 +23,12 @@ from scipy import stats
 from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.inference import emcee_adaptor, identify, noise, store
+from psafit.inference import optimise as searching
 from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.optimise import Minimum, Optimum, hessian, laplace_covariance, optimise
 from psafit.inference.problem import Problem
-from psafit.parameters import Belief, Bounds, LogNormal, Normal
+from psafit.parameters import Belief, LogNormal, Normal
 from psafit.physics import terms
 from psafit.records import Fit, ProfilePoint, read_json, write_json
 
@@ -88,6 +90,21 @@ def test_known_sigma_enters_per_group(known: Experiment) -> None:
     assert (sigma[: first.n_points] == 0.5).all() and (sigma[first.n_points :] == 0).all()
 
 
+@pytest.mark.parametrize(("stated", "usual"), [((1,), None), ((3,), None), ((1, 2), 0.5), ((1, 2, 3), 0.5), ((), None)])
+def test_the_usual_uncertainty_is_one_that_most_readings_state(
+    known: Experiment, stated: tuple[int, ...], usual: float | None
+) -> None:
+    """Of groups with 30, 20 and 12 readings."""
+    sigma = {1: 0.5, 2: 0.2, 3: 0.9}
+    groups = (
+        replace(g, sigma_um=np.full(g.n_points, sigma[int(g.id)]) if g.id in stated else None) for g in known.groups
+    )
+    assert Problem(replace(known, groups=tuple(groups)), (1, 2, 3)).usual_sigma == usual
+    half = replace(known.groups[0], sigma_um=np.full(30, 0.2))
+    twin = replace(known.groups[0], id=4)
+    assert Problem(replace(known, groups=(half, twin)), (1, 4)).usual_sigma is None
+
+
 def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experiment) -> None:
     hertz, loop = LogNormal(4e6, 1.5), Normal(0.1, 0.05)
     told = replace(known, beliefs=(Belief("k_c", hertz, "Hertz"), Belief("hysteresis_strength", loop, "data sheet")))
@@ -129,6 +146,19 @@ def test_search_finds_the_truth_from_any_seed(problem: Problem) -> None:
         covariance = laplace_covariance(problem, problem.to_sampling(optimum.best.values))
         assert (np.linalg.eigvalsh(covariance) > 0).all()
     assert "ln_k_c" in optimum.report
+
+
+def test_the_report_is_of_the_best_wherever_lmfit_ended(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    best = optimise(problem, seed=1, n_starts=4)
+    start = problem.to_sampling(best.best.values) + 0.05
+    _, _, result = searching.climb(problem, start)
+    monkeypatch.setattr(searching, "climb", lambda problem, start: (start, -np.inf, result))
+    found = searching.improve(problem, best, start)
+    told = {name: (float(x), float(s)) for name, x, s in re.findall(r"(\w+): +(\S+) \+/- (\S+)", found.report)}
+    for i, name in enumerate(problem.names):
+        sd = float(np.sqrt(found.covariance[0, i, i]))
+        assert told[f"ln_{name}"] == pytest.approx((start[i], sd), rel=1e-6)
+        assert told[name] == pytest.approx((np.exp(start[i]), np.exp(start[i]) * sd), rel=1e-6)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -644,17 +674,30 @@ def test_words_for_each_verdict() -> None:
     assert identify.significant(0.2523, 0.05) == "0.252"
 
 
-def test_what_piles_up_at_its_bound_is_not_called_determined() -> None:
+@pytest.mark.parametrize(
+    ("name", "likelihood", "word"),
+    [
+        ("nu", lambda x: x > 60, "bounded below"),  # piled up at its bound
+        ("nu", lambda x: np.exp(-0.5 * ((np.log(x) - 2.3) / 0.2) ** 2), "determined"),
+        ("sigma_abs", lambda x: x < 0.02, "bounded above"),  # the prior alone keeps it from its lower bound
+        ("sigma_rel", lambda x: np.exp(-0.5 * ((np.log(x) + 0.5) / 0.1) ** 2), "determined"),  # far beyond the prior
+        ("sigma_rel", lambda x: np.exp(-0.5 * ((np.log(x) - np.log(2.0)) / 0.2) ** 2), "bounded below"),
+        ("sigma_abs", lambda x: np.ones_like(x), "not determined"),
+    ],
+)
+def test_what_has_no_profile_is_judged_by_what_the_readings_say(name, likelihood, word) -> None:  # type: ignore[no-untyped-def]
+    parameter = next(p for p in noise.PARAMETERS if p.name == name)
     rng = np.random.default_rng(5)
-    bounds = Bounds(0.0, 10.0)
-    piled = rng.exponential(0.7, 4000)
-    near = rng.normal(2.0, 0.7, 4000).clip(0, 10)  # its bound lies out where a normal law has dropped enough
-    cases = [(piled, "bounded above"), (10 - piled, "bounded below"), (near, "determined")]
-    assert [identify.verdict_of_draws(draws, bounds, 0.9) for draws, _ in cases] == [word for _, word in cases]
-    assert identify.verdict_of_draws(piled, bounds, 0.1) == "not determined"
-    low, high = np.quantile(10 - piled, [0.05, 0.95])
-    text = identify.describe("nu", "1", 9.4, (low, high), [], "bounded below")
-    assert text == f"nu at least {identify.significant(low, low)} (95 %); the data set no upper limit"
+    prior = parameter.prior_quantile(rng.uniform(size=200_000))
+    x = np.linspace(*vars(parameter.sampling_bounds).values(), 20001)
+    density = np.exp(parameter.log_prior(x)) * likelihood(parameter.to_physical(x))
+    draws = np.interp(rng.uniform(size=4000), np.cumsum(density) / density.sum(), x)
+    contraction = float(1 - np.var(draws) / np.var(prior))
+    assert identify.verdict_of_draws(draws, parameter, contraction) == word
+    if word == "bounded below":
+        low, high = parameter.to_physical(np.quantile(draws, [0.05, 0.95]))
+        text = identify.describe(name, "1", 0.5 * (low + high), (low, high), [], word)
+        assert text == f"{name} at least {identify.significant(low, low)} (95 %); the data set no upper limit"
 
 
 def test_diagnostics_tell_mixed_from_stuck() -> None:

@@ -32,6 +32,7 @@ from psafit.records import (
     plain,
 )
 from psafit.report import figures, fit, wording
+from psafit.report.figures.groups import titled
 from psafit.report.fit import write_report
 from psafit.report.page import figure_data_uri
 from psafit.simulate.stability import contact_matrix, largest_stable_step
@@ -309,7 +310,7 @@ def test_numerics_are_shown(page):
     text = page.reader.text
     assert f"step of {1e6 * numerics.stable_step:.4g} µs" in text
     assert "the two methods agree to 3.1 × 10⁻⁷" in text.replace("\N{NO-BREAK SPACE}", " ")
-    shown = fit._numerics(replace(numerics, stable_step=0.5e-6))
+    shown = fit.told_numerics(replace(numerics, stable_step=0.5e-6))
     assert (shown["limit_us"], shown["ratio"], shown["stable"]) == ("0.5", "2", False)
 
 
@@ -343,6 +344,14 @@ def test_thresholds_are_those_of_the_verdict():
     for limit, below, above in ((fit.GOOD, "predicted well", "roughly"), (fit.FAIR, "roughly followed", "missed")):
         for error, words in ((limit - 1e-9, below), (limit + 1e-9, above)):
             assert verdict(np.full(50, error), 0.9, 0.5, 0.5).startswith(words)
+
+
+def test_one_reading_that_rules_a_group_is_told_apart():
+    off = np.full(20, 0.1)
+    assert "but for one reading" not in verdict(off, 0.9, 0.5, 0.5)
+    off[7] = -2.0
+    assert "off by ×1.58 (×1.11 but for one reading), " in verdict(off, 0.9, 0.5, 0.5)
+    assert "but for one reading" not in verdict(off[6:8], 0.9, 0.5, 0.5)  # which of two?
 
 
 # Figures ---------------------------------------------------------------------------------------------------------
@@ -413,6 +422,32 @@ def test_a_line_breaks_where_nothing_is_launched():
     assert np.isnan(line.get_ydata()).tolist() == [False, False, True, True]
     (mark,) = (x for x in axes.lines if x.get_marker() == "v")
     assert mark.get_xdata().tolist() == [300.0, 400.0] and np.all(mark.get_ydata() == axes.get_ylim()[0])
+
+
+def test_zeros_are_in_every_legend():
+    group = sweep_groups()[1]
+    sweep, curve = figures.sweep_of(group), figures.Curve("model", "blue", group.launch_range_um + 0.1)
+
+    def told(group: Group) -> list[str]:
+        example = figures.Example("", "ink", group, sweep, [curve])
+        (legend,) = figures.summary_figure([], [example], figures.handles([curve])).legends
+        return [t.get_text() for t in legend.get_texts()]
+
+    assert told(group) == ["measured", "model", "zero"]
+    assert told(replace(group, launch_range_um=group.launch_range_um + 0.2)) == ["measured", "model"]
+    assert told(replace(group, launch_range_um=np.minimum(group.launch_range_um, 3.0))) == [
+        "measured",
+        "model",
+    ]  # linear
+
+
+def test_a_long_name_leaves_room_in_the_head_of_a_figure():
+    assert [titled(12), titled("May 12")] == ["Group 12", "Group May 12"]
+    long = "the second session of May 12"
+    assert titled(long) == "the se… May 12" and titled(long, 18) == "the seco…of May 12"
+    group = make_group(long, [100.0, 300.0, 900.0], 20.0, [1.0, 2.0, 3.0])
+    (axes,) = figures.group_figure(group, figures.sweep_of(group), []).axes
+    assert axes.get_title(loc="left") == "the seco…of May 12: sine, 20 V"
 
 
 def test_residual_axis_is_common_and_holds_every_error(tmp_path):

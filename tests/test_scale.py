@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psafit.experiment import Experiment, GroupId, read_experiment
+from psafit.experiment import Experiment, Group, GroupId, read_experiment
 from psafit.inference.problem import Problem
 from psafit.inference.scale import with_scale
 
@@ -40,11 +40,35 @@ def test_one_group_in_another_unit(group: GroupId, factor: float, words: str) ->
     assert f"group {group}: " in warning and words in warning and warning.isprintable()
 
 
-def test_of_two_groups_either_may_be_wrong() -> None:
+@pytest.mark.parametrize("group", [1, 2])
+@pytest.mark.parametrize(("factor", "way"), [(1e-3, "below"), (1e3, "above")])
+def test_of_two_groups_the_one_that_no_rig_gives_is_named(group: GroupId, factor: float, way: str) -> None:
     two = replace(STUDY, groups=STUDY.groups[:2])
-    found = with_scale(scaled(two, 1e-3, [1])).warnings
-    assert len(found) == 2
-    assert "group 1: launch ranges lie below" in found[0] and "group 2: launch ranges lie above" in found[1]
+    (warning,) = with_scale(scaled(two, factor, [group])).warnings
+    assert f"group {group}: launch ranges lie {way}" in warning
+
+
+def test_of_two_groups_either_may_be_wrong() -> None:
+    """Each is what some rig would give, but no rig gives both."""
+    two = replace(STUDY, groups=STUDY.groups[:2])
+    (warning,) = with_scale(scaled(scaled(two, 1 / 8, [1]), 8.0, [2])).warnings
+    assert "group 1: launch ranges differ from those of group 2 by a factor" in warning
+
+
+def test_a_reading_without_a_drive_tells_no_scale() -> None:
+    first = STUDY.groups[0]
+    rest = Group("rest", "sine", "rest.csv", np.full(5, 1e3), np.zeros(5), np.full(5, 0.05))
+    assert with_scale(replace(STUDY, groups=(first, rest))).warnings == ()
+
+
+def test_a_group_of_which_one_reading_tells_does_not_switch_the_check_off() -> None:
+    first = STUDY.groups[0]
+    rows = np.arange(2400) % first.n_points
+    read = np.where(np.arange(2400) == 1, first.launch_range_um[1], 0.0)
+    silent = Group("long", "sine", "long.csv", first.frequency_hz[rows], first.amplitude_v[rows], read)
+    longer = scaled(replace(STUDY, groups=(*STUDY.groups, silent)), 1e-3, [3])
+    (warning,) = with_scale(longer).warnings
+    assert "group 3: launch ranges lie below" in warning
 
 
 def test_true_rigs_are_hardly_ever_warned_of() -> None:

@@ -13,8 +13,10 @@ from scipy import stats
 
 from psafit import validate
 from psafit.experiment import Experiment, Group
+from psafit.inference import noise
 from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.problem import Problem
 
 
 @pytest.fixture(scope="module")
@@ -180,3 +182,32 @@ def test_validation_reads_back(checked, tmp_path: Path) -> None:  # type: ignore
 
     run, record, _ = checked
     assert read_json(run.folder / "validation.json", Validation) == record
+
+
+def test_many_zeros_are_no_departure_where_they_are_predicted(known: Experiment) -> None:
+    """A rig so weakly driven that a third of the readings is zero, and the law that made them."""
+    conditions = known.groups[0]
+    weak = replace(conditions, amplitude_v=np.full(conditions.n_points, 0.02), launch_range_um=np.ones(30))
+    problem = Problem(replace(known, groups=(weak,)), (1,))
+    truth = problem.to_sampling(np.array([4.0e5, 9.0e3, 60.0, 0.05, 0.3, 50.0]))[None]
+    ranges, scatter = problem.predict(truth), problem.noise_values(truth)
+    rng = np.random.default_rng(0)
+    p = []
+    for k in range(40):
+        y = np.maximum(noise.draw(ranges, scatter, None, rng)[0], 0.0)
+        assert 0.05 < np.mean(y == 0) < 0.95
+        told = replace(problem, experiment=problem.experiment.with_readings(y))
+        p.append(validate.predictive(told, np.repeat(truth, 300, axis=0), seed=k)[0].pit_p_value)
+    assert np.mean(np.array(p) < 0.05) < 0.2 and 0.3 < np.mean(p) < 0.7
+
+
+def test_a_sweep_is_ordered_by_what_it_sweeps() -> None:
+    """Frequencies that are read back scatter a little: they do not order a sweep of the voltage."""
+    rng = np.random.default_rng(1)
+    volts = rng.permutation(np.linspace(2, 20, 12))
+    group = Group(1, "sine", "1.csv", 1000 + 0.3 * rng.standard_normal(12), volts, np.ones(12))
+    assert group.swept == "amplitude" and (np.diff(volts[group.in_sweep]) > 0).all()
+    other = replace(group, frequency_hz=volts * 100, amplitude_v=10 + 1e-3 * rng.standard_normal(12))
+    assert other.swept == "frequency" and (np.diff(other.frequency_hz[other.in_sweep]) > 0).all()
+    rows = validate.neighbours_redrawn(group, 3, rng)
+    assert np.isin(np.diff(np.argsort(group.in_sweep)[rows], axis=1), [1, -11]).mean() > 0.6

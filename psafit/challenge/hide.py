@@ -30,6 +30,7 @@ from psafit.experiment import (
     write_experiment,
 )
 from psafit.inference import noise as scatter_law
+from psafit.inference.problem import MICRO
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
@@ -185,6 +186,8 @@ def make(
         true_um = simulate_literally(design, truth.parameters, chosen, blank.ids, jobs=jobs)
         if strengths.enough(true_um):
             break
+        if not truth.reached:
+            weak.remove(truth)
     else:
         raise InputError("nothing launches at these conditions", "choose an experiment whose drive launches the ball")
     where = ""
@@ -367,7 +370,7 @@ def _some(
         world = literal_world(theta, causes, design.rigs[design.rig[i]])
         if edit is not None:
             edit(world, point)
-        found[k] = launch_in(world, point, group=group, rtol=_RTOL).launch_range * 1e6
+        found[k] = launch_in(world, point, group=group, rtol=_RTOL).launch_range * MICRO
     return found
 
 

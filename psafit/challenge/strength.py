@@ -24,6 +24,7 @@ from scipy.stats import t as student
 
 from psafit.challenge.answer import Scatter, sizes
 from psafit.inference.optimise import gradient
+from psafit.inference.problem import MICRO
 from psafit.physics import baseline
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
@@ -134,7 +135,7 @@ def find(
 
     def model(u: FloatArray) -> FloatArray:
         x = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(parameters)], axis=1)
-        return np.nan_to_num(in_scatter(simulate(design, x).launch_range * 1e6, *scale), nan=_WORST)
+        return np.nan_to_num(in_scatter(simulate(design, x).launch_range * MICRO, *scale), nan=_WORST)
 
     # The refitted baseline may lie far from the true one, beyond a ridge that least squares do not cross.
     quantiles = qmc.Sobol(len(parameters), rng=np.random.default_rng(0)).random(_CROWD)
@@ -144,7 +145,7 @@ def find(
     def ranges(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
         values = np.array([plausible(term, float(s), side)[0] for s in shares])
         rows = np.column_stack([np.tile(theta, (len(values), 1)), values, np.tile(others, (len(values), 1))])
-        return values, simulate(design, rows, (term,)).launch_range * 1e6
+        return values, simulate(design, rows, (term,)).launch_range * MICRO
 
     def expected(um: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
         target = in_scatter(um, *scale)

@@ -118,7 +118,7 @@ def diagnose(
     everything = Problem(experiment, experiment.ids, tuple(catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
     asked = [versions(), experiment.title, experiment.fingerprint, training, seed, quick, searches, nautilus]
-    asked += [[t.signature for t in catalogue], *(p.signature for p in everything.parameters)]
+    asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
     with sole(folder):
         _claim(folder, experiment)
@@ -166,9 +166,8 @@ def _finished(folder: Path, identity: str) -> Diagnosis | None:
     except InputError:
         return None
     parts = [held.predictions, *(gain["predictions"] for gain in held.gain.values())]
-    if held.extension:
-        parts.append(held.extension["folder"])
-    whole = held.extension.get("converged", True) and all((folder / part).exists() for part in parts)
+    parts += [run["folder"] for run in held.extension.values()]
+    whole = all(run["converged"] for run in held.extension.values()) and all((folder / p).exists() for p in parts)
     unchanged = whole and all(sha256(folder / name) == seal for name, seal in held.files.items())
     return held if unchanged and held.identity == identity else None
 
@@ -204,13 +203,13 @@ class _Work:
             left = leftover(leader)
             verdict = conclude(ladder, before, after, left)
             misfit = _misfit(before, after, left, leader)
-        draws = ladder.draws(leader.ids, self.seed)
+        # Where nothing is wrong, the model that is adopted is the baseline, whatever leads.
+        adopted = ladder.baseline if verdict.verdict == "adequate" else leader
+        draws = ladder.draws(adopted.ids, self.seed)
         for name in (RESULT, PAGE):  # the tables that follow belong to another answer, which has no record yet
             (self.folder / name).unlink(missing_ok=True)
-        numerics = asdict(refine(leader.problem, leader.modes[:1], experiment.fingerprint))
-        write_predictions(
-            self.folder / PREDICTIONS, predictive(leader.problem, draws.resampled(_DRAWS), self.seed)
-        )  # fmt: skip
+        numerics = asdict(refine(adopted.problem, adopted.modes[:1], experiment.fingerprint))
+        write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(_DRAWS), self.seed))
         with self._stage("next experiment"):
             proposal = _next(ladder, verdict, self.seed, None if quick else self.watcher)
         ledger: list[dict[str, Any]] = [
@@ -220,13 +219,17 @@ class _Work:
         for scored in measured.values():
             ledger += scored["ledger"]
         extension: dict[str, Any] = {}
-        if "strict" in measured and (adopted := measured["strict"]["groups"][0]["named"]):
-            with self._timed("extension"):
-                extension = self._extend(adopted)
-            unseen = extension["scored_on"]
-            ledger.append({"choice": "posterior of the extension", "saw": list(self.training), "scored_on": unseen})
+        runs = {} if quick else {"adopted": (verdict.named, experiment.ids)}
+        if "strict" in measured:
+            runs["strict"] = (tuple(measured["strict"]["groups"][0]["named"]), self.training)
+        for which, (ids, groups) in runs.items():
+            if ids:
+                with self._timed(f"{which} extension"):
+                    extension[which] = self._extend(ids, groups)
+                what, unseen = f"posterior of the extension ({which})", extension[which]["scored_on"]
+                ledger.append({"choice": what, "saw": list(groups), "scored_on": unseen})
         if searches is None:
-            searches = 0 if quick or not leader.terms else _SEARCHES
+            searches = 0 if quick or not verdict.named else _SEARCHES
         if searches:
             with self._stage("significance"):
                 misfit["search"] = asdict(
@@ -331,16 +334,17 @@ class _Work:
                     )  # fmt: skip
         return measured
 
-    def _extend(self, ids: Sequence[str]) -> dict[str, Any]:
-        """Fit the causes that the training groups name, sample, and score what neither choice nor fit saw."""
+    def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> dict[str, Any]:
+        """Fit causes to groups like any run, sample their posterior, and validate it."""
         terms = tuple(t for t in self.catalogue if t.id in ids)
-        settings = Settings.of(Problem(self.experiment, self.training, terms))
+        settings = Settings.of(Problem(self.experiment, tuple(groups), terms))
         # A diagnosis repeated in its folder with other groups or another seed is another run.
-        groups = "-".join(map(str, self.training))
-        place = "-".join(["extension", f"group{groups}", *(t.id for t in terms), f"seed{self.seed}"])
+        place = "-".join(
+            ["extension", f"group{'-'.join(map(str, groups))}", *(t.id for t in terms), f"seed{self.seed}"]
+        )
         run = fit(
             self.experiment,
-            self.training,
+            groups,
             self.folder / place,
             terms=terms,
             seed=self.seed,
@@ -351,6 +355,7 @@ class _Work:
         validation, _ = validate(run)
         return {
             "folder": place,
+            "groups": list(groups),
             "terms": [t.id for t in terms],
             "scored_on": [s.group for s in validation.groups if s.role == "holdout"],
             "converged": run.summary.converged,
@@ -418,11 +423,15 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     parameters: dict[str, dict[str, Any]] = {}
     implausible = []
     values = problem.to_physical(found.draws) if found else problem.to_physical(candidate.modes[:1])
-    quantiles = found.quantiles(values, (0.05, 0.5, 0.95)) if found else np.repeat(values, 3, axis=0)
+    quantiles = found.quantiles(values, (0.05, 0.5, 0.95)) if found else None
     for i, p in enumerate(problem.parameters):
-        lower, median, upper = (float(q) for q in quantiles[:, i])
+        ends: list[float | None] = [None, None]  # of a model that was not sampled
+        median = float(values[0, i])
+        if quantiles is not None:
+            lower, median, upper = (float(q) for q in quantiles[:, i])
+            ends = [lower, upper]
         parameters[p.name] = {
-            "median": median, "lower": lower, "upper": upper, "unit": p.unit, "description": p.description,
+            "median": median, "lower": ends[0], "upper": ends[1], "unit": p.unit, "description": p.description,
             "prior_share": p.prior_share(median),
         }  # fmt: skip
         # The scatter, too: one far above its prior hides a misfit.
@@ -477,7 +486,7 @@ def _screening(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
 
 def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
     """What the whole ladder says of one cause; the refit knows better than the expansion what it can do."""
-    if verdict.inclusion.get(found.term.id, 0.0) > 0.5:
+    if verdict.named and verdict.inclusion.get(found.term.id, 0.0) > 0.5:
         return "present"
     if any(found.term.id in ids for ids in verdict.alternatives):
         return "as good"
@@ -516,22 +525,26 @@ def _where(misfit: Misfit) -> list[dict[str, Any]]:
     return found
 
 
-def _misfit(before: Misfit, after: Misfit | None, left: Leftover | None, leader: Candidate) -> dict[str, Any]:
+def _misfit(before: Misfit, after: Misfit | None, left: Leftover, leader: Candidate) -> dict[str, Any]:
     result: dict[str, Any] = {"p_value": before.p_value, "where": _where(before), "baseline": _tests(before)}
     if after is not None:
         result["extended"] = _tests(after) | {"where": _where(after)}
-    if left is not None:
-        result["leftover"] = {
-            "log_bayes": left.log_bayes,
-            "amplitude": left.amplitude,
-            "level": left.level,
-            "reach": left.reach,
-            "sigma_rel": left.sigma_rel,
-            "groups": [{"group": g, "mean": m, "largest": x} for g, m, x in left.largest(leader)],
-            "mean": left.mean.tolist(),
-            "sd": [float(s) if np.isfinite(s) else None for s in left.sd],
-        }
+    result["leftover"] = {
+        "log_bayes": left.log_bayes,
+        "amplitude": left.amplitude,
+        "level": left.level,
+        "reach": left.reach,
+        "sigma_rel": left.sigma_rel,
+        "groups": [{"group": g, "mean": _finite(m), "largest": _finite(x)} for g, m, x in left.largest(leader)],
+        "mean": left.mean.tolist(),
+        "sd": [_finite(s) for s in left.sd],
+    }
     return result
+
+
+def _finite(x: float) -> float | None:
+    """A number that JSON has; None for what is not known."""
+    return float(x) if np.isfinite(x) else None
 
 
 def _show(ladder: Ladder) -> dict[str, Any]:

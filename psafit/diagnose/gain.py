@@ -46,7 +46,6 @@ _DRAWS = 400
 # Models with less than this share of the best's probability are left out of the mixture.
 _NEGLIGIBLE = 0.02
 _BOOTSTRAPS = 1000
-_INTERVAL = (0.05, 0.95)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +67,6 @@ class Forecast:
     upper: FloatArray
     log_density: FloatArray
     measured: FloatArray
-
-    @property
-    def error(self) -> FloatArray:
-        """``ln((predicted + 0.3 um)/(measured + 0.3 um))``."""
-        return log_ratio(self.median, self.measured)
 
 
 @dataclass(frozen=True)
@@ -222,13 +216,33 @@ def _inside(f: Forecast) -> FloatArray:
     return np.asarray((f.measured >= f.lower) & (f.measured <= f.upper), dtype=float)
 
 
-def _changes(
-    before: Forecast, after: Forecast, group: Group, rng: np.random.Generator
+def changes(
+    group: Group, errors: Sequence[FloatArray], densities: Sequence[FloatArray], rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of a group's log_rmse and log score, its readings drawn again; each (n_bootstraps,)."""
+    """Changes of a group's log_rmse and log score from one prediction to another, its readings drawn again.
+
+    Parameters
+    ----------
+    group : Group
+    errors : two (n_points,) arrays
+        `psafit.validate.log_ratio` of either prediction.
+    densities : two (n_points,) arrays, 1/um
+        Log predictive densities.
+    rng : Generator
+
+    Returns
+    -------
+    two (n_bootstraps,) arrays
+        The second's score minus the first's.
+    """
     chosen = neighbours_redrawn(group, _BOOTSTRAPS, rng)
-    rmse = [np.sqrt(np.mean(f.error[chosen] ** 2, axis=1)) for f in (before, after)]
-    return rmse[1] - rmse[0], (after.log_density - before.log_density)[chosen].sum(axis=1)
+    rmse = [np.sqrt(np.mean(error[chosen] ** 2, axis=1)) for error in errors]
+    return rmse[1] - rmse[0], (densities[1] - densities[0])[chosen].sum(axis=1)
+
+
+def interval(values: FloatArray) -> list[float]:
+    """Central 90 % of redrawn values."""
+    return [float(q) for q in np.quantile(values, (0.05, 0.95))]
 
 
 def _over_groups(
@@ -249,23 +263,25 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         silences = dict.fromkeys(silences, "")
     rows: list[GroupGain] = []
     told: list[tuple[Forecast, Forecast]] = []
-    changes: list[tuple[FloatArray, FloatArray]] = []
+    redrawn: list[tuple[FloatArray, FloatArray]] = []
     for one in splits:
         for before, after in zip(one.before, one.after, strict=True):
-            change, silent = _changes(before, after, experiment.group(before.group), rng), silences[before.group]
+            group, silent = experiment.group(before.group), silences[before.group]
+            errors = [log_ratio(f.median, f.measured) for f in (before, after)]
+            change = changes(group, errors, [before.log_density, after.log_density], rng)
             rows.append(
                 GroupGain(
                     before.group, list(one.named), list(one.seen),
-                    root_mean_square(before.error), root_mean_square(after.error),
+                    root_mean_square(errors[0]), root_mean_square(errors[1]),
                     float(before.log_density.sum()), float(after.log_density.sum()),
                     float(_inside(before).mean()), float(_inside(after).mean()),
-                    np.quantile(change[0], _INTERVAL).tolist(), np.quantile(change[1], _INTERVAL).tolist(), silent,
+                    interval(change[0]), interval(change[1]), silent,
                 )
             )  # fmt: skip
             if not silent:
                 told.append((before, after))
-                changes.append(change)
-    rmse_change, elpd_change = _over_groups(changes, rng)
+                redrawn.append(change)
+    rmse_change, elpd_change = _over_groups(redrawn, rng)
     name = f"predictions-{protocol}.csv"
     table = (
         [*row, model]
@@ -282,10 +298,10 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         groups=rows,
         log_rmse_before=float(np.mean([r.log_rmse_before for r in telling])),
         log_rmse_after=float(np.mean([r.log_rmse_after for r in telling])),
-        log_rmse_interval=np.quantile(rmse_change, _INTERVAL).tolist(),
+        log_rmse_interval=interval(rmse_change),
         elpd_before=float(sum(r.elpd_before for r in telling)),
         elpd_after=float(sum(r.elpd_after for r in telling)),
-        elpd_interval=np.quantile(elpd_change, _INTERVAL).tolist(),
+        elpd_interval=interval(elpd_change),
         coverage_before=float(every[0].mean()),
         coverage_after=float(every[1].mean()),
         ledger=[

@@ -488,7 +488,11 @@ class _Search:
     def concluded(self) -> Ladder:
         """Rank the models, when all that would be told beside the leader has been fitted."""
         for _ in range(_ROUNDS):
-            self._weigh_all(self._finalists(), ROUNDS)
+            # What is weighed may fall behind what is not.
+            for _ in range(_ROUNDS):
+                self._weigh_all(self._finalists(), ROUNDS)
+                if all(c.ids in self.weighed for c in self._finalists()):
+                    break
             found = self._ranked()
             untried = [ids for ids in found.rivals(found.leader.ids) if ids in found.unfitted]
             if not (untried and found.leader.terms):
@@ -544,7 +548,7 @@ class _Search:
             found = screen(candidate, self.catalogue)
             return {f"{s.term.id} {name}": np.asarray(getattr(s, name), float) for s in found for name in told}
 
-        kept = self._recall("screening", candidate.problem, make, candidate.modes[:1])
+        kept = self._recall("screening", candidate.problem, make, candidate.modes[:1].tolist())
 
         def read(term: Term) -> Screened:
             strength, gain, log_bayes, visible, starts = (kept[f"{term.id} {name}"] for name in told)
@@ -584,7 +588,9 @@ class _Search:
             made.append(fit(problem, nested, seed=self.seed, extra=extra, draws=draws, most=starts, rival=rival))
             return {"modes": made[0].modes, "heights": made[0].heights}
 
-        found = self._recall("fit", problem, make)
+        # All that a fit is begun from: with other searches behind it, the same model may end elsewhere.
+        begun = [[list(c.ids), c.modes[:2].tolist()] for c in [*nested, *([rival] if rival else [])]]
+        found = self._recall("fit", problem, make, [draws, starts, begun, [rows.tolist() for rows in more]])
         modes = found["modes"]
         candidate = made[0] if made else settle(problem, Ascent(modes, found["heights"], problem.predict(modes), 0))
         self.fitted[candidate.ids] = candidate
@@ -597,7 +603,7 @@ class _Search:
             found = weigh(c, seed=self.seed, rounds=rounds)
             return {name: np.asarray(value, float) for name, value in vars(found).items()}
 
-        found = self._recall(f"evidence-{rounds}", c.problem, make, c.modes)
+        found = self._recall(f"evidence-{rounds}", c.problem, make, c.modes.tolist())
         self._rounds[c.ids] = rounds
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in found.items()}
         weighed = Weighed(**values)
@@ -615,13 +621,13 @@ class _Search:
             end = ascend(problem, starts)
             return {"u": end.u, "heights": end.height, "predicted": end.predicted}
 
-        found = self._recall("refit", problem, make, starts)
+        found = self._recall("refit", problem, make, starts.tolist())
         return settle(problem, Ascent(found["u"], found["heights"], found["predicted"], 0))
 
     def _recall(
-        self, kind: str, problem: Problem, make: Callable[[], dict[str, FloatArray]], start: FloatArray | None = None
+        self, kind: str, problem: Problem, make: Callable[[], dict[str, FloatArray]], begun: Sequence[Any]
     ) -> Arrays:
-        about = [self.seed, [t.id for t in self.catalogue], None if start is None else start.tolist()]
+        about = [self.seed, [t.determinants for t in self.catalogue], begun]
         return self._memory.recall(kind, problem, about, make)
 
 

@@ -86,11 +86,12 @@ class Leftover:
         return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + self.sigma_rel**2 - sigma_rel**2, 0.0)))
 
     def largest(self, candidate: Candidate) -> list[tuple[GroupId, float, float]]:
-        """Each group's mean and largest absolute leftover, in ln units."""
+        """Each group's mean and largest absolute leftover, in ln units; NaN where no reading tells of one."""
         found = []
         for group_id, _, rows in sweeps(candidate.problem):
-            seen = self.mean[rows]
-            found.append((group_id, float(seen.mean()), float(np.abs(seen).max())))
+            seen = self.mean[rows][np.isfinite(self.sd[rows])]
+            told = (float(seen.mean()), float(np.abs(seen).max())) if seen.size else (math.nan, math.nan)
+            found.append((group_id, *told))
         return found
 
 

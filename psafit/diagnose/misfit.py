@@ -173,15 +173,8 @@ def normal_scores(problem: Problem, u: FloatArray, predicted: FloatArray, observ
 
 def sweeps(problem: Problem) -> list[tuple[GroupId, str, NDArray[np.intp]]]:
     """Each group's id, the variable it sweeps, and its rows of the design in the order of the sweep."""
-    design = problem.design
-    result = []
-    for k, group_id in enumerate(problem.group_ids):
-        rows = np.flatnonzero(design.group == k)
-        f, v = np.log(design.frequency[rows]), np.log(np.maximum(design.amplitude[rows], 1e-9))
-        by_amplitude = np.ptp(v) > np.ptp(f)
-        order = np.lexsort((f, v)) if by_amplitude else np.lexsort((v, f))
-        result.append((group_id, "amplitude" if by_amplitude else "frequency", rows[order]))
-    return result
+    groups = problem.experiment.select(problem.group_ids)
+    return [(g.id, g.swept, np.flatnonzero(problem.design.group == k)[g.in_sweep]) for k, g in enumerate(groups)]
 
 
 def examine(
@@ -350,7 +343,8 @@ def _look(
     if in_sessions:
         found["one condition in two sessions", "replicate", None] = np.sqrt(_scattered(e, in_sessions))
     replicates = [rows[design.group[rows] == k] for rows in conditions for k in np.unique(design.group[rows])]
-    replicates = [rows for rows in replicates if rows.size > 1]
+    # What agrees to the last digit is a copy, or an instrument too coarse to tell.
+    replicates = [rows for rows in replicates if rows.size > 1 and np.ptp(problem.observed[rows]) > 0]
     spare = sum(rows.size - 1 for rows in replicates)
     if spare >= _SPARE:
         # Pure error: however wide the fitted scatter is, means of replicates must not scatter more than they do.
@@ -424,9 +418,9 @@ def _character(
     kinds = {s.kind for s in statistics if s.significant}
     problem = candidate.problem
     if influence and "mean" in kinds and len(problem.group_ids) > 2:
-        suspects = {s.group for s in statistics if s.significant and s.group is not None}
+        suspects = list(dict.fromkeys(s.group for s in statistics if s.significant and s.group is not None))
         clean = []
-        for group_id in sorted(suspects, key=str)[:6]:
+        for group_id in suspects[:6]:
             others = replace(problem, group_ids=tuple(g for g in problem.group_ids if g != group_id))
             without = _refitted(others, candidate)
             p = examine(without, catalogue, seed=seed, n_simulated=_INFLUENCE, exact=False, influence=False).p_value

@@ -96,8 +96,11 @@ def proposals(candidate: Candidate) -> list[Possible]:
     """Measurements that the rig allows: sweeps within the measured limits, and each changed constant."""
     problem = candidate.problem
     every = Design.of(problem.experiment.constants, problem.experiment.groups)
-    f = every.frequency[every.frequency > 0]
-    low_f, high_f = float(np.quantile(f, 0.02)), float(np.quantile(f, 0.98))
+    low_f, high_f = (float(np.quantile(every.frequency, q)) for q in (0.02, 0.98))
+    span = f"{_say(low_f)} to {_say(high_f)} Hz"
+    shares = (1.0, 0.5, 0.2) if _say(low_f) != _say(high_f) else ()
+    # Round numbers, unless they were not measured.
+    fixed = [min(max(float(f"{f:.2g}"), low_f), high_f) for f in np.geomspace(low_f, high_f, 6)[1:-1]]
     top = float(every.amplitude.max())
     bottom = float(every.amplitude[every.amplitude > 0].min())
     if top <= 1.5 * bottom:
@@ -110,17 +113,16 @@ def proposals(candidate: Candidate) -> list[Possible]:
     for words, changed in rigs:
         rig = replace(constants, **changed)
         for waveform in ("sine", "square"):
-            for share in (1.0, 0.5, 0.2):
+            for share in shares:
                 volts = top * share
                 sweep = np.geomspace(low_f, high_f, _POINTS)
-                text = f"{waveform}, {_say(volts)} V, {_say(low_f)} to {_say(high_f)} Hz{words}"
+                text = f"{waveform}, {_say(volts)} V, {span}{words}"
                 found.append(Possible(text, Design.sweep(rig, waveform, sweep, volts), changed))
-            for at in np.geomspace(low_f, high_f, 6)[1:-1]:
-                at = float(f"{at:.2g}")
+            for at in fixed:
                 sweep = np.linspace(bottom, top, _POINTS)
                 text = f"{waveform}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
                 found.append(Possible(text, Design.sweep(rig, waveform, at, sweep), changed))
-    return found
+    return list({p.text: p for p in found}.values())
 
 
 def _say(value: float) -> str:
@@ -134,7 +136,7 @@ def tell_apart(first: tuple[Candidate, Weighed], second: tuple[Candidate, Weighe
     forecasts: list[tuple[_Forecast, _Forecast]] = []
     # A glance at all of them, then a closer look at the best.
     for n_draws in (_GLANCE, _DRAWS):
-        one, other = (_Model.of(*m, n_draws, rng) for m in (first, second))
+        one, other = (_Model.of(c, draws.resampled(n_draws), rng) for c, draws in (first, second))
         forecasts = [(one.forecast(p.design), other.forecast(p.design)) for p in possible]
         kept = _best(possible, [_apart(*pair, rng)[0] for pair in forecasts])
         possible, forecasts = [possible[k] for k in kept], [forecasts[k] for k in kept]
@@ -149,18 +151,20 @@ def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, lis
     """
     rng = np.random.default_rng([seed, 17])
     possible, weak = proposals(leader), weakly_determined(leader, draws)
-    model = _Model.of(leader, draws, _GLANCE, rng)
+    model = _Model.of(leader, draws.resampled(_GLANCE), rng)
     falls = np.array([_narrowing(model.forecast(p.design), model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
     possible = [possible[k] for k in _best(possible, falls[:, which])]
-    model = _Model.of(leader, draws, _DRAWS, rng)
-    found: list[_Judgement] = []
-    for p in possible:
-        fall, error = _narrowing(model.forecast(p.design), model.u[:, [weak[which]]])
-        found.append((float(fall[0]), math.nan, float(error[0])))
-    return leader.problem.names[weak[which]], [
-        possible[k].judged(found[k]) for k in _best(possible, [f[0] for f in found])
-    ]
+
+    def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
+        model = _Model.of(leader, rows, rng)
+        found = [_narrowing(model.forecast(p.design), model.u[:, [weak[which]]]) for p in possible]
+        return [p.judged((float(f[0]), math.nan, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
+
+    every = draws.resampled(2 * _DRAWS)
+    ranked = _best(possible, [p.separation for p in judged(possible, every[::2])])
+    # As above, what is told of them comes from other draws.
+    return leader.problem.names[weak[which]], judged([possible[k] for k in ranked], every[1::2])
 
 
 def recommended(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
@@ -216,15 +220,16 @@ class _Model:
     known: FloatArray | None  # um
 
     @classmethod
-    def of(cls, candidate: Candidate, draws: Weighed, n_draws: int, rng: np.random.Generator) -> _Model:
+    def of(cls, candidate: Candidate, draws: FloatArray, rng: np.random.Generator) -> _Model:
+        """From equally weighted draws, (n_draws, n_dim)."""
         problem = candidate.problem
         # Draws of much weight are drawn more than once; a copy knows what the draw left out knew.
-        u, counts = np.unique(draws.resampled(n_draws), axis=0, return_counts=True)
+        u, counts = np.unique(draws, axis=0, return_counts=True)
         # What belongs to sessions is drawn from its prior, not taken over.
         theta = problem.theta(u, ["a session to come"], rng)
         sigma = problem.usual_sigma
         known = None if sigma is None else np.array([sigma])
-        return cls(problem.terms, theta, problem.noise_values(u), u, counts / n_draws, known)
+        return cls(problem.terms, theta, problem.noise_values(u), u, counts / len(draws), known)
 
     def forecast(self, design: Design) -> _Forecast:
         """What it says of a measurement."""

@@ -98,9 +98,9 @@ class Diagnosis:
     ledger : list of dict
         Which data each choice saw.
     extension : dict
-        The causes that the training groups name by themselves, fitted to them with lmfit and emcee like any run: its
-        folder, terms, whether the chain has converged, and the score on the other groups. Empty after `--quick`, and
-        where the training groups name nothing.
+        Causes fitted with lmfit and emcee like any run, each with its folder, groups, terms, whether the chain has
+        converged, and the score on other groups: "adopted", those named, fitted to all groups; "strict", those that the
+        training groups name by themselves, fitted to these alone. Empty after `--quick`; nothing named, nothing fitted.
     title, fingerprint, groups, training, seed, quick, versions, command, seconds
         Where it comes from.
     files : dict

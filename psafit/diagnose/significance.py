@@ -97,5 +97,5 @@ def _again(baseline: Candidate, catalogue: Sequence[Term], seed: int, memory: Me
         found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed)
         return {"lead": np.array(lead(found))}
 
-    about = [seed, k, [t.signature for t in catalogue]]
+    about = [seed, k, [t.determinants for t in catalogue]]
     return float(memory.recall("null", baseline.problem, about, make)["lead"])

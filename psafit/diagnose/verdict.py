@@ -53,7 +53,7 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
-def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftover | None) -> Verdict:
+def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftover) -> Verdict:
     """Draw the conclusion.
 
     Parameters
@@ -63,10 +63,10 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         Of the baseline.
     after : Misfit, optional
         Of the leader, where that is not the baseline.
-    left : Leftover, optional
+    left : Leftover
         Of the leader.
     """
-    odds = math.exp(min(left.log_bayes, 700.0)) * UNNAMED / (1 - UNNAMED) if left else 0.0
+    odds = math.exp(min(left.log_bayes, 700.0)) * UNNAMED / (1 - UNNAMED)
     # A discrepancy beside a model has the same part of each one's prior; the leader's evidence of it stands for all.
     unnamed = odds / (1 + odds)
     probability = {ids: p * (1 - unnamed) for ids, p in ladder.probability.items()}
@@ -80,13 +80,12 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     if not before.wrong and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         reasons.append(
             f"The tests find nothing wrong with the baseline (family-wise p = {before.p_value:.2g}), and it keeps"
-            f" {100 * probability[()]:.0f} % of the probability."
+            f" {100 * nothing:.0f} % of what the catalogue's models have together."
         )
         return Verdict("adequate", (), (), probability, unnamed, inclusion, tuple(reasons))
 
-    ranked = [c.ids for c in ladder.candidates]
-    best = next((ids for ids in ranked if ids), ())
-    if ladder.leader.ids == ():
+    best = ladder.leader.ids
+    if not best:
         # Something is wrong, and no cause helps.
         reasons.append(
             f"The tests find the baseline wrong (family-wise p = {before.p_value:.2g}), but no cause is more probable"

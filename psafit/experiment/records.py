@@ -101,6 +101,18 @@ class Conditions:
         """Number of readings."""
         return int(self.frequency_hz.size)
 
+    @property
+    def swept(self) -> Literal["frequency", "amplitude"]:
+        """The variable that a sweep varies: the one that spans the larger ratio."""
+        wider = np.ptp(np.log(np.maximum(self.amplitude_v, 1e-9))) > np.ptp(np.log(self.frequency_hz))
+        return "amplitude" if wider else "frequency"
+
+    @property
+    def in_sweep(self) -> NDArray[np.intp]:
+        """Rows in the order of the sweep, whatever the order of the file."""
+        f, v = self.frequency_hz, self.amplitude_v
+        return np.lexsort((f, v)) if self.swept == "amplitude" else np.lexsort((v, f))
+
     def rig(self, constants: Constants) -> Constants:
         """The rig's constants in this sweep."""
         return replace(constants, **dict(self.changed))

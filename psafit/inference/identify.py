@@ -10,10 +10,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from psafit.inference.ascent import Ascent, ascend, expansion, slopes
 from psafit.inference.problem import Problem
-from psafit.parameters import Bounds
+from psafit.parameters import Parameter
 from psafit.physics import baseline
 from psafit.records import ProfilePoint
 
@@ -31,6 +32,8 @@ _SMOOTH, _JUMP, _ACROSS = 0.35, 5e-3, 12
 _FIRST, _FLATTEST = 0.7, 0.04
 # Below this contraction of the variance the posterior is the prior with another name.
 _INFORMED = 0.5
+# Points between the bounds, and share of the posterior that would be expected in an end for that to be looked at.
+_FINE, _TELLING = 4001, 0.02
 
 
 class _Likelihood(Problem):
@@ -196,25 +199,35 @@ def verdict(points: list[ProfilePoint]) -> str:
     return _word(lower is not None, upper is not None)
 
 
-def verdict_of_draws(draws: FloatArray, bounds: Bounds, contraction: float) -> str:
-    """The same of what has no profile: a side is closed where the posterior is as much lower at its bound.
+def verdict_of_draws(draws: FloatArray, parameter: Parameter, contraction: float) -> str:
+    """The same of what has no profile, from posterior over prior: what the readings say of this parameter alone.
+
+    A side is closed where they make its end less probable, by as much as a profile must drop. Neither a bound at which
+    the posterior piles up is a limit of theirs, nor what the prior alone holds back.
 
     Parameters
     ----------
     draws : (n_draws,) array
         Posterior, in the sampling coordinate.
-    bounds : Bounds
-        Of that coordinate.
+    parameter : Parameter
     contraction : float
         One minus the ratio of posterior to prior variance.
     """
     if contraction < _INFORMED:
         return "not determined"
-    width = float(np.ptp(np.quantile(draws, [0.05, 0.95]))) / _ACROSS
-    highest = np.bincount(((draws - draws.min()) / width).astype(int)).max()
-    at_low, at_high = (np.count_nonzero(np.abs(draws - end) < width) for end in (bounds.lower, bounds.upper))
-    enough = math.exp(-DROP_90) * highest
-    return _word(bool(at_low < enough), bool(at_high < enough))
+    edges = np.quantile(draws, np.linspace(0, 1, _ACROSS + 1))
+    prior = np.exp(parameter.log_prior(0.5 * (edges[1:] + edges[:-1])))
+    highest = float(np.max(1 / (_ACROSS * np.maximum(np.diff(edges), 1e-12) * prior)))
+    ends = parameter.sampling_bounds
+    x = np.linspace(ends.lower, ends.upper, _FINE)
+    # Share of the posterior that would lie below each x, and above it, if the readings spoke for that end as for the
+    # best.
+    below = cumulative_trapezoid(highest * np.exp(parameter.log_prior(x)), x, initial=0)
+    closed = []
+    for share, inside in ((below, np.less_equal), (below[-1] - below, np.greater_equal)):
+        k = int(np.argmin(np.where(share > _TELLING, share, np.inf)))
+        closed.append(bool(np.mean(inside(draws, x[k])) < math.exp(-DROP_90) * min(share[k], 1.0)))
+    return _word(*closed)
 
 
 def _word(closed_below: bool, closed_above: bool) -> str:

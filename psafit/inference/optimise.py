@@ -82,9 +82,10 @@ class Optimum:
     n_failed : int
         Starts that ended where the model cannot be evaluated.
     n_evaluations : int
-        Parameter sets simulated by the climbs.
+        Parameter sets simulated: draws of the prior, and climbs but for the simplices that end them; those of the
+        search without the causes, too.
     report : str
-        lmfit's report of the last climb.
+        How lmfit's climb to the best minimum ended, and lmfit's table of that minimum, with errors from the curvature.
     """
 
     minima: tuple[Minimum, ...]
@@ -333,10 +334,14 @@ def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit
 
 def _report(problem: Problem, top: FloatArray, result: lmfit.minimizer.MinimizerResult) -> str:
     """Table of the parameters as lmfit prints it, with standard errors from the curvature of the posterior."""
-    errors = iter(np.sqrt(np.diag(laplace_covariance(problem, top))))
-    free = {name: float(next(errors)) for name, p in result.params.items() if p.expr is None}
+    errors = np.sqrt(np.diag(laplace_covariance(problem, top)))
+    # The climb went on from where lmfit's part of it ended.
+    free = [p for p in result.params.values() if p.expr is None]
+    for p, value, error in zip(free, top, errors, strict=True):
+        p.value, p.stderr = float(value), float(error)
     for name, p in result.params.items():
-        p.stderr = free[name] if name in free else p.value * free[f"ln_{name}"]
+        if p.expr is not None:
+            p.stderr = p.value * result.params[f"ln_{name}"].stderr
     return f"{result.method}: {result.message}\n{lmfit.fit_report(result.params, show_correl=False)}"
 
 

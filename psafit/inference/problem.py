@@ -134,9 +134,11 @@ class Problem:
 
     @property
     def usual_sigma(self) -> float | None:
-        """Median uncertainty that readings state for themselves, um; None where most state none."""
-        found = 0.0 if self.known_sigma is None else float(np.median(self.known_sigma))
-        return found or None
+        """Median of the uncertainties that readings state for themselves, um; None unless most state one."""
+        if self.known_sigma is None:
+            return None
+        stated = self.known_sigma[self.known_sigma > 0]
+        return float(np.median(stated)) if 2 * stated.size > self.known_sigma.size else None
 
     @cached_property
     def bounds(self) -> FloatArray:

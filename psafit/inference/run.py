@@ -30,6 +30,7 @@ from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
 from psafit.inference.scale import read
+from psafit.parameters import SHARES
 from psafit.physics import plugin_versions, recorded, signatures
 from psafit.physics.term import Term
 from psafit.records import (
@@ -419,19 +420,14 @@ def _summarise(
 ) -> PosteriorSummary:
     health = store.diagnostics(draws.values)
     quantiles = np.quantile(draws.flat, [0.05, 0.5, 0.95], axis=0)
-    p = np.linspace(0.0005, 0.9995, 1000)
     sampled = problem.to_sampling(draws.flat)
     entries = []
     for i, parameter in enumerate(problem.parameters):
         points = profiles[i] if i < problem.n_physical else []
-        prior = parameter.prior_quantile(p)
+        prior = parameter.prior_quantile(SHARES)
         contraction = 1 - float(np.var(sampled[:, i]) / np.var(prior))
         lower, median, upper = (float(q) for q in quantiles[:, i])
-        word = (
-            identify.verdict(points)
-            if points
-            else identify.verdict_of_draws(sampled[:, i], parameter.sampling_bounds, contraction)
-        )
+        word = identify.verdict(points) if points else identify.verdict_of_draws(sampled[:, i], parameter, contraction)
         if word == "not determined" and not points and parameter.is_implausible(median):
             word = "determined"  # readings drove it where its prior is not
         prior_lower, prior_upper = (float(x) for x in parameter.to_physical(parameter.prior_quantile([0.05, 0.95])))
@@ -456,7 +452,10 @@ def _summarise(
         )
     kept = chain.draws.shape[1]
     reached = kept / float(chain.autocorrelation_time.max())
-    message = f"{reached:.0f} autocorrelation times, R-hat at most {chain.r_hat.max():.3f}"
+    # Rounded so that what misses its goal is never told as meeting it.
+    message = (
+        f"{math.floor(reached)} autocorrelation times, R-hat at most {math.ceil(1e3 * chain.r_hat.max()) / 1e3:.3f}"
+    )
     if not chain.converged:
         message = (
             f"not converged after {chain.burn_in + kept} steps ({message}; wanted"

@@ -3,8 +3,9 @@ r"""Readings against what rigs of the prior would give: a prior predictive check
 A wrong unit is a factor of a thousand, and a contact soft or stiff enough can imitate much of it: the fit then looks
 adequate, or calls for causes. Draws of the baseline's prior are simulated at the experiment's conditions. Let
 :math:`r_g` be the median of :math:`\ln(\mathrm{reading}/\mathrm{prediction})` in a group. Readings are suspicious where
-nearly all draws lie on one side of zero, and a group where nearly all say that it is off the middle group (of two: the
-other) by more than a factor of thirty, whatever the rig is.
+nearly all draws lie on one side of zero, and a group where nearly all say that it is off the middle group by more than
+a factor of thirty, whatever the rig is. Of two groups that are off each other, the one whose own readings are
+suspicious.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from psafit.experiment import Experiment, read_experiment
+from psafit.experiment import Experiment, Group, read_experiment
 from psafit.experiment.text import one_line
 from psafit.inference.candidate import thinned
 from psafit.inference.problem import Problem
 from psafit.physics import informed
+
+FloatArray = NDArray[np.float64]
 
 _DRAWS = 256
 # Of more readings than this, some tell their scale.
@@ -48,31 +52,55 @@ def with_scale(experiment: Experiment) -> Experiment:
     -------
     Experiment
     """
-    moving = [g for g in experiment.groups if (g.launch_range_um > 0).any()]
+    moving = tuple(filter(None, map(_moving, experiment.groups)))
     if not moving:
         return experiment
     every = -(-sum(g.n_points for g in moving) // _MANY)
-    problem = Problem(thinned(experiment, every), tuple(g.id for g in moving))
+    problem = Problem(thinned(replace(experiment, groups=moving), every), tuple(g.id for g in moving))
     quantiles = np.random.default_rng(0).random((_DRAWS, problem.n_dim))
-    with np.errstate(divide="ignore"):
-        predicted = np.log(np.maximum(problem.predict(problem.prior_transform(quantiles)), 1e-12))
-        read = np.log(problem.observed)
-    ratio = np.where(np.isfinite(read), read - predicted, np.nan)
-    of_group = np.array([np.nanmedian(ratio[:, problem.design.group == k], axis=1) for k in range(len(moving))])
+    predicted = np.log(np.maximum(problem.predict(problem.prior_transform(quantiles)), 1e-12))
+    ratio = np.log(problem.observed) - predicted
+    of_group = np.array([np.median(ratio[:, problem.design.group == k], axis=1) for k in range(len(moving))])
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
     off = of_group - middle
     found = []
     for way, other, sign in (("below", "mm or m", -1), ("above", "nm", 1)):
-        if (np.mean(sign * of_group > 0, axis=1) > _NEARLY_ALL).all():
+        alone = np.mean(sign * of_group > 0, axis=1) > _NEARLY_ALL
+        if alone.all():
             found.append(
                 f"launch ranges lie {way} those of {100 * _NEARLY_ALL:.0f} % of the rigs that the prior holds; are they"
                 f" given in {other}, or is a constant wrong?"
             )
             continue
-        for group, apart in zip(moving, off, strict=True):
-            if np.mean(sign * apart > _APART) > _NEARLY_ALL:
+        for group, apart, odd in zip(moving, off, alone, strict=True):
+            # Of two groups, each is off the other.
+            if np.mean(sign * apart > _APART) > _NEARLY_ALL and (odd or len(moving) != 2):
                 found.append(
                     f"{group.file}: group {group.id}: launch ranges lie {way} the other groups' by a factor of about"
-                    f" {math.exp(abs(float(np.median(apart)))):.0f}; given in {other}?"
+                    f" {_factor(apart)}; given in {other}?"
                 )
+    if len(moving) == 2 and not found and np.mean(np.abs(off[0]) > _APART) > _NEARLY_ALL:
+        one, two = moving
+        found.append(
+            f"{one.file}: group {one.id}: launch ranges differ from those of group {two.id} by a factor of about"
+            f" {_factor(off[0])} that hardly any rig explains; is one of them given in another unit?"
+        )
     return replace(experiment, warnings=(*experiment.warnings, *map(one_line, found)))
+
+
+def _moving(group: Group) -> Group | None:
+    """Those of its readings that tell a scale: the ball was driven, and moved."""
+    rows = (group.launch_range_um > 0) & (group.amplitude_v > 0)
+    if not rows.any():
+        return None
+    return replace(
+        group,
+        frequency_hz=group.frequency_hz[rows],
+        amplitude_v=group.amplitude_v[rows],
+        launch_range_um=group.launch_range_um[rows],
+        sigma_um=None,
+    )
+
+
+def _factor(apart: FloatArray) -> str:
+    return f"{math.exp(abs(float(np.median(apart)))):.0f}"

@@ -307,6 +307,12 @@ class Term:
         return signature(self.id, self.plugin)
 
     @property
+    def determinants(self) -> list[Any]:
+        """What a search among causes knows it by: the signature, and those of its parameters, priors included."""
+        latent = [self.latent] if self.latent else []
+        return [self.signature, *(p.signature for p in (*self.parameters, *latent))]
+
+    @property
     def stepped(self) -> bool:
         """Whether a function of this cause acts while the ball is in contact, so that the motion has no closed form."""
         return not (self.law is None and self.stack_factor is None and self.branch is None)

@@ -15,7 +15,7 @@ from psafit.experiment import Group
 from psafit.report import figures
 from psafit.report.catalogue import declared, model, parameter, symbol
 from psafit.report.figures.groups import short, titled
-from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, render
+from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, render, worst
 from psafit.report.wording import (
     count,
     factor,
@@ -29,7 +29,7 @@ from psafit.report.wording import (
 )
 
 _LOOKS: Final = (("blue", False), ("vermillion", True))
-_MAX_PICTURED, _MAX_SVG = 24, 8
+_MAX_SVG = 8
 # A smaller difference of two log RMSEs, one per cent of a range, makes nobody choose.
 _RELEVANT = 0.01
 # Intervals that share less of the shorter one are told on the first screen.
@@ -60,8 +60,7 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
     Path
     """
     shown = _shown(first, second, found)
-    pictured = sorted(shown, key=lambda g: -max(g.pair.log_rmse))[:_MAX_PICTURED]
-    pictured = [g for g in shown if g in pictured]
+    pictured = [shown[i] for i in worst([max(g.pair.log_rmse) for g in shown])]
     differing = [f for f in found.facts if f.first != f.second]
     return render(
         "comparison.html.j2",
@@ -80,6 +79,7 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
         ],
         pictures=_pictures(pictured),
         left_out=len(shown) - len(pictured),
+        zeros=any(figures.has_zeros(g.group, g.curves) for g in pictured),
         apart=groups(found.apart) if found.apart else None,
         differing=[[f.what, f.first or "–", f.second or "–"] for f in differing],
         same=[[f.what, f.first] for f in found.facts if f.first == f.second],

@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from psafit.compare import Told, read_predictions
+from psafit.compare import Told, known, read_predictions
 from psafit.diagnose.ladder import CREDIBLE
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import CLEAR, recommended, tells_apart
@@ -21,12 +21,13 @@ from psafit.experiment import CONSTANT_UNITS, Experiment, GroupId
 from psafit.inference.run import load
 from psafit.numerics import audit
 from psafit.physics import owner
+from psafit.records import Numerics, Refinement
 from psafit.report import diagnosis_pictures, figures
 from psafit.report.catalogue import TITLES, cause, declared, model, parameter, symbol
 from psafit.report.diagnosis_pictures import Shown
 from psafit.report.figures.sweep import SWEPT
-from psafit.report.fit import write_report
-from psafit.report.page import Picture, render
+from psafit.report.fit import told_numerics, write_report
+from psafit.report.page import MAX_PICTURED, Picture, render, worst
 from psafit.report.wording import (
     NBSP,
     count,
@@ -41,7 +42,6 @@ from psafit.report.wording import (
     percent,
     prefixed,
     symbol_html,
-    two_digits,
     typeset,
     with_unit,
 )
@@ -51,7 +51,7 @@ FloatArray = NDArray[np.float64]
 # Probability of a discrepancy without a name from which on the first screen tells it.
 _WORTH_SAYING = 0.05
 
-_MAX_PICTURED, _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 24, 10, 8, 12
+_MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 10, 8, 12
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
 _SCREENED: Final = {
     "present": "bad",
@@ -75,7 +75,7 @@ _PROTOCOLS: Final = {
 
 
 def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> Path:
-    """Write `diagnosis.html`, and the page of the extension's run beside it.
+    """Write `diagnosis.html`, and the pages of the extension's runs beside it.
 
     Parameters
     ----------
@@ -90,11 +90,13 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     Path
         Of the page.
     """
-    if result.extension and (folder / result.extension["folder"]).is_dir():
-        extension = load(folder / result.extension["folder"])
-        write_report(extension, *validate(extension), audit(extension))
+    for place in {run["folder"] for run in result.extension.values()}:
+        if (folder / place).is_dir():
+            extension = load(folder / place)
+            write_report(extension, *validate(extension), audit(extension))
     shown = shown_groups(result, experiment, folder)
-    pictured = _pictured(shown)
+    # Those that the baseline misses most.
+    pictured = [shown[i] for i in worst([max(g.errors, default=0.0) for g in shown])]
     leader = _leader(result)
     content = {
         "title": f"Diagnosis: {result.title}",
@@ -111,13 +113,14 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "explorable": diagnosis_pictures.explorable(shown),
         "overview": diagnosis_pictures.overview_pictures(pictured),
         "left_out": len(shown) - len(pictured),
+        "zeros": any(figures.has_zeros(g.group, g.curves) for g in pictured),
         "extended": "extended" in result.show,
         "where": _where(result.misfit),
         "where_after": _where(result.misfit.get("extended", {})),
         "growth": _growth(result, experiment),
         "drift": _drift_rows(result),
         "models": _model_rows(result),
-        "training": ",".join(str(g) for g in result.training),
+        "all_groups": ",".join(str(g) for g in result.groups),
         "leader": None
         if leader is None
         else {"name": model(leader.terms), "rows": _parameter_rows(leader), "options": ",".join(leader.terms)},
@@ -135,7 +138,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "leftover": _leftover(result, shown),
         "quick": result.quick,
         "gains": [_gain(name, result.gain[name]) for name in ("strict", "nested") if result.gain.get(name)],
-        "extension": result.extension,
+        "extension": {which: result.extension.get(which) for which in ("adopted", "strict")},
         "ledger": _ledger(result.ledger),
         "proposals": _proposals(result.next_experiment),
         "rehearsal": _rehearsal(result.next_experiment.get("rehearsal")),
@@ -155,14 +158,9 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
 # Words ----------------------------------------------------------------------------------------------------------
 
 
-def _known(value: object) -> float:
-    """A number of the record; what was not finite is None in a record read back."""
-    return float(value) if isinstance(value, int | float) else math.nan
-
-
 def _nats(value: object) -> str:
     """A log likelihood or evidence with one digit behind the point, as far as there is something to say."""
-    x = _known(value)
+    x = known(value)
     if not math.isfinite(x):
         return "–"
     text = f"{x:.1f}" if abs(x) < 1e5 else f"{x:.3g}"
@@ -175,7 +173,7 @@ def _signed(value: object) -> str:
 
 
 def _share(value: object) -> str:
-    x = _known(value)
+    x = known(value)
     return percent(x) if math.isfinite(x) else "–"
 
 
@@ -205,7 +203,7 @@ def _leader(result: Diagnosis) -> CauseResult | None:
     for name, value in values.items():
         p = declared(name)
         about = {"unit": p.unit, "description": p.description} if p else {}
-        found[name] = {"median": value, "lower": value, "upper": value, **about}
+        found[name] = {"median": value, **about}
     return CauseResult(result.named, math.nan, found, {}, []) if found else None
 
 
@@ -253,12 +251,6 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     return found
 
 
-def _pictured(shown: list[Shown]) -> list[Shown]:
-    """All groups, or where they are very many those that the baseline misses most, in the order of the experiment."""
-    worst = sorted(range(len(shown)), key=lambda i: -max(shown[i].errors, default=0.0))[:_MAX_PICTURED]
-    return [shown[i] for i in sorted(worst)]
-
-
 def _examined(result: Diagnosis, experiment: Experiment) -> Markup:
     readings = sum(g.n_points for g in experiment.select(result.groups))
     return Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(
@@ -267,7 +259,7 @@ def _examined(result: Diagnosis, experiment: Experiment) -> Markup:
 
 
 def _adequate(result: Diagnosis) -> Markup:
-    p, n = _known(result.misfit.get("p_value")), result.misfit.get("baseline", {}).get("n_simulated", 0)
+    p, n = known(result.misfit.get("p_value")), result.misfit.get("baseline", {}).get("n_simulated", 0)
     how = Markup(
         "of {} made by the fitted baseline itself, {} look at least as odd; below {} it counts as wrong"
     ).format(count(n, "data set") if n else "data sets", _few(p, n), percent(ALPHA))
@@ -276,10 +268,10 @@ def _adequate(result: Diagnosis) -> Markup:
     if result.verdict == "adequate":
         so_far = "As far as these readings tell" if _in_doubt(result) else "Yes"
         return Markup("<strong>Is the baseline adequate?</strong> {}: {}.").format(so_far, how)
+    beside = "a discrepancy without a name" if result.mostly_unnamed else "an extended model"
     return Markup(
-        "<strong>Is the baseline adequate?</strong> The tests do not reject it ({}), but it is improbable beside an"
-        " extended model."
-    ).format(how)
+        "<strong>Is the baseline adequate?</strong> The tests do not reject it ({}), but it is improbable beside {}."
+    ).format(how, beside)
 
 
 def _p(p: float) -> str:
@@ -328,7 +320,7 @@ def _wrong(result: Diagnosis) -> Markup:
         return head + "Nothing that these readings show." + (others if kept else "") + (but if unseen else "")
     if result.verdict == "explained":
         how = "{} explains it{}; nothing is left of the misfit, and no other set does as well.{}"
-        if _known(result.misfit.get("p_value")) >= ALPHA:
+        if known(result.misfit.get("p_value")) >= ALPHA:
             how = "{}{} fits far better, and no other set does as well; the tests alone would not have objected.{}"
         return head + Markup(how).format(named, share, _reservations(result))
     if result.verdict == "ambiguous":
@@ -337,8 +329,9 @@ def _wrong(result: Diagnosis) -> Markup:
             how = "{}{} is most plausible, but these readings cannot separate it from what fits as well: {}.{}"
         return head + Markup(how).format(named, share, tied, _reservations(result))
     if not result.named:
-        what = _character(result.misfit.get("baseline", {}))
-        return head + Markup("No cause of the catalogue explains it. Of the baseline: {}.").format(what)
+        what = Markup(" Of the baseline: {}.").format(_character(result.misfit.get("baseline", {})))
+        odd = known(result.misfit.get("p_value")) < ALPHA
+        return head + "No cause of the catalogue explains it." + (what if odd else "") + _unnamed(result)
     also = Markup(" As good: {}.").format(tied) if result.alternatives else ""
     return head + Markup(
         "The best extension is {}{}, but structure remains that no cause describes (probability of an"
@@ -392,10 +385,13 @@ def _by_cause(told: Mapping[str, Markup]) -> Markup:
 
 def _reservations(result: Diagnosis) -> Markup:
     """What a reader must know who would take the name for the mechanism."""
-    found = _sizes(result) + _implausible(result)
-    if result.unnamed >= _WORTH_SAYING:
-        found += Markup(" A discrepancy without a name keeps {} of the probability.").format(_share(result.unnamed))
-    return found
+    return _sizes(result) + _implausible(result) + _unnamed(result)
+
+
+def _unnamed(result: Diagnosis) -> Markup:
+    if result.unnamed < _WORTH_SAYING:
+        return Markup("")
+    return Markup(" A discrepancy without a name keeps {} of the probability.").format(_share(result.unnamed))
 
 
 def _character(tests: Mapping[str, Any]) -> str:
@@ -418,8 +414,8 @@ def _gained(result: Diagnosis) -> Markup:
             parts.append(
                 Markup("{}, the typical error on unseen groups goes from ×{} to ×{} (log RMSE {} to {}, 90 %)").format(
                     Markup(text).format(_ids(result.training)),
-                    factor(_known(one["log_rmse_before"])), factor(_known(one["log_rmse_after"])),
-                    *(typeset(f"{_known(x):+.2f}") for x in one["log_rmse_interval"]),
+                    factor(known(one["log_rmse_before"])), factor(known(one["log_rmse_after"])),
+                    *(typeset(f"{known(x):+.2f}") for x in one["log_rmse_interval"]),
                 )
             )  # fmt: skip
     text = Markup("; ").join(parts)
@@ -447,21 +443,19 @@ def _what_next(found: Mapping[str, Any]) -> list[Markup]:
 
 def _lead(proposal: Mapping[str, Any]) -> str:
     """An expected separation with its error; single log ratios count up to a limit."""
-    x, error = _known(proposal["separation"]), _known(proposal["error"])
+    x, error = known(proposal["separation"]), known(proposal["error"])
     return typeset(f"over {0.9 * CLEAR:.0f} nats" if x > 0.9 * CLEAR else f"{x:.1f} ± {error:.1f} nats")
 
 
 def _narrowing(separation: object) -> str:
     """A fall of the log standard deviation as a share of it."""
-    return _share(-math.expm1(-_known(separation)))
+    return _share(-math.expm1(-known(separation)))
 
 
 def _tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
-    tiles = [
-        {"value": p_value(_known(result.misfit.get("p_value"))), "label": "p value: baseline against the readings"}
-    ]
+    tiles = [{"value": p_value(known(result.misfit.get("p_value"))), "label": "p value: baseline against the readings"}]
     if "extended" in result.misfit:
-        after = p_value(_known(result.misfit["extended"].get("p_value")))
+        after = p_value(known(result.misfit["extended"].get("p_value")))
         tiles.append({"value": after, "label": "p value: extension against the readings"})
     for k, curve in enumerate(shown[0].curves):
         errors = [g.errors[k] for g in shown]
@@ -480,7 +474,7 @@ def _where(misfit: Mapping[str, Any]) -> list[Markup]:
 
 
 def _growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
-    before = result.show.get("baseline", {}).get("growth", [])[:_MAX_PICTURED]
+    before = result.show.get("baseline", {}).get("growth", [])[:MAX_PICTURED]
     after = result.show.get("extended", {}).get("growth", [])
     conditions = {str(g.id): figures.sweep_of(g).condition for g in experiment.groups}
     return diagnosis_pictures.growth_pictures(before, after, conditions)
@@ -496,7 +490,7 @@ def _drift_rows(result: Diagnosis) -> list[list[Any]]:
             parameter(d["parameter"], p.description if p else ""),
             _COVARIATES.get(d["variable"], d["variable"]),
             f"{_nats(d['gain'])} nats",
-            _change(_known(d["factor"])),
+            _change(known(d["factor"])),
         ]
         if extended:
             left = rest.get((d["parameter"], d["variable"]))
@@ -523,7 +517,7 @@ def _model_rows(result: Diagnosis) -> list[list[Any]]:
         e = c.evidence
         over = _signed(e.get("over_baseline"))
         if e.get("error") is not None:
-            over += f" ± {_known(e['error']):.2f}"
+            over += f" ± {known(e['error']):.2f}"
         strange: Any = "none"
         if c.implausible:
             strange = {"text": f"{count(len(c.implausible), 'value')} implausible", "kind": "bad"}
@@ -541,8 +535,8 @@ def _model_rows(result: Diagnosis) -> list[list[Any]]:
             ]
         )
     if rows:
-        listed_ones = sum(_known(c.probability) for c in result.causes)
-        others = max(1 - listed_ones - _known(result.unnamed), 0.0)
+        listed_ones = sum(known(c.probability) for c in result.causes)
+        others = max(1 - listed_ones - known(result.unnamed), 0.0)
         for name, share in (("all other sets of causes", others), ("a discrepancy without a name", result.unnamed)):
             rows.append([Markup("<em>{}</em>").format(name), _share(share), *["–"] * 5])
     return rows
@@ -551,12 +545,12 @@ def _model_rows(result: Diagnosis) -> list[list[Any]]:
 def _method(evidence: Mapping[str, Any]) -> str:
     text = str(evidence.get("method", "–"))
     if evidence.get("effective_draws") is not None:
-        text += f": {_known(evidence['effective_draws']):.0f} effective draws"
+        text += f": {known(evidence['effective_draws']):.0f} effective draws"
     if evidence.get("nautilus"):
-        other = _known(evidence["nautilus"]["log_evidence"]) - _known(evidence["log_evidence"])
+        other = known(evidence["nautilus"]["log_evidence"]) - known(evidence["log_evidence"])
         text += f"; by nautilus {_signed(other)}"
     if evidence.get("pareto_k") is not None:
-        text += typeset(f", Pareto k {_known(evidence['pareto_k']):.2f}")
+        text += typeset(f", Pareto k {known(evidence['pareto_k']):.2f}")
     return text
 
 
@@ -565,7 +559,7 @@ def _parameter_rows(cause: CauseResult) -> list[list[Any]]:
     for name, p in cause.parameters.items():
         unit, (median, low, high) = _estimate(p)
         spread = (high - low) / 2
-        share = _known(p.get("prior_share"))
+        share = known(p.get("prior_share"))
         rows.append(
             [
                 parameter(name, str(p.get("description", ""))),
@@ -584,7 +578,7 @@ def _parameter_rows(cause: CauseResult) -> list[list[Any]]:
 
 def _estimate(p: Mapping[str, Any]) -> tuple[str, list[float]]:
     """Unit, and median, lower and upper end in it."""
-    return prefixed(str(p.get("unit", "1")), *(_known(p.get(k)) for k in ("median", "lower", "upper")))
+    return prefixed(str(p.get("unit", "1")), *(known(p.get(k)) for k in ("median", "lower", "upper")))
 
 
 def _quantity(value: float, unit: str) -> str:
@@ -608,8 +602,8 @@ def _screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             _nats(s.refit_gain),
             _nats(s.gain),
             _signed(s.log_bayes),
-            _quantity(_known(s.strength), s.unit),
-            number(_known(s.visible)),
+            _quantity(known(s.strength), s.unit),
+            number(known(s.visible)),
             _share(s.inclusion),
         ]
         for s in screening
@@ -617,10 +611,10 @@ def _screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
 
 
 def _alternatives(result: Diagnosis) -> dict[str, Any]:
-    known = {tuple(c.terms): c for c in result.causes}
+    listed_ones = {tuple(c.terms): c for c in result.causes}
     rows = []
     for ids in result.alternatives[:_MAX_ALTERNATIVES]:
-        c = known.get(tuple(ids))
+        c = listed_ones.get(tuple(ids))
         rows.append(
             [
                 model(ids),
@@ -645,7 +639,7 @@ def _tests(tests: Mapping[str, Any]) -> dict[str, Any] | None:
         return None
     statistics = tests.get("statistics", [])
     odd = [Markup("reading {} of group {}").format(k + 1, g) for g, k in tests.get("odd_points", [])]
-    p = _known(tests.get("p_value"))
+    p = known(tests.get("p_value"))
     return {
         "p": _p(p),
         "wrong": p < ALPHA,
@@ -660,8 +654,8 @@ def _tests(tests: Mapping[str, Any]) -> dict[str, Any] | None:
                 str(s["name"]),
                 "all" if s.get("group") is None else Markup("group {}").format(s["group"]),
                 _LOOKS_AT.get(s["kind"], s["kind"]),
-                typeset(f"{_known(s['excess']):.2f}"),
-                p_value(_known(s["p_value"])),
+                typeset(f"{known(s['excess']):.2f}"),
+                p_value(known(s["p_value"])),
                 {"text": "significant", "kind": "bad"} if s["significant"] else "no",
             ]
             for s in statistics[:_MAX_TESTS]
@@ -673,25 +667,24 @@ def _leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any] | Non
     left = result.misfit.get("leftover")
     if not left:
         return None
-    mean = np.array([_known(x) for x in left.get("mean", [])])
-    sd = np.array([_known(x) for x in left.get("sd", [])])
+    mean = np.array([known(x) for x in left.get("mean", [])])
+    sd = np.array([known(x) for x in left.get("sd", [])])
     whole = mean.size == sd.size == sum(g.group.n_points for g in shown)
     return {
         "log_bayes": _signed(left["log_bayes"]),
-        "present": _known(left["log_bayes"]) > 0,
-        "amplitude": percent(_known(left["amplitude"])),
-        "level": percent(_known(left["level"])),
-        "reach": factor(_known(left["reach"])),
-        "sigma_rel": f"{100 * _known(left['sigma_rel']):.1f}{NBSP}%",
+        "present": known(left["log_bayes"]) > 0,
+        "amplitude": percent(known(left["amplitude"])),
+        "level": percent(known(left["level"])),
+        "reach": factor(known(left["reach"])),
+        "sigma_rel": f"{100 * known(left['sigma_rel']):.1f}{NBSP}%",
         "rows": [
             [
                 Markup("Group {}").format(g["group"]),
-                f"×{factor(_known(g['mean']))}",
-                f"×{factor(_known(g['largest']))}",
+                *(f"×{factor(x)}" if math.isfinite(x) else "–" for x in (known(g["mean"]), known(g["largest"]))),
             ]
             for g in left.get("groups", [])
         ],
-        "pictures": diagnosis_pictures.leftover_pictures(shown[:_MAX_PICTURED], mean, sd) if whole else [],
+        "pictures": diagnosis_pictures.leftover_pictures(shown[:MAX_PICTURED], mean, sd) if whole else [],
     }
 
 
@@ -699,8 +692,8 @@ def _leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any] | Non
 
 
 def _gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
-    change, elpd = ([_known(x) for x in gain[k]] for k in ("log_rmse_interval", "elpd_interval"))
-    before, after = _known(gain["log_rmse_before"]), _known(gain["log_rmse_after"])
+    change, elpd = ([known(x) for x in gain[k]] for k in ("log_rmse_interval", "elpd_interval"))
+    before, after = known(gain["log_rmse_before"]), known(gain["log_rmse_after"])
     return {
         "name": name,
         "text": _PROTOCOLS[name],
@@ -721,10 +714,10 @@ def _gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
                 else f"Group {g['group']}",
                 _ids(g["seen"]),
                 model(g["named"]),
-                f"{_known(g['log_rmse_before']):.3f} (×{factor(_known(g['log_rmse_before']))})",
-                f"{_known(g['log_rmse_after']):.3f} (×{factor(_known(g['log_rmse_after']))})",
-                " to ".join(typeset(f"{_known(x):+.3f}") for x in g["log_rmse_interval"]),
-                f"{_signed(_known(g['elpd_after']) - _known(g['elpd_before']))}"
+                f"{known(g['log_rmse_before']):.3f} (×{factor(known(g['log_rmse_before']))})",
+                f"{known(g['log_rmse_after']):.3f} (×{factor(known(g['log_rmse_after']))})",
+                " to ".join(typeset(f"{known(x):+.3f}") for x in g["log_rmse_interval"]),
+                f"{_signed(known(g['elpd_after']) - known(g['elpd_before']))}"
                 f" ({' to '.join(_signed(x) for x in g['elpd_interval'])})",
                 f"{_share(g['coverage_before'])} / {_share(g['coverage_after'])}",
             ]
@@ -739,7 +732,7 @@ def _ledger(ledger: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
     rows: list[list[Any]] = []
     for entry in ledger:
         models = entry.get("models") or {}
-        shares = sorted(models.items(), key=lambda item: -_known(item[1]))
+        shares = sorted(models.items(), key=lambda item: -known(item[1]))
         words = listed(Markup("{} {}").format(model(_split(name)), _share(share)) for name, share in shares)
         rows.append([str(entry["choice"]), _ids(entry["saw"]), _ids(entry["scored_on"]), words or "–"])
     return rows
@@ -758,7 +751,7 @@ def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
             Markup("{} = {}").format(symbol_html(name), with_unit(number(value), CONSTANT_UNITS.get(name, "1")))
             for name, value in p.get("constants", {}).items()
         ]
-        success = _known(p.get("success"))
+        success = known(p.get("success"))
         rows.append(
             [
                 Markup("{}, {}").format(p["waveform"], count(len(p["frequency_hz"]), "reading")),
@@ -820,34 +813,12 @@ def _span(values: Sequence[float], unit: str) -> str:
 # Numerics and provenance ----------------------------------------------------------------------------------------
 
 
-def _short(value: object) -> str:
-    return two_digits(_known(value))
-
-
 def _numerics(n: Mapping[str, Any]) -> dict[str, Any] | None:
     if not n:
         return None
-    tolerance = n.get("tolerance")
-    return {
-        "engine": n["engine"],
-        "exact": n["engine"] == "closed form",
-        "converged": n["converged"],
-        "error": _short(n["error"]),
-        "required": _short(n["required"]),
-        "n_points": n["n_points"],
-        "rows": [
-            [
-                _short(r["tolerance"]) + (" (used)" if r["tolerance"] == tolerance else ""),
-                _short(r["worst"]),
-                _short(r["median"]),
-            ]
-            for r in n["refinement"]
-        ],
-        "rate": _short(n["fastest_rate"]),
-        "limit_us": number(1e6 * _known(n["stable_step"])),
-        "common_us": number(1e6 * _known(n["common_step"])),
-        "stable": _known(n["stable_step"]) >= _known(n["common_step"]),
-    }
+    found: dict[str, Any] = {k: math.nan if v is None and k != "tolerance" else v for k, v in n.items()}
+    found["refinement"] = [Refinement(**{k: known(v) for k, v in step.items()}) for step in n["refinement"]]
+    return told_numerics(Numerics(**found))
 
 
 def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
@@ -861,7 +832,7 @@ def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
         ["Predictions of the adopted model", result.predictions],
         ["Fingerprint of the data (SHA-256)", result.fingerprint],
         ["Versions", ", ".join(f"{name} {version}" for name, version in result.versions.items())],
-        ["Time taken", ", ".join(f"{name} {_known(s):.1f}{NBSP}s" for name, s in result.seconds.items()) or "–"],
+        ["Time taken", ", ".join(f"{name} {known(s):.1f}{NBSP}s" for name, s in result.seconds.items()) or "–"],
     ]
     if result.command:
         facts.insert(2, ["Command", result.command])

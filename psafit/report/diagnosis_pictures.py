@@ -13,11 +13,11 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from psafit.diagnose.record import UNSEEN, ScreeningResult
-from psafit.experiment import Group, GroupId
+from psafit.experiment import Group
 from psafit.report import figures
 from psafit.report.figures.axes import label, scale_axis, scale_sweep, widened
 from psafit.report.figures.curves import DASHES
-from psafit.report.figures.groups import short, titled
+from psafit.report.figures.groups import short, title, titled
 from psafit.report.figures.sweep import AXIS, SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
@@ -75,10 +75,6 @@ class Shown:
 def _uri(figure: Figure, n: int) -> str:
     """Image of one of `n` alike: PNG, the smaller format, where there are so many that the page would be heavy."""
     return figure_data_uri(figure, svg_limit=SVG_LIMIT if n <= _MAX_SVG else 0)
-
-
-def _heading(axes: Axes, group_id: GroupId, condition: str) -> None:
-    axes.set_title(label(f"{titled(group_id, 18)}: {condition}"))
 
 
 def _scale_x(axes: Axes, values: FloatArray, *, log: bool) -> None:
@@ -183,7 +179,7 @@ def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: s
         _scale_x(axes, at, log=bool(at.min() > 0 and at.max() >= 3 * at.min()))
         axes.set_xlabel(AXIS[base["variable"]])
         axes.set_ylabel(f"d ln L / d ln {letter}")
-        _heading(axes, base["group"], condition)
+        title(axes, base["group"], condition)
     text = f"measured {_extent(seen['measured'])}, baseline {_extent(base['simulated'])}"
     if ext is not None:
         text += f", extended {_extent(ext['simulated'])}"
@@ -348,7 +344,7 @@ def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) 
         scale_sweep(axes, g.sweep)
         axes.set_xlabel(g.sweep.label)
         axes.set_ylabel("Reading / prediction")
-        _heading(axes, g.group.id, g.sweep.condition)
+        title(axes, g.group.id, g.sweep.condition)
     low, high = factor(float(m.min())), factor(float(m.max()))
     return Picture(
         _uri(figure, n),

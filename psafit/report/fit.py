@@ -29,8 +29,8 @@ from psafit.report.wording import (
     p_value,
     percent,
     prefixed,
+    rounded,
     symbol_html,
-    two_digits,
     unit_text,
     with_unit,
 )
@@ -86,7 +86,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "traces": fit_pictures.trace_pictures(run, marginals),
         "priors": _prior_rows(run),
         "lmfit_report": run.fit.lmfit_report,
-        "numerics": _numerics(numerics),
+        "numerics": told_numerics(numerics),
         "data_warnings": run.problem.experiment.warnings,
         "facts": _facts(run),
         "provenance": {
@@ -404,28 +404,29 @@ def _prior_rows(run: Run) -> list[list[Any]]:
 # Numerics and provenance ----------------------------------------------------------------------------------------
 
 
-def _numerics(n: Numerics) -> dict[str, Any]:
+def told_numerics(n: Numerics) -> dict[str, Any]:
+    """How far the predictions are converged, and what a fixed step would have needed, as a page says it."""
     return {
         "engine": n.engine,
         "exact": n.engine == "closed form",
         "converged": n.converged,
-        "error": two_digits(n.error),
-        "required": two_digits(n.required),
+        "error": rounded(n.error),
+        "required": rounded(n.required),
         "n_sets": n.n_sets,
         "n_points": n.n_points,
         "rows": [
             [
-                two_digits(r.tolerance) + (" (used)" if r.tolerance == n.tolerance else ""),
-                two_digits(r.worst),
-                two_digits(r.median),
+                rounded(r.tolerance) + (" (used)" if r.tolerance == n.tolerance else ""),
+                rounded(r.worst),
+                rounded(r.median),
             ]
             for r in n.refinement
         ],
-        "rate": two_digits(n.fastest_rate),
-        "limit_us": f"{1e6 * n.stable_step:.4g}",
-        "common_us": f"{1e6 * n.common_step:g}",
-        "growth": two_digits(n.common_growth),
-        "ratio": f"{n.common_step / n.stable_step:.3g}",
+        "rate": rounded(n.fastest_rate),
+        "limit_us": rounded(1e6 * n.stable_step, 4),
+        "common_us": exact(1e6 * n.common_step),
+        "growth": rounded(n.common_growth),
+        "ratio": rounded(n.common_step / n.stable_step, 3),
         "stable": n.stable_step >= n.common_step,
     }
 

@@ -19,12 +19,11 @@ from psafit.report import figures
 from psafit.report.figures.curves import ROLE_COLOR
 from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import SWEPT
-from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
+from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
 from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, with_unit
 from psafit.validate import Prediction, log_ratio
 
-_MAX_PICTURED = 24
 _MAX_SVG_GROUPS = 8
 
 
@@ -49,10 +48,9 @@ def shown_groups(validation: Validation, predictions: Sequence[Prediction]) -> l
 
 
 def pictured(shown: list[Shown]) -> list[Shown]:
-    """The groups that get pictures: all, or where they are very many the worst, in the order of the experiment."""
-    worst = sorted(range(len(shown)), key=lambda i: -shown[i].score.log_rmse)[:_MAX_PICTURED]
+    """The groups that get pictures, and in any case the first that was fitted."""
     first = next(i for i, g in enumerate(shown) if g.score.role == "fit")
-    return [shown[i] for i in sorted({first, *worst})]
+    return [shown[i] for i in sorted({first, *worst([g.score.log_rmse for g in shown])})]
 
 
 def _uri(figure: Figure, pictured: Sequence[Shown]) -> str:
@@ -169,13 +167,11 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
 
 
 def pit_pictures(pictured: Sequence[Shown]) -> list[Picture]:
-    """Calibration, group by group, of the readings above zero."""
+    """Calibration, group by group."""
     pictures = []
     for g in pictured:
         p = g.prediction
-        pit = p.pit[p.group.launch_range_um > 0]
-        if pit.size == 0:
-            continue
+        pit = p.pit
         bins = 10 if pit.size >= 30 else 5
         low, high = (float(x) for x in binom.interval(0.9, pit.size, 1 / bins))
         edge = percent(float(np.mean((pit < 1 / bins) | (pit >= 1 - 1 / bins))))

@@ -57,10 +57,10 @@ def plot_group(group: Group, curves: Sequence[figures.Curve], ax: Axes | None, r
     with figure_style():
         ax = _axes(ax)
         figures.draw_curves(ax, group, sweep, curves)
-        title(ax, group.id, sweep, role)
+        title(ax, group.id, sweep.condition, role)
         ax.set_xlabel(sweep.label)
         ax.set_ylabel("Launch range (µm)")
-        ax.legend(handles=figures.handles(curves))
+        ax.legend(handles=figures.handles(curves, zeros=figures.has_zeros(group, curves)))
     return ax
 
 

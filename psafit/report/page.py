@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -23,6 +24,9 @@ SVG_LIMIT = 120_000
 
 PNG_DPI = 200
 
+MAX_PICTURED = 24
+"""Groups that get pictures of their own."""
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -31,6 +35,11 @@ class Picture:
     uri: str
     alt: str
     caption: str | Markup
+
+
+def worst(errors: Sequence[float]) -> list[int]:
+    """Places of the groups that get pictures: all, or of very many the worst, in the order of the experiment."""
+    return sorted(sorted(range(len(errors)), key=lambda i: -errors[i])[:MAX_PICTURED])
 
 
 @cache

@@ -144,9 +144,9 @@ def exact(value: float) -> str:
     return power_of_ten(int(exponent)) if head == "1" else f"{head}{TIMES}{power_of_ten(int(exponent))}"
 
 
-def two_digits(value: float) -> str:
+def rounded(value: float, digits: int = 2) -> str:
     """A number of which only the size matters."""
-    return exact(float(f"{value:.1e}")) if math.isfinite(value) else "–"
+    return exact(float(f"{value:.{digits}g}")) if math.isfinite(value) else "–"
 
 
 def percent(fraction: float) -> str:

@@ -4,7 +4,16 @@ Each function returns a `matplotlib.figure.Figure` drawn in the package's style,
 chosen for a page that shows a figure about 400 px wide.
 """
 
-from psafit.report.figures.curves import READING_BAND, Band, Curve, curve_of, draw_curves, explorable, handles
+from psafit.report.figures.curves import (
+    READING_BAND,
+    Band,
+    Curve,
+    curve_of,
+    draw_curves,
+    explorable,
+    handles,
+    has_zeros,
+)
 from psafit.report.figures.groups import group_figure, groups_figure, pit_figure, residual_figure, residual_view
 from psafit.report.figures.posterior import (
     Marginal,
@@ -36,6 +45,7 @@ __all__ = [
     "group_figure",
     "groups_figure",
     "handles",
+    "has_zeros",
     "marginal_figure",
     "pit_figure",
     "residual_figure",

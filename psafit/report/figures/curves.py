@@ -88,12 +88,18 @@ def draw_readings(axes: Axes, x: FloatArray, measured: FloatArray, bottom: float
         axes.plot(zeros, np.full(zeros.size, bottom), **{**look, "marker": "v", "clip_on": False})
 
 
+def _view(group: Conditions, curves: Sequence[Curve]) -> tuple[float, float, bool]:
+    """What a picture of a group shows: see `reading_range`."""
+    measured = readings_of(group)
+    middles = np.concatenate([c.middle for c in curves]) if curves else measured
+    tops = np.concatenate([c.bands[0].high if c.bands else c.middle for c in curves]) if curves else measured
+    return reading_range(measured, middles, tops)
+
+
 def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Curve], *, small: bool = False) -> None:
     """Readings, if there are any, models and their bands into given axes, which are scaled to them."""
     measured, x = readings_of(group), sweep.values
-    middles = np.concatenate([c.middle for c in curves]) if curves else measured
-    tops = np.concatenate([c.bands[0].high if c.bands else c.middle for c in curves]) if curves else measured
-    bottom, top, log = reading_range(measured, middles, tops)
+    bottom, top, log = _view(group, curves)
     single = len(np.unique(x)) == 1
     for place, curve in enumerate(curves):
         color = PALETTE[curve.color]
@@ -131,10 +137,10 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
     scale_sweep(axes, sweep, few=small)
 
 
-def has_zeros(axes: Axes, group: Conditions, curves: Sequence[Curve]) -> bool:
-    """Whether readings or curves hold zeros that logarithmic axes show at their foot."""
+def has_zeros(group: Conditions, curves: Sequence[Curve]) -> bool:
+    """Whether readings or curves hold zeros, which logarithmic axes show at their foot."""
     drawn = [readings_of(group), *(c.middle for c in curves)]
-    return axes.get_yscale() == "log" and any(bool((values == 0).any()) for values in drawn)
+    return _view(group, curves)[2] and any(bool((values == 0).any()) for values in drawn)
 
 
 def handles(curves: Sequence[Curve], *, measured: bool = True, zeros: bool = False) -> list[Artist]:
@@ -167,7 +173,6 @@ def explorable(
     def column(values: FloatArray) -> list[float]:
         return [float(f"{v:.5g}") for v in values[order]]
 
-    everything = np.concatenate([group.launch_range_um, *(c.middle for c in curves)])
     return {
         "title": title,
         "label": sweep.label,
@@ -176,7 +181,7 @@ def explorable(
         "amplitude": column(group.amplitude_v),
         "measured": column(group.launch_range_um),
         "sigma": None if group.sigma_um is None else column(group.sigma_um),
-        "log": [sweep.log, reading_range(group.launch_range_um, everything, everything)[2]],
+        "log": [sweep.log, _view(group, curves)[2]],
         "curves": [
             {
                 "name": c.name,

@@ -39,9 +39,9 @@ def titled(group_id: object, room: int = 14) -> str:
     return f"Group {name}" if len(name) <= 6 else short(name, room)
 
 
-def title(axes: Axes, group_id: object, sweep: Sweep, role: str | None = None) -> None:
+def title(axes: Axes, group_id: object, condition: str, role: str | None = None) -> None:
     """Title: the group and what is held; below it the role, in the role's colour."""
-    axes.set_title(label(f"{titled(group_id, 18)}: {sweep.condition}", 36), pad=20 if role else None)
+    axes.set_title(label(f"{titled(group_id, 18)}: {condition}", 36), pad=20 if role else None)
     if role:
         axes.annotate(
             ROLE_TEXT[role], (0, 1), (0, 5), xycoords="axes fraction", textcoords="offset points",
@@ -63,12 +63,12 @@ def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str 
     with figure_style():
         figure, axes = new_figure(height=3.55 if role else 2.75)
         draw_curves(axes, group, sweep, curves)
-        title(axes, group.id, sweep, role)
+        title(axes, group.id, sweep.condition, role)
         axes.set_xlabel(sweep.label)
         axes.set_ylabel("Launch range (µm)")
         if role:
-            zeros = has_zeros(axes, group, curves)
-            figure.legend(handles=handles(curves, zeros=zeros), loc="outside lower center", ncols=2, columnspacing=1.2)
+            entries = handles(curves, zeros=has_zeros(group, curves))
+            figure.legend(handles=entries, loc="outside lower center", ncols=2, columnspacing=1.2)
     return figure
 
 
@@ -79,16 +79,15 @@ def groups_figure(groups: Sequence[Conditions], sweeps: Sequence[Sweep], curves:
     with figure_style():
         figure = Figure(figsize=(3.7 * columns + 0.3, 2.9 * rows + 0.4), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"hspace": 0.06}).ravel()
-        zeros = False
         for axes, group, sweep, told in zip(panels, groups, sweeps, curves, strict=False):
             draw_curves(axes, group, sweep, told, small=True)
-            zeros = zeros or has_zeros(axes, group, told)
-            title(axes, group.id, sweep)
+            title(axes, group.id, sweep.condition)
             axes.set_xlabel(sweep.label)
             axes.set_ylabel("Launch range (µm)")
         for axes in panels[len(groups) :]:
             axes.remove()
         measured = any(isinstance(group, Group) for group in groups)
+        zeros = any(map(has_zeros, groups, curves))
         entries = handles(curves[0], measured=measured, zeros=zeros)
         figure.legend(handles=entries, loc="outside lower center", ncols=min(2 * columns, 5))
     return figure
@@ -158,7 +157,7 @@ def residual_figure(
         axes.yaxis.set_major_formatter(FixedFormatter([f"×{f:g}" for f in kept]))
         axes.yaxis.set_minor_locator(NullLocator())
         axes.set_ylim(*view)
-        title(axes, p.group.id, sweep, p.role)
+        title(axes, p.group.id, sweep.condition, p.role)
         axes.set_xlabel(sweep.label)
         axes.set_ylabel("Predicted/measured")
     return figure
@@ -172,7 +171,7 @@ def pit_figure(p: Prediction, sweep: Sweep, pit: FloatArray, band: tuple[float, 
     p : Prediction
     sweep : Sweep
     pit : (n,) array
-        Of the readings above zero.
+        Of the readings.
     band : (float, float)
         Where 90 % of the counts of a bin fall if the prediction is honest.
     bins : int
@@ -186,7 +185,7 @@ def pit_figure(p: Prediction, sweep: Sweep, pit: FloatArray, band: tuple[float, 
         axes.set_xlim(0, 1)
         axes.set_ylim(0, 1.12 * max(float(np.max(np.asarray(counts))), band[1], 1.0))
         axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
-        title(axes, p.group.id, sweep, p.role)
+        title(axes, p.group.id, sweep.condition, p.role)
         axes.set_xlabel("Predicted probability of a smaller reading")
         axes.set_ylabel("Readings")
     return figure

@@ -15,7 +15,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from psafit.experiment import Group
 from psafit.report.figures.axes import label
-from psafit.report.figures.curves import Curve, draw_curves
+from psafit.report.figures.curves import Curve, draw_curves, handles, has_zeros
 from psafit.report.figures.groups import short
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import PALETTE, WIDTH, figure_style
@@ -79,7 +79,7 @@ def draw_factors(axes: Axes, rows: Sequence[Row]) -> None:
     axes.yaxis.set_major_formatter(FixedFormatter([label(r.name, 30) for r in rows]))
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    room = 1.22 if all(len(r.marks) == 1 for r in rows) else 1.6
+    room = 1.22 if all(len(r.marks) == 1 for r in rows) else 1.85
     right = room * max(most, 0.05)
     axes.set_xlim(0, right)
     axes.set_xlabel("log RMSE (0 = perfect)")
@@ -123,5 +123,8 @@ def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Seq
             )
             if column == 0:
                 axes.set_ylabel("Launch range (µm)")
-        below.legend(handles=list(legend), loc="outside lower center", ncols=len(legend), columnspacing=1.1)
+        zeros = any(has_zeros(e.group, e.curves) for e in examples)
+        entries = [*legend, *handles([], measured=False, zeros=zeros)]
+        long = sum(len(str(e.get_label())) for e in entries) > 44  # no line holds more
+        below.legend(handles=entries, loc="outside lower center", ncols=2 if long else len(entries), columnspacing=1.1)
     return figure

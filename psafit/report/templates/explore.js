@@ -5,7 +5,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
   const groups = JSON.parse(home.querySelector("script").textContent);
   const hidden = new Set(groups.flatMap((g) => g.curves.filter((c) => c.off).map((c) => c.name)));
   const clip = `clip-${place}`;
-  let group, at, log;
+  let group, at, log, zero;
 
   const add = (parent, element, attributes = {}, text = "") => {
     for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
@@ -58,6 +58,9 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     const toggle = (name, swatch) =>
       choice(shown, name, !hidden.has(name), (on) => (on ? hidden.delete(name) : hidden.add(name)), swatch);
     toggle("measured", (s) => svg(s, "circle", { cx: 13, cy: 6, r: 4, class: "reading" }));
+    zero = html(shown, "span");
+    svg(svg(zero, "svg", { width: 12, height: 12, "aria-hidden": "true" }), "path", { d: "M2 2h8l-4 7z", class: "reading" });
+    zero.append("zero");
     const bands = new Map();
     for (const c of group.curves) {
       toggle(c.name, (s) => svg(s, "path", { d: "M1 6H25", class: line(c) }));
@@ -148,7 +151,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
       group.measured.forEach((v, i) => {
         const [cx, cy] = [x(group.x[i]), y(v)];
         const s = group.sigma?.[i];
-        if (s) svg(inside, "path", { d: `M${cx} ${y(v - s)}V${y(v + s)}`, class: "sigma" });
+        if (s && !none(v)) svg(inside, "path", { d: `M${cx} ${y(v - s)}V${y(v + s)}`, class: "sigma" });
         if (none(v)) svg(picture, "path", { d: triangle(group.x[i], 4), class: "reading" });
         else svg(picture, "circle", { cx, cy, r: 4, class: "reading" });
       });
@@ -158,6 +161,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
       svg(picture, "circle", { cx: reach[at][0], cy: reach[at][1], r: 6, class: "cursor" });
       for (const c of curves) svg(picture, "circle", { cx: reach[at][0], cy: y(c.middle[at]), r: 4, class: `dot ${c.color}` });
     }
+    zero.hidden = ![...(hidden.has("measured") ? [] : group.measured), ...curves.flatMap((c) => c.middle)].some(none);
     tell(curves);
   }
 
