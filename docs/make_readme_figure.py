@@ -22,17 +22,19 @@ def main() -> int:
     predictions = predict(load(RUN))
     curves = [figures.curve_of(p) for p in predictions]
     groups = [p.group for p in predictions]
-    figure = figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], [[c] for c in curves])
+    sweeps = [figures.sweep_of(g) for g in groups]
+    figure = figures.groups_figure(groups, sweeps, [[c] for c in curves])
     fitted = next(c for c, p in zip(curves, predictions, strict=True) if p.role == "fit")
     predicted = next(c for c, p in zip(curves, predictions, strict=True) if p.role != "fit")
     figure.legends[0].remove()
     entries = figures.handles([replace(fitted, name="fitted", bands=())])
-    entries += figures.handles([replace(predicted, name="predicted, never seen")], measured=False)
+    zeros = any(figures.has_zeros(g, [c]) for g, c in zip(groups, curves, strict=True))
+    entries += figures.handles([replace(predicted, name="predicted, never seen")], measured=False, zeros=zeros)
     with figure_style():
-        for axes, p in zip(figure.axes, predictions, strict=True):
+        for axes, p, sweep in zip(figure.axes, predictions, sweeps, strict=True):
             seen = "fitted" if p.role == "fit" else "never seen"
-            axes.set_title(f"Group {p.group.id}, {p.group.waveform}: {seen}")
-        figure.legend(handles=entries, loc="outside lower center", ncols=5)
+            axes.set_title(f"{p.group.id}: {sweep.condition}, {seen}")
+        figure.legend(handles=entries, loc="outside lower center", ncols=6)
         figure.savefig(ROOT / "docs" / "figures" / "fit-group1.png", dpi=150)
     return 0
 

@@ -1,13 +1,14 @@
 """Kill -9 at random moments, again and again, until the work is done (`make kills`).
 
-A fit, a diagnosis and a campaign run as separate processes, each killed at random moments and started again with the
-same command. Nothing under its own name may ever be half-written, and what comes out must be what an undisturbed run
-gives: the same draws, verdict and results to the last digit.
+A fit, a quick and a full diagnosis and a campaign run as separate processes, each killed at random moments and started
+again with the same command. Nothing under its own name may ever be half-written, and what comes out must be what an
+undisturbed run gives: the same draws, verdict and results to the last digit.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import os
 import random
@@ -17,16 +18,31 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest import measure
+from conftest import RIG, TRUTH, measure
 
-from psafit.experiment import write_experiment
+from psafit.experiment import Experiment, Group, fingerprint, write_experiment
+from psafit.physics import terms
+from psafit.simulate import Design, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def hiding() -> Experiment:
+    """Two short sweeps of a rig with a slow amplifier, which either of them gives away: so every stage is reached."""
+    rng, groups = np.random.default_rng(3), []
+    f = np.geomspace(200, 1.5e4, 9)
+    for number, (waveform, volts) in enumerate((("sine", 20.0), ("square", 12.0)), 1):
+        design = Design.sweep(RIG, waveform, f, np.full(f.size, volts))
+        true = simulate(design, [*TRUTH, 6e-5], terms(["amplifier_lag"])).launch_range[0] * 1e6
+        read = true * (1 + 0.02 * rng.standard_normal(f.size)) + 0.03 * rng.standard_normal(f.size)
+        groups.append(Group(number, waveform, f"{number}.csv", f, design.amplitude, np.maximum(np.round(read, 2), 0.0)))
+    return Experiment("A slow amplifier", "drawn", RIG, tuple(groups), Path("hiding"), fingerprint(RIG, groups))
 
 
 def _without(tree: Any, names: frozenset[str]) -> Any:
@@ -53,6 +69,15 @@ def of_diagnosis(folder: Path) -> Any:
     return _record(folder / "diagnosis.json", "seconds", "command", "sha256")
 
 
+def of_full_diagnosis(folder: Path) -> Any:
+    """The result of a diagnosis, the draws of its extension, and what else there is."""
+    from psafit.files import is_temporary
+
+    result = of_diagnosis(folder)
+    names = sorted(path.name for path in folder.iterdir() if not is_temporary(path))
+    return [result, of_fit(folder / result["extension"]["folder"]), names]
+
+
 def of_campaign(folder: Path) -> Any:
     """The results of a campaign, without times."""
     from psafit.challenge.campaign import content_hash, load
@@ -66,6 +91,8 @@ KINDS: dict[str, tuple[list[str], Callable[[Path], Any]]] = {
         ["diagnose", "rig", "--group", "1", "--quick", "--no-report", "--quiet", "--out", "{out}"],
         of_diagnosis,
     ),
+    # One search where nothing is hidden instead of 19: the same stage, in seconds.
+    "full": (["diagnose", "hiding", "--group", "1", "--searches", "1", "--quiet", "--out", "{out}"], of_full_diagnosis),
     "campaign": (
         [
             *["challenge", "run", "--seed", "3", "--experiment", "rig", "--terms", "stack_stiffness", "--each", "0"],
@@ -103,6 +130,14 @@ def whole(folder: Path) -> list[str]:
                     dict(stored)
             elif path.suffix in (".nc", ".h5"):
                 h5py.File(path, "r").close()
+            elif path.suffix == ".csv":
+                text = path.read_text("utf-8")
+                if len({len(row) for row in csv.reader(text.splitlines())}) != 1 or not text.endswith("\n"):
+                    raise ValueError("a table that ends too early")
+            elif path.suffix == ".toml":
+                tomllib.loads(path.read_text("utf-8"))
+            elif path.suffix == ".html" and not path.read_text("utf-8").rstrip().endswith("</html>"):
+                raise ValueError("a page that ends too early")
         except Exception as error:
             broken.append(f"{path.relative_to(folder)}: {error}")
     return broken
@@ -122,6 +157,7 @@ def main() -> int:
     try:
         # Readings that the baseline explains: a search of seconds.
         write_experiment(measure(np.random.default_rng(5)), place / "rig")
+        write_experiment(hiding(), place / "hiding")
         for kind in given.kind or KINDS:
             words, content = KINDS[kind]
             begun = time.monotonic()
@@ -151,6 +187,9 @@ def main() -> int:
                         continue
                     error = process.communicate()[1].decode()
                     break
+                if broken := whole(place / out):
+                    faults += 1
+                    print(f"{kind}, after kill {kills}: half-written {'; '.join(broken)}", flush=True)
                 if process.returncode:
                     faults += 1
                     print(f"{kind}, after kill {kills}: exit {process.returncode}: {error[-300:]}", flush=True)

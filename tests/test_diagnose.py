@@ -20,8 +20,9 @@ from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.next_experiment import determine, proposals, tell_apart
 from psafit.diagnose.rehearsal import rehearse
+from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import PRESENT, _unclear, _with_neutral, screen
-from psafit.diagnose.show import drift, growth
+from psafit.diagnose.show import drift, growth, offsets
 from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
 from psafit.errors import ConvergenceError, InputError
@@ -418,6 +419,42 @@ def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden):
             if set(smaller.ids) < set(c.ids):
                 # Densities of parameters at neutral values may cost something; likelihood may not be lost.
                 assert c.log_likelihood > smaller.log_likelihood - 3.0
+
+
+def test_sessions_are_compared_where_they_share_a_condition(sound):
+    """Two sessions of one sweep, the second read a third too high; a third group shares nothing with them."""
+    few = experiment(n=8)
+    first, other = few.groups[0], few.groups[1]
+    twice = replace(first, id="again", launch_range_um=first.launch_range_um * 1.33)
+    groups = (first, twice, other)
+    one = fit(problem(replace(few, groups=groups, fingerprint=fingerprint(RIG, groups))), (), seed=1)
+    (found,) = offsets(one)
+    assert (found.first, found.second, found.n_conditions) == ("a", "again", 8)
+    assert found.factor == pytest.approx(1.33, rel=1e-3) and 1 < found.lower < 1.33 < found.upper
+    assert offsets(sound) == []
+    # The time that a reading was taken is only told where sweeps went to and fro.
+    assert "order" not in {d.variable for d in drift(one)}
+    rng = np.random.default_rng(0)
+    shuffled = []
+    for g in few.groups:
+        rows = rng.permutation(g.n_points)
+        y = g.launch_range_um[rows] * np.linspace(0.6, 1.6, g.n_points)  # the rig warms up
+        shuffled.append(Group(g.id, g.waveform, g.file, g.frequency_hz[rows], g.amplitude_v[rows], y))
+    warm = fit(problem(replace(few, groups=tuple(shuffled), fingerprint=fingerprint(RIG, shuffled))), (), seed=1)
+    assert drift(warm)[0].variable == "order"
+
+
+def test_whose_a_gain_is(hidden, sound):
+    """A hidden lag gains in both frequency sweeps, and more than any smooth curve; a bump in one sweep is its own."""
+    found = robustness(hidden.baseline, hidden.leader)
+    assert sum(gain for _, gain in found.groups) == pytest.approx(hidden.gain(("amplifier_lag",)), abs=1e-6)
+    assert not found.of_one_group and found.without is not None and found.without > 5
+    assert found.smooth < hidden.log_evidence["amplifier_lag",] - hidden.log_evidence[()]
+    one = fit(problem(experiment(spoil=bump, seed=3)), (), seed=1, draws=512, most=8)
+    odd = fit(replace(one.problem, terms=FEW[:1]), [one], seed=1)
+    spoilt = robustness(one, odd)
+    assert spoilt.smooth > odd.laplace - one.laplace
+    assert robustness(sound, sound).groups == [("a", 0.0), ("b", 0.0), ("c", 0.0)]
 
 
 def test_verdicts(hidden, sound):

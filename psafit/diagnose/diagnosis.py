@@ -23,6 +23,7 @@ from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
 from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, RESULT, UNSEEN, CauseResult, Diagnosis, ScreeningResult
 from psafit.diagnose.rehearsal import rehearse
+from psafit.diagnose.robustness import Robustness, robustness
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
@@ -203,6 +204,10 @@ class _Work:
             left = leftover(leader)
             verdict = conclude(ladder, before, after, left)
             misfit = _misfit(before, after, left, leader)
+            misfit["sessions"] = [asdict(o) for o in show.offsets(ladder.baseline)]
+            firm = robustness(ladder.baseline, leader) if leader.terms else None
+            if firm:
+                misfit["robustness"] = asdict(firm)
         # Where nothing is wrong, the model that is adopted is the baseline, whatever leads.
         adopted = ladder.baseline if verdict.verdict == "adequate" else leader
         draws = ladder.draws(adopted.ids, self.seed)
@@ -257,7 +262,7 @@ class _Work:
             next_experiment=proposal,
             predictions=PREDICTIONS,
             files={name: sha256(self.folder / name) for name in tables},
-            sentences=_sentences(verdict, before, screening, measured, proposal),
+            sentences=_sentences(verdict, before, ladder, firm, screening, measured, proposal),
             unnamed=verdict.unnamed,
             screening=screening,
             show=_show(ladder),
@@ -596,6 +601,8 @@ def _words(ids: Sequence[str]) -> str:
 def _sentences(
     verdict: Verdict,
     before: Misfit,
+    ladder: Ladder,
+    firm: Robustness | None,
     screening: Sequence[ScreeningResult],
     measured: Mapping[str, Any],
     proposal: Mapping[str, Any],
@@ -610,6 +617,19 @@ def _sentences(
         result.append(f"Of the baseline: {what}.")
     if verdict.alternatives:
         result.append("As good: " + "; ".join(_words(ids) for ids in verdict.alternatives[:6]) + ".")
+    if firm and verdict.named:
+        own = ladder.log_evidence[ladder.leader.ids] - ladder.log_evidence[()]
+        if firm.of_one_group:
+            gain = ladder.gain(ladder.leader.ids)
+            result.append(
+                f"Of their gain of {gain:.0f} nats group {firm.strongest} gives {max(g for _, g in firm.groups):.0f};"
+                f" without it they gain {firm.without:.0f}."
+            )
+        if firm.smooth > own:
+            result.append(
+                f"A smooth discrepancy without a name does as well: {firm.smooth:.0f} nats of evidence over the"
+                f" baseline, where these causes have {own:.0f}."
+            )
     if unseen := sum(s.verdict == UNSEEN for s in screening):
         result.append(f"Of {len(screening)} candidate causes, {unseen} could not have been seen in these readings.")
     for protocol, one in measured.items():

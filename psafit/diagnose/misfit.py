@@ -27,7 +27,7 @@ from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
-from psafit.inference.candidate import ENOUGH, Candidate, settle
+from psafit.inference.candidate import Candidate, refitted
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.simulate import Design, path_of
@@ -310,9 +310,7 @@ def _look(
         "amplitude": np.log(np.maximum(design.amplitude, 1e-9)),
         "predicted size": np.log(predicted + 0.05),
         "waveform": design.waveform.astype(float),
-        "order in the file": np.concatenate(
-            [np.linspace(-1, 1, max((design.group == k).sum(), 1)) for k in range(len(problem.group_ids))]
-        ),
+        "order in the file": in_session(design),
     }
     n = e.shape[1]
     for name, value in covariates.items():
@@ -338,11 +336,11 @@ def _look(
     found["largest residual", "point", None] = np.abs(e).max(axis=1)
     for id, unit in directions.items():
         found[f"direction of {id}", "mean", None] = (e @ unit.T).max(axis=1)
-    conditions = _conditions(design)
-    in_sessions = [rows for rows in conditions if np.ptp(design.group[rows])]
+    alike = conditions(design)
+    in_sessions = [rows for rows in alike if np.ptp(design.group[rows])]
     if in_sessions:
         found["one condition in two sessions", "replicate", None] = np.sqrt(_scattered(e, in_sessions))
-    replicates = [rows[design.group[rows] == k] for rows in conditions for k in np.unique(design.group[rows])]
+    replicates = [rows[design.group[rows] == k] for rows in alike for k in np.unique(design.group[rows])]
     # What agrees to the last digit is a copy, or an instrument too coarse to tell.
     replicates = [rows for rows in replicates if rows.size > 1 and np.ptp(problem.observed[rows]) > 0]
     spare = sum(rows.size - 1 for rows in replicates)
@@ -355,7 +353,13 @@ def _look(
     return found
 
 
-def _conditions(design: Design) -> list[NDArray[np.intp]]:
+def in_session(design: Design) -> FloatArray:
+    """Place of each reading in the file of its session, from -1 to 1; (n_points,)."""
+    counts = np.bincount(design.group)
+    return np.concatenate([np.linspace(-1, 1, n) for n in counts if n])
+
+
+def conditions(design: Design) -> list[NDArray[np.intp]]:
     """Rows of every condition of the rig."""
     seen: dict[tuple[float, ...], list[int]] = {}
     for i in range(design.n_points):
@@ -422,7 +426,7 @@ def _character(
         clean = []
         for group_id in suspects[:6]:
             others = replace(problem, group_ids=tuple(g for g in problem.group_ids if g != group_id))
-            without = _refitted(others, candidate)
+            without = refitted(others, candidate)
             p = examine(without, catalogue, seed=seed, n_simulated=_INFLUENCE, exact=False, influence=False).p_value
             if p > 0.1:
                 clean.append((p, group_id))
@@ -435,8 +439,3 @@ def _character(
     if odd_points and (kinds == {"point"} or (kinds <= {"point", "spread"} and len(odd_points) <= 3)):
         return "points", ()
     return "scatter", ()
-
-
-def _refitted(problem: Problem, like: Candidate) -> Candidate:
-    """The same model on fewer groups, climbed from where it was."""
-    return settle(problem, ascend(problem, like.widened(problem)[0][:1], still_below=ENOUGH))

@@ -6,16 +6,19 @@ predictions, by straight lines through windows of neighbouring readings of one s
 *Drift.* Each of the fit's parameters in turn is let vary along a covariate, as a piecewise linear function with three
 free values about the fitted one, in the expansion of the model. The gain says whether letting it drift would mend the
 misfit; the slope says which way it must drift. A parameter that must drift points at the mechanism it stands in for.
+
+*Sessions.* Where two sessions share conditions, the factor between their readings: no model of the rig can explain it.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.diagnose.misfit import sweeps
+from psafit.diagnose.misfit import conditions, in_session, sweeps
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
 
@@ -23,6 +26,7 @@ FloatArray = NDArray[np.float64]
 
 _WINDOW = 9
 _KNOTS = 4
+_SORTED = 0.9
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,8 @@ class Drift:
     Parameters
     ----------
     parameter : str
-    variable : {"frequency", "amplitude", "range"}
+    variable : {"frequency", "amplitude", "range", "waveform", "order"}
+        The last from the first reading of each session to its last; waveform from sine to square.
     gain : float
         Nats, in the expansion, with the scatter refitted.
     factor : float
@@ -67,6 +72,46 @@ class Drift:
     variable: str
     gain: float
     factor: float
+
+
+@dataclass(frozen=True)
+class Offset:
+    """How the readings of two sessions differ at the conditions that both have.
+
+    Parameters
+    ----------
+    first, second : group id
+    n_conditions : int
+    factor, lower, upper : float
+        Of the second over the first, with its 90 % interval by the fitted scatter.
+    """
+
+    first: GroupId
+    second: GroupId
+    n_conditions: int
+    factor: float
+    lower: float
+    upper: float
+
+
+def offsets(candidate: Candidate) -> list[Offset]:
+    """Every pair of sessions that share conditions at which both have readings above zero."""
+    problem, group = candidate.problem, candidate.problem.design.group
+    y, relative = problem.observed, candidate.scatter / np.maximum(problem.observed, 1e-9)
+    found: dict[tuple[int, int], list[tuple[float, float]]] = {}
+    for rows in conditions(problem.design):
+        sessions = {k: rows[(group[rows] == k) & (y[rows] > 0)] for k in np.unique(group[rows]).tolist()}
+        for a, b in itertools.combinations([k for k, own in sessions.items() if own.size], 2):
+            logs = [float(np.log(y[sessions[k]]).mean()) for k in (a, b)]
+            variance = sum(float(np.sum(relative[sessions[k]] ** 2)) / sessions[k].size ** 2 for k in (a, b))
+            found.setdefault((a, b), []).append((logs[1] - logs[0], variance))
+    result = []
+    for (a, b), pairs in found.items():
+        ratio, weight = np.array([p[0] for p in pairs]), 1 / np.array([p[1] for p in pairs])
+        mean, sd = float(np.average(ratio, weights=weight)), float(1 / np.sqrt(weight.sum()))
+        ends = np.exp([mean, mean - 1.645 * sd, mean + 1.645 * sd]).tolist()
+        result.append(Offset(problem.group_ids[a], problem.group_ids[b], len(pairs), *ends))
+    return result
 
 
 def growth(candidate: Candidate) -> list[Growth]:
@@ -120,7 +165,11 @@ def drift(candidate: Candidate) -> list[Drift]:
         "frequency": np.log(design.frequency),
         "amplitude": np.log(np.maximum(design.amplitude, 1e-9)),
         "range": np.log(candidate.predicted + 0.05),
+        "waveform": design.waveform.astype(float),
     }
+    # Sweeps that were read from one end to the other do not tell the time from what was swept.
+    if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < _SORTED:
+        covariates["order"] = in_session(design)
     # A weak prior keeps directions that the readings leave open at rest.
     rest, _ = _solve(known, target)
     result = []
@@ -137,6 +186,11 @@ def drift(candidate: Candidate) -> list[Drift]:
             values = solution[-_KNOTS:]
             result.append(Drift(problem.names[i], name, gain, float(np.exp(np.clip(values[-1] - values[0], -9, 9)))))
     return sorted(result, key=lambda d: -d.gain)
+
+
+def _sorted(places: NDArray[np.intp]) -> float:
+    """How far places in a sweep follow those in the file: a rank correlation, whatever its sign."""
+    return abs(float(np.corrcoef(places, np.arange(places.size))[0, 1])) if places.size > 2 else 1.0
 
 
 def _solve(a: FloatArray, y: FloatArray, ridge: float = 0.2) -> tuple[float, FloatArray]:

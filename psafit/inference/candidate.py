@@ -229,6 +229,11 @@ def fit(
     return settle(problem, _across_steps(problem, end))
 
 
+def refitted(problem: Problem, like: Candidate) -> Candidate:
+    """The same model on fewer groups, climbed from where it was."""
+    return settle(problem, ascend(problem, like.widened(problem)[0][:1], still_below=ENOUGH))
+
+
 def _across_steps(problem: Problem, end: Ascent) -> Ascent:
     """Go on where a parameter has no slope: what acts by thresholds is better a step away, or not, but never uphill."""
     for _ in range(_CROSSINGS):

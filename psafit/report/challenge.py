@@ -171,9 +171,9 @@ def _gain_figure(bins: Sequence[GainBin]) -> Figure:
     figure, axes = new_figure()
     x = np.arange(len(bins), dtype=float)
     kinds: tuple[tuple[str, Callable[[GainBin], Rate], str, str], ...] = (
-        ("something is wrong", lambda b: b.detected, "blue", "o"),
+        ("verdict not adequate", lambda b: b.detected, "blue", "o"),
         ("truth in the set", lambda b: b.in_set, "green", "s"),
-        ("truth named alone", lambda b: b.named, "vermillion", "^"),
+        ("named, or first of a tie", lambda b: b.named, "vermillion", "^"),
     )
     for k, (label, pick, color, marker) in enumerate(kinds):
         _bars(axes, list(x + 0.14 * (k - 1)), [pick(b) for b in bins], PALETTE[color], label, marker)
@@ -183,7 +183,7 @@ def _gain_figure(bins: Sequence[GainBin]) -> Figure:
     axes.set_xlabel("Oracle gain (nats)")
     axes.set_ylabel("Share of data sets")
     axes.set_title("One cause hidden")
-    axes.legend(loc="best")
+    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
@@ -198,18 +198,17 @@ def _reliability_figure(score: Score) -> Figure:
         filled = [b for b in bins if b.mean is not None]
         at = [(b.mean or 0.0) + aside for b in filled]
         _bars(axes, at, [b.right for b in filled], PALETTE[color], label, marker)
-        for x, b in zip(at, filled, strict=True):
-            below = -10 if aside == 0.0 else 5
-            axes.annotate(
-                f"{b.right.n}", (x, b.right.share or 0.0), (6, below), textcoords="offset points", fontsize=8.5,
-                color=PALETTE[color],
-            )  # fmt: skip
-    axes.set_xlim(-0.03, 1.03)
-    axes.set_ylim(-0.03, 1.03)
+        # How many, in a row for each kind below all that is drawn; neighbours take turns.
+        for k, (x, b) in enumerate(zip(at, filled, strict=True)):
+            row = (-0.075 if aside == 0.0 else -0.19) - 0.045 * (k % 2)
+            axes.annotate(f"{b.right.n}", (x, row), ha="center", va="center", fontsize=8, color=PALETTE[color])
+    axes.set_xlim(-0.03, 1.05)
+    axes.set_ylim(-0.27, 1.03)
+    axes.set_yticks(np.linspace(0, 1, 6))
     axes.set_xlabel("Printed probability")
     axes.set_ylabel("Share that was the truth")
     axes.set_title("Reliability of the probabilities")
-    axes.legend(loc="upper left")
+    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 

@@ -67,7 +67,7 @@ _LOOKS_AT: Final = {
     "replicate": "sessions at the same condition",
 }
 _LOOKS: Final = {"baseline": ("baseline", "grey"), "extended": ("extended model", "vermillion")}
-_COVARIATES: Final = {**SWEPT, "range": "launch range"}
+_COVARIATES: Final = {**SWEPT, "range": "launch range", "order": "order in each session"}
 _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
     "nested": "For each group, causes and parameters chosen on all the others, then that group scored.",
@@ -119,6 +119,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "where_after": _where(result.misfit.get("extended", {})),
         "growth": _growth(result, experiment),
         "drift": _drift_rows(result),
+        "sessions": _session_rows(result.misfit.get("sessions", [])),
         "models": _model_rows(result),
         "all_groups": ",".join(str(g) for g in result.groups),
         "leader": None
@@ -127,6 +128,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "other_models": [
             {"name": model(c.terms), "rows": _parameter_rows(c)} for c in result.causes if c is not leader
         ],
+        "robustness": _robustness(result, leader),
         "leader_listed": leader is _listed_leader(result),
         "mostly_unnamed": result.mostly_unnamed,
         "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, TITLES, result.named),
@@ -499,6 +501,16 @@ def _drift_rows(result: Diagnosis) -> list[list[Any]]:
     return rows
 
 
+def _session_rows(sessions: Sequence[dict[str, Any]]) -> list[list[Any]]:
+    rows = []
+    for s in sessions:
+        middle, low, high = (known(s[k]) for k in ("factor", "lower", "upper"))
+        told = {"text": "agree", "kind": "good"} if low <= 1 <= high else {"text": "disagree", "kind": "warn"}
+        where = count(s["n_conditions"], "condition")
+        rows.append([f"{s['second']} over {s['first']}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", told])
+    return rows
+
+
 def _change(value: float) -> str:
     """A factor of drift; the search for it ends at e to the power of nine."""
     if not value > 0:
@@ -574,6 +586,20 @@ def _parameter_rows(cause: CauseResult) -> list[list[Any]]:
             ]
         )
     return rows
+
+
+def _robustness(result: Diagnosis, leader: CauseResult | None) -> dict[str, Any] | None:
+    """Whose the leader's gain is; None where there is none."""
+    told = result.misfit.get("robustness")
+    if told is None or leader is None or not leader.terms:
+        return None
+    return {
+        "strongest": "" if told["strongest"] is None else str(told["strongest"]),
+        "without": _nats(told["without"]),
+        "smooth": _nats(told["smooth"]),
+        "own": _nats(leader.evidence.get("over_baseline")),
+        "rows": [[str(group), _nats(gain)] for group, gain in told["groups"]],
+    }
 
 
 def _estimate(p: Mapping[str, Any]) -> tuple[str, list[float]]:

@@ -1,0 +1,60 @@
+"""Whether a gain belongs to the causes: not to one odd group, nor to whatever bends smoothly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from psafit.diagnose.leftover import leftover
+from psafit.experiment import GroupId
+from psafit.inference.candidate import Candidate, refitted
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """Where the leader's gain over the baseline comes from, and what would gain as much.
+
+    Parameters
+    ----------
+    groups : list of (group id, float)
+        Gain of log likelihood in each group, nats; both models as fitted to all.
+    strongest : group id, optional
+        The group that gives most; None where there is only one.
+    without : float, optional
+        Gain on the other groups, both models fitted to them alone.
+    smooth : float
+        Evidence over the baseline, nats, of a smooth discrepancy without a name beside it: a richer law of the
+        scatter, whose errors along a sweep and within a session are alike.
+    """
+
+    groups: list[tuple[GroupId, float]]
+    strongest: GroupId | None
+    without: float | None
+    smooth: float
+
+    @property
+    def of_one_group(self) -> bool:
+        """Whether one group gives four fifths of what all gain together."""
+        return len(self.groups) > 1 and max(g for _, g in self.groups) > 0.8 * sum(g for _, g in self.groups)
+
+
+def robustness(baseline: Candidate, leader: Candidate) -> Robustness:
+    """Ask what a gain rests on.
+
+    Parameters
+    ----------
+    baseline, leader : Candidate
+        Of the same readings.
+    """
+    problem = leader.problem
+    change = np.subtract(*(c.problem.pointwise_log_likelihood(c.modes[:1])[0] for c in (leader, baseline)))
+    ids = problem.group_ids
+    groups = [(id, float(change[problem.design.group == k].sum())) for k, id in enumerate(ids)]
+    strongest, without = None, None
+    if len(ids) > 1:
+        strongest = max(groups, key=lambda told: told[1])[0]
+        others = tuple(id for id in ids if id != strongest)
+        with_it, plain = (refitted(replace(c.problem, group_ids=others), c) for c in (leader, baseline))
+        without = with_it.log_likelihood - plain.log_likelihood
+    return Robustness(groups, strongest, without, leftover(baseline).log_bayes)
