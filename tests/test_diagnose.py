@@ -19,7 +19,7 @@ from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.next_experiment import determine, proposals, tell_apart
-from psafit.diagnose.rehearsal import rehearse
+from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import PRESENT, _unclear, _with_neutral, screen
 from psafit.diagnose.show import drift, growth, offsets
@@ -657,6 +657,17 @@ def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
     assert all(
         after > 0.9 for ids, after in zip(found.truth, found.after, strict=True) if ids == list(hidden.leader.ids)
     )
+
+
+def test_the_same_experiment_again_tells_what_it_can_separate(hidden):
+    """A lag and friction, each as fitted to readings that a lag has made; and a model against its own double."""
+    models = [(c, weigh(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
+    found = repeat(models, [0.0, 0.0], seed=1)
+    assert found.before == pytest.approx([0.5] * 6)
+    # Friction that stands for a lag came with a wide scatter, in which a lag may do as well: two of three at most.
+    assert min(found.after[:3]) > 0.9 and found.first >= 4
+    double = repeat([models[0], models[0]], [0.0, 0.0], seed=1)
+    assert double.after == pytest.approx([0.5] * 6, abs=0.2)
 
 
 def test_the_search_finds_less_where_nothing_is_hidden(hidden, tmp_path):

@@ -22,7 +22,7 @@ from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
 from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, RESULT, UNSEEN, CauseResult, Diagnosis, ScreeningResult
-from psafit.diagnose.rehearsal import rehearse
+from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import Robustness, robustness
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.significance import significance
@@ -217,6 +217,7 @@ class _Work:
         write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(_DRAWS), self.seed))
         with self._stage("next experiment"):
             proposal = _next(ladder, verdict, self.seed, None if quick else self.watcher)
+            confusion = {} if quick else _confusion(ladder, verdict, self.seed, self.watcher)
         ledger: list[dict[str, Any]] = [
             {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
         ]
@@ -277,6 +278,7 @@ class _Work:
             versions=versions(),
             command=portable_command(self.command),
             seconds=self.seconds,
+            confusion=confusion,
             identity=identity,
         )
         write_json(self.folder / RESULT, result, sealed=True)
@@ -565,29 +567,42 @@ def _show(ladder: Ladder) -> dict[str, Any]:
     }
 
 
+def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, Weighed]]:
+    """The leader and what does as well, so far as it was fitted, with draws of their posteriors."""
+    fitted = {c.ids for c in ladder.candidates}
+    equals = [ids for ids in (ladder.leader.ids, *verdict.alternatives) if ids in fitted]
+    return [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals[:most]]
+
+
+def _confusion(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher) -> dict[str, Any]:
+    """Whether tied models could be told apart by the same conditions, measured again."""
+    if not (verdict.named and verdict.alternatives):
+        return {}
+    tied = _tied(ladder, verdict, seed, _REHEARSED)
+    prior = [ladder.log_prior(c.ids) for c, _ in tied]
+    found = repeat(tied, prior, seed=seed, progress=lambda k, n: watcher.update(k, n, "experiments repeated"))
+    return asdict(found) if len(tied) > 1 else {}
+
+
 def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) -> dict[str, Any]:
     """Proposals for the verdict at hand: against the best rival, or for a weakly determined parameter.
 
     With a watcher the best that leaves the rig as it is is rehearsed.
     """
-    leader = ladder.leader
-    groups = leader.problem.experiment.groups
+    groups = ladder.leader.problem.experiment.groups
     if verdict.verdict == "adequate" or not any(((g.frequency_hz > 0) & (g.amplitude_v > 0)).any() for g in groups):
         return {}
-    fitted = {c.ids for c in ladder.candidates}
-    equals = [ids for ids in (leader.ids, *verdict.alternatives) if ids in fitted]
     # Draws of a model that was not weighed are dear: a proposal looks at two.
-    equals = equals[: 2 if watcher is None else _REHEARSED]
-    tied = [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals]
+    tied = _tied(ladder, verdict, seed, 2 if watcher is None else _REHEARSED)
     if len(tied) == 1:
         name, found = next_experiment.determine(*tied[0], seed=seed)
         return next_experiment.as_dict(found, f"determines {name}")
     found = next_experiment.tell_apart(*tied[:2], seed=seed)
-    about = f"tells {_words(leader.ids)} from {_words(tied[1][0].ids)}"
+    about = f"tells {_words(ladder.leader.ids)} from {_words(tied[1][0].ids)}"
     result = next_experiment.as_dict(found, about)
     here = next((p for p in found if not p.constants), None)
     if watcher is not None and here is not None:
-        prior = [ladder.log_prior(ids) for ids in equals]
+        prior = [ladder.log_prior(c.ids) for c, _ in tied]
         result["rehearsal"] = asdict(
             rehearse(tied, prior, here, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
         )

@@ -105,6 +105,9 @@ class Diagnosis:
         Where it comes from.
     files : dict
         SHA-256 of each table of predictions.
+    confusion : dict
+        Of tied models: how often the one that made the readings comes out first when the same conditions are measured
+        again in simulation (`psafit.diagnose.rehearsal.Rehearsal`). Empty where nothing is tied, and after `--quick`.
     identity : str
         SHA-256 of all that determines the result.
     """
@@ -135,6 +138,7 @@ class Diagnosis:
     command: str
     seconds: dict[str, float]
     files: dict[str, str] = field(default_factory=dict)
+    confusion: dict[str, Any] = field(default_factory=dict)
     identity: str = ""
 
     @property

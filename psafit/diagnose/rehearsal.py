@@ -1,8 +1,11 @@
-"""Rehearse a proposed measurement: its readings are drawn from each tied model in turn, and all of them judged again.
+"""Readings are drawn from each of some tied models in turn, and all of these models judged by them.
 
-What was measured stays as it is. To it come readings that a draw from the posterior of one model makes of the proposed
-sweep; then every tied model is fitted to the whole, and the probabilities among them are computed as the diagnosis
-does. A proposal that works leaves the model that made the readings ahead of the others, whichever it was.
+*Repeated*: the whole experiment is measured again, in simulation, and nothing kept of what was measured. If the model
+that made the readings does not come out ahead, this design cannot separate them, however often it is measured.
+
+*Rehearsed*: what was measured stays as it is. To it come readings that a draw from the posterior of one model makes
+of a proposed sweep; then every tied model is fitted to the whole, and the probabilities among them are computed as
+the diagnosis does. A proposal that works leaves the model that made the readings ahead of the others, whichever it was.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from psafit.inference import noise
 from psafit.inference.ascent import ascend
 from psafit.inference.candidate import ENOUGH, Candidate, settle
 from psafit.inference.evidence import Weighed
-from psafit.inference.problem import MICRO
+from psafit.inference.problem import MICRO, Problem
 from psafit.simulate import Design, simulate
 
 # Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
@@ -49,6 +52,33 @@ class Rehearsal:
     before: list[float]
     after: list[float]
     first: int
+
+
+def repeat(
+    tied: Sequence[tuple[Candidate, Weighed]],
+    log_prior: Sequence[float],
+    *,
+    seed: int,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Rehearsal:
+    """Measure the same conditions again in simulation, with each of some models as the truth; see `rehearse`."""
+    truth, after, first = [], [], 0
+    for k, (candidate, draws) in enumerate(tied):
+        for trial in range(_TRIALS):
+            progress(_TRIALS * k + trial, _TRIALS * len(tied))
+            rng = np.random.default_rng([seed, 31, k, trial])
+            problem = candidate.problem
+            u = draws.draws[rng.choice(len(draws.draws), p=draws.weights)][None]
+            made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
+            again = problem.experiment.with_readings(np.maximum(made, 0.0))
+            height = [
+                _climbed(replace(c.problem, experiment=again), c, d, rng).laplace + p
+                for (c, d), p in zip(tied, log_prior, strict=True)
+            ]
+            truth.append(list(candidate.ids))
+            after.append(float(softmax(height)[k]))
+            first += int(np.argmax(height) == k)
+    return Rehearsal("the same conditions again", truth, np.repeat(softmax(log_prior), _TRIALS).tolist(), after, first)
 
 
 def rehearse(
@@ -113,7 +143,11 @@ def _refitted(candidate: Candidate, draws: Weighed, new: Group, rng: np.random.G
     """A model fitted to the old readings and the new ones."""
     old = candidate.problem
     experiment = replace(old.experiment, groups=(*old.experiment.groups, new))
-    problem = replace(old, experiment=experiment, group_ids=(*old.group_ids, NEW))
+    return _climbed(replace(old, experiment=experiment, group_ids=(*old.group_ids, NEW)), candidate, draws, rng)
+
+
+def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> Candidate:
+    """A model fitted to other readings, from its optima and draws of its posterior."""
     known = np.vstack([candidate.modes, draws.draws[rng.choice(len(draws.draws), _STARTS, p=draws.weights)]])
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))

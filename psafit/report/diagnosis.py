@@ -143,6 +143,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "extension": {which: result.extension.get(which) for which in ("adopted", "strict")},
         "ledger": _ledger(result.ledger),
         "proposals": _proposals(result.next_experiment),
+        "confusion": _rehearsal(result.confusion),
         "rehearsal": _rehearsal(result.next_experiment.get("rehearsal")),
         "numerics": _numerics(result.numerics),
         "data_warnings": experiment.warnings,
