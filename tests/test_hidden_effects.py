@@ -24,6 +24,7 @@ from psafit.challenge.hide import Challenge, make
 from psafit.challenge.oracle import Oracle, consult
 from psafit.challenge.score import located, reported_set
 from psafit.diagnose import diagnose, diagnosis, ladder
+from psafit.diagnose.leftover import leftover
 from psafit.diagnose.misfit import examine
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
 
@@ -151,7 +152,7 @@ def without(rung: str, patch: pytest.MonkeyPatch) -> None:
     """Take a rung away."""
     if rung == "what has no name":
         patch.setattr(diagnosis, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
-        patch.setattr(diagnosis, "leftover", lambda *a, **k: None)
+        patch.setattr(diagnosis, "leftover", lambda *a, **k: replace(leftover(*a, **k), log_bayes=-50.0))
     elif rung == "single causes":
         worth = ladder._Search._evidence
         patch.setattr(ladder._Search, "_evidence", lambda self, c: -1e6 if len(c.terms) == 1 else worth(self, c))
