@@ -21,13 +21,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, Waveform, read_experiment
+from psafit.physics import baseline
 from psafit.simulate import Contact, Design, contact, simulate
 from psafit.simulate.reference import (
     ContactParameters,
@@ -456,7 +457,10 @@ def _elastic_restitution(found: Contact, parameters: ContactParameters) -> float
 
 
 def _exact_contact(point: Point, parameters: ContactParameters, constants: Constants, n_times: int = 2001) -> Contact:
-    return contact(Design.sweep(constants, *point), np.array(parameters), n_times=n_times)[0]
+    try:
+        return contact(Design.sweep(constants, *point), np.array(parameters), n_times=n_times)[0]
+    except ValueError as error:  # no launch
+        raise InputError(f"{PUBLISHED}: {error}", "correct the parameters, or the conditions of the claims") from error
 
 
 def _exact_quantities(point: Point, parameters: ContactParameters, constants: Constants) -> _Quantities:
@@ -474,6 +478,13 @@ def _exact_quantities(point: Point, parameters: ContactParameters, constants: Co
 # --- claims ---------------------------------------------------------------------------------------
 
 
+def _highest(values: FloatArray) -> int:
+    if np.isnan(values).all():
+        remedy = "give the scheme a longer total, and minimum_frequency one that was measured"
+        raise InputError(f"{PUBLISHED}: the published scheme launches no ball in a sweep of a claim", remedy)
+    return int(np.nanargmax(values))
+
+
 def _launch_range(s: _Solution, c: Mapping[str, Any]) -> float:
     return 1e6 * s.at(_point(c)).launch_range
 
@@ -483,7 +494,7 @@ def _largest(s: _Solution, c: Mapping[str, Any]) -> tuple[float, float]:
     ranges = np.array([q.launch_range for q in found])
     if np.all(np.isnan(ranges)):
         return math.nan, math.nan
-    best = int(np.nanargmax(ranges))
+    best = _highest(ranges)
     return float(frequency[best]), 1e6 * float(ranges[best])
 
 
@@ -508,7 +519,7 @@ def _largest_tip_time(s: _Solution, c: Mapping[str, Any]) -> float:
 
 def _peak_force_frequency(s: _Solution, c: Mapping[str, Any]) -> float:
     frequency, found = s.over(c)
-    return float(frequency[int(np.nanargmax([q.peak_force for q in found]))])
+    return float(frequency[_highest(np.array([q.peak_force for q in found]))])
 
 
 def _contact_time_rises(s: _Solution, c: Mapping[str, Any]) -> float:
@@ -579,6 +590,17 @@ def _judged(claim: Mapping[str, Any], study: _Solution, exact: _Solution) -> Cla
     )  # fmt: skip
 
 
+# What a study may state: as far as the simulator goes, and no longer than one waits.
+_LIMITS: Mapping[str, tuple[float, float]] = {
+    **{p.name: (p.bounds.lower if p.name == "k_c" else 0.0, p.bounds.upper) for p in baseline.PARAMETERS},
+    "step": (1e-9, 1e-4),
+    "total": (1e-3, 10.0),
+    "frequency": (1e-2, 1e7),
+    "amplitude": (1e-3, 1e6),
+}
+_MOST_STEPS = 1e7
+
+
 def read_published(folder: str | Path) -> dict[str, Any]:
     """Read ``published.toml`` of an experiment folder.
 
@@ -609,9 +631,14 @@ def read_published(folder: str | Path) -> dict[str, Any]:
     for table, names in numbers:
         found = data.get(table)
         for name in names:
-            may_be_zero = table == "rounding" or name in ("c_s", "c_c")
-            if not (isinstance(found, dict) and _usable(found.get(name), zero=may_be_zero)):
-                raise InputError(f"[{table}] has no valid {name}", remedy, file=file)
+            low, high = _LIMITS[name]
+            if table == "rounding":  # no further than to where a parameter ends
+                low, high = 0.0, float(data["parameters"][name]) - low
+            value = found.get(name) if isinstance(found, dict) else None
+            if not (_usable(value, zero=low == 0) and low <= value <= high):
+                raise InputError(f"[{table}] has no valid {name}, from {low:g} to {high:g}", remedy, file=file)
+    if data["scheme"]["total"] > _MOST_STEPS * data["scheme"]["step"]:
+        raise InputError(f"[scheme] asks for more than {_MOST_STEPS:g} steps", remedy, file=file)
     claims = data.get("claim", [])
     if not (isinstance(claims, list) and all(isinstance(claim, dict) for claim in claims)):
         raise InputError("the claims are not a list of [[claim]] tables", remedy, file=file)
@@ -623,7 +650,7 @@ def read_published(folder: str | Path) -> dict[str, Any]:
     return data
 
 
-def _usable(number: object, *, zero: bool) -> bool:
+def _usable(number: object, *, zero: bool) -> TypeGuard[float]:
     if isinstance(number, bool) or not isinstance(number, int | float):
         return False
     return 0 < number <= sys.float_info.max or (zero and number == 0)
@@ -648,8 +675,11 @@ def _fault(claim: Mapping[str, Any]) -> str | None:
         return f"has {claim['group']!r} for a group"
     positive = {"frequency", "other_frequency", "amplitude", "tolerance", "tolerance_relative"}
     for key in sorted(positive & claim.keys()):
-        if not _usable(claim[key], zero=False):
+        low, high = _LIMITS.get(key.removeprefix("other_"), (0.0, math.inf))
+        if not (_usable(claim[key], zero=False) and low <= claim[key] <= high):
             return f"has {claim[key]!r} for {key}"
+    if not isinstance(claim.get("note", ""), str):
+        return "has a note that is no text"
     for key in ("published", "minimum_frequency"):
         if not _usable(claim.get(key, 0), zero=True):
             return f"has {claim[key]!r} for {key}"
@@ -698,6 +728,9 @@ def reproduce(folder: str | Path) -> Reproduction:
     step, total = float(data["scheme"]["step"]), float(data["scheme"]["total"])
     study = _Solution(experiment, lambda p: _study_quantities(p, parameters, constants, step, total))
     exact = _Solution(experiment, lambda p: _exact_quantities(p, parameters, constants))
+    for claim in data.get("claim", []):
+        if "group" in claim:
+            experiment.group(claim["group"])  # refuses one there is not, before long work
     claims = tuple(_judged(claim, study, exact) for claim in data.get("claim", []))
 
     point = Point("sine", 1200.0, 20.0)

@@ -894,6 +894,21 @@ def test_another_rigs_diagnosis_is_not_replaced(tmp_path):
     assert [p.name for p in tmp_path.iterdir() if p.suffix == ".json"] == ["diagnosis.json"]
 
 
+def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
+    """A chain that did not converge is drawn on by the command after a finished one, not by one that resumes."""
+    monkeypatch.setattr(diagnosis, "_STEPS", 500)
+    e = experiment(["amplifier_lag"], [4e-5], n=12, groups=("a", "b"))
+
+    def again():
+        return diagnose(e, ["a"], tmp_path, catalogue=FEW[:1], searches=0).extension["adopted"]
+
+    first = again()
+    assert not first["converged"] and "after 500 steps" in first["message"]
+    (tmp_path / "diagnosis.json").unlink()  # killed after the extension, before the end
+    assert again() == first
+    assert again()["message"] != first["message"]
+
+
 def test_a_diagnosis_lies_beside_the_fit_of_the_same_readings(tmp_path):
     e = experiment(n=8)
     settings = replace(Settings.of(problem(e)), max_steps=60, chunk=20)

@@ -194,6 +194,12 @@ def _altered(tmp_path: Path, old: str, new: str) -> Path:
         ("c_c = 68.0", f"c_c = {'9' * 5000}", "cannot be read"),
         ("c_c = 68.0", f"c_c = {'9' * 400}", "[parameters] has no valid c_c"),
         ("k_c = 1.425e5", "k_c = 0.0", "[parameters] has no valid k_c"),
+        ("c_s = 13991.0", "c_s = 1e9", "[parameters] has no valid c_s, from 0 to 1e+06"),
+        ("k_c = 50.0", "k_c = 1.42e5", "[rounding] has no valid k_c, from 0 to 141500"),
+        ("total = 0.08", "total = 1e300", "[scheme] has no valid total, from 0.001 to 10"),
+        ("step = 1e-6", "step = 1e-9", "[scheme] asks for more than 1e+07 steps"),
+        ("amplitude = 16.0", "amplitude = 1e300", "has 1e+300 for amplitude"),
+        ("amplitude = 16.0", "note = 3\namplitude = 16.0", "has a note that is no text"),
     ],
 )
 def test_unusable_claims_are_named(tmp_path: Path, old: str, new: str, said: str) -> None:

@@ -123,9 +123,13 @@ def diagnose(
     identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
     with sole(folder):
         _claim(folder, experiment)
-        if finished := _finished(folder, identity):
-            return finished
-        work = _Work(experiment, training, folder, seed, catalogue, jobs or cores(), watcher or Silent(), command)
+        held = _held(folder, identity)
+        if held and all(run["converged"] for run in held.extension.values()):
+            return held
+        shown, n_jobs = watcher or Silent(), jobs or cores()
+        # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
+        drawing = held is not None
+        work = _Work(experiment, training, folder, seed, catalogue, n_jobs, shown, command, drawing)
         return work.all(quick, searches, nautilus, identity)
 
 
@@ -160,15 +164,15 @@ def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
     )  # fmt: skip
 
 
-def _finished(folder: Path, identity: str) -> Diagnosis | None:
-    """What the same command has found before, unless some of it is gone, or a chain has still to converge."""
+def _held(folder: Path, identity: str) -> Diagnosis | None:
+    """What the same command has found before, unless some of it is gone."""
     try:
         held = read_json(folder / RESULT, Diagnosis, sealed=True)
     except InputError:
         return None
     parts = [held.predictions, *(gain["predictions"] for gain in held.gain.values())]
     parts += [run["folder"] for run in held.extension.values()]
-    whole = all(run["converged"] for run in held.extension.values()) and all((folder / p).exists() for p in parts)
+    whole = all((folder / part).exists() for part in parts)
     unchanged = whole and all(sha256(folder / name) == seal for name, seal in held.files.items())
     return held if unchanged and held.identity == identity else None
 
@@ -185,6 +189,7 @@ class _Work:
     jobs: int
     watcher: Watcher
     command: Sequence[object]
+    drawing: bool
     seconds: dict[str, float] = field(default_factory=dict)
     _ladders: dict[tuple[GroupId, ...], Ladder] = field(default_factory=dict)
 
@@ -349,16 +354,19 @@ class _Work:
         place = "-".join(
             ["extension", f"group{'-'.join(map(str, groups))}", *(t.id for t in terms), f"seed{self.seed}"]
         )
-        run = fit(
-            self.experiment,
-            groups,
-            self.folder / place,
-            terms=terms,
-            seed=self.seed,
-            settings=replace(settings, max_steps=_STEPS),
-            watcher=self.watcher,
-            command=self.command,
-        )
+        if (self.folder / place / "posterior.json").exists() and not self.drawing:
+            run = load(self.folder / place)
+        else:
+            run = fit(
+                self.experiment,
+                groups,
+                self.folder / place,
+                terms=terms,
+                seed=self.seed,
+                settings=replace(settings, max_steps=_STEPS),
+                watcher=self.watcher,
+                command=self.command,
+            )
         validation, _ = validate(run)
         return {
             "folder": place,

@@ -228,7 +228,7 @@ def figures(result: Reproduction) -> dict[str, Figure]:
 
 
 def _number(value: float, unit: str) -> str:
-    if math.isnan(value):
+    if not math.isfinite(value):
         return "none: overflow"
     digits = {"um": 2, "us": 1, "Hz": 0, "%": 2}.get(unit, 3 if value != round(value) else 0)
     return typeset(f"{value:,.{digits}f} {'' if unit == '1' else unit}".replace(",", "\N{THIN SPACE}").strip())
