@@ -755,6 +755,17 @@ def test_a_second_hill_of_the_baseline_is_not_lost():
     assert all(held)
 
 
+def test_a_hopeless_model_is_not_told_as_worse_than_what_is_within_it():
+    """What falls behind its rival is not fitted to the end; it holds the smaller model's optimum all the same."""
+    e = experiment(["amplifier_lag"], [8e-5], n=60, seed=3)  # enough readings for climbs on a quarter of them
+    plain = fit(problem(e), (), seed=1, draws=1024, most=16)
+    right = fit(replace(plain.problem, terms=FEW[:1]), [plain], seed=1)
+    for term in FEW[1:]:
+        behind = fit(replace(plain.problem, terms=(term,)), [plain], seed=1, rival=right, draws=32, most=2)
+        assert behind.height < right.height - 15
+        assert behind.log_likelihood > plain.log_likelihood - 0.5
+
+
 def test_thinning_keeps_small_groups():
     e = experiment(n=24)
     assert [g.n_points for g in thinned(e, 3).groups] == [8, 8, 8]

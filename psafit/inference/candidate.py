@@ -218,12 +218,12 @@ def fit(
     there = problem.log_posterior(known)
     trials = [ascend(trial, starts, schedule=schedule, still_below=ENOUGH, unite=True) for starts, schedule in races]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
+    best_known = known[np.argsort(-there, kind="stable")[:_TAKEN]]
     if rival is not None:
         other = replace(trial, terms=rival.terms)
         behind = height.max() < float(other.log_posterior(rival.modes[:1])[0]) - _HOPELESS
         if behind and there.max() < rival.height - _HOPELESS:
-            return settle(problem, ascend(problem, tried, schedule=((0, 1),)))
-    best_known = known[np.argsort(-there, kind="stable")[:_TAKEN]]
+            return settle(problem, ascend(problem, np.vstack([tried, best_known]), schedule=((0, 1),)))
     tried = np.vstack([tried[height > height.max() - _HOPELESS], best_known])
     end = ascend(problem, tried, schedule=_FULL, still_below=ENOUGH, unite=True)
     return settle(problem, _across_steps(problem, end))

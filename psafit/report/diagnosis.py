@@ -67,6 +67,7 @@ _LOOKS_AT: Final = {
     "replicate": "sessions at the same condition",
 }
 _LOOKS: Final = {"baseline": ("baseline", "grey"), "extended": ("extended model", "vermillion")}
+_SURELY: Final = 2.576 / (2 * 1.645)  # half of a 99 % interval by the width of a 90 % one
 _COVARIATES: Final = {**SWEPT, "range": "launch range", "order": "order in each session"}
 _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
@@ -506,7 +507,9 @@ def _session_rows(sessions: Sequence[dict[str, Any]]) -> list[list[Any]]:
     rows = []
     for s in sessions:
         middle, low, high = (known(s[k]) for k in ("factor", "lower", "upper"))
-        told = {"text": "agree", "kind": "good"} if low <= 1 <= high else {"text": "disagree", "kind": "warn"}
+        # Of many pairs some lie outside their 90 % interval.
+        apart = abs(math.log(middle)) > _SURELY * math.log(high / low)
+        told = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
         where = count(s["n_conditions"], "condition")
         rows.append([f"{s['second']} over {s['first']}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", told])
     return rows
