@@ -189,7 +189,7 @@ class _Work:
     jobs: int
     watcher: Watcher
     command: Sequence[object]
-    drawing: bool
+    drawing: bool = False
     seconds: dict[str, float] = field(default_factory=dict)
     _ladders: dict[tuple[GroupId, ...], Ladder] = field(default_factory=dict)
 
