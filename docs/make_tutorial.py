@@ -162,25 +162,32 @@ def draw(fits: Path, file: Path) -> None:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from psafit.report.figures.axes import scale_axis, widened
     from psafit.report.style import BAND, MEASURED, PALETTE, figure_style
 
     models = {"baseline": "grey", "with the sensor": "vermillion"}
     tables = [pd.read_csv(fits / run / "predictions.csv") for run in ("rig-groupsine40V-sine700Hz", "with-sensor")]
     with figure_style():
-        figure = Figure(figsize=(10.5, 3.2), layout="constrained")
-        for axes, name in zip(figure.subplots(1, 4), SWEEPS, strict=True):
+        figure = Figure(figsize=(9.0, 6.2), layout="constrained")
+        # One scale for all readings: how far a model is off can be compared.
+        least, most = (pick(pick(t.launch_range_um) for t in tables) for pick in (min, max))
+        for axes, name in zip(figure.subplots(2, 2).flat, SWEEPS, strict=True):
             swept = "frequency_hz" if np.ndim(SWEEPS[name][0]) else "amplitude_v"
             for table, (model, color) in zip(tables, models.items(), strict=True):
                 own = table[table.group == name].sort_values(swept)
                 axes.plot(own[swept], own.predicted_um, color=PALETTE[color], label=model)
-                axes.fill_between(own[swept], own.lower_um, own.upper_um, color=PALETTE[color], **BAND)
+                band = f"90 % of readings, {model}"
+                axes.fill_between(own[swept], own.lower_um, own.upper_um, color=PALETTE[color], label=band, **BAND)
             axes.plot(own[swept], own.launch_range_um, label="measured", **MEASURED)
-            axes.set(yscale="log", xscale="log" if swept == "frequency_hz" else "linear")
+            scale_axis(axes, "y", *widened(least, most, 0.1, log=True), log=True)
+            log = swept == "frequency_hz"
+            scale_axis(axes, "x", *widened(own[swept].min(), own[swept].max(), 0.03, log=log), log=log)
             axes.set_xlabel("Drive frequency (Hz)" if swept == "frequency_hz" else "Drive amplitude (V)")
             seen = "fitted" if own.role.iloc[0] == "fit" else "never seen"
             axes.set_title(f"{name}: {seen}", fontsize=10, loc="left")
-        figure.axes[0].set_ylabel("Launch range (µm)")
-        figure.axes[0].legend(fontsize=8)
+        for axes in figure.axes[::2]:
+            axes.set_ylabel("Launch range (µm)")
+        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         figure.savefig(file, dpi=130)
 
 
