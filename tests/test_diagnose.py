@@ -444,17 +444,20 @@ def test_sessions_are_compared_where_they_share_a_condition(sound):
     assert drift(warm)[0].variable == "order"
 
 
+def whose(baseline, leader):
+    return robustness(baseline, leader, leftover(baseline), leftover(leader))
+
+
 def test_whose_a_gain_is(hidden, sound):
     """A hidden lag gains in both frequency sweeps, and more than any smooth curve; a bump in one sweep is its own."""
-    found = robustness(hidden.baseline, hidden.leader)
+    found = whose(hidden.baseline, hidden.leader)
     assert sum(gain for _, gain in found.groups) == pytest.approx(hidden.gain(("amplifier_lag",)), abs=1e-6)
     assert not found.of_one_group and found.without is not None and found.without > 5
-    assert found.smooth < hidden.log_evidence["amplifier_lag",] - hidden.log_evidence[()]
+    assert found.over_smooth > 3
     one = fit(problem(experiment(spoil=bump, seed=3)), (), seed=1, draws=512, most=8)
     odd = fit(replace(one.problem, terms=FEW[:1]), [one], seed=1)
-    spoilt = robustness(one, odd)
-    assert spoilt.smooth > odd.laplace - one.laplace
-    assert robustness(sound, sound).groups == [("a", 0.0), ("b", 0.0), ("c", 0.0)]
+    assert whose(one, odd).over_smooth < 0
+    assert whose(sound, sound).groups == [("a", 0.0), ("b", 0.0), ("c", 0.0)]
 
 
 def test_verdicts(hidden, sound):
@@ -465,17 +468,18 @@ def test_verdicts(hidden, sound):
     assert before.wrong
     assert not after.wrong
     left = leftover(hidden.leader)
-    found = conclude(hidden, before, after, left)
+    bare = leftover(hidden.baseline)
+    found = conclude(hidden, before, after, left, bare)
     assert found.verdict in ("explained", "ambiguous")
     assert found.named == ("amplifier_lag",)
     assert found.inclusion["amplifier_lag"] > 0.95
     # The same ladder whose leader leaves structure is not an explanation.
     spoilt = replace(after, p_value=ALPHA / 2)
-    assert conclude(hidden, before, spoilt, left).verdict == "unexplained"
+    assert conclude(hidden, before, spoilt, left, bare).verdict == "unexplained"
     # A rival of equal probability makes a tie.
     p = hidden.probability[("amplifier_lag",)]
     tied = replace(hidden, probability=hidden.probability | {("amplifier_lag",): p / 2, ("flight_friction",): p / 2})
-    tie = conclude(tied, before, after, left)
+    tie = conclude(tied, before, after, left, bare)
     assert tie.verdict == "ambiguous"
     assert tie.alternatives[0] == ("flight_friction",)
     # So does one that fits as well, held back by what is plausible alone; not one that is absurd, or has more causes.
@@ -488,19 +492,27 @@ def test_verdicts(hidden, sound):
             candidates = tuple(alike if c is other else c for c in hidden.candidates)
             share = dict.fromkeys(hidden.probability, 0.0) | {leader.ids: 0.98 - p, other.ids: p}
             verdicts[behind, p] = conclude(
-                replace(hidden, candidates=candidates, probability=share, unfitted={}), before, after, left
+                replace(hidden, candidates=candidates, probability=share, unfitted={}), before, after, left, bare
             )
     assert {key for key, v in verdicts.items() if v.verdict == "ambiguous"} == {(2.0, 0.02)}
     assert verdicts[2.0, 0.02].alternatives == (other.ids,) and "plausible" in verdicts[2.0, 0.02].reasons[0]
     # Causes that share the probability take nothing from what has no name: it has a tenth before the readings.
     doubtful = replace(left, log_bayes=np.log(9 * 1.5))
-    assert conclude(hidden, before, after, doubtful).unnamed == pytest.approx(0.6)
-    assert conclude(tied, before, after, doubtful).unnamed == pytest.approx(0.6)
-    assert conclude(tied, before, after, doubtful).verdict == "unexplained"
+    hopeless = replace(bare, log_evidence=-np.inf)
+    assert conclude(hidden, before, after, doubtful, hopeless).unnamed == pytest.approx(0.6)
+    assert conclude(tied, before, after, doubtful, hopeless).unnamed == pytest.approx(0.6)
+    assert conclude(tied, before, after, doubtful, hopeless).verdict == "unexplained"
+    # So does what has no name in their place: a set of causes is no likelier for being a set of causes.
+    none = replace(left, log_bayes=-50.0, log_evidence=left.log_evidence - left.log_bayes - 50.0)
+    odds = hidden.probability[leader.ids] * np.exp(hidden.log_prior(()) - hidden.log_prior(leader.ids)) / 9
+    as_good = replace(bare, log_evidence=none.log_evidence + 50.0)
+    assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
+    better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
+    assert better.verdict == "unexplained"
     # Nothing hidden.
     plain = climb(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)
-    assert conclude(plain, quiet, None, leftover(sound)).verdict == "adequate"
+    assert conclude(plain, quiet, None, leftover(sound), leftover(sound)).verdict == "adequate"
 
 
 # --- showing, gaining, planning -------------------------------------------------------------------------------------
@@ -854,7 +866,7 @@ def test_readings_that_say_nothing_do_not_dilute_a_leftover(sound):
     quiet = sound.problem.design.group == 1
     quiet[:20] = True
     mean[quiet], sd[quiet] = 0.0, np.inf
-    found = Leftover(0.0, 0.1, 0.1, 0.7, 0.04, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
+    found = Leftover(0.0, 0.0, 0.1, 0.1, 0.7, 0.04, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
     assert [g for g, *_ in found] == ["a", "b", "c"]
     assert np.array_equal([told for _, *told in found], [[0.5, 0.5], [np.nan, np.nan], [0.5, 0.5]], equal_nan=True)
 

@@ -24,9 +24,10 @@ from psafit.challenge.hide import Challenge, make
 from psafit.challenge.oracle import Oracle, consult
 from psafit.challenge.score import located, reported_set
 from psafit.diagnose import diagnose, diagnosis, ladder
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.misfit import examine
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
+from psafit.inference.candidate import Candidate
 
 SEED = "PSAFIT_CHALLENGE_SEED"
 UNIT_ERROR = next(effect for effect in OUTSIDE if effect.name == "unit_error")
@@ -152,7 +153,12 @@ def without(rung: str, patch: pytest.MonkeyPatch) -> None:
     """Take a rung away."""
     if rung == "what has no name":
         patch.setattr(diagnosis, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
-        patch.setattr(diagnosis, "leftover", lambda *a, **k: replace(leftover(*a, **k), log_bayes=-50.0))
+
+        def nothing(model: Candidate) -> Leftover:
+            found = leftover(model)
+            return replace(found, log_bayes=-50.0, log_evidence=found.log_evidence - found.log_bayes - 50.0)
+
+        patch.setattr(diagnosis, "leftover", nothing)
     elif rung == "single causes":
         worth = ladder._Search._evidence
         patch.setattr(ladder._Search, "_evidence", lambda self, c: -1e6 if len(c.terms) == 1 else worth(self, c))

@@ -108,7 +108,7 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
             "sessions": [{"first": experiment.ids[0], "second": last, "n_conditions": 2, "factor": 1.32, "lower": 1.21,
                           "upper": 1.44}],
             "robustness": {"groups": [[g, 54.5] for g in experiment.ids], "strongest": last, "without": 101.0,
-                           "smooth": 120.4},
+                           "over_smooth": -20.4},
             "leftover": {"log_bayes": -1.2, "amplitude": 0.04, "level": 0.02, "reach": 0.7, "sigma_rel": 0.051,
                          "groups": [{"group": g, "mean": 0.01, "largest": 0.05} for g in experiment.ids],
                          "mean": [0.02] * measured.size, "sd": [None] + [0.03] * (measured.size - 1)},

@@ -207,10 +207,11 @@ class _Work:
             after = examine(leader, self.catalogue, seed=self.seed, n_simulated=n_simulated) if leader.terms else None
             # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
             left = leftover(leader)
-            verdict = conclude(ladder, before, after, left)
+            bare = leftover(ladder.baseline) if leader.terms else left
+            verdict = conclude(ladder, before, after, left, bare)
             misfit = _misfit(before, after, left, leader)
             misfit["sessions"] = [asdict(o) for o in show.offsets(ladder.baseline)]
-            firm = robustness(ladder.baseline, leader) if leader.terms else None
+            firm = robustness(ladder.baseline, leader, bare, left) if leader.terms else None
             if firm:
                 misfit["robustness"] = asdict(firm)
         # Where nothing is wrong, the model that is adopted is the baseline, whatever leads.
@@ -641,17 +642,16 @@ def _sentences(
     if verdict.alternatives:
         result.append("As good: " + "; ".join(_words(ids) for ids in verdict.alternatives[:6]) + ".")
     if firm and verdict.named:
-        own = ladder.log_evidence[ladder.leader.ids] - ladder.log_evidence[()]
         if firm.of_one_group:
             gain = ladder.gain(ladder.leader.ids)
             result.append(
                 f"Of their gain of {gain:.0f} nats group {firm.strongest} gives {max(g for _, g in firm.groups):.0f};"
                 f" without it they gain {firm.without:.0f}."
             )
-        if firm.smooth > own:
+        if firm.over_smooth < 0:
             result.append(
-                f"A smooth discrepancy without a name does as well: {firm.smooth:.0f} nats of evidence over the"
-                f" baseline, where these causes have {own:.0f}."
+                f"A smooth discrepancy without a name, in the place of these causes, has"
+                f" {-firm.over_smooth:.0f} nats more evidence than they."
             )
     if unseen := sum(s.verdict == UNSEEN for s in screening):
         result.append(f"Of {len(screening)} candidate causes, {unseen} could not have been seen in these readings.")

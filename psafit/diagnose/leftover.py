@@ -46,6 +46,8 @@ class Leftover:
     ----------
     log_bayes : float
         Its evidence over none.
+    log_evidence : float
+        Of model and discrepancy together, comparable with those of other models beside the same readings.
     amplitude, level, reach : float
         Standard deviation of the smooth part and of the groups' levels (relative), and its length in ln units.
     sigma_rel : float
@@ -58,6 +60,7 @@ class Leftover:
     """
 
     log_bayes: float
+    log_evidence: float
     amplitude: float
     level: float
     reach: float
@@ -119,6 +122,7 @@ def leftover(candidate: Candidate) -> Leftover:
     amplitude, level, reach = np.exp(best.v[2:]).tolist()
     return Leftover(
         log_bayes=best.log_evidence - without.log_evidence,
+        log_evidence=best.log_evidence,
         amplitude=amplitude,
         level=level,
         reach=reach,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.leftover import Leftover
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate, refitted
 
@@ -23,15 +23,15 @@ class Robustness:
         The group that gives most; None where there is only one.
     without : float, optional
         Gain on the other groups, both models fitted to them alone.
-    smooth : float
-        Evidence over the baseline, nats, of a smooth discrepancy without a name beside it: a richer law of the
-        scatter, whose errors along a sweep and within a session are alike.
+    over_smooth : float
+        Evidence, nats, of the leader over that of a smooth discrepancy without a name beside the baseline: a richer
+        law of the scatter, whose errors along a sweep and within a session are alike.
     """
 
     groups: list[tuple[GroupId, float]]
     strongest: GroupId | None
     without: float | None
-    smooth: float
+    over_smooth: float
 
     @property
     def of_one_group(self) -> bool:
@@ -39,13 +39,15 @@ class Robustness:
         return len(self.groups) > 1 and max(g for _, g in self.groups) > 0.8 * sum(g for _, g in self.groups)
 
 
-def robustness(baseline: Candidate, leader: Candidate) -> Robustness:
+def robustness(baseline: Candidate, leader: Candidate, bare: Leftover, left: Leftover) -> Robustness:
     """Ask what a gain rests on.
 
     Parameters
     ----------
     baseline, leader : Candidate
         Of the same readings.
+    bare, left : Leftover
+        Discrepancies beside them.
     """
     problem = leader.problem
     change = np.subtract(*(c.problem.pointwise_log_likelihood(c.modes[:1])[0] for c in (leader, baseline)))
@@ -57,4 +59,4 @@ def robustness(baseline: Candidate, leader: Candidate) -> Robustness:
         others = tuple(id for id in ids if id != strongest)
         with_it, plain = (refitted(replace(c.problem, group_ids=others), c) for c in (leader, baseline))
         without = with_it.log_likelihood - plain.log_likelihood
-    return Robustness(groups, strongest, without, leftover(baseline).log_bayes)
+    return Robustness(groups, strongest, without, left.log_evidence - left.log_bayes - bare.log_evidence)

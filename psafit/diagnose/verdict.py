@@ -15,6 +15,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from psafit.diagnose.ladder import CREDIBLE, Ids, Ladder
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
@@ -53,7 +55,7 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
-def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftover) -> Verdict:
+def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftover, bare: Leftover) -> Verdict:
     """Draw the conclusion.
 
     Parameters
@@ -63,12 +65,10 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         Of the baseline.
     after : Misfit, optional
         Of the leader, where that is not the baseline.
-    left : Leftover
-        Of the leader.
+    left, bare : Leftover
+        Of the leader, and of the baseline.
     """
-    odds = math.exp(min(left.log_bayes, 700.0)) * UNNAMED / (1 - UNNAMED)
-    # A discrepancy beside a model has the same part of each one's prior; the leader's evidence of it stands for all.
-    unnamed = odds / (1 + odds)
+    unnamed = _unnamed(ladder, left, bare)
     probability = {ids: p * (1 - unnamed) for ids, p in ladder.probability.items()}
     inclusion: dict[str, float] = {}
     # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
@@ -121,6 +121,21 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         " does as well."
     )
     return Verdict("explained", named, (), probability, unnamed, inclusion, tuple(reasons))
+
+
+def _unnamed(ladder: Ladder, left: Leftover, bare: Leftover) -> float:
+    """Probability of a discrepancy without a name, which has the same part of each model's prior.
+
+    Beside all models but the baseline the evidence of it beside the leader stands for all. Beside the baseline, in the
+    place of the causes, it may have much more than beside them.
+    """
+    beside = left.log_bayes
+    if best := ladder.leader.ids:
+        instead = bare.log_evidence - (left.log_evidence - left.log_bayes)
+        instead += ladder.log_prior(()) - ladder.log_prior(best) + math.log(max(ladder.probability[best], 1e-300))
+        beside = float(np.logaddexp(beside, instead))
+    odds = math.exp(min(beside, 700.0)) * UNNAMED / (1 - UNNAMED)
+    return odds / (1 + odds)
 
 
 def _best_first(named: Ids, ladder: Ladder) -> Ids:

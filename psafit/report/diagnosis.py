@@ -600,8 +600,8 @@ def _robustness(result: Diagnosis, leader: CauseResult | None) -> dict[str, Any]
     return {
         "strongest": "" if told["strongest"] is None else str(told["strongest"]),
         "without": _nats(told["without"]),
-        "smooth": _nats(told["smooth"]),
-        "own": _nats(leader.evidence.get("over_baseline")),
+        "over_smooth": _nats(abs(told["over_smooth"])),
+        "less": told["over_smooth"] >= 0,
         "rows": [[str(group), _nats(gain)] for group, gain in told["groups"]],
     }
 
