@@ -22,7 +22,7 @@ from psafit.diagnose.next_experiment import determine, proposals, tell_apart
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import PRESENT, _unclear, _with_neutral, screen
-from psafit.diagnose.show import drift, growth, offsets
+from psafit.diagnose.show import corners, drift, growth, offsets
 from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
 from psafit.errors import ConvergenceError, InputError
@@ -525,6 +525,24 @@ def test_growth_is_that_of_the_data(sound):
     assert found["b"].simulated == pytest.approx(np.ones(len(found["b"].at)), abs=0.02)
     inside = [lo <= 1 <= up for lo, up in zip(found["b"].lower, found["b"].upper, strict=True)]
     assert np.mean(inside) > 0.6
+
+
+def test_corners_are_where_growth_changes(sound):
+    """A right model has its readings' corners, and no sweep in proportion to the voltage has one."""
+    for c in corners(sound):
+        assert c.variable == "frequency"
+        assert c.lower < c.simulated < c.upper
+        assert c.exponents == pytest.approx(c.simulated_exponents, abs=0.15)
+    assert {c.group for c in corners(sound)} == {"a", "c"}
+
+    def bent(name, y):
+        f = np.geomspace(500, 20000, y.size)
+        return y * np.minimum(1.0, (f / 4000) ** 1.5) if name == "a" else y
+
+    one = fit(problem(experiment(spoil=bent, n=60)), (), seed=1, draws=512, most=8)
+    found = {c.group: c for c in corners(one)}["a"]
+    assert found.simulated is None or not found.lower < found.simulated < found.upper
+    assert found.exponents[0] - found.exponents[1] > 1.5
 
 
 def test_drift_is_along_the_covariate_that_is_wrong():

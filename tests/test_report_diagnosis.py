@@ -69,6 +69,14 @@ def growth(shift: float) -> list[dict]:
     ]  # fmt: skip
 
 
+def corners(simulated: float | None) -> list[dict]:
+    return [
+        {"group": 1, "variable": "frequency", "measured": 1669.74, "lower": 1554.5, "upper": 1751.3,
+         "exponents": [0.84, -1.551], "simulated": simulated,
+         "simulated_exponents": None if simulated is None else [0.14, -1.55]},
+    ]  # fmt: skip
+
+
 def gain(protocol: str, last: int | str) -> dict:
     rows = [
         GroupGain(g, ["hysteresis"], [1], 0.9, 0.2 + 0.1 * k, -300.0, -120.5, 0.42, 0.91, [-0.8, -0.61], [150.0, 210.0])
@@ -141,10 +149,12 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
             ScreeningResult("swing_drag", "could not have been seen", 0.0, 0.01, -0.2, 0.1, "1", 0.3, 0.02),
         ],
         show={
-            "baseline": {"growth": growth(0.5), "predicted_um": (0.4 * measured + 0.1).tolist(), "parameters": {},
+            "baseline": {"growth": growth(0.5), "corners": corners(1900.0),
+                         "predicted_um": (0.4 * measured + 0.1).tolist(), "parameters": {},
                          "drift": [{"parameter": "k_c", "variable": "amplitude", "gain": 90.2, "factor": 3.3},
                                    {"parameter": "c_s", "variable": "range", "gain": 9.0, "factor": 8103.0}]},
-            "extended": {"growth": growth(0.02), "predicted_um": (1.05 * measured).tolist(), "parameters": {},
+            "extended": {"growth": growth(0.02), "corners": corners(None),
+                         "predicted_um": (1.05 * measured).tolist(), "parameters": {},
                          "drift": [{"parameter": "k_c", "variable": "amplitude", "gain": 0.7, "factor": 1.1}]},
         },
         ledger=[{"choice": "verdict", "saw": list(experiment.ids), "scored_on": []}, *gain("strict", last)["ledger"]],

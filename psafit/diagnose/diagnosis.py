@@ -568,6 +568,7 @@ def _show(ladder: Ladder) -> dict[str, Any]:
     return {
         name: {
             "growth": [asdict(g) for g in show.growth(c)],
+            "corners": [asdict(corner) for corner in show.corners(c)],
             "drift": [asdict(d) for d in show.drift(c)[:8]],
             "predicted_um": c.predicted.tolist(),
             "parameters": dict(zip(c.problem.names, c.values.tolist(), strict=True)),

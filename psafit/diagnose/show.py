@@ -3,6 +3,9 @@ r"""Show what is wrong, in the user's language: growth with voltage and frequenc
 *Growth.* Local exponents :math:`\partial\ln L/\partial\ln V` and :math:`\partial\ln L/\partial\ln f` of readings and
 predictions, by straight lines through windows of neighbouring readings of one sweep, each reading with its scatter.
 
+*Corners.* Where the exponent changes most: two straight lines in the logarithms of range and swept variable, joined at
+the corner. Its interval holds all corners that do nearly as well by the lines' own residuals.
+
 *Drift.* Each of the fit's parameters in turn is let vary along a covariate, as a piecewise linear function with three
 free values about the fitted one, in the expansion of the model. The gain says whether letting it drift would mend the
 misfit; the slope says which way it must drift. A parameter that must drift points at the mechanism it stands in for.
@@ -13,10 +16,12 @@ misfit; the slope says which way it must drift. A parameter that must drift poin
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from psafit.diagnose.misfit import conditions, in_session, sweeps
 from psafit.experiment import GroupId
@@ -25,6 +30,13 @@ from psafit.inference.candidate import Candidate
 FloatArray = NDArray[np.float64]
 
 _WINDOW = 9
+# Readings that two lines are drawn through at least, on either side of a corner at least, and places tried for it.
+_CORNERED, _BESIDE, _PLACES = 12, 3, 200
+# Readings whose median tells how large they are there; logarithms of those with more absolute scatter err downwards.
+_NEIGHBOURS, _CLEAR = 5, 0.3
+# Log likelihood (nats) by which two lines must do better than one: the best of all places gains 6 by chance in one
+# sweep of a hundred. And 1.645^2, for 90 % intervals.
+_BENT, _Z2 = 6.0, 2.706
 _KNOTS = 4
 _SORTED = 0.9
 
@@ -50,6 +62,33 @@ class Growth:
     lower: list[float]
     upper: list[float]
     simulated: list[float]
+
+
+@dataclass(frozen=True)
+class Corner:
+    """Where the growth of one sweep changes.
+
+    Parameters
+    ----------
+    group : group id
+    variable : {"frequency", "amplitude"}
+    measured, lower, upper : float, Hz or V, optional
+        Corner of the readings with its 90 % interval; None where one line does.
+    exponents : (float, float), optional
+        Of the readings below it and above.
+    simulated : float, optional
+        Corner of the predictions; None where these readings' scatter would hide it.
+    simulated_exponents : (float, float), optional
+    """
+
+    group: GroupId
+    variable: str
+    measured: float | None
+    lower: float | None
+    upper: float | None
+    exponents: tuple[float, float] | None
+    simulated: float | None
+    simulated_exponents: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -116,22 +155,15 @@ def offsets(candidate: Candidate) -> list[Offset]:
 
 def growth(candidate: Candidate) -> list[Growth]:
     """Exponents of all sweeps of a fit's groups."""
-    problem = candidate.problem
     result = []
-    for group_id, variable, rows in sweeps(problem):
-        values = (problem.design.amplitude if variable == "amplitude" else problem.design.frequency)[rows]
-        y, p = problem.observed[rows], candidate.predicted[rows]
-        usable = (y > 0) & (p > 0) & (values > 0)
-        x, y, p, sd = np.log(values[usable]), y[usable], p[usable], candidate.scatter[rows][usable]
+    for group_id, variable, x, y, p, relative in _logarithms(candidate):
         found = Growth(group_id, variable, [], [], [], [], [])
         for k in range(0, x.size - _WINDOW + 1):
             part = slice(k, k + _WINDOW)
             if np.ptp(x[part]) < 0.1:
                 continue
-            # Scatter relative to the reading itself: readings far above a poor prediction are no less certain.
-            relative = np.clip(sd[part] / np.maximum(y[part], 1e-9), 1e-3, 2.0)
-            slope, error = _line(x[part], np.log(y[part]), relative)
-            modelled, _ = _line(x[part], np.log(p[part]), relative)
+            slope, error = _line(x[part], y[part], relative[part])
+            modelled, _ = _line(x[part], p[part], relative[part])
             found.at.append(float(np.exp(x[part].mean())))
             found.measured.append(slope)
             found.lower.append(slope - 1.645 * error)
@@ -139,6 +171,69 @@ def growth(candidate: Candidate) -> list[Growth]:
             found.simulated.append(modelled)
         result.append(found)
     return result
+
+
+def _logarithms(
+    candidate: Candidate,
+) -> Iterator[tuple[GroupId, str, FloatArray, FloatArray, FloatArray, FloatArray]]:
+    """Each sweep: group, variable, logarithms of the variable, readings and predictions, the readings' scatter."""
+    problem = candidate.problem
+    for group_id, variable, rows in sweeps(problem):
+        values = (problem.design.amplitude if variable == "amplitude" else problem.design.frequency)[rows]
+        y, p = problem.observed[rows], candidate.predicted[rows]
+        usable = (y > 0) & (p > 0) & (values > 0)
+        # Scatter relative to the reading itself: readings far above a poor prediction are no less certain.
+        relative = np.clip(candidate.scatter[rows][usable] / np.maximum(y[usable], 1e-9), 1e-3, 2.0)
+        yield group_id, variable, np.log(values[usable]), np.log(y[usable]), np.log(p[usable]), relative
+
+
+def corners(candidate: Candidate) -> list[Corner]:
+    """Corners of the sweeps in which the readings or the predictions have one."""
+    result = []
+    for group_id, variable, x, y, p, relative in _logarithms(candidate):
+        # By its neighbours, since a reading weighed by itself counts more where it errs upwards.
+        usual = median_filter(y, _NEIGHBOURS, mode="nearest")
+        relative = relative * np.exp(y - usual)
+        clear = candidate.noise[0, 1] < _CLEAR * np.exp(usual)
+        x, y, p, relative = x[clear], y[clear], p[clear], relative[clear]
+        if x.size < _CORNERED or x[-_BESIDE] - x[_BESIDE - 1] < 0.1:
+            continue
+        places = np.linspace(x[_BESIDE - 1], x[-_BESIDE], _PLACES)
+        weight = 1 / relative
+        alone, left, exponents = _two_lines(x, y, weight, places)
+        best = int(np.argmin(left))
+        corner = Corner(group_id, variable, None, None, None, None, None, None)
+        if left[best] > 0 and 0.5 * x.size * np.log(alone / left[best]) > _BENT:
+            near = places[left <= left[best] * (1 + _Z2 / (x.size - 4))]
+            between = places[1] - places[0]
+            middle, low, high = np.exp([places[best], near[0] - between, near[-1] + between]).tolist()
+            corner = replace(corner, measured=middle, lower=low, upper=high, exponents=exponents[best])
+        # With these readings' own scatter the corner of the predictions would have to be seen.
+        of_one, of_two, modelled = _two_lines(x, p, weight, places)
+        there = int(np.argmin(of_two))
+        if 0.5 * x.size * np.log((of_one + left[best]) / max(of_two[there] + left[best], 1e-300)) > _BENT:
+            corner = replace(corner, simulated=float(np.exp(places[there])), simulated_exponents=modelled[there])
+        if corner.measured is not None or corner.simulated is not None:
+            result.append(corner)
+    return result
+
+
+def _two_lines(
+    x: FloatArray, y: FloatArray, weight: FloatArray, places: FloatArray
+) -> tuple[float, FloatArray, list[tuple[float, float]]]:
+    """Weighted squares left by one line, by two that meet at each of some places, and the slopes of those."""
+
+    def solve(*columns: FloatArray) -> tuple[float, list[float]]:
+        a = np.array([np.ones_like(x), *columns]).T * weight[:, None]
+        solution = np.linalg.lstsq(a, y * weight, rcond=None)[0]
+        return float(np.sum((y * weight - a @ solution) ** 2)), solution.tolist()
+
+    left, slopes = [], []
+    for c in places:
+        rest, (_, below, above) = solve(np.minimum(x - c, 0.0), np.maximum(x - c, 0.0))
+        left.append(rest)
+        slopes.append((below, above))
+    return solve(x)[0], np.array(left), slopes
 
 
 def _line(x: FloatArray, y: FloatArray, sd: FloatArray) -> tuple[float, float]:

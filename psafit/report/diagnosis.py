@@ -120,6 +120,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "where_after": _where(result.misfit.get("extended", {})),
         "growth": _growth(result, experiment),
         "drift": _drift_rows(result),
+        "corners": _corner_rows(result),
         "sessions": _session_rows(result.misfit.get("sessions", [])),
         "models": _model_rows(result),
         "all_groups": ",".join(str(g) for g in result.groups),
@@ -499,6 +500,36 @@ def _drift_rows(result: Diagnosis) -> list[list[Any]]:
         if extended:
             left = rest.get((d["parameter"], d["variable"]))
             row.append("–" if left is None else f"{_nats(left)} nats")
+        rows.append(row)
+    return rows
+
+
+def _corner_rows(result: Diagnosis) -> list[list[Any]]:
+    """Where growth changes: readings as the better model weighs them, baseline, and extension if there is one."""
+    models = [
+        {str(c["group"]): c for c in result.show[name].get("corners", [])}
+        for name in ("baseline", "extended")
+        if name in result.show
+    ]
+
+    def told(c: Mapping[str, Any] | None, at: str, exponents: str) -> list[str]:
+        if c is None or c[at] is None:
+            return ["one line", "–"]
+        unit, ends = ("Hz", []) if c["variable"] == "frequency" else ("V", [])
+        if at == "measured":
+            ends = [c["lower"], c["upper"]]
+        text = number(c[at], ends[1] - ends[0] if ends else None)
+        text += f" ({interval(*ends)})" if ends else ""
+        below, above = (f"{x:.2f}".replace("-", "\N{MINUS SIGN}") for x in c[exponents])
+        return [with_unit(text, unit), f"{below} → {above}"]
+
+    rows = []
+    for group in dict.fromkeys(id for of_model in models for id in of_model):
+        found = [of_model.get(group) for of_model in models]
+        measured = next((c for c in reversed(found) if c and c["measured"] is not None), None)
+        row = [group, *told(measured, "measured", "exponents")]
+        for c in found:
+            row += told(c, "simulated", "simulated_exponents")
         rows.append(row)
     return rows
 
