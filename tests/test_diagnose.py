@@ -658,6 +658,26 @@ def test_copies_of_a_draw_do_not_judge_what_it_made():
     assert next_experiment._apart(known, other, rng)[0] < 0.5 < clear[0]
 
 
+def test_proposals_keep_to_stated_limits(sound):
+    limits = (("frequency_hz", (300.0, 9000.0)), ("amplitude_v", (2.0, 40.0)), ("l", (RIG.l, 0.2)), ("M", (0.01, 0.02)))
+
+    def possible(limits):
+        stated = replace(sound.problem.experiment, limits=limits)
+        return proposals(replace(sound, problem=replace(sound.problem, experiment=stated)))
+
+    found = possible(limits)
+    assert {300.0, 9000.0} <= {float(f) for p in found for f in p.design.frequency}
+    assert all(p.design.frequency.min() >= 300 and p.design.frequency.max() <= 9000 for p in found)
+    assert {round(float(v), 6) for p in found for v in (p.design.amplitude.min(), p.design.amplitude.max())} <= {
+        2.0, 8.0, 20.0, 40.0,
+    }  # fmt: skip
+    # A string as long as it is is no other rig.
+    assert {tuple(p.changed.items()) for p in found} == {(), (("l", 0.2),), (("M", 0.01),), (("M", 0.02),)}
+    assert any("l = 0.2 m" in p.text for p in found)
+    assert not any(p.changed for p in possible(limits[:2]))
+    assert all(p.design.frequency.tolist() == [5.0] * 16 for p in possible((("frequency_hz", (5.0, 5.0)),)))
+
+
 def test_one_proposal_leaves_the_rig_as_it_is(sound):
     """... though every other string tells more: it is the one that can be rehearsed with what was measured."""
     rng = np.random.default_rng(1)

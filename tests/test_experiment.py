@@ -183,6 +183,17 @@ def test_a_group_may_be_of_another_rig(tmp_path: Path) -> None:
     assert [w for w in heavy.warnings if "constant M = 27" in w and "grams" in w]
 
 
+def test_limits_of_a_next_experiment_are_read_and_written(tmp_path: Path) -> None:
+    """They are no reading either."""
+    experiment = read_experiment(write(tmp_path / "two", TOML + "[limits]\nl = [0.06, 1]\nfrequency_hz = [10, 20]\n"))
+    assert experiment.limits == (("l", (0.06, 1.0)), ("frequency_hz", (10.0, 20.0)))
+    write_experiment(experiment, tmp_path / "again")
+    again = read_experiment(tmp_path / "again")
+    assert again.limits == experiment.limits and again.fingerprint == experiment.fingerprint
+    plain = read_experiment(write(tmp_path / "plain"))
+    assert plain.limits == () and plain.fingerprint == experiment.fingerprint
+
+
 def test_what_is_known_of_the_rig_is_read(tmp_path: Path) -> None:
     """And written, and told; it is no reading, so that the data stay the same data."""
     toml = TOML + (
@@ -317,6 +328,12 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "another rig, impossible": (TOML + "constants = { l = -1 }\n", 21, "constant l = -1"),
     "another rig, own table": (TOML + "[group.constants]\nl = 1e9\n", 22, "beyond the limits"),
     "another rig, no table": (TOML + "constants = 0.06\n", 21, "write for example constants = { l = 0.06 }"),
+    "limits, no table": ("limits = 1\n" + TOML, 1, "limits is no table; write for example"),
+    "limits, unknown": (TOML + "[limits]\nfrequency = [1, 2]\n", 22, "did you mean frequency_hz?"),
+    "limits, one number": (TOML + "[limits]\nl = 0.1\n", 22, "limits of l are not two numbers"),
+    "limits, texts": (TOML + '[limits]\nl = ["a", 1]\n', 22, "limits of l are not two positive numbers"),
+    "limits, reversed": (TOML + "[limits]\nfrequency_hz = [20, 1]\n", 22, "the smaller first; give them"),
+    "limits, beyond": (TOML + "[limits]\nM = [1, 1e9]\n", 22, "first, within 1e-09 to 1e+06; give them"),
     "prior, no table": ("prior = 1\n" + TOML, 1, "prior is no table"),
     "prior, a number": (TOML + "[prior]\nk_c = 3e6\n", 22, "prior of 'k_c' is no table"),
     "prior, half": (TOML + '[prior.k_c]\nmedian = 3e6\nsource = "x"\n', 21, "has median; write for example"),

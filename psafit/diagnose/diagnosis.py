@@ -118,7 +118,8 @@ def diagnose(
         require()
     everything = Problem(experiment, experiment.ids, tuple(catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
-    asked = [versions(), experiment.title, experiment.fingerprint, training, seed, quick, searches, nautilus]
+    asked: list[Any] = [versions(), experiment.title, experiment.limits, experiment.fingerprint]
+    asked += [training, seed, quick, searches, nautilus]
     asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
     with sole(folder):
@@ -597,7 +598,7 @@ def _confusion(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher) ->
 def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) -> dict[str, Any]:
     """Proposals for the verdict at hand: against the best rival, or for a weakly determined parameter.
 
-    With a watcher the best that leaves the rig as it is is rehearsed.
+    With a watcher the best is rehearsed, and the best that leaves the rig as it is.
     """
     groups = ladder.leader.problem.experiment.groups
     if verdict.verdict == "adequate" or not any(((g.frequency_hz > 0) & (g.amplitude_v > 0)).any() for g in groups):
@@ -610,12 +611,13 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) 
     found = next_experiment.tell_apart(*tied[:2], seed=seed)
     about = f"tells {_words(ladder.leader.ids)} from {_words(tied[1][0].ids)}"
     result = next_experiment.as_dict(found, about)
-    here = next((p for p in found if not p.constants), None)
-    if watcher is not None and here is not None:
+    if watcher is not None:
         prior = [ladder.log_prior(c.ids) for c, _ in tied]
-        result["rehearsal"] = asdict(
-            rehearse(tied, prior, here, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
-        )
+        here = [p for p in found if not p.constants][:1]
+        result["rehearsals"] = [
+            asdict(rehearse(tied, prior, p, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals")))
+            for p in {p.text: p for p in found[:1] + here}.values()
+        ]
     return result
 
 

@@ -1,25 +1,28 @@
 r"""Which measurement would tell tied causes apart, or a weakly determined parameter best.
 
-Each proposal is a sweep, sine or square, between the frequencies and up to the amplitude that were measured (or the
-same with one constant of the rig changed), read with the fitted scatter and the usual uncertainty of the readings,
-where they state one. For two models with posterior draws, readings are simulated from one, and the log ratio of both
-models' posterior predictive densities of these readings (each a mixture over its draws) is what the readings would
-add to the log odds. Its mean over many simulated experiments is the expected separation; the share of them in which
-the right model wins by three nats is how often the proposal works: measured data drawn from each tied cause, judged
-again. What is printed comes from simulated experiments that had no part in the choice of a proposal.
+Each proposal is a sweep, sine or square, within the limits that the experiment states for frequency, amplitude and each
+constant of the rig that can be changed; where it states none, between the frequencies and up to the amplitude that were
+measured, or the same with a string or a ball of half or twice the size. It is read with the fitted scatter and the
+usual uncertainty of the readings, where they state one. For two models with posterior draws, readings are simulated
+from one, and the log ratio of both models' posterior predictive densities of these readings (each a mixture over its
+draws) is what the readings would add to the log odds. Its mean over many simulated experiments is the expected
+separation; the share of them in which the right model wins by three nats is how often the proposal works: measured data
+drawn from each tied cause, judged again. What is printed comes from simulated experiments that had no part in the
+choice of a proposal.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from psafit.experiment import Constants, changes_text
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
@@ -35,6 +38,8 @@ _POINTS, _DRAWS, _TRIALS = 16, 150, 200
 _GLANCE, _CLOSER, _TOLD = 40, 12, 5
 _WINS = 3.0
 _FACTORS = (0.5, 2.0)
+# Constants closer than this, in their logarithm, are the same rig.
+_ALIKE = 0.05
 # A posterior that keeps this share of its prior's width tells little.
 _WEAK = 0.5
 # Separation from which on a proposal is worth a sentence: an odds ratio, or a standard deviation, a tenth better.
@@ -93,28 +98,29 @@ _Judgement = tuple[float, float, float]
 
 
 def proposals(candidate: Candidate) -> list[Possible]:
-    """Measurements that the rig allows: sweeps within the measured limits, and each changed constant."""
+    """Measurements that the rig allows: sweeps within its limits, and each changed constant."""
     problem = candidate.problem
     every = Design.of(problem.experiment.constants, problem.experiment.groups)
-    low_f, high_f = (float(np.quantile(every.frequency, q)) for q in (0.02, 0.98))
+    limits = dict(problem.experiment.limits)
+    low_f, high_f = limits.get("frequency_hz") or np.quantile(every.frequency, (0.02, 0.98)).tolist()
     span = f"{_say(low_f)} to {_say(high_f)} Hz"
     shares = (1.0, 0.5, 0.2) if _say(low_f) != _say(high_f) else ()
-    # Round numbers, unless they were not measured.
+    # Round numbers, unless they are not allowed.
     fixed = [min(max(float(f"{f:.2g}"), low_f), high_f) for f in np.geomspace(low_f, high_f, 6)[1:-1]]
-    top = float(every.amplitude.max())
-    bottom = float(every.amplitude[every.amplitude > 0].min())
-    if top <= 1.5 * bottom:
-        bottom = top / 10
-    rigs: list[tuple[str, dict[str, float]]] = [("", {})]
+    if "amplitude_v" in limits:
+        bottom, top = limits["amplitude_v"]
+    else:
+        top = float(every.amplitude.max())
+        bottom = float(every.amplitude[every.amplitude > 0].min())
+        if top <= 1.5 * bottom:
+            bottom = top / 10
     constants = problem.experiment.constants
-    rigs += [(f", string {x:g} times as long", {"l": constants.l * x}) for x in _FACTORS]
-    rigs += [(f", ball {x:g} times as heavy", {"M": constants.M * x}) for x in _FACTORS]
     found = []
-    for words, changed in rigs:
+    for words, changed in _rigs(constants, limits):
         rig = replace(constants, **changed)
         for waveform in ("sine", "square"):
             for share in shares:
-                volts = top * share
+                volts = max(top * share, min(bottom, top))
                 sweep = np.geomspace(low_f, high_f, _POINTS)
                 text = f"{waveform}, {_say(volts)} V, {span}{words}"
                 found.append(Possible(text, Design.sweep(rig, waveform, sweep, volts), changed))
@@ -123,6 +129,20 @@ def proposals(candidate: Candidate) -> list[Possible]:
                 text = f"{waveform}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
                 found.append(Possible(text, Design.sweep(rig, waveform, at, sweep), changed))
     return list({p.text: p for p in found}.values())
+
+
+def _rigs(constants: Constants, limits: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, dict[str, float]]]:
+    """The rig as it is, and with each constant that can be changed as far as it can; words, and what is changed."""
+    yield "", {}
+    if not limits:
+        for x in _FACTORS:
+            yield f", string {x:g} times as long", {"l": constants.l * x}
+        for x in _FACTORS:
+            yield f", ball {x:g} times as heavy", {"M": constants.M * x}
+    for name in (f.name for f in fields(constants) if f.name in limits):
+        for end in limits[name]:
+            if abs(math.log(end / getattr(constants, name))) > _ALIKE:
+                yield changes_text([(name, end)]), {name: end}
 
 
 def _say(value: float) -> str:

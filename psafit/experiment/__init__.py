@@ -87,6 +87,7 @@ def read_experiment(folder: str | Path) -> Experiment:
         groups=groups,
         folder=folder,
         fingerprint=fingerprint(constants, groups),
+        limits=definition.limits(),
         beliefs=definition.beliefs(),
         warnings=(
             *warnings,
@@ -153,5 +154,5 @@ def _definition(folder: Path) -> Definition:
     if not is_folder:
         raise InputError("no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder)
     definition = Definition(folder)
-    definition.known_keys(definition.data, ("title", "source", "constants", "group", "prior"))
+    definition.known_keys(definition.data, ("title", "source", "constants", "group", "prior", "limits"))
     return definition

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from psafit.errors import InputError
-from psafit.experiment.records import DEFINITION, Constants, GroupId, Waveform
+from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId, Waveform
 from psafit.experiment.text import listed, one_line, read_text, shown
 from psafit.parameters import Belief, LogNormal, Normal
 
@@ -29,6 +29,7 @@ LIMITS = {
     "g": (1e-3, 1e6),
 }
 _PRIOR = 'write for example [prior.k_c] with median, factor (a value that may be zero: mean, sd) and source = "..."'
+_LIMITED = "write for example under [limits]: frequency_hz = [100, 20000], or l = [0.06, 0.12]"
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]#]+?)\s*\]")
 _KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*[\w-]+)*)\s*=""")
 _ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}")
@@ -161,6 +162,27 @@ class Definition:
         if not low <= number <= high:
             raise error(f"= {number:g} is beyond the limits {low:g} to {high:g}", "give its value in SI units")
         return number
+
+    def limits(self) -> tuple[tuple[str, tuple[float, float]], ...]:
+        """Least and greatest of what a next experiment may use, in the order of the file."""
+        table = self.data.get("limits", {})
+        if not isinstance(table, dict):
+            raise self.error("limits is no table", _LIMITED, "limits")
+        self.known_keys(table, (*CONDITION_COLUMNS, *_CONSTANTS), "limits")
+        return tuple((name, self._limit(name, ends)) for name, ends in table.items())
+
+    def _limit(self, name: str, ends: object) -> tuple[float, float]:
+        place = ("limits", name)
+        numbers = [_number(end) for end in ends] if isinstance(ends, list) else []
+        if len(numbers) != 2:
+            raise self.error(f"limits of {name} are not two numbers", _LIMITED, *place)
+        hard = LIMITS.get(name, (0.0, math.inf))
+        low, high = (math.nan if x is None else x for x in numbers)
+        if not (0 < low <= high < math.inf and hard[0] <= low and high <= hard[1]):
+            within = f", within {hard[0]:g} to {hard[1]:g}" if name in LIMITS else ""
+            what = f"limits of {name} are not two positive numbers, the smaller first{within}"
+            raise self.error(what, "give them in the units of the CSV files, or SI", *place)
+        return low, high
 
     def beliefs(self) -> tuple[Belief, ...]:
         """What is said to be known of parameters; whether there are such parameters is not for this file to know."""

@@ -159,6 +159,8 @@ class Experiment:
     folder: Path
     fingerprint: str  # SHA-256 of the numbers, so that a run knows the data it saw
     warnings: tuple[str, ...] = ()  # what `check` says of suspicious but usable values
+    # What a next experiment may use, as (column or constant, (least, greatest)); without any, what was measured.
+    limits: tuple[tuple[str, tuple[float, float]], ...] = ()
     beliefs: tuple[Belief, ...] = ()  # what is known of the rig's parameters beforehand, in the place of usual priors
 
     @property

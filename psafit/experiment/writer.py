@@ -32,6 +32,8 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
     """
     lines = [f"title = {_quoted(experiment.title)}", f"source = {_quoted(experiment.source)}", "", "[constants]"]
     lines += [f"{f.name} = {getattr(experiment.constants, f.name)!r}" for f in fields(experiment.constants)]
+    if experiment.limits:
+        lines += ["", "[limits]", *(f"{name} = [{low!r}, {high!r}]" for name, (low, high) in experiment.limits)]
     for belief in experiment.beliefs:
         numbers = [f"{f.name} = {getattr(belief.prior, f.name)!r}" for f in fields(belief.prior) if f.init]
         lines += ["", f"[prior.{_quoted(belief.name)}]", *numbers, f"source = {_quoted(belief.source)}"]

@@ -146,7 +146,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "ledger": _ledger(result.ledger),
         "proposals": _proposals(result.next_experiment),
         "confusion": _rehearsal(result.confusion),
-        "rehearsal": _rehearsal(result.next_experiment.get("rehearsal")),
+        "rehearsals": [_rehearsal(one) for one in result.next_experiment.get("rehearsals", [])],
         "numerics": _numerics(result.numerics),
         "data_warnings": experiment.warnings,
         "facts": _facts(result, experiment),
