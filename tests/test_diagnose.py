@@ -21,7 +21,7 @@ from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.next_experiment import determine, proposals, tell_apart
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
-from psafit.diagnose.screening import PRESENT, _unclear, _with_neutral, screen
+from psafit.diagnose.screening import PRESENT, _luck, _unclear, _with_neutral, screen
 from psafit.diagnose.show import corners, drift, growth, offsets
 from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
@@ -525,6 +525,18 @@ def test_growth_is_that_of_the_data(sound):
     assert found["b"].simulated == pytest.approx(np.ones(len(found["b"].at)), abs=0.02)
     inside = [lo <= 1 <= up for lo, up in zip(found["b"].lower, found["b"].upper, strict=True)]
     assert np.mean(inside) > 0.6
+
+
+def test_what_luck_gains_has_the_known_laws():
+    """Of a strength on one side of neutral, on both, and of a quantity drawn anew."""
+    nothing = np.random.default_rng(1).standard_normal((20000, 5))
+    one_sided = np.linspace(0, 6, 121)[:, None] * np.eye(5)[2]
+    found = [
+        np.quantile(_luck(effects, [], nothing), 0.95) for effects in (one_sided, np.vstack([one_sided, -one_sided]))
+    ]
+    assert found == pytest.approx([0.5 * 1.645**2, 0.5 * 1.960**2], rel=0.05)
+    drawn = _luck(np.zeros((1, 5)), [3.0 * np.eye(5)[[1]]], nothing)
+    assert drawn == pytest.approx(0.5 * 0.9 * nothing[:, 1] ** 2)
 
 
 def test_corners_are_where_growth_changes(sound):

@@ -144,9 +144,9 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
                    "message": "", "holdout_log_rmse": 0.2, "groups": [last]}},
         unnamed=0.03,
         screening=[
-            ScreeningResult("hysteresis", "present", 120.0, 163.4, 118.0, 0.31, "1", 14.0, 0.64),
-            ScreeningResult("gap", "not present", 3.0, 4.4, -1.0, 2e-7, "m", 5.0, 0.33),
-            ScreeningResult("swing_drag", "could not have been seen", 0.0, 0.01, -0.2, 0.1, "1", 0.3, 0.02),
+            ScreeningResult("hysteresis", "present", 120.0, 163.4, 1.9, 118.0, 0.31, "1", 14.0, 0.64),
+            ScreeningResult("gap", "not present", 3.0, 4.4, 1.4, -1.0, 2e-7, "m", 5.0, 0.33),
+            ScreeningResult("swing_drag", "could not have been seen", 0.0, 0.01, 0.1, -0.2, 0.1, "1", 0.3, 0.02),
         ],
         show={
             "baseline": {"growth": growth(0.5), "corners": corners(1900.0),

@@ -493,8 +493,8 @@ def _screening(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
         ScreeningResult(
             s.term.id,
             _word(s, ladder, verdict),
-            float(s.gain[s.best]), ladder.gain((s.term.id,)), s.log_bayes, float(s.strength[s.best]),
-            s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
+            float(s.gain[s.best]), ladder.gain((s.term.id,)), s.chance, s.log_bayes,
+            float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
         )
         for s in ladder.screened
     ]  # fmt: skip
@@ -507,7 +507,7 @@ def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
         return "present"
     if any(found.term.id in ids for ids in verdict.alternatives):
         return "as good"
-    if ladder.gain((found.term.id,)) >= PRESENT:
+    if ladder.gain((found.term.id,)) >= max(PRESENT, found.chance):
         return "explains part alone"
     return "not present" if found.visible >= VISIBLE else UNSEEN
 

@@ -542,7 +542,7 @@ class _Search:
     def _screened(self, candidate: Candidate) -> list[Screened]:
         """Every other cause beside a model."""
         others = [t for t in self.catalogue if t not in candidate.terms]
-        told = ("strength", "gain", "log_bayes", "visible", "starts")
+        told = ("strength", "gain", "log_bayes", "chance", "visible", "starts")
 
         def make() -> dict[str, FloatArray]:
             found = screen(candidate, self.catalogue)
@@ -551,8 +551,8 @@ class _Search:
         kept = self._recall("screening", candidate.problem, make, candidate.modes[:1].tolist())
 
         def read(term: Term) -> Screened:
-            strength, gain, log_bayes, visible, starts = (kept[f"{term.id} {name}"] for name in told)
-            return Screened(term, strength, gain, float(log_bayes), float(visible), starts)
+            strength, gain, log_bayes, chance, visible, starts = (kept[f"{term.id} {name}"] for name in told)
+            return Screened(term, strength, gain, float(log_bayes), float(chance), float(visible), starts)
 
         return [read(t) for t in others]
 

@@ -16,7 +16,7 @@ from psafit.files import write_atomically
 from psafit.inference.problem import Problem
 
 # Another number for another meaning of what is kept.
-_FORMAT = 6
+_FORMAT = 7
 _SEAL = "sha256"
 Arrays = Mapping[str, NDArray[np.float64]]
 

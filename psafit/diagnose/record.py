@@ -58,6 +58,7 @@ class ScreeningResult:
     verdict: str
     gain: float
     refit_gain: float
+    chance: float
     log_bayes: float
     strength: float
     unit: str

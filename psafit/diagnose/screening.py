@@ -8,7 +8,11 @@ the expected strength, and their mean over the prior,
 .. math:: B \approx \sum_q w_q e^{\Delta_q},
 
 the evidence that the cause would add, where :math:`w_q` is the part of the prior that is nearest to :math:`q`; the
-neutral value, which gains nothing, is one of them. Where gains change steeply, quantiles between are tried, too.
+neutral value, which gains nothing, is one of them. Where gains change steeply, quantiles between are tried, too. How
+much of the statistic is luck is simulated: scatter alone, standard normal in units of the fitted one and without what a
+refit takes up, is put before the same effects, and `chance` is what one in twenty such readings gains. No table would
+do, since a strength ends at its neutral value, and what acts in several shapes has more luck.
+
 Slopes at the neutral value would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, others are infinite, and a
 boundary makes the law of the usual statistic a mixture.
 """
@@ -39,7 +43,10 @@ _STEEP, _PROMISING, _HALVINGS, _MOST_HALVED = 3.0, 15.0, 9, 3
 # Whitened size of a plausible effect, after the refit, below which a cause could not have been seen: power of one half
 # for a gain of two and a half standard deviations.
 VISIBLE = 2.5
-# Gain (nats) from which a cause counts as explaining part of the misfit alone: ln 20, odds of twenty to one.
+# Readings of scatter alone, and how often it may gain so much.
+_SIMULATED, _CHANCE = 400, 0.05
+# Gain (nats) from which a cause counts as explaining part of the misfit alone, if luck does not gain as much: ln 20,
+# odds of twenty to one.
 PRESENT = 3.0
 
 
@@ -56,6 +63,8 @@ class Screened:
         Of the log posterior, after a refit in the expansion; the strength's own prior is left out.
     log_bayes : float
         Evidence it would add.
+    chance : float, nats
+        What scatter alone gains once in twenty times.
     visible : float
         Size of the effect of a plausible strength (the prior's median) beside a refit of everything else, in standard
         deviations of the fitted scatter.
@@ -67,6 +76,7 @@ class Screened:
     strength: FloatArray
     gain: FloatArray
     log_bayes: float
+    chance: float
     visible: float
     starts: FloatArray
 
@@ -89,16 +99,19 @@ def screen(candidate: Candidate, catalogue: Sequence[Term]) -> list[Screened]:
         iterations=_ITERATIONS,
     )  # fmt: skip
     top = float(alone.height[0])
-    return [_screen(candidate, top, term, catalogue) for term in catalogue if term not in candidate.terms]
+    scatter = candidate.scatter * np.random.default_rng(0).standard_normal((_SIMULATED, candidate.predicted.size))
+    nothing = candidate.beside(scatter)
+    return [_screen(candidate, top, nothing, term, catalogue) for term in catalogue if term not in candidate.terms]
 
 
-def _screen(candidate: Candidate, top: float, term: Term, catalogue: Sequence[Term]) -> Screened:
-    """One cause beside a model whose own expansion ends at a height `top`."""
+def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, catalogue: Sequence[Term]) -> Screened:
+    """One cause beside a model whose own expansion ends at a height `top`; `nothing` is simulated scatter."""
     large = extended(candidate.problem, term, catalogue)
     at, shared = candidate.within(large)
     own = [large.names.index(p.name) for p in term.parameters]
     latent = [i for i in range(large.n_dim) if i not in own and i not in shared]
     neutral = float(sum(large.parameters[i].log_prior(at[i]) for i in latent))
+    luck = np.zeros(len(nothing))
 
     def refitted(quantiles: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where refits at these quantiles of the strength end, and what they gain."""
@@ -110,6 +123,8 @@ def _screen(candidate: Candidate, top: float, term: Term, catalogue: Sequence[Te
         slope[:, shared[: candidate.problem.n_model]] = candidate.relative_slope
         for k, i in enumerate(latent, start=1):
             slope[:, i] = (found[k] - found[0]) / (0.1 * found[0])
+        moved = [candidate.beside((found[k] - found[0]) / 0.1) for k in range(1, 1 + len(latent))]
+        np.maximum(luck, _luck(candidate.beside(found[0] - candidate.predicted), moved, nothing), out=luck)
         end = ascend_linearly(large, rows, found[0], slope, frozen=own, iterations=_ITERATIONS)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
@@ -137,9 +152,37 @@ def _screen(candidate: Candidate, top: float, term: Term, catalogue: Sequence[Te
         strength=term.strength.to_physical(term.strength.prior_quantile(q)),
         gain=gain,
         log_bayes=float(logsumexp(gains, b=share)),
+        chance=float(np.quantile(luck, 1 - _CHANCE)),
         visible=float(np.linalg.norm(candidate.beside(large.predict(shown[None]) - candidate.predicted))),
         starts=ends[np.argsort(-gain, kind="stable")[:4]],
     )
+
+
+def _luck(effects: FloatArray, moved: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
+    """What scatter alone gains by the best of some effects.
+
+    Parameters
+    ----------
+    effects : (n, n_points) array
+        Of as many strengths, in units of the scatter and beside a refit.
+    moved : sequence of (n, n_points) arrays
+        How they change with each quantity that the cause draws anew, in units of its prior.
+    nothing : (n_simulated, n_points) array
+
+    Returns
+    -------
+    (n_simulated,) array
+    """
+    best = np.full(len(nothing), -np.inf)
+    for k, effect in enumerate(effects):
+        left = nothing - effect
+        gain = 0.5 * (np.sum(nothing**2, axis=1) - np.sum(left**2, axis=1))
+        if moved:
+            columns = np.array([m[k] for m in moved])
+            pulled = left @ columns.T
+            gain += 0.5 * np.sum(pulled * np.linalg.solve(np.eye(len(moved)) + columns @ columns.T, pulled.T).T, axis=1)
+        np.maximum(best, gain, out=best)
+    return best
 
 
 def _with_neutral(strength: Parameter, q: FloatArray, gain: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -662,6 +662,7 @@ def _screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             {"text": s.verdict, "kind": _SCREENED.get(s.verdict, "")},
             _nats(s.refit_gain),
             _nats(s.gain),
+            _nats(s.chance),
             _signed(s.log_bayes),
             _quantity(known(s.strength), s.unit),
             number(known(s.visible)),
