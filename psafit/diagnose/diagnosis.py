@@ -84,7 +84,7 @@ def diagnose(
     folder : Path
         Where the result goes; what an interrupted diagnosis has worked out there is used.
     quick : bool
-        The verdict alone: no measured gain, no proposals beyond the tied causes.
+        The verdict alone: sets of at most four causes, no measured gain, no proposals beyond the tied causes.
     searches : int, optional
         Repetitions of the whole search on readings simulated from the fitted baseline (`psafit.diagnose.significance`);
         19 where a cause is named, none with `quick`.
@@ -130,7 +130,7 @@ def diagnose(
         shown, n_jobs = watcher or Silent(), jobs or cores()
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
         drawing = held is not None
-        work = _Work(experiment, training, folder, seed, catalogue, n_jobs, shown, command, drawing)
+        work = _Work(experiment, training, folder, seed, catalogue, n_jobs, shown, command, drawing, not quick)
         return work.all(quick, searches, nautilus, identity)
 
 
@@ -191,6 +191,7 @@ class _Work:
     watcher: Watcher
     command: Sequence[object]
     drawing: bool = False
+    thorough: bool = True
     seconds: dict[str, float] = field(default_factory=dict)
     _ladders: dict[tuple[GroupId, ...], Ladder] = field(default_factory=dict)
 
@@ -332,7 +333,14 @@ class _Work:
             self.watcher.update(done, total, which + what)
 
         self._ladders[groups] = _climbed(
-            self.experiment, self.catalogue, self.seed, self._memory, groups, progress=progress, others=others
+            self.experiment,
+            self.catalogue,
+            self.seed,
+            self._memory,
+            groups,
+            progress=progress,
+            others=others,
+            thorough=self.thorough,
         )
         return self._ladders[groups]
 
@@ -403,10 +411,11 @@ def _climbed(
     groups: tuple[GroupId, ...],
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     others: Sequence[Candidate] = (),
+    thorough: bool = True,
 ) -> Ladder:
     """The ladder of what some groups say."""
     problem = Problem(experiment, groups, tolerance=_TOLERANCE)
-    return climb(problem, catalogue, seed=seed, memory=memory, progress=progress, others=others)
+    return climb(problem, catalogue, seed=seed, memory=memory, progress=progress, others=others, thorough=thorough)
 
 
 def _protocols(

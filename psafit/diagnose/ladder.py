@@ -204,6 +204,7 @@ def climb(
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     memory: Memory | None = None,
     others: Sequence[Candidate] = (),
+    thorough: bool = True,
 ) -> Ladder:
     """Search the catalogue for what explains the readings.
 
@@ -219,12 +220,16 @@ def climb(
         Where fits are kept; those already there are not repeated.
     others : sequence of Candidate
         Models that some of these readings led to: they are begun from, too.
+    thorough : bool
+        Whether to try up to six causes, from the other side of the baseline's prior, too; else up to four. One or two
+        causes are found alike; where none in the catalogue does, the thorough search takes ten times as long.
 
     Returns
     -------
     Ladder
     """
-    search = _Search(problem, catalogue, seed, memory or Memory(None), progress)
+    most = min(MOST_CAUSES if thorough else _WIDE, len(catalogue))
+    search = _Search(problem, catalogue, seed, memory or Memory(None), progress, most)
     search.begin()
     for size in range(1, min(_WIDE, len(catalogue))):
         if not (search.found_something() and search.grow(size)):
@@ -232,7 +237,10 @@ def climb(
         if size == 1:
             search.look_around()
     search.settle()
-    for another in (search.think_again, search.cross_over, lambda: search.take_over(others), search.broaden):
+    further = [search.think_again]
+    if thorough:
+        further += [search.cross_over, lambda: search.take_over(others), search.broaden]
+    for another in further:
         if another():
             search.settle()
     return search.concluded()
@@ -257,7 +265,9 @@ class _Search:
         seed: int,
         memory: Memory,
         progress: Callable[[str, int, int], None],
+        most: int = MOST_CAUSES,
     ) -> None:
+        self._most = min(most, len(catalogue))
         self.problem, self.catalogue, self.seed = problem, tuple(catalogue), seed
         self.fitted: dict[Ids, Candidate] = {}
         self.screenings: dict[Ids, tuple[Screened, ...]] = {}
@@ -357,7 +367,7 @@ class _Search:
         leader = self._leader()
         if len(leader.terms) < _WIDE:
             return False
-        for size in range(_WIDE, min(MOST_CAUSES, len(self.catalogue))):
+        for size in range(_WIDE, self._most):
             self.grow(size)
         return self._leader().ids != leader.ids
 
@@ -368,7 +378,7 @@ class _Search:
         value = float(p.to_physical(middle))
         bounds = Bounds(p.bounds.lower, value) if root.modes[0, k] > middle else Bounds(value, p.bounds.upper)
         side = replace(self.problem, within=((p.name, bounds),))
-        search = _Search(side, self.catalogue, self.seed, self._memory, self._progress)
+        search = _Search(side, self.catalogue, self.seed, self._memory, self._progress, self._most)
         search._alone = self._alone
         self._progress(f"{' + '.join(root.ids)}, {p.name} on the other side", k, len(baseline.PARAMETERS))
         search._fit(_Wanted(side, [], 0.0), _DRAWS_CAUSE, _STARTS_CAUSE)
@@ -469,7 +479,7 @@ class _Search:
         """What is not fitted yet of models with one more cause, at most so many from each."""
         wanted: dict[Ids, _Wanted] = {}
         for smaller in problems:
-            if len(smaller.terms) >= min(MOST_CAUSES, len(self.catalogue)):
+            if len(smaller.terms) >= self._most:
                 continue
             self._progress(f"{' + '.join(smaller.ids) or 'the baseline'}: what else", 0, 1)
             for found in self._promising(smaller.ids)[:most]:
@@ -504,7 +514,7 @@ class _Search:
     def _ranked(self) -> Ladder:
         """By importance sampling's evidence where there is one, else Laplace's."""
         evidence = {ids: self._evidence(c) for ids, c in self.fitted.items()}
-        return rank(self.fitted.values(), evidence, self.weighed, self.screenings, len(self.catalogue))
+        return rank(self.fitted.values(), evidence, self.weighed, self.screenings, len(self.catalogue), self._most)
 
     def _promised(self, ids: Ids) -> _Wanted:
         """A model that only screenings have told of."""
@@ -654,6 +664,7 @@ def rank(
     weighed: dict[Ids, Weighed],
     screenings: dict[Ids, tuple[Screened, ...]],
     n_catalogue: int,
+    most: int,
 ) -> Ladder:
     """Posterior probabilities of the models, what adds nothing visible counted with what it is added to."""
     candidates = list(fitted)
@@ -662,7 +673,7 @@ def rank(
     for ids, screened in screenings.items():
         for found in screened:
             larger = tuple(id for id in order if id in (*ids, found.term.id))
-            if larger not in evidence and len(larger) <= MOST_CAUSES:
+            if larger not in evidence and len(larger) <= most:
                 value[larger] = max(evidence[ids] + found.log_bayes, value.get(larger, -math.inf))
     mass = {ids: v + log_prior(len(ids), n_catalogue) for ids, v in value.items()}
     # Evidences are known with an error; probabilities are their mean over it.
