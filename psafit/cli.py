@@ -337,7 +337,7 @@ def fit(
     metavar="ID[,ID...]",
     help="Training groups of the strict gain (not used by --quick); else the first.",
 )
-@click.option("--quick", is_flag=True, help="The verdict alone: no measured gain.")
+@click.option("--quick", is_flag=True, help="The verdict alone: at most four causes, no measured gain.")
 @click.option(
     "--nautilus", is_flag=True, help="Compute the finalists' evidence by a nested sampler, too: minutes a model."
 )
