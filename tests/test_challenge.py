@@ -24,10 +24,10 @@ from psafit.challenge.answer import Answer, Place, unseal
 from psafit.challenge.campaign import LEVELS, PRIOR, Result, Spec, content_hash, load, plan, read_diagnosis, run
 from psafit.challenge.hide import Outside, make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, find_rivals
-from psafit.challenge.score import _clustered, located, rate, reported_set, score
+from psafit.challenge.score import SHOWING_NATS, _clustered, located, rate, reported_set, score
 from psafit.challenge.strength import find, lost_nats
 from psafit.cli import commands
-from psafit.diagnose.ladder import SIZE_WEIGHTS
+from psafit.diagnose.ladder import SIZE_WEIGHTS, VISIBLE_EVIDENCE
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
 from psafit.physics import TERMS, term
@@ -638,6 +638,13 @@ def test_located_means_mostly_there(where: dict[str, Any], hit: bool) -> None:
     wild = {"group": 3, "variable": "frequency", "from": 1.0, "to": 2.0}
     assert not located({"misfit": {"where": [where, wild, wild]}}, [Place(1, "frequency", 1000.0, 2000.0)])
     assert located({"misfit": {"where": [where]}}, [Place(int(where["group"]))])
+
+
+def test_what_shows_is_what_some_prior_would_count() -> None:
+    """A cause of so much gain reaches the evidence of one of its own at the best width of its prior, and no more."""
+    z2, width = 2 * SHOWING_NATS, np.geomspace(0.01, 100, 4001)[:, None] ** 2
+    evidence = 0.5 * z2 * width / (1 + width) - 0.5 * np.log(1 + width)
+    assert evidence.max() == pytest.approx(VISIBLE_EVIDENCE, abs=0.02)
 
 
 def test_probabilities_are_held_against_how_often_they_are_right() -> None:

@@ -23,8 +23,12 @@ Ids = frozenset[str]
 
 # Of two causes, each must add so much beside the other to be asked for.
 SEEN_BESIDE_NATS = 10.0
-SHOWING_NATS = 3.0
-"""An oracle gain (log likelihood) below which nothing shows: as the evidence that a further cause must add."""
+SHOWING_NATS = 4.6
+"""An oracle gain g (log likelihood) below which no prior gives a cause the evidence that makes it one of its own.
+
+With a normal prior of any width that evidence is at most :math:`g - \\tfrac12\\ln 2g - \\tfrac12`, here
+`psafit.diagnose.ladder.VISIBLE_EVIDENCE`: a printed probability counts what has less with the set without it.
+"""
 GAIN_EDGES = (0.0, 5.0, 10.0, 25.0, 50.0, 100.0, math.inf)
 PROBABILITY_EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 # Of what a diagnosis points at, so much must lie where an outside effect acts.
