@@ -59,9 +59,10 @@ fit: $(STAMP)-run ## Fit, sample, validate, report: GROUP=1 or 1,2 [OUT=dir] [EX
 validate: $(STAMP)-run ## Score a fit on the groups it never saw: [RUN=fits/psa-group1]
 	@$(PSAFIT) validate $(call quoted,$(RUN))
 
-diagnose: $(STAMP)-run ## What is wrong, why, and what is gained: [GROUP=1] [QUICK=1] [OUT=dir] [EXP=folder] [SEED=n]
+diagnose: $(STAMP)-run ## What is wrong, why, and what is gained: [GROUP=1] [QUICK=1] [JOBS=n] [OUT=dir] [EXP=folder] [SEED=n]
 	@$(PSAFIT) diagnose $(call quoted,$(EXP)) $(if $(filter file,$(origin GROUP)),,$(call option,--group,$(GROUP))) \
-	    $(if $(QUICK),--quick) $(call option,--out,$(OUT)) $(call option,--seed,$(SEED))
+	    $(if $(filter-out 0,$(QUICK)),--quick) $(call option,--out,$(OUT)) $(call option,--seed,$(SEED)) \
+	    $(if $(filter file,$(origin JOBS)),,$(call option,--jobs,$(JOBS)))
 
 sbc: $(STAMP)-run ## Simulation-based calibration of the posteriors, with rank plots in docs/figures: [SEED=n] [ARGS=...]
 	@$(BIN)/python benchmarks/sbc.py $(call option,--seed,$(SEED)) $(ARGS)

@@ -116,8 +116,9 @@ def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator) -> ND
     (times, n_points) array
     """
     n = group.n_points
-    begin = rng.integers(0, n, (times, math.ceil(n / _BLOCK), 1))
-    return group.in_sweep[((begin + np.arange(_BLOCK)) % n).reshape(times, -1)[:, :n]]
+    block = min(_BLOCK, max(n // 3, 1))  # a block of all readings would be the same readings again
+    begin = rng.integers(0, n, (times, math.ceil(n / block), 1))
+    return group.in_sweep[((begin + np.arange(block)) % n).reshape(times, -1)[:, :n]]
 
 
 def root_mean_square(error: FloatArray) -> float:

@@ -75,7 +75,7 @@ def of_full_diagnosis(folder: Path) -> Any:
 
     result = of_diagnosis(folder)
     names = sorted(path.name for path in folder.iterdir() if not is_temporary(path))
-    return [result, of_fit(folder / result["extension"]["folder"]), names]
+    return [result, [of_fit(folder / run["folder"]) for run in result["extension"].values()], names]
 
 
 def of_campaign(folder: Path) -> Any:

@@ -504,11 +504,15 @@ def test_verdicts(hidden, sound):
     assert conclude(tied, before, after, doubtful, hopeless).verdict == "unexplained"
     # So does what has no name in their place: a set of causes is no likelier for being a set of causes.
     none = replace(left, log_bayes=-50.0, log_evidence=left.log_evidence - left.log_bayes - 50.0)
-    odds = hidden.probability[leader.ids] * np.exp(hidden.log_prior(()) - hidden.log_prior(leader.ids)) / 9
+    # (What adds nothing visible is counted with the leader, but has no part in the leader's prior.)
+    worth = {ids: value + hidden.log_prior(ids) for ids, value in hidden.log_evidence.items()}
+    counted = sum(np.exp(w - worth[leader.ids]) for ids, w in worth.items() if "amplifier_lag" in ids)
+    own = hidden.probability[leader.ids] / counted
+    odds = own * np.exp(hidden.log_prior(()) - hidden.log_prior(leader.ids)) / 9
     as_good = replace(bare, log_evidence=none.log_evidence + 50.0)
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
-    assert better.verdict == "unexplained"
+    assert better.verdict == "unexplained" and "a smooth curve in its place is simpler" in better.reasons[0]
     # Nothing hidden.
     plain = climb(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)

@@ -18,10 +18,20 @@ from numpy.typing import NDArray
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
 from psafit.diagnose.ladder import Ladder, climb
-from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose.leftover import Leftover, leftover, stretch
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
-from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, RESULT, UNSEEN, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.record import (
+    MARKER,
+    NEAREST,
+    PAGE,
+    PREDICTIONS,
+    RESULT,
+    UNSEEN,
+    CauseResult,
+    Diagnosis,
+    ScreeningResult,
+)  # fmt: skip
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import Robustness, robustness
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
@@ -209,10 +219,10 @@ class _Work:
             after = examine(leader, self.catalogue, seed=self.seed, n_simulated=n_simulated) if leader.terms else None
             # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
             left = leftover(leader)
-            bare = leftover(ladder.baseline) if leader.terms else left
+            bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
             verdict = conclude(ladder, before, after, left, bare)
             misfit = _misfit(before, after, left, leader)
-            misfit["sessions"] = [asdict(o) for o in show.offsets(ladder.baseline)]
+            misfit["sessions"] = [asdict(o) for o in show.offsets(leader)]
             firm = robustness(ladder.baseline, leader, bare, left) if leader.terms else None
             if firm:
                 misfit["robustness"] = asdict(firm)
@@ -249,7 +259,8 @@ class _Work:
                 misfit["search"] = asdict(
                     significance(
                         ladder, self.catalogue, searches, seed=self.seed, memory=self._memory,
-                        jobs=self.jobs, progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
+                        thorough=self.thorough, jobs=self.jobs,
+                        progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
                     )
                 )  # fmt: skip
         causes = _causes(ladder, verdict)
@@ -513,7 +524,7 @@ def _screening(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
 def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
     """What the whole ladder says of one cause; the refit knows better than the expansion what it can do."""
     if verdict.named and verdict.inclusion.get(found.term.id, 0.0) > 0.5:
-        return "present"
+        return "present" if verdict.verdict != "unexplained" else NEAREST
     if any(found.term.id in ids for ids in verdict.alternatives):
         return "as good"
     if ladder.gain((found.term.id,)) >= max(PRESENT, found.chance):

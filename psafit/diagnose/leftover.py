@@ -98,9 +98,17 @@ class Leftover:
         return found
 
 
-def leftover(candidate: Candidate) -> Leftover:
-    """Fit an unnamed discrepancy beside a model."""
-    around = _Expansion.of(candidate)
+def leftover(candidate: Candidate, outlying: FloatArray | None = None) -> Leftover:
+    """Fit an unnamed discrepancy beside a model.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    outlying : (n_points,) array, optional
+        Factor on each reading's variance, from the `stretch` of another model where evidences are to be compared; the
+        candidate's own by default.
+    """
+    around = _Expansion.of(candidate, stretch(candidate) if outlying is None else outlying)
     without = around.fitted(around.scatter, with_it=False)
     # A scatter that had to stand for the discrepancy, too, may be either of its parts.
     low = [p.sampling_bounds.lower for p in around.parameters]
@@ -122,7 +130,7 @@ def leftover(candidate: Candidate) -> Leftover:
     amplitude, level, reach = np.exp(best.v[2:]).tolist()
     return Leftover(
         log_bayes=best.log_evidence - without.log_evidence,
-        log_evidence=best.log_evidence,
+        log_evidence=best.log_evidence + around.placed,
         amplitude=amplitude,
         level=level,
         reach=reach,
@@ -156,13 +164,16 @@ class _Expansion:
     known: FloatArray | float  # variance stated with the readings
     same: NDArray[np.bool_]  # pairs of one group
     squared: FloatArray  # ... and their squared distance along the sweep
+    placed: float  # log prior density of the model's parameters at the fit, over the normal one that stands for it
 
     @classmethod
-    def of(cls, candidate: Candidate) -> _Expansion:
+    def of(cls, candidate: Candidate, outlying: FloatArray) -> _Expansion:
         problem = candidate.problem
         n = problem.n_model
         bent = problem.prior_slopes(candidate.modes[:1])[1][0, :n]
         width = 1.0 / np.sqrt(np.maximum(bent, (4.0 / np.ptp(problem.bounds[:n], axis=1)) ** 2))
+        own = zip(problem.parameters[:n], candidate.modes[0, :n], strict=True)
+        density = np.array([float(p.log_prior(c)) for p, c in own])
         free = candidate.slope.T * width  # columns with unit prior variance
         x = np.empty(problem.observed.size)
         for _, variable, rows in sweeps(problem):
@@ -175,11 +186,12 @@ class _Expansion:
             scatter=candidate.modes[0, n : n + 2],
             predicted=np.maximum(candidate.predicted, 1e-9),
             residual=problem.observed - candidate.predicted,
-            stretch=_stretch(candidate),
+            stretch=outlying,
             linear=free @ free.T,
             known=0.0 if problem.known_sigma is None else problem.known_sigma**2,
             same=same,
             squared=np.where(same, (x[:, None] - x[None, :]) ** 2, 0.0),
+            placed=float(np.sum(density + 0.5 * math.log(2 * math.pi) + np.log(width))),
         )
 
     def scatter_at(self, v: FloatArray) -> tuple[float, float]:
@@ -240,17 +252,17 @@ class _Expansion:
         return kernel @ cho_solve(factor, self.residual), variance
 
 
-def _stretch(candidate: Candidate) -> FloatArray:
+def stretch(candidate: Candidate) -> FloatArray:
     """Factor on each reading's variance.
 
     A lone outlier keeps the large variance that Student's law gives it; neighbours that err together do not.
     """
     nu = float(candidate.noise[0, 2])
     score = (candidate.problem.observed - candidate.predicted) / candidate.scatter
-    stretch = np.ones(score.size)
+    found = np.ones(score.size)
     for _, _, rows in sweeps(candidate.problem):
         z = score[rows]
         beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
         lone = (np.abs(z) > _LONE) & (np.abs(beside) < 0.5 * _LONE)
-        stretch[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)
-    return stretch
+        found[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)
+    return found

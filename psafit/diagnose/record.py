@@ -47,6 +47,7 @@ class CauseResult:
 _TOLD = 0.001
 
 UNSEEN = "could not have been seen"
+NEAREST = "in the best extension"  # of readings that no cause explains
 """What is said of a cause of which even a plausible strength would not show."""
 
 

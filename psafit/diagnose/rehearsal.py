@@ -72,7 +72,7 @@ def repeat(
             made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
             again = problem.experiment.with_readings(np.maximum(made, 0.0))
             height = [
-                _climbed(replace(c.problem, experiment=again), c, d, rng).laplace + p
+                d.log_evidence + _climbed(replace(c.problem, experiment=again), c, d, rng).laplace - c.laplace + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
+from scipy.stats import f, t
 
 from psafit.diagnose.misfit import conditions, in_session, sweeps
 from psafit.experiment import GroupId
@@ -29,14 +30,16 @@ from psafit.inference.candidate import Candidate
 
 FloatArray = NDArray[np.float64]
 
+# Readings of a window, and standard errors of its slope to either end of a 90 % interval.
 _WINDOW = 9
+_WIDE = float(t.ppf(0.95, _WINDOW - 2))
 # Readings that two lines are drawn through at least, on either side of a corner at least, and places tried for it.
 _CORNERED, _BESIDE, _PLACES = 12, 3, 200
 # Readings whose median tells how large they are there; logarithms of those with more absolute scatter err downwards.
 _NEIGHBOURS, _CLEAR = 5, 0.3
-# Log likelihood (nats) by which two lines must do better than one: the best of all places gains 6 by chance in one
-# sweep of a hundred. And 1.645^2, for 90 % intervals.
-_BENT, _Z2 = 6.0, 2.706
+# Log likelihood (nats) by which two lines must do better than one: the best of all places gains 6 by chance in one or
+# two sweeps of a hundred.
+_BENT = 6.0
 _KNOTS = 4
 _SORTED = 0.9
 
@@ -136,7 +139,9 @@ class Offset:
 def offsets(candidate: Candidate) -> list[Offset]:
     """Every pair of sessions that share conditions at which both have readings above zero."""
     problem, group = candidate.problem, candidate.problem.design.group
-    y, relative = problem.observed, candidate.scatter / np.maximum(problem.observed, 1e-9)
+    y, nu = problem.observed, float(candidate.noise[0, 2])
+    # The scale of Student's law is less than its standard deviation.
+    relative = candidate.scatter * np.sqrt(nu / (nu - 2)) / np.maximum(y, 1e-9) if nu > 2 else np.ones_like(y)
     found: dict[tuple[int, int], list[tuple[float, float]]] = {}
     for rows in conditions(problem.design):
         sessions = {k: rows[(group[rows] == k) & (y[rows] > 0)] for k in np.unique(group[rows]).tolist()}
@@ -166,8 +171,8 @@ def growth(candidate: Candidate) -> list[Growth]:
             modelled, _ = _line(x[part], p[part], relative[part])
             found.at.append(float(np.exp(x[part].mean())))
             found.measured.append(slope)
-            found.lower.append(slope - 1.645 * error)
-            found.upper.append(slope + 1.645 * error)
+            found.lower.append(slope - _WIDE * error)
+            found.upper.append(slope + _WIDE * error)
             found.simulated.append(modelled)
         result.append(found)
     return result
@@ -204,7 +209,7 @@ def corners(candidate: Candidate) -> list[Corner]:
         best = int(np.argmin(left))
         corner = Corner(group_id, variable, None, None, None, None, None, None)
         if left[best] > 0 and 0.5 * x.size * np.log(alone / left[best]) > _BENT:
-            near = places[left <= left[best] * (1 + _Z2 / (x.size - 4))]
+            near = places[left <= left[best] * (1 + f.ppf(0.9, 1, x.size - 4) / (x.size - 4))]
             between = places[1] - places[0]
             middle, low, high = np.exp([places[best], near[0] - between, near[-1] + between]).tolist()
             corner = replace(corner, measured=middle, lower=low, upper=high, exponents=exponents[best])

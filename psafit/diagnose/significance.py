@@ -52,6 +52,7 @@ def significance(
     *,
     seed: int,
     memory: Memory,
+    thorough: bool = True,
     jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Significance:
@@ -67,6 +68,8 @@ def significance(
     seed : int
     memory : Memory
         Repetitions already there are not run again.
+    thorough : bool
+        As the search was (`psafit.diagnose.ladder.climb`).
     jobs : int
         Processes that share the repetitions, where the memory lasts.
     progress : callable
@@ -82,11 +85,11 @@ def significance(
     null = []
     for k in range(n_searches):
         progress(k, n_searches)
-        null.append(_again(baseline, catalogue, seed, memory, k))
+        null.append(_again(baseline, catalogue, seed, memory, thorough, k))
     return Significance(own, null, (1 + sum(x >= own for x in null)) / (n_searches + 1))
 
 
-def _again(baseline: Candidate, catalogue: Sequence[Term], seed: int, memory: Memory, k: int) -> float:
+def _again(baseline: Candidate, catalogue: Sequence[Term], seed: int, memory: Memory, thorough: bool, k: int) -> float:
     """The lead that one search finds where nothing is hidden."""
 
     def make() -> dict[str, np.ndarray]:
@@ -94,8 +97,8 @@ def _again(baseline: Candidate, catalogue: Sequence[Term], seed: int, memory: Me
         known = baseline.problem.known_sigma
         readings = np.maximum(noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], 0.0)
         simulated = baseline.problem.experiment.with_readings(readings)
-        found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed)
+        found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed, thorough=thorough)
         return {"lead": np.array(lead(found))}
 
-    about = [seed, k, [t.determinants for t in catalogue]]
+    about = [seed, k, thorough, [t.determinants for t in catalogue]]
     return float(memory.recall("null", baseline.problem, about, make)["lead"])

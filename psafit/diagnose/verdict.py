@@ -15,8 +15,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from psafit.diagnose.ladder import CREDIBLE, Ids, Ladder
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
@@ -39,7 +37,7 @@ class Verdict:
     probability : dict
         Of each model fitted; what is missing to one is unnamed, or was not fitted.
     unnamed : float
-        Probability of a discrepancy without a name beside what has one.
+        Probability of a discrepancy without a name, beside what has one or in its place.
     inclusion : dict
         Probability of each cause to be part of the truth, given that the catalogue holds it.
     reasons : tuple of str
@@ -68,7 +66,8 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     left, bare : Leftover
         Of the leader, and of the baseline.
     """
-    unnamed = _unnamed(ladder, left, bare)
+    beside, instead = _odds(ladder, left, bare)
+    unnamed = (beside + instead) / (1 + beside + instead)
     probability = {ids: p * (1 - unnamed) for ids, p in ladder.probability.items()}
     inclusion: dict[str, float] = {}
     # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
@@ -99,8 +98,9 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     named = _best_first(best, ladder)
     if residual or mostly_unnamed:
         how = "fits little better than the baseline, and" if () in alternatives else "explains most, but"
+        what = "structure remains" if residual or beside > instead else "a smooth curve in its place is simpler"
         reasons.append(
-            f"{' + '.join(named)} {how} structure remains"
+            f"{' + '.join(named)} {how} {what}"
             + (f" (family-wise p = {after.p_value:.2g})" if residual and after else "")
             + (f"; an unnamed discrepancy has probability {unnamed:.2f}" if mostly_unnamed else "")
             + "."
@@ -123,19 +123,22 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     return Verdict("explained", named, (), probability, unnamed, inclusion, tuple(reasons))
 
 
-def _unnamed(ladder: Ladder, left: Leftover, bare: Leftover) -> float:
-    """Probability of a discrepancy without a name, which has the same part of each model's prior.
+def _odds(ladder: Ladder, left: Leftover, bare: Leftover) -> tuple[float, float]:
+    """Odds of a discrepancy without a name, beside the causes and in their place; it has a part of each model's prior.
 
-    Beside all models but the baseline the evidence of it beside the leader stands for all. Beside the baseline, in the
-    place of the causes, it may have much more than beside them.
+    Beside all models but the baseline the evidence of it beside the leader stands for all.
     """
-    beside = left.log_bayes
-    if best := ladder.leader.ids:
-        instead = bare.log_evidence - (left.log_evidence - left.log_bayes)
-        instead += ladder.log_prior(()) - ladder.log_prior(best) + math.log(max(ladder.probability[best], 1e-300))
-        beside = float(np.logaddexp(beside, instead))
-    odds = math.exp(min(beside, 700.0)) * UNNAMED / (1 - UNNAMED)
-    return odds / (1 + odds)
+    prior, best = UNNAMED / (1 - UNNAMED), ladder.leader.ids
+    if not best:
+        return prior * math.exp(min(left.log_bayes, 700.0)), 0.0
+    worth = {ids: value + ladder.log_prior(ids) for ids, value in ladder.log_evidence.items()}
+    # What adds nothing visible is counted with the leader, but the leader's prior is its own.
+    own = ladder.probability[best] / max(
+        1.0, sum(math.exp(w - worth[best]) for i, w in worth.items() if set(best) <= set(i))
+    )
+    ratio = bare.log_evidence - (left.log_evidence - left.log_bayes) + ladder.log_prior(()) - ladder.log_prior(best)
+    beside = (1 - ladder.probability[()]) * math.exp(min(left.log_bayes, 700.0))
+    return prior * beside, prior * own * math.exp(min(ratio, 700.0))
 
 
 def _best_first(named: Ids, ladder: Ladder) -> Ids:

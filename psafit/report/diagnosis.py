@@ -16,7 +16,7 @@ from psafit.compare import Told, known, read_predictions
 from psafit.diagnose.ladder import CREDIBLE
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import CLEAR, recommended, tells_apart
-from psafit.diagnose.record import PAGE, UNSEEN, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.record import NEAREST, PAGE, UNSEEN, CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import CONSTANT_UNITS, Experiment, GroupId
 from psafit.inference.run import load
 from psafit.numerics import audit
@@ -55,6 +55,7 @@ _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 10, 8, 12
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
 _SCREENED: Final = {
     "present": "bad",
+    NEAREST: "warn",
     "as good": "bad",
     "explains part alone": "warn",
     "not present": "good",
@@ -237,7 +238,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
         part = slice(start, start + group.n_points)
         start, name = part.stop, str(group.id)
         looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in told.items() if values.size == n}
-        last = "extended" if "extended" in looks else "baseline"
+        last = "extended" if "extended" in looks and result.verdict != "adequate" else "baseline"
         curves = {
             model: figures.Curve(
                 *look,
@@ -338,10 +339,12 @@ def _wrong(result: Diagnosis) -> Markup:
         odd = known(result.misfit.get("p_value")) < ALPHA
         return head + "No cause of the catalogue explains it." + (what if odd else "") + _unnamed(result)
     also = Markup(" As good: {}.").format(tied) if result.alternatives else ""
-    return head + Markup(
-        "The best extension is {}{}, but structure remains that no cause describes (probability of an"
-        " unnamed discrepancy {}).{}{}"
-    ).format(named, share, _share(result.unnamed), _sizes(result) + _implausible(result), also)
+    # Nothing may be left beside the causes, and yet something smooth in their place be likelier than so many of them.
+    left = known(result.misfit["extended"]["p_value"]) < ALPHA or known(result.misfit["leftover"]["log_bayes"]) > 0
+    why = "structure remains that no cause describes" if left else "a smooth curve in its place is more probable"
+    return head + Markup("The best extension is {}{}, but {} (probability of an unnamed discrepancy {}).{}{}").format(
+        named, share, why, _share(result.unnamed), _sizes(result) + _implausible(result), also
+    )
 
 
 def _implausible(result: Diagnosis) -> Markup:
@@ -417,7 +420,9 @@ def _gained(result: Diagnosis) -> Markup:
         one = result.gain.get(name)
         if one:
             parts.append(
-                Markup("{}, the typical error on unseen groups goes from ×{} to ×{} (log RMSE {} to {}, 90 %)").format(
+                Markup("{}, the typical error on unseen groups goes from ×{} to ×{}"
+                    " (change of log RMSE {} to {}, 90 %)"
+                ).format(
                     Markup(text).format(_ids(result.training)),
                     factor(known(one["log_rmse_before"])), factor(known(one["log_rmse_after"])),
                     *(typeset(f"{known(x):+.2f}") for x in one["log_rmse_interval"]),
@@ -461,7 +466,8 @@ def _tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
     tiles = [{"value": p_value(known(result.misfit.get("p_value"))), "label": "p value: baseline against the readings"}]
     if "extended" in result.misfit:
         after = p_value(known(result.misfit["extended"].get("p_value")))
-        tiles.append({"value": after, "label": "p value: extension against the readings"})
+        what = "best causes, not adopted," if result.verdict == "adequate" else "extension"
+        tiles.append({"value": after, "label": f"p value: {what} against the readings"})
     for k, curve in enumerate(shown[0].curves):
         errors = [g.errors[k] for g in shown]
         label = f"typical factor between {curve.name} and reading, fitted to all groups"

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from psafit.diagnose.record import UNSEEN, ScreeningResult
+from psafit.diagnose.record import NEAREST, UNSEEN, ScreeningResult
 from psafit.experiment import Group
 from psafit.report import figures
 from psafit.report.figures.axes import label, scale_axis, scale_sweep, widened
@@ -30,6 +30,7 @@ _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHE
 _EXTENDED: Final[dict[str, Any]] = {"color": PALETTE["vermillion"], "linewidth": 1.6, "zorder": 2.5}
 _VERDICT_COLOR: Final = {
     "present": PALETTE["vermillion"],
+    NEAREST: PALETTE["vermillion"],
     "as good": PALETTE["vermillion"],
     "explains part alone": PALETTE["orange"],
     "not present": PALETTE["grey"],
@@ -208,7 +209,7 @@ def screening_pictures(
     if not screening:
         return []
     names = [titles.get(s.id, s.id) for s in screening]
-    present = [name for name, s in zip(names, screening, strict=True) if s.verdict == "present"]
+    present = [name for name, s in zip(names, screening, strict=True) if s.verdict in ("present", NEAREST)]
     gains = _bars(
         names, [s.refit_gain for s in screening], screening, named, "Gain, refitted (nats)", _nats, None
     )  # fmt: skip
