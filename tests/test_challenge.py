@@ -20,7 +20,7 @@ from click.testing import CliRunner
 from outside import OUTSIDE, parts
 
 from psafit.challenge import hide
-from psafit.challenge.answer import Answer, Place, unseal
+from psafit.challenge.answer import EXPERIMENT, Answer, Place, unseal
 from psafit.challenge.campaign import LEVELS, PRIOR, Result, Spec, content_hash, load, plan, read_diagnosis, run
 from psafit.challenge.hide import Outside, make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, find_rivals
@@ -275,6 +275,15 @@ def test_a_rival_that_does_the_same_is_found(lagged: Path) -> None:
     experiment, answer = unseal(lagged)
     copy = replace(term("amplifier_lag"), id="lag_by_another_name")
     assert find_rivals(experiment, answer, [copy, term("reading_offset")]) == ["lag_by_another_name"]
+
+
+@pytest.mark.slow
+def test_what_a_cause_adds_is_seen_from_everywhere(tmp_path: Path) -> None:
+    """A slew limit alone does as well with another contact: nobody can ask for the stiffness beside it."""
+    made = make(2941797860, tmp_path, kind="two", terms=["slew_limit", "stack_stiffness"], strength=60.0)
+    found = consult(read_experiment(tmp_path / EXPERIMENT), made.answer, seed=1)
+    assert found.gain > 50 and found.without["slew_limit"] > 50
+    assert found.without["stack_stiffness"] < 5  # one climb from the truth leaves 36
 
 
 # --- outside ----------------------------------------------------------------------------------------

@@ -106,9 +106,12 @@ def consult(experiment: Experiment, answer: Answer, *, seed: int, rivals_from: f
         if len(terms) > 1:
             for term in terms:
                 rest = Problem(experiment, experiment.ids, tuple(t for t in terms if t is not term))
-                lower = climb(rest, _truth(rest, answer))[0]
+                # What one cause does beside another may as well be done by another contact: far from the truth.
+                found = optimise(rest, seed=seed, n_starts=_STARTS).best
+                beside = [rest.to_sampling(found.values), climb(rest, _truth(rest, answer))[0]]
                 # The baseline is a case of it, too.
-                without[term.id] = max(reached - max(_likelihood(rest, lower), base_likelihood), 0.0)
+                most = max(base_likelihood, *(_likelihood(rest, u) for u in beside))
+                without[term.id] = max(reached - most, 0.0)
         elif rivals_from is not None and gain >= rivals_from:
             confusable = find_rivals(experiment, answer)
     return Oracle(gain, without, fitted, confusable, time.monotonic() - begun)
