@@ -237,7 +237,7 @@ def read_predictions(path: Path, model: str | None = None) -> list[Told]:
     import pandas as pd
 
     try:
-        table = pd.read_csv(path, dtype={"group": str})
+        table = pd.read_csv(path, converters={"group": str})  # NA is a name, too
         table = (table if model is None else table[table["model"] == model])[list(COLUMNS)].assign(log_density=np.nan)
         numbers = table[[*_MEASURED, "predicted_um", "lower_um", "upper_um"]].to_numpy(float)
         if not (np.isfinite(numbers).all() and (numbers >= 0).all() and table["role"].isin(_ROLES).all()):

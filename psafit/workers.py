@@ -61,9 +61,9 @@ def processes(jobs: int) -> Iterator[int]:
     # joblib's own switch; and it flushes both streams before it starts a process.
     if os.environ.get("JOBLIB_MULTIPROCESSING") == "0" or sys.stdout is None or sys.stderr is None:
         jobs = 1
-    threads = max(cores() // jobs, 1) if jobs > 1 else None
     try:
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=threads) if jobs > 1 else nullcontext():
+        # As many threads of linear algebra as here: another number adds up in another order, to other last digits.
+        with joblib.parallel_config(backend="loky") if jobs > 1 else nullcontext():
             yield jobs
         if jobs > 1:  # idle ones hold memory, and joblib takes growth since their first call for a leak
             get_reusable_executor(reuse=True).shutdown(wait=True)

@@ -714,6 +714,7 @@ def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
     results = [
         result(["a"], named=["a"], causes=[{"terms": ["a"], "probability": 0.9, "parameters": {}}]),
         result(["a"], named=["<b>"]),
+        result(["a"], named=["$\\bad$"]),
         result([], verdict="adequate"),
         result([], outside="x", verdict="unexplained"),
     ]

@@ -332,7 +332,16 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "limits, unknown": (TOML + "[limits]\nfrequency = [1, 2]\n", 22, "did you mean frequency_hz?"),
     "limits, one number": (TOML + "[limits]\nl = 0.1\n", 22, "limits of l are not two numbers"),
     "limits, texts": (TOML + '[limits]\nl = ["a", 1]\n', 22, "limits of l are not two positive numbers"),
-    "limits, reversed": (TOML + "[limits]\nfrequency_hz = [20, 1]\n", 22, "the smaller first; give them"),
+    "limits, reversed": (
+        TOML + "[limits]\nfrequency_hz = [20, 1]\n",
+        22,
+        "the smaller first, within 0.001 to 1e+09; give them",
+    ),
+    "limits, beyond the simulator's": (
+        TOML + "[limits]\nfrequency_hz = [1, 1e12]\n",
+        22,
+        "within 0.001 to 1e+09; give them",
+    ),
     "limits, beyond": (TOML + "[limits]\nM = [1, 1e9]\n", 22, "first, within 1e-09 to 1e+06; give them"),
     "prior, no table": ("prior = 1\n" + TOML, 1, "prior is no table"),
     "prior, a number": (TOML + "[prior]\nk_c = 3e6\n", 22, "prior of 'k_c' is no table"),

@@ -152,6 +152,9 @@ def _claim(folder: Path, experiment: Experiment) -> None:
     except InputError:  # none, or none that anybody can use
         held = None
     ours = marker.is_file() or (isinstance(held, dict) and "fingerprint" in held)
+    fitted = (folder / "fit.json").exists()
+    if fitted and marker.is_file() and not _is_fit_of(experiment, folder):
+        raise InputError("holds a fit of other readings or priors", another, file=folder)
     if not (ours or _is_fit_of(experiment, folder)):
         refuse_foreign(folder)
     mine = experiment.fingerprint
@@ -370,11 +373,13 @@ class _Work:
     def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> dict[str, Any]:
         """Fit causes to groups like any run, sample their posterior, and validate it."""
         terms = tuple(t for t in self.catalogue if t.id in ids)
-        settings = Settings.of(Problem(self.experiment, tuple(groups), terms))
-        # A diagnosis repeated in its folder with other groups or another seed is another run.
-        place = "-".join(
-            ["extension", f"group{'-'.join(map(str, groups))}", *(t.id for t in terms), f"seed{self.seed}"]
-        )
+        problem = Problem(self.experiment, tuple(groups), terms)
+        settings = Settings.of(problem)
+        # A diagnosis repeated in its folder with other groups, priors or another seed is another run.
+        about = [versions(), list(groups), self.seed, *(t.determinants for t in terms)]
+        about += [p.signature for p in problem.parameters]
+        digest = hashlib.sha256(json.dumps(about).encode()).hexdigest()[:8]
+        place = f"extension-{'-'.join(t.id for t in terms)[:100]}-{digest}"
         if (self.folder / place / "posterior.json").exists() and not self.drawing:
             run = load(self.folder / place)
         else:

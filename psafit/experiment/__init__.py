@@ -71,7 +71,7 @@ def read_experiment(folder: str | Path) -> Experiment:
     """
     folder = Path(folder)
     definition = _definition(folder)
-    title = definition.text("title", folder.name)
+    title = definition.text("title", folder.resolve().name)
     source = definition.text("source", "")
     constants = definition.constants()
     groups = tuple(

@@ -12,6 +12,7 @@ from typing import Any
 
 from psafit.errors import InputError
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId, Waveform
+from psafit.experiment.table import LIMITS as COLUMN_LIMITS
 from psafit.experiment.text import listed, one_line, read_text, shown
 from psafit.parameters import Belief, LogNormal, Normal
 
@@ -30,7 +31,7 @@ LIMITS = {
 }
 _PRIOR = 'write for example [prior.k_c] with median, factor (a value that may be zero: mean, sd) and source = "..."'
 _LIMITED = "write for example under [limits]: frequency_hz = [100, 20000], or l = [0.06, 0.12]"
-_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]#]+?)\s*\]")
+_HEADER = re.compile(r"\s*(\[\[?)([^\[\]#]+)\]")
 _KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*[\w-]+)*)\s*=""")
 _ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}")
 
@@ -176,11 +177,12 @@ class Definition:
         numbers = [_number(end) for end in ends] if isinstance(ends, list) else []
         if len(numbers) != 2:
             raise self.error(f"limits of {name} are not two numbers", _LIMITED, *place)
-        hard = LIMITS.get(name, (0.0, math.inf))
+        hard = (COLUMN_LIMITS | LIMITS)[name]
         low, high = (math.nan if x is None else x for x in numbers)
         if not (0 < low <= high < math.inf and hard[0] <= low and high <= hard[1]):
-            within = f", within {hard[0]:g} to {hard[1]:g}" if name in LIMITS else ""
-            what = f"limits of {name} are not two positive numbers, the smaller first{within}"
+            what = (
+                f"limits of {name} are not two positive numbers, the smaller first, within {hard[0]:g} to {hard[1]:g}"
+            )
             raise self.error(what, "give them in the units of the CSV files, or SI", *place)
         return low, high
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from psafit.challenge.score import SEEN_NATS, GainBin, ProbabilityBin, Rate, Recovery, Score
+from psafit.report.figures.axes import label as tick
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
 from psafit.report.wording import NBSP, count, percent
@@ -240,8 +241,8 @@ def _confusion_figure(table: Mapping[str, Mapping[str, int]]) -> Figure:
             fontsize=8,
             color="white" if share[i, j] > 0.6 else PALETTE["ink"],
         )
-    axes.set_xticks(range(len(said)), said, rotation=60, ha="right", fontsize=8)
-    axes.set_yticks(range(len(truths)), truths, fontsize=8)
+    axes.set_xticks(range(len(said)), [tick(name) for name in said], rotation=60, ha="right", fontsize=8)
+    axes.set_yticks(range(len(truths)), [tick(name) for name in truths], fontsize=8)
     axes.grid(visible=False)
     axes.set_xlabel("Named")
     axes.set_ylabel("Hidden")
