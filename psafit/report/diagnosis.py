@@ -526,7 +526,7 @@ def _corner_rows(result: Diagnosis) -> list[list[Any]]:
             ends = [c["lower"], c["upper"]]
         text = number(c[at], ends[1] - ends[0] if ends else None)
         text += f" ({interval(*ends)})" if ends else ""
-        below, above = (f"{x:.2f}".replace("-", "\N{MINUS SIGN}") for x in c[exponents])
+        below, above = (f"{round(x, 2) + 0.0:.2f}".replace("-", "\N{MINUS SIGN}") for x in c[exponents])
         return [with_unit(text, unit), f"{below} → {above}"]
 
     rows = []
