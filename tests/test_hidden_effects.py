@@ -154,8 +154,8 @@ def without(rung: str, patch: pytest.MonkeyPatch) -> None:
     if rung == "what has no name":
         patch.setattr(diagnosis, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
 
-        def nothing(model: Candidate) -> Leftover:
-            found = leftover(model)
+        def nothing(model: Candidate, outlying: Any = None) -> Leftover:
+            found = leftover(model, outlying)
             return replace(found, log_bayes=-50.0, log_evidence=found.log_evidence - found.log_bayes - 50.0)
 
         patch.setattr(diagnosis, "leftover", nothing)

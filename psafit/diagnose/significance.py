@@ -81,7 +81,7 @@ def significance(
     """
     baseline, own = ladder.baseline, lead(ladder)
     if memory.lasts:
-        ahead(_again, [(baseline, catalogue, seed, memory, k) for k in range(n_searches)], jobs, progress)
+        ahead(_again, [(baseline, catalogue, seed, memory, thorough, k) for k in range(n_searches)], jobs, progress)
     null = []
     for k in range(n_searches):
         progress(k, n_searches)
