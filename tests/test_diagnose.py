@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment
+from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment, pruning
 from psafit.diagnose.gain import split, summarise
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.next_experiment import determine, proposals, tell_apart
+from psafit.diagnose.pruning import prune
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import PRESENT, _luck, _unclear, _with_neutral, screen
@@ -37,7 +38,7 @@ from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import Silent, load
 from psafit.inference.run import fit as run_fit
 from psafit.inference.store import pareto_k
-from psafit.parameters import Belief, Bounds, Normal
+from psafit.parameters import Belief, Normal
 from psafit.physics import TERMS, informed, terms
 from psafit.simulate import Design, simulate
 
@@ -304,28 +305,86 @@ def test_ladder_names_a_hidden_cause(hidden):
     assert tau == pytest.approx(4e-5, rel=0.3)
 
 
-def test_a_search_that_stands_on_the_wrong_side_crosses_over(monkeypatch):
-    """All models are held below the truth's structural damping, 3000 N s/m; the prior's median is 1000."""
+@pytest.fixture(scope="module")
+def three():
+    """Three causes at once, and readings in which each of them shows."""
+    return problem(experiment(["amplifier_lag", "flight_friction", "reading_offset"], [4e-5, 0.05, 5e-6], n=60))
+
+
+def test_a_search_from_above_leads_through_the_truth(three, monkeypatch):
+    monkeypatch.setattr(pruning, "_FEW", 3)  # the first cause goes by a quarter of the readings
+    found = {c.ids: c for c in prune(three, FEW, seed=1, least=1, most=3)}
+    true = ("amplifier_lag", "flight_friction", "reading_offset")
+    assert true in found and {len(ids) for ids in found} == {1, 2, 3}
+    right = replace(three, terms=terms(true))
+    assert found[true].height > fit(right, [fit(three, (), seed=1)], seed=1).height - 0.5
+    # None is worse than a part of it, but for the prior of what it has more.
+    for c in found.values():
+        for part in found.values():
+            if len(part.ids) == len(c.ids) - 1 and set(part.ids) < set(c.ids):
+                assert c.log_likelihood > part.log_likelihood - 3
+    again = {c.ids: c for c in prune(three, FEW, seed=1, least=1, most=3)}
+    assert all(np.array_equal(again[ids].modes, c.modes) for ids, c in found.items())
+
+
+def test_what_an_absence_costs_is_told_by_masses_not_heights(three):
+    """A cause with a value for each group costs density in every one of them: heights alone would always drop it."""
+    gains = {"a": 1.3, "b": 0.8, "c": 1.0}
+    whole = problem(experiment(n=40, relative=0.02, spoil=lambda name, y: gains[name] * y))
+    both = replace(whole, terms=terms(["amplifier_lag", "reading_gain"]))
+    now = fit(both, [fit(whole, (), seed=1)], seed=1)
+    without = {t.id: pruning._without(now, t) for t in now.terms}
+    assert without["amplifier_lag"].worth > without["reading_gain"].worth
+    exact = {id: fit(one.problem, [fit(whole, (), seed=1)], seed=1).laplace for id, one in without.items()}
+    # The idle one's mass is told well; what is needed is far behind, however far the expansion has it.
+    assert without["amplifier_lag"].worth == pytest.approx(exact["amplifier_lag"], abs=2)
+    assert exact["reading_gain"] < exact["amplifier_lag"] - 10
+    assert without["reading_gain"].worth < without["amplifier_lag"].worth - 10
+
+
+def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
+    """Of the small models of a good large one none need be good: here the search has been held to one cause."""
     monkeypatch.setattr(ladder, "_TANGLED", 1)
-    whole = problem(experiment(["amplifier_lag"], [2e-5]))
-    search = ladder._Search(whole, FEW, 1, Memory(None), lambda what, done, total: None)
-    search.begin()
-    best = search._leader()
-    held = replace(whole, within=(("c_s", Bounds(1.0, 1e3)),))
-    nothing = fit(held, (), seed=1, draws=256, most=8)
-    for ids in list(search.fitted):
-        there = replace(held, terms=terms(ids))
-        stuck = fit(there, [nothing], seed=1) if ids else nothing
-        search.fitted[ids] = replace(stuck, problem=replace(there, within=()))
-    search.weighed.clear()
-    before = search._leader()
-    assert before.values[1] <= 1e3 and before.height < best.height - 10
-    assert search.cross_over()
-    after = search._leader()
-    assert after.values[1] > 1e3 and after.height > best.height - 1
-    assert after.problem.within == ()
-    # Once there, the other sides are worse, and nothing is found.
-    assert not search.cross_over()
+    monkeypatch.setattr(ladder, "_WIDE", 2)
+
+    def begun():
+        search = ladder._Search(three, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
+        search.begin()
+        return search
+
+    search = begun()
+    assert len(search._leader().ids) == 1
+    assert search.from_above()
+    assert {"amplifier_lag", "flight_friction"} <= set(search._leader().ids)
+    monkeypatch.delattr(ladder, "prune")  # what it led through is kept
+    again = begun()
+    assert again.from_above() and again._leader().height == search._leader().height
+    assert not again.from_above()
+
+
+def test_exchanges_of_many_causes_are_judged_by_climbs(tmp_path, monkeypatch):
+    """The expansion promises nothing; short climbs see what belongs in a cause's place, and it is fitted."""
+    whole = problem(experiment(["amplifier_lag", "flight_friction"], [4e-5, 0.05], n=60))
+    monkeypatch.setattr(ladder, "_WIDE", 1)
+
+    def begun():
+        search = ladder._Search(whole, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
+        search.begin()
+        wrong = replace(whole, terms=terms(["stack_stiffness", "flight_friction"]))
+        search.fitted = {c.ids: c for c in search.fitted.values() if c.ids in ((), ("flight_friction",))}
+        search.fitted[wrong.ids] = fit(wrong, list(search.fitted.values()), seed=1)
+        monkeypatch.setattr(search, "_promising", lambda ids: [])
+        return search
+
+    search = begun()
+    wrong = search.fitted["stack_stiffness", "flight_friction"]
+    search._exchange(wrong)
+    assert search._leader().ids[:2] == ("amplifier_lag", "flight_friction")[: len(search._leader().ids)]
+    assert search._leader().height > wrong.height + 10
+    monkeypatch.delattr(ladder, "ascend")  # climbs are kept
+    again = begun()
+    again._exchange(again.fitted[wrong.ids])
+    assert again._leader().height == search._leader().height
 
 
 def test_a_part_is_found_from_the_whole_and_what_was_concluded_from_its_old_place_forgotten():
@@ -391,26 +450,6 @@ def test_a_second_cause_is_looked_for_beside_every_cause_alone(tmp_path, monkeyp
     for one, other in zip(first._screen(()), again._screen(()), strict=True):
         assert (one.term, one.log_bayes, one.visible) == (other.term, other.log_bayes, other.visible)
         assert np.array_equal(one.gain, other.gain) and np.array_equal(one.starts, other.starts)
-
-
-def test_the_best_of_many_causes_may_hold_what_was_not_the_best_of_fewer(monkeypatch):
-    """Nothing promises anything beside the cause that leads; what it lacks is found beside another one."""
-    both = ("amplifier_lag", "flight_friction")
-    search = ladder._Search(
-        problem(experiment(both, [4e-5, 0.05], n=40)), FEW, 1, Memory(None), lambda what, done, total: None
-    )
-    search.begin()
-    leader, promising = search._leader().ids, search._promising
-    assert len(leader) == 1
-    monkeypatch.setattr(search, "_promising", lambda ids: [] if ids == leader else promising(ids))
-    fitted = set(search.fitted)
-    assert not search.broaden() and set(search.fitted) == fitted  # a leader of few causes has had its beam
-    monkeypatch.setattr(ladder, "_WIDE", 1)
-    before = search._best()
-    assert search.broaden() and search._best() > before + 5
-    # A third cause may come along the way; who is named is said when all is weighed.
-    assert set(both) <= set(search._leader().ids)
-    assert not search.broaden()
 
 
 def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden):

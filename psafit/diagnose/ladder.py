@@ -10,10 +10,11 @@ r"""The ladder: from every cause alone to combinations of up to six, and a proba
 3. Each cause of the leader is exchanged for those that promise most in its place, rivals that a beam has dropped, and
    what promises most is added to it; so with every model that comes to lead or is as good as the leader, up to six
    causes.
-4. Beside a leader of three causes or more the best that has at most half of its causes in common with it is refined
-   in the same way, as far as that goes: it was behind when models were small. Then the leader is looked for on the
-   other side of the baseline's prior, too: what grows step by step stands where its parts fitted best alone. Where the
-   leader has four causes or more, the beam grows up to six: their best may hold what was not the best of five.
+4. What grows step by step stands where its parts fitted best. Where a quick search has a leader of three causes or
+   more, the best that has at most half of its causes in common with it is refined in the same way; a thorough one
+   begins once more from above, with all causes at once (`psafit.diagnose.pruning`), and from what parts of the readings
+   led to, and refines what it finds. Exchanges in models of five causes or six, which hold each other in place, are
+   judged by short climbs instead of expansions.
 5. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
    them and the prior probabilities below.
 
@@ -41,14 +42,13 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.diagnose.memory import Arrays, Memory
+from psafit.diagnose.pruning import prune
 from psafit.diagnose.screening import Screened, extended, screen
 from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.candidate import Candidate, coarse, fit, settle
 from psafit.inference.evidence import EFFECTIVE, ROUNDS, Weighed, weigh
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
-from psafit.parameters import Bounds
-from psafit.physics import baseline
 from psafit.physics.term import Term
 
 FloatArray = NDArray[np.float64]
@@ -83,11 +83,11 @@ _LATE = 6
 # Models of which causes are exchanged, at most, and exchanges tried for each cause; those that the expansion sees this
 # far behind (nats) are not.
 _ROUNDS, _SWAPPED, _UNLIKELY = 6, 3, 15.0
+# Starts, and climbs on some of the readings and on all, by which exchanges in models of many causes are tried; gain
+# (nats) below which these end.
+_TRIED_FROM, _GLIMPSE, _TRY, _ROUGHLY = 2, ((8, 1),), ((12, 1),), 0.3
 # Causes of a leader from which on it is not believed that nothing simpler, or better, lies elsewhere.
 _TANGLED = 3
-# An optimum this near the middle of a prior (sampling coordinate) is the foot of a hill on the other side; one whose
-# ranges are, on average, this near those of another (in units of the scatter) is on the same ridge.
-_LEANS, _APART = 0.1, 0.3
 # Fitted models from which a larger one, and one with an exchanged cause, is begun.
 _NESTED, _LIKE = 4, 2
 # A model this far below the best (nats of evidence and prior) is not weighed.
@@ -221,8 +221,8 @@ def climb(
     others : sequence of Candidate
         Models that some of these readings led to: they are begun from, too.
     thorough : bool
-        Whether to try up to six causes, from the other side of the baseline's prior, too; else up to four. One or two
-        causes are found alike; where none in the catalogue does, the thorough search takes ten times as long.
+        Whether to try up to six causes, from all of them at once, too; else up to four. One or two causes are found
+        alike; where more are needed the thorough search takes several times as long.
 
     Returns
     -------
@@ -231,18 +231,20 @@ def climb(
     most = min(MOST_CAUSES if thorough else _WIDE, len(catalogue))
     search = _Search(problem, catalogue, seed, memory or Memory(None), progress, most)
     search.begin()
-    for size in range(1, min(_WIDE, len(catalogue))):
+    for size in range(1, min(_TANGLED if thorough else _WIDE, len(catalogue))):
         if not (search.found_something() and search.grow(size)):
             break
         if size == 1:
             search.look_around()
     search.settle()
-    further = [search.think_again]
-    if thorough:
-        further += [search.cross_over, lambda: search.take_over(others), search.broaden]
-    for another in further:
-        if another():
+    if not thorough:
+        if search.think_again():
             search.settle()
+        return search.concluded()
+    if search.from_above():
+        search.settle()
+    if search.take_over(others):
+        search.settle()
     return search.concluded()
 
 
@@ -305,15 +307,18 @@ class _Search:
         wanted: dict[Ids, _Wanted] = {}
         for k, c in enumerate(alone):
             self._progress(f"{c.ids[0]}: what else", k, len(alone))
-            # A quarter of the readings is enough to see what is worth a fit.
-            few = coarse(c.problem)
-            top = c.modes[:1]
-            seen = settle(few, Ascent(top, few.log_posterior(top), few.predict(top), 0))
-            weight = c.problem.observed.size / few.observed.size
-            for found in self._screened(seen):
-                self._enlist(wanted, c.problem, found, weight * found.log_bayes)
+            for found in self._glimpsed(c):
+                self._enlist(wanted, c.problem, found)
         pairs = sorted(wanted.values(), key=lambda one: -one.promise)[:_LATE]
         self._fit_all([one for one in pairs if one.promise > self._best() - _UNLIKELY], _DRAWS_PAIR, _STARTS_PAIR)
+
+    def _glimpsed(self, c: Candidate) -> list[Screened]:
+        """Every other cause beside a model, by a quarter of the readings: enough to see what is worth a fit."""
+        few = coarse(c.problem)
+        top = c.modes[:1]
+        seen = settle(few, Ascent(top, few.log_posterior(top), few.predict(top), 0))
+        weight = c.problem.observed.size / few.observed.size
+        return [replace(found, log_bayes=weight * found.log_bayes) for found in self._screened(seen)]
 
     def settle(self) -> None:
         """Compare and refine until nothing is left: causes that the beam has may be had cheaper from others."""
@@ -323,27 +328,34 @@ class _Search:
                 return
         self.compare()
 
-    def cross_over(self) -> bool:
-        """Search again on the other side of the baseline's prior; whether that found anything.
+    def from_above(self) -> bool:
+        """Begin from what is left of all causes at once (`psafit.diagnose.pruning`), too; whether that leads."""
+        leader = self._leader()
+        if len(leader.terms) < _TANGLED:
+            return False
+        for c in self._pruned():
+            self._take(c)
+        return self._leader().ids != leader.ids
 
-        All that was grown stands where its parts fitted best. A cause that promises nothing there may belong to the
-        truth elsewhere: to a contact ten times as stiff, a stack a hundred times less damped.
-        """
-        if len(self._leader().terms) < _TANGLED:
-            return False
-        root = max((c for c in self.fitted.values() if len(c.terms) <= _WIDE), key=self._worth)
-        sides = [self._side(root, k) for k in range(len(baseline.PARAMETERS))]
-        best = max((s for s in sides if s is not None), key=_Search._best, default=None)
-        if best is None or best._best() < self._worth(root) - _OUTCLASSED:
-            return False
-        for _ in range(_ROUNDS):
-            if not best.refine():
-                break
-        found = False
-        for c in [c for c in best.fitted.values() if c.terms and best._worth(c) > self._best() - VISIBLE_EVIDENCE]:
-            known = self.fitted.get(c.ids)
-            found |= self._take(self._climbed_from(known or replace(c, problem=replace(c.problem, within=())), c.modes))
-        return found
+    def _pruned(self) -> list[Candidate]:
+        """What one search from above leads through."""
+        order = [t.id for t in self.catalogue]
+
+        def make() -> dict[str, FloatArray]:
+            kept: dict[str, FloatArray] = {}
+            for c in prune(
+                self.problem, self.catalogue, seed=self.seed, least=_WIDE, most=self._most, progress=self._progress
+            ):
+                kept[f"{len(kept):03}-" + "-".join(str(order.index(id)) for id in c.ids)] = c.modes
+            return kept
+
+        found = self._recall("pruned", self.problem, make, [self._most])
+        made = []
+        for name, modes in found.items():
+            terms = tuple(self.catalogue[int(i)] for i in name.split("-")[1:])
+            problem = replace(self.problem, terms=terms)
+            made.append(settle(problem, Ascent(modes, problem.log_posterior(modes), problem.predict(modes), 0)))
+        return made
 
     def take_over(self, others: Sequence[Candidate]) -> bool:
         """Fit what fewer readings led to; whether that leads.
@@ -358,34 +370,6 @@ class _Search:
             self._progress(f"{' + '.join(c.ids)}, as a part of the readings has it", k, len(others))
             self._take(self._climbed(whole, widened(whole, c.values, c.problem.names)[:1]))
         return self._leader().ids != leader.ids
-
-    def broaden(self) -> bool:
-        """Grow models of many causes side by side, as those of few were; whether that leads.
-
-        The leader of six need not hold the leader of five: what lacks one cause to be the best may be far behind.
-        """
-        leader = self._leader()
-        if len(leader.terms) < _WIDE:
-            return False
-        for size in range(_WIDE, self._most):
-            self.grow(size)
-        return self._leader().ids != leader.ids
-
-    def _side(self, root: Candidate, k: int) -> _Search | None:
-        """Take a model to the other side of one baseline parameter's prior; None where that is the same hill."""
-        p = root.problem.parameters[k]
-        middle = p.prior_quantile(0.5)
-        value = float(p.to_physical(middle))
-        bounds = Bounds(p.bounds.lower, value) if root.modes[0, k] > middle else Bounds(value, p.bounds.upper)
-        side = replace(self.problem, within=((p.name, bounds),))
-        search = _Search(side, self.catalogue, self.seed, self._memory, self._progress, self._most)
-        search._alone = self._alone
-        self._progress(f"{' + '.join(root.ids)}, {p.name} on the other side", k, len(baseline.PARAMETERS))
-        search._fit(_Wanted(side, [], 0.0), _DRAWS_CAUSE, _STARTS_CAUSE)
-        there = replace(side, terms=root.terms)
-        moved = search._fit(_Wanted(there, [np.clip(root.modes, *there.bounds.T)], 0.0), _DRAWS_CAUSE, _STARTS_CAUSE)
-        apart = float(np.sqrt(np.mean(((moved.predicted - root.predicted) / root.scatter) ** 2)))
-        return search if abs(moved.modes[0, k] - middle) > _LEANS and apart > _APART else None
 
     def compare(self) -> None:
         """Weigh the finalists: who leads is said by evidence, of which Laplace's may be off by several nats."""
@@ -465,15 +449,60 @@ class _Search:
         """Exchange each cause of a model, and add one."""
         self._refined.add(leader.ids)
         rests = [replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone)) for gone in leader.terms]
-        # The leader without one cause is a model in its own right, perhaps far from the leader.
-        for rest in rests if len(rests) <= _WIDE else ():
-            if rest.ids not in self.fitted:
-                self._fit(
-                    _Wanted(rest, [widened(rest, leader.values, leader.problem.names)], 0.0), _DRAWS_PAIR, _STARTS_PAIR
-                )
+        # The leader without one cause is a model in its own right, perhaps far from the leader; of many causes, only
+        # what lies near the leader is looked at.
+        for rest in rests:
+            start = widened(rest, leader.values, leader.problem.names)
+            if len(rests) > _WIDE:
+                self._take(self._climbed(rest, start[:1]))
+            elif rest.ids not in self.fitted:
+                self._fit(_Wanted(rest, [start], 0.0), _DRAWS_PAIR, _STARTS_PAIR)
         known = [p for p in [*rests, leader.problem] if p.ids in self.fitted]
-        hopeful = [one for one in self._larger(known, _SWAPPED) if one.promise > self._worth(leader) - _UNLIKELY]
+        wanted = self._larger(known, _SWAPPED) if len(rests) <= _WIDE else self._larger_by_climbs(known)
+        hopeful = [one for one in wanted if one.promise > self._worth(leader) - _UNLIKELY]
         self._fit_all(hopeful, _DRAWS_PAIR, _STARTS_PAIR, leader)
+
+    def _larger_by_climbs(self, problems: Sequence[Problem]) -> list[_Wanted]:
+        """The same for models of many causes, after short climbs.
+
+        Where causes hold each other in place the expansion sees an exchange up to ninety nats too low.
+        """
+        wanted: dict[Ids, _Wanted] = {}
+        for k, smaller in enumerate(problems):
+            if len(smaller.terms) >= self._most:
+                continue
+            self._progress(f"{' + '.join(smaller.ids)}: what else", k, len(problems))
+            for found in self._promising(smaller.ids)[:_SWAPPED]:
+                self._enlist(wanted, smaller, found)
+            for larger, u, evidence in self._tried(smaller):
+                entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
+                entry.starts.append(u[None])
+                entry.promise = max(entry.promise, evidence + log_prior(len(larger.terms), len(self.catalogue)))
+        return list(wanted.values())
+
+    def _tried(self, smaller: Problem) -> list[tuple[Problem, FloatArray, float]]:
+        """Models with one more cause: where short climbs end, and the evidence there, of the most promising."""
+        largest = {
+            s.term.id: (extended(smaller, s.term, self.catalogue), s.starts[:_TRIED_FROM])
+            for s in self._screen(smaller.ids)
+        }
+        largest = {id: one for id, one in largest.items() if one[0].ids not in self.fitted}
+
+        def make() -> dict[str, FloatArray]:
+            rough = {}
+            for id, (larger, starts) in largest.items():
+                few = coarse(larger)
+                rough[id] = settle(few, ascend(few, starts, schedule=_GLIMPSE, still_below=_ROUGHLY))
+            kept: dict[str, FloatArray] = {}
+            for id in sorted(rough, key=lambda id: -rough[id].laplace)[:_SWAPPED]:
+                larger = largest[id][0]
+                end = settle(larger, ascend(larger, rough[id].modes[:1], schedule=_TRY, still_below=_ROUGHLY))
+                kept[id] = np.append(end.modes[0], end.laplace)
+            return kept
+
+        begun = [starts.tolist() for _, starts in largest.values()]
+        found = self._recall("tries", smaller, make, [list(largest), begun])
+        return [(largest[id][0], row[:-1], float(row[-1])) for id, row in found.items()]
 
     def _larger(self, problems: Sequence[Problem], most: int) -> list[_Wanted]:
         """What is not fitted yet of models with one more cause, at most so many from each."""
@@ -483,16 +512,16 @@ class _Search:
                 continue
             self._progress(f"{' + '.join(smaller.ids) or 'the baseline'}: what else", 0, 1)
             for found in self._promising(smaller.ids)[:most]:
-                self._enlist(wanted, smaller, found, found.log_bayes)
+                self._enlist(wanted, smaller, found)
         return list(wanted.values())
 
-    def _enlist(self, wanted: dict[Ids, _Wanted], smaller: Problem, found: Screened, log_bayes: float) -> None:
+    def _enlist(self, wanted: dict[Ids, _Wanted], smaller: Problem, found: Screened) -> None:
         """Note a fitted model with one more cause, unless that is fitted already."""
         larger = extended(smaller, found.term, self.catalogue)
         if larger.ids not in self.fitted:
             entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
             entry.starts.append(found.starts)
-            promise = self._evidence(self.fitted[smaller.ids]) + log_bayes
+            promise = self._evidence(self.fitted[smaller.ids]) + found.log_bayes
             entry.promise = max(entry.promise, promise + log_prior(len(larger.terms), len(self.catalogue)))
 
     def concluded(self) -> Ladder:
@@ -546,7 +575,8 @@ class _Search:
 
     def _screen(self, ids: Ids) -> tuple[Screened, ...]:
         if ids not in self.screenings:
-            self.screenings[ids] = tuple(self._screened(self.fitted[ids]))
+            look = self._screened if len(ids) <= _WIDE else self._glimpsed
+            self.screenings[ids] = tuple(look(self.fitted[ids]))
         return self.screenings[ids]
 
     def _screened(self, candidate: Candidate) -> list[Screened]:

@@ -288,11 +288,15 @@ def settle(problem: Problem, end: Ascent) -> Candidate:
     return Candidate(problem, u, end.height[modes], predicted[0], slope[0], curvature, float(logsumexp(parts)))
 
 
+def within_bounds(problem: Problem, curvature: FloatArray) -> FloatArray:
+    """A curvature by which no coordinate is wider than its bounds, though the readings may say nothing of it."""
+    return curvature + np.diag((3.5 / np.ptp(problem.bounds, axis=1)) ** 2)
+
+
 def _laplace(problem: Problem, u: FloatArray, height: float, gradient: FloatArray, curvature: FloatArray) -> float:
     """Log mass of a mode: normal, cut at the bounds coordinate by coordinate."""
     low, high = u - problem.bounds[:, 0], problem.bounds[:, 1] - u
-    # No coordinate is wider than its bounds, though the curvature may say nothing of it.
-    curvature = curvature + np.diag((3.5 / np.ptp(problem.bounds, axis=1)) ** 2)
+    curvature = within_bounds(problem, curvature)
     covariance = np.linalg.inv(curvature)
     total = height + 0.5 * (u.size * math.log(2 * math.pi) - np.linalg.slogdet(curvature)[1])
     for i in range(u.size):

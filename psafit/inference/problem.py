@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, session_name
 from psafit.inference import noise
-from psafit.parameters import Bounds, Parameter
+from psafit.parameters import Parameter
 from psafit.physics import baseline, informed
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
@@ -38,15 +38,12 @@ class Problem:
         Causes that extend the baseline. They get the priors that the experiment states.
     tolerance : float
         Of the simulator; see `psafit.simulate.simulate`.
-    within : tuple of (name, Bounds)
-        Narrower bounds for some of the baseline's parameters.
     """
 
     experiment: Experiment
     group_ids: tuple[GroupId, ...]
     terms: tuple[Term, ...] = ()
     tolerance: float = TOLERANCE
-    within: tuple[tuple[str, Bounds], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.group_ids:
@@ -60,10 +57,7 @@ class Problem:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters, in the order of the columns."""
-        narrower = dict(self.within)
-        # Those left as they are keep what they have worked out.
-        usual, _ = informed(self.experiment.beliefs, ())
-        plain = tuple(replace(p, bounds=narrower[p.name]) if p.name in narrower else p for p in usual)
+        plain, _ = informed(self.experiment.beliefs, ())
         own = tuple(p for term in self.terms for p in term.parameters)
         return plain + own + self._latents + noise.PARAMETERS
 

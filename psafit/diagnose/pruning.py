@@ -1,0 +1,195 @@
+r"""Search from above: every cause at once, then one after the other taken away.
+
+A search that grows a model goes through smaller ones, and where several causes hold each other in place, the small
+models of a good large one may all be bad. From above there is no such gap: with all causes of the catalogue in the
+model, kept in bounds by their priors alone, climbs from draws of the prior go to where the readings are explained in
+one way or another; the cause whose absence costs least then goes, and the rest is fitted anew, until few are left.
+(Backward elimination, and forward again from what it leads to: T. Zhang, IEEE Trans. Inf. Theory 57 (2011) 4689, on why
+both directions are wanted.)
+
+What the absence of a cause costs is estimated by taking it away and refitting the rest in the expansion of the fit.
+While there are many, a quarter of the readings is enough to see that, and several that cost nothing go at once. Of few
+those that seem to cost least are taken away in earnest, and the evidence of what is left decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.inference.ascent import Ascent, ascend, ascend_linearly
+from psafit.inference.candidate import ENOUGH, Candidate, coarse, settle, within_bounds
+from psafit.inference.problem import Problem
+from psafit.physics.term import Term
+
+FloatArray = NDArray[np.float64]
+Ids = tuple[str, ...]
+
+# Draws of the prior that are looked at, and climbs from the best of them on some of the readings. Slopes are carried
+# over long: what matters here is to be on the hill.
+_DRAWS, _STARTS = 400, 24
+_ROUGHLY, _LASTING = ((5, 12), (5, 8), (15, 3)), 8
+# Gain (nats) below which a climb on the way ends.
+_STILL = 0.3
+# Causes from which on all readings are looked at; nats that one may cost to go together with others, and climbs then.
+_FEW, _NOTHING, _THIN = 12, 0.5, ((5, 1),)
+# Causes that are taken away from each in earnest, and climbs after that: to see what it
+# costs, and to go on.
+_LIKELY = 3
+_LOOK, _GO_ON = ((8, 1),), ((12, 1),)
+# Parts of the way to where the expansion has the rest, and iterations there.
+_PARTS, _ITERATIONS = (0.0, 0.3, 1.0), 12
+# Of so many draws around a fit, so many times as wide as its posterior, the best are climbed from.
+_SHAKES, _SHAKEN, _SHAKE = 32, 3, 1.5
+_ON_ALL = ((8, 2), (30, 1))
+# A start this far (nats) below a model's fit may lead above it.
+_WITHIN_REACH = 100.0
+
+
+def prune(
+    problem: Problem,
+    catalogue: Sequence[Term],
+    *,
+    seed: int,
+    least: int,
+    most: int,
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> list[Candidate]:
+    """Models that a search from above leads through.
+
+    Parameters
+    ----------
+    problem : Problem
+        The readings, with no cause.
+    catalogue : sequence of Term
+    seed : int
+        Of the draws of the prior.
+    least, most : int
+        Causes of a model.
+    progress : callable
+        Called with (what, done, total).
+
+    Returns
+    -------
+    list of Candidate
+        From each hill.
+    """
+    few = coarse(replace(problem, terms=tuple(catalogue)))
+    progress("all causes at once", 0, 1)
+    quantiles = np.random.default_rng([seed, 23]).uniform(0.02, 0.98, (_DRAWS, few.n_dim))
+    draws = few.prior_transform(quantiles)
+    best = np.argsort(-few.log_posterior(draws), kind="stable")[:_STARTS]
+    tops = ascend(few, draws[best], schedule=_ROUGHLY, lasting=_LASTING, still_below=_STILL, unite=True)
+    hills = []
+    for k in range(len(tops.u)):
+        progress(f"what can go, hill {k + 1}", k, len(tops.u))
+        top = Ascent(tops.u[k : k + 1], tops.height[k : k + 1], tops.predicted[k : k + 1], 0)
+        hills.append(_thinned_out(settle(few, top)))
+    beam = {c.ids: (replace(problem, terms=c.terms), c.modes[0]) for c in hills}
+    rng = np.random.default_rng([seed, 29])
+    found: list[list[Candidate]] = []
+    while True:
+        now = [settle(one, ascend(one, u[None], schedule=_GO_ON, still_below=_STILL)) for one, u in beam.values()]
+        size = max(len(c.terms) for c in now)
+        progress(f"one by one, {size} are left", _FEW - size, _FEW - least)
+        if size <= most:
+            now = [_shaken(c, rng) for c in now]
+            found.append(now)
+        if size <= least:
+            return _up(found)
+        smaller: dict[Ids, Candidate] = {}
+        own: list[Ids] = []
+        for c in now:
+            likely = sorted((_without(c, t) for t in c.terms), key=lambda one: -one.worth)[:_LIKELY]
+            tried = [_tried(one) for one in likely] if len(c.terms) == size else [c]
+            own.append(max(tried, key=lambda one: one.laplace).ids)
+            for one in tried:
+                if one.ids not in smaller or one.laplace > smaller[one.ids].laplace:
+                    smaller[one.ids] = one
+        # The best of each hill, and where hills have met the next best of all.
+        order = sorted(smaller.values(), key=lambda c: (c.ids not in own, -c.laplace))[: len(hills)]
+        beam = {c.ids: (c.problem, c.modes[0]) for c in order}
+
+
+def _thinned_out(now: Candidate) -> Candidate:
+    """Take causes away, as the expansion tells, until few are left."""
+    while len(now.terms) > _FEW:
+        order = sorted((_without(now, t) for t in now.terms), key=lambda one: -one.worth)
+        here = _mass(now.problem, now.height, now.curvature[0])
+        idle = [one.gone for one in order if one.worth > here - _NOTHING][: max((len(order) - _FEW) // 2, 1)]
+        rest, u = order[0].problem, order[0].u
+        if len(idle) > 1:
+            rest = replace(now.problem, terms=tuple(t for t in now.terms if t not in idle))
+            u = now.modes[0][_columns(now.problem, rest)]
+        now = settle(rest, ascend(rest, u[None], schedule=_THIN, still_below=_STILL))
+    return now
+
+
+@dataclass(frozen=True, eq=False)
+class _Left:
+    """What is left when a cause is taken away: the model, where its fit is begun, and how much it holds (nats)."""
+
+    gone: Term
+    problem: Problem
+    u: FloatArray
+    worth: float
+
+
+def _without(now: Candidate, gone: Term) -> _Left:
+    """Take a cause away and refit the rest in the expansion of the fit."""
+    problem = replace(now.problem, terms=tuple(t for t in now.terms if t is not gone))
+    kept = _columns(now.problem, problem)
+    at = now.modes[0][kept]
+    predicted = np.maximum(problem.predict(at[None]), 1e-9)
+    slope = now.relative_slope[kept[: problem.n_model]]
+    end = ascend_linearly(problem, at[None], predicted, slope, iterations=_ITERATIONS).u[0]
+    rows = np.array([at + part * (end - at) for part in _PARTS])
+    height = problem.log_posterior(rows)
+    best = int(np.argmax(height))
+    return _Left(gone, problem, rows[best], _mass(problem, float(height[best]), now.curvature[0][np.ix_(kept, kept)]))
+
+
+def _mass(problem: Problem, height: float, curvature: FloatArray) -> float:
+    """Log mass of a normal hill: heights of models with other numbers of parameters cannot be compared."""
+    volume = len(curvature) * np.log(2 * np.pi) - np.linalg.slogdet(within_bounds(problem, curvature))[1]
+    return height + 0.5 * float(volume)
+
+
+def _columns(larger: Problem, smaller: Problem) -> list[int]:
+    return [larger.names.index(name) for name in smaller.names]
+
+
+def _tried(left: _Left) -> Candidate:
+    """Fit in earnest what is left."""
+    return settle(left.problem, ascend(left.problem, left.u[None], schedule=_LOOK, still_below=_STILL))
+
+
+def _shaken(now: Candidate, rng: np.random.Generator) -> Candidate:
+    """Climb on from places around a fit: climbs stop at cliffs, on either side of which the way may go up."""
+    problem = now.problem
+    curvature = within_bounds(problem, now.curvature[0])
+    around = rng.multivariate_normal(now.modes[0], _SHAKE**2 * np.linalg.inv(curvature), _SHAKES)
+    around = np.clip(around, *problem.bounds.T)
+    best = np.argsort(-problem.log_posterior(around), kind="stable")[:_SHAKEN]
+    return _climbed(problem, np.vstack([now.modes[:1], around[best]]))
+
+
+def _up(found: Sequence[Sequence[Candidate]]) -> list[Candidate]:
+    """Climb the larger models from the smaller ones' fits, too: none may be worse than a part of it."""
+    better: list[Candidate] = []
+    for level in reversed(found):
+        for c in level:
+            for part in [p for p in better if set(p.ids) < set(c.ids) and len(p.ids) == len(c.ids) - 1]:
+                start = part.widened(c.problem)[0]
+                height = c.problem.log_posterior(start)
+                if height.max() > c.height - _WITHIN_REACH:
+                    c = _climbed(c.problem, np.vstack([c.modes[:1], start[np.argsort(-height, kind="stable")[:2]]]))
+            better.append(c)
+    return better
+
+
+def _climbed(problem: Problem, starts: FloatArray) -> Candidate:
+    return settle(problem, ascend(problem, starts, schedule=_ON_ALL, still_below=ENOUGH, unite=True))
