@@ -20,7 +20,7 @@ TITLES = {
     "profile": "profile the likelihood",
     "validate": "validate on all groups",
     "reproduce": "recompute the study",
-    "parts": "search the causes, on parts of the groups",
+    "parts": "search the causes, on all groups and parts of them",
     "causes": "search the causes, on all groups",
     "tests": "test the baseline and its best extension",
     "next experiment": "look for the measurement that tells most",

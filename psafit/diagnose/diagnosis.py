@@ -328,7 +328,9 @@ class _Work:
         if not protocols["nested"]:
             return ()
         with self._stage("parts"):
-            wanted = dict.fromkeys(seen for splits in reversed(protocols.values()) for seen, _ in splits)
+            # The longest first: that of all groups, which is read back below, and goes on from what these lead to.
+            seens = [seen for splits in reversed(protocols.values()) for seen, _ in splits]
+            wanted = dict.fromkeys([self.experiment.ids, *seens])
             fixed = self.experiment, self.catalogue, self.seed, self._memory
             ahead(
                 _climbed, [(*fixed, seen) for seen in wanted], self.jobs,
