@@ -133,7 +133,7 @@ def diagnose(
     asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
     with sole(folder):
-        _claim(folder, experiment)
+        _claim(folder, experiment, quick)
         held = _held(folder, identity)
         if held and all(run["converged"] for run in held.extension.values()):
             return held
@@ -144,23 +144,29 @@ def diagnose(
         return work.all(quick, searches, nautilus, identity)
 
 
-def _claim(folder: Path, experiment: Experiment) -> None:
-    """Make a folder ours, or see that it is: nobody's files are replaced, nor the diagnosis of another rig."""
+def _claim(folder: Path, experiment: Experiment, quick: bool) -> None:
+    """Make a folder ours, or see that it is.
+
+    Nobody's files are replaced, nor the diagnosis of another rig, nor a whole diagnosis by a quick one.
+    """
     marker, another = folder / MARKER, "choose another --out, or remove it"
     try:
         held = read_content(folder / RESULT)
     except InputError:  # none, or none that anybody can use
         held = None
-    ours = marker.is_file() or (isinstance(held, dict) and "fingerprint" in held)
+    record = held if isinstance(held, dict) else {}
     fitted = (folder / "fit.json").exists()
-    if fitted and marker.is_file() and not _is_fit_of(experiment, folder):
-        raise InputError("holds a fit of other readings or priors", another, file=folder)
-    if not (ours or _is_fit_of(experiment, folder)):
-        refuse_foreign(folder)
+    if not (fitted and _is_fit_of(experiment, folder)):
+        if fitted and marker.is_file():
+            raise InputError("holds a fit of other readings or priors", another, file=folder)
+        if not (marker.is_file() or "fingerprint" in record):
+            refuse_foreign(folder)
     mine = experiment.fingerprint
-    kept = held.get("fingerprint", mine) if isinstance(held, dict) else mine
+    kept = record.get("fingerprint", mine)
     if kept != mine or (marker.is_file() and marker.read_bytes() != mine.encode()):
         raise InputError("holds the diagnosis of other readings", another, file=folder)
+    if quick and record.get("quick") is False:
+        raise InputError("holds a whole diagnosis, which a quick one would replace", another, file=folder)
     for name in (RESULT, PAGE, PREDICTIONS):
         if (folder / name).is_dir():
             raise InputError("is a folder, where a file of the diagnosis goes", another, file=folder / name)
@@ -173,9 +179,7 @@ def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
         fitted = load(folder).problem.experiment
     except InputError:
         return False
-    return (fitted.fingerprint, fitted.title, fitted.beliefs) == (
-        experiment.fingerprint, experiment.title, experiment.beliefs,
-    )  # fmt: skip
+    return all(getattr(fitted, name) == getattr(experiment, name) for name in ("fingerprint", "title", "beliefs"))
 
 
 def _held(folder: Path, identity: str) -> Diagnosis | None:
