@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from psafit.api import Fitted, Rig
+    from psafit.api import Diagnosed, Fitted, Rig
 
 __version__ = "0.1.0"
 
@@ -37,3 +37,19 @@ def load(folder: str | Path) -> Fitted:
     from psafit.inference.run import load
 
     return Fitted(load(Path(folder)))
+
+
+def load_diagnosis(folder: str | Path, experiment: str | Path | None = None) -> Diagnosed:
+    """Open the folder of a finished diagnosis: see `psafit.api.Diagnosed`.
+
+    Parameters
+    ----------
+    folder : path-like
+    experiment : path-like, optional
+        The measurements; the copy that the diagnosis keeps by default.
+    """
+    from pathlib import Path
+
+    from psafit.api import Diagnosed
+
+    return Diagnosed.of(Path(folder), None if experiment is None else Path(experiment))

@@ -16,13 +16,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from psafit.diagnose import diagnose
-from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.record import RESULT, Diagnosis
+from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
 from psafit.files import ensure_writable, usual_fit_folder, usual_folder
 from psafit.inference.run import Run, fit
+from psafit.inference.scale import read
 from psafit.physics import terms as catalogue
 from psafit.progress import watcher
-from psafit.records import Validation
+from psafit.records import Validation, read_json
 from psafit.report import notebook
 from psafit.report.notebook import Axes
 from psafit.validate import COLUMNS, Prediction, prediction_rows, validate
@@ -227,6 +229,32 @@ class Diagnosed(_Shown):
         self.record = record
         self.experiment = experiment
         self.folder = folder
+
+    @classmethod
+    def of(cls, folder: Path, experiment: Path | None = None) -> Diagnosed:
+        """Read it back from its folder.
+
+        Parameters
+        ----------
+        folder : Path
+        experiment : Path, optional
+            The measurements; the copy that the folder keeps by default.
+
+        Raises
+        ------
+        InputError
+            If either cannot be read, or the measurements are not those that were diagnosed.
+        """
+        record = read_json(folder / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
+        kept = folder / "experiment"
+        if experiment is None and not kept.is_dir():
+            raise InputError(
+                "keeps no measurements", "name them with --experiment EXP, from Python experiment=...", file=folder
+            )
+        data = read(experiment or kept)
+        if data.fingerprint != record.fingerprint:
+            raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment or kept)
+        return cls(record, data, folder)
 
     @property
     def verdict(self) -> str:

@@ -208,32 +208,15 @@ def _compared(first: Path, second: Path, out: Path | None, json_file: Path | Non
 
 
 def _again(run: Path, experiment: Path | None) -> Iterator[Path]:
+    import psafit
     from psafit.diagnose.record import RESULT
 
     if found := (run / RESULT).exists():
-        yield _diagnosed_again(run / RESULT, experiment)
+        yield psafit.load_diagnosis(run, experiment).report()
     elif experiment is not None:
         raise InputError("--experiment is for a diagnosis", "leave it out: a fit keeps its measurements")
     if not found or (run / "fit.json").exists():
-        import psafit
-
         yield psafit.load(run).report()
-
-
-def _diagnosed_again(result: Path, experiment: Path | None) -> Path:
-    from psafit.diagnose.record import Diagnosis
-    from psafit.inference.scale import read
-    from psafit.records import read_json
-    from psafit.report.diagnosis import write_diagnosis
-
-    record = read_json(result, Diagnosis, sealed=True, remedy="run psafit diagnose again")
-    kept = result.parent / "experiment"
-    if experiment is None and not kept.is_dir():
-        raise InputError("keeps no measurements", "name them with --experiment EXP", file=result.parent)
-    data = read(experiment or kept)
-    if data.fingerprint != record.fingerprint:
-        raise InputError("is not the experiment that was diagnosed", "name the right one", file=experiment or kept)
-    return write_diagnosis(record, data, result.parent)
 
 
 @click.command(cls=Command)

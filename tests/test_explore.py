@@ -279,6 +279,9 @@ def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-de
     capsys.readouterr()
     kept = shutil.copytree(folder, tmp_path / "kept")
     write_experiment(experiment, kept / "experiment")
+    opened = psafit.load_diagnosis(kept)
+    assert isinstance(opened, Diagnosed) and opened.experiment.fingerprint == experiment.fingerprint
+    assert opened.verdict == psafit.load_diagnosis(str(folder), tmp_path / "rig").verdict == "ambiguous"
     assert run(monkeypatch, "report", kept) == 0 and capsys.readouterr().out == f"report: {kept / 'diagnosis.html'}\n"
     write_experiment(replace(experiment, groups=experiment.groups[:2]), tmp_path / "less")
     for words, said in (
