@@ -436,7 +436,8 @@ def _tell(result: Diagnosis) -> None:
     for cause in result.causes[:5]:
         words = " + ".join(cause.terms) or "no cause"
         share = cause.evidence["share"] if unnamed else cause.probability
-        click.echo(f"  {100 * share:5.1f} %  {words}, log likelihood {cause.evidence['gain']:+.1f} nats")
+        gain = f"log likelihood {cause.evidence['gain']:+.1f} nats over the baseline's"
+        click.echo(f"  {100 * share:5.1f} %  {words}, {gain}")
         if cause.terms == result.named or cause.terms in result.alternatives[:1]:
             for line in _sizes(cause):
                 click.echo(f"           {line}")

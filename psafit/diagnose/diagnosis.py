@@ -674,7 +674,8 @@ def _sentences(
         what = CHARACTERS[before.character] + which.get(before.character, "")
         result.append(f"Of the baseline: {what}.")
     if verdict.alternatives:
-        result.append("As good: " + "; ".join(_words(ids) for ids in verdict.alternatives[:6]) + ".")
+        others = "; ".join(_words(ids) for ids in verdict.alternatives[:6])
+        result.append(f"Not to be told apart from it: {others}.")
     if firm and verdict.named:
         if firm.of_one_group:
             gain = ladder.gain(ladder.leader.ids)

@@ -338,7 +338,7 @@ def _wrong(result: Diagnosis) -> Markup:
         what = Markup(" Of the baseline: {}.").format(_character(result.misfit.get("baseline", {})))
         odd = known(result.misfit.get("p_value")) < ALPHA
         return head + "No cause of the catalogue explains it." + (what if odd else "") + _unnamed(result)
-    also = Markup(" As good: {}.").format(tied) if result.alternatives else ""
+    also = Markup(" Not to be told apart from it: {}.").format(tied) if result.alternatives else ""
     # Nothing may be left beside the causes, and yet something smooth in their place be likelier than so many of them.
     left = known(result.misfit["extended"]["p_value"]) < ALPHA or known(result.misfit["leftover"]["log_bayes"]) > 0
     why = "structure remains that no cause describes" if left else "a smooth curve in its place is more probable"
