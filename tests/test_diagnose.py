@@ -327,6 +327,12 @@ def test_a_search_from_above_leads_through_the_truth(three, monkeypatch):
     assert all(np.array_equal(again[ids].modes, c.modes) for ids, c in found.items())
 
 
+def test_no_hill_leads_nowhere(three, monkeypatch):
+    """Where no draw of the prior can be evaluated, there is nothing from above."""
+    monkeypatch.setattr(Problem, "predict", lambda self, u, *_: np.full((len(u), self.observed.size), np.nan))
+    assert prune(three, FEW, seed=1, least=1, most=3) == []
+
+
 def test_what_an_absence_costs_is_told_by_masses_not_heights(three):
     """A cause with a value for each group costs density in every one of them: heights alone would always drop it."""
     gains = {"a": 1.3, "b": 0.8, "c": 1.0}

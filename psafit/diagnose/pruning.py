@@ -36,8 +36,7 @@ _ROUGHLY, _LASTING = ((5, 12), (5, 8), (15, 3)), 8
 _STILL = 0.3
 # Causes from which on all readings are looked at; nats that one may cost to go together with others, and climbs then.
 _FEW, _NOTHING, _THIN = 12, 0.5, ((5, 1),)
-# Causes that are taken away from each in earnest, and climbs after that: to see what it
-# costs, and to go on.
+# Causes that are taken away from a model in earnest, and climbs after that: to see what it costs, and to go on.
 _LIKELY = 3
 _LOOK, _GO_ON = ((8, 1),), ((12, 1),)
 # Parts of the way to where the expansion has the rest, and iterations there.
@@ -81,7 +80,10 @@ def prune(
     progress("all causes at once", 0, 1)
     quantiles = np.random.default_rng([seed, 23]).uniform(0.02, 0.98, (_DRAWS, few.n_dim))
     draws = few.prior_transform(quantiles)
-    best = np.argsort(-few.log_posterior(draws), kind="stable")[:_STARTS]
+    height = few.log_posterior(draws)
+    best = [k for k in np.argsort(-height, kind="stable")[:_STARTS] if np.isfinite(height[k])]
+    if not best:
+        return []
     tops = ascend(few, draws[best], schedule=_ROUGHLY, lasting=_LASTING, still_below=_STILL, unite=True)
     hills = []
     for k in range(len(tops.u)):
@@ -93,25 +95,28 @@ def prune(
     found: list[list[Candidate]] = []
     while True:
         now = [settle(one, ascend(one, u[None], schedule=_GO_ON, still_below=_STILL)) for one, u in beam.values()]
-        size = max(len(c.terms) for c in now)
+        size = len(now[0].terms)  # all hills have lost as many
         progress(f"one by one, {size} are left", _FEW - size, _FEW - least)
         if size <= most:
             now = [_shaken(c, rng) for c in now]
             found.append(now)
         if size <= least:
             return _up(found)
-        smaller: dict[Ids, Candidate] = {}
-        own: list[Ids] = []
-        for c in now:
-            likely = sorted((_without(c, t) for t in c.terms), key=lambda one: -one.worth)[:_LIKELY]
-            tried = [_tried(one) for one in likely] if len(c.terms) == size else [c]
-            own.append(max(tried, key=lambda one: one.laplace).ids)
-            for one in tried:
-                if one.ids not in smaller or one.laplace > smaller[one.ids].laplace:
-                    smaller[one.ids] = one
-        # The best of each hill, and where hills have met the next best of all.
-        order = sorted(smaller.values(), key=lambda c: (c.ids not in own, -c.laplace))[: len(hills)]
-        beam = {c.ids: (c.problem, c.modes[0]) for c in order}
+        beam = {c.ids: (c.problem, c.modes[0]) for c in _smaller(now)[: len(hills)]}
+
+
+def _smaller(beam: Sequence[Candidate]) -> list[Candidate]:
+    """Models with one cause less: the best of each hill first, and where hills have met the next best of all."""
+    found: dict[Ids, Candidate] = {}
+    own: list[Ids] = []
+    for c in beam:
+        likely = sorted((_without(c, t) for t in c.terms), key=lambda one: -one.worth)[:_LIKELY]
+        tried = [_tried(one) for one in likely]
+        own.append(max(tried, key=lambda one: one.laplace).ids)
+        for one in tried:
+            if one.ids not in found or one.laplace > found[one.ids].laplace:
+                found[one.ids] = one
+    return sorted(found.values(), key=lambda c: (c.ids not in own, -c.laplace))
 
 
 def _thinned_out(now: Candidate) -> Candidate:
