@@ -915,9 +915,6 @@ def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
         assert extension.fit.groups == told["groups"] == seen[which]
         assert told["scored_on"] == [g for g in e.ids if g not in seen[which]]
         assert told["converged"] == extension.summary.converged
-    with pytest.raises(InputError, match="a quick one would replace"):
-        diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, quick=True)
-    assert json.loads((tmp_path / "one" / "diagnosis.json").read_text())["quick"] is False
     # Again from what is kept, and once more from nothing: the same.
     again = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2)
     quick = diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
@@ -1060,14 +1057,14 @@ def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / ".diagnosis.json.1.tmp").write_text("what a killed process left")
-    diagnosis._claim(mine, one, quick=False)
+    diagnosis._claim(mine, one)
     (mine / "steps").mkdir()
-    diagnosis._claim(mine, one, quick=False)
+    diagnosis._claim(mine, one)
     with pytest.raises(InputError, match="of other readings"):
-        diagnosis._claim(mine, other, quick=False)
+        diagnosis._claim(mine, other)
     (mine / "diagnosis.html").mkdir()
     with pytest.raises(InputError, match="is a folder, where a file of the diagnosis goes"):
-        diagnosis._claim(mine, one, quick=False)
+        diagnosis._claim(mine, one)
 
 
 def test_a_stronger_effect_than_any_tried_is_looked_for_towards_neutral():
