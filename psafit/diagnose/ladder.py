@@ -10,11 +10,11 @@ r"""The ladder: from every cause alone to combinations of up to six, and a proba
 3. Each cause of the leader is exchanged for those that promise most in its place, rivals that a beam has dropped, and
    what promises most is added to it; so with every model that comes to lead or is as good as the leader, up to six
    causes.
-4. What grows step by step stands where its parts fitted best. Where a quick search has a leader of three causes or
-   more, the best that has at most half of its causes in common with it is refined in the same way; a thorough one
-   begins once more from above, with all causes at once (`psafit.diagnose.pruning`), and from what parts of the readings
-   led to, and refines what it finds. Exchanges in models of five causes or six, which hold each other in place, are
-   judged by short climbs instead of expansions.
+4. Beside a leader of three causes or more the best that has at most half of its causes in common with it is refined
+   in the same way: it was behind when models were small. What grows step by step stands where its parts fitted best;
+   a thorough search therefore begins once more from above, with all causes at once (`psafit.diagnose.pruning`), and
+   from what parts of the readings led to, and refines what it finds. Exchanges in models of five causes or six, which
+   hold each other in place, are judged by short climbs instead of expansions.
 5. The evidences of all models near the best are computed by importance sampling; posterior probabilities follow from
    them and the prior probabilities below.
 
@@ -231,20 +231,18 @@ def climb(
     most = min(MOST_CAUSES if thorough else _WIDE, len(catalogue))
     search = _Search(problem, catalogue, seed, memory or Memory(None), progress, most)
     search.begin()
-    for size in range(1, min(_TANGLED if thorough else _WIDE, len(catalogue))):
+    for size in range(1, min(_WIDE, len(catalogue))):
         if not (search.found_something() and search.grow(size)):
             break
         if size == 1:
             search.look_around()
     search.settle()
-    if not thorough:
-        if search.think_again():
+    further = [search.think_again]
+    if thorough:
+        further += [search.from_above, lambda: search.take_over(others)]
+    for another in further:
+        if another():
             search.settle()
-        return search.concluded()
-    if search.from_above():
-        search.settle()
-    if search.take_over(others):
-        search.settle()
     return search.concluded()
 
 
