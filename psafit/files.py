@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import os
 import re
 import shlex
@@ -159,6 +160,11 @@ def in_use(folder: Path) -> bool | None:
     finally:
         os.close(handle)
     return False
+
+
+def digest(content: object) -> str:
+    """SHA-256 of what JSON can say, whatever the order of its keys."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def sha256(path: Path) -> str:

@@ -8,7 +8,6 @@ they are read.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 import typing
@@ -21,7 +20,7 @@ import numpy as np
 
 from psafit.errors import InputError
 from psafit.experiment import GroupId
-from psafit.files import encodable, write_atomically
+from psafit.files import digest, encodable, write_atomically
 
 SCHEMA = 1
 Record = TypeVar("Record")
@@ -395,7 +394,7 @@ def _restored(kind: Any, value: Any) -> Any:
 
 
 def _seal(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps({**content, "sha256": None}, sort_keys=True).encode()).hexdigest()
+    return digest({**content, "sha256": None})
 
 
 def write_json(path: Path, record: Any, *, sealed: bool = False) -> None:

@@ -368,6 +368,27 @@ def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
     assert not again.from_above()
 
 
+def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path, monkeypatch):
+    """One that left out the unlike told a single set where the quick one told a tie of three."""
+    steps = ["begin", "grow", "look_around", "settle", "think_again", "from_above", "take_over"]
+    taken: list[str] = []
+    for name in steps:
+
+        def step(self, *args, name=name, own=getattr(ladder._Search, name)):
+            taken.append(name)
+            return own(self, *args)
+
+        monkeypatch.setattr(ladder._Search, name, step)
+    monkeypatch.setattr(ladder, "_TANGLED", 1)
+    quick = climb(three, FEW, seed=1, memory=Memory(tmp_path), thorough=False)
+    by_quick, taken[:] = tuple(taken), []
+    thorough = climb(three, FEW, seed=1, memory=Memory(tmp_path), others=quick.candidates[:2])
+    assert set(by_quick) == set(steps[:5])
+    assert tuple(taken[: len(by_quick)]) == by_quick
+    assert set(taken[len(by_quick) :]) >= {"from_above", "take_over"}
+    assert {c.ids for c in quick.candidates} <= {c.ids for c in thorough.candidates}
+
+
 def test_exchanges_of_many_causes_are_judged_by_climbs(tmp_path, monkeypatch):
     """The expansion promises nothing; short climbs see what belongs in a cause's place, and it is fitted."""
     whole = problem(experiment(["amplifier_lag", "flight_friction"], [4e-5, 0.05], n=60))

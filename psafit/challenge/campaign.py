@@ -7,9 +7,7 @@ not depend on the number of workers or on their order.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
-import json
 import logging
 import math
 import sys
@@ -33,7 +31,7 @@ from psafit.diagnose.ladder import SIZE_WEIGHTS
 from psafit.diagnose.record import RESULT
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
-from psafit.files import remove_temporaries, sole
+from psafit.files import digest, remove_temporaries, sole
 from psafit.physics import TERMS
 from psafit.records import plain, read_content, read_json, write_json
 from psafit.workers import processes, scratch, unordered
@@ -425,7 +423,7 @@ def content_hash(result: Result) -> str:
     """SHA-256 of everything in a result but wall times: equal wherever and beside whatever it was computed."""
     content = plain(result)
     del content["seconds"], content["oracle"]["seconds"]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    return digest(content)
 
 
 def _read(folder: Path, spec: Spec) -> Result | None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -31,7 +29,7 @@ from psafit.diagnose.record import (
     CauseResult,
     Diagnosis,
     ScreeningResult,
-)  # fmt: skip
+)
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import Robustness, robustness
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
@@ -39,7 +37,7 @@ from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
-from psafit.files import portable_command, refuse_foreign, sha256, sole, write_atomically
+from psafit.files import digest, portable_command, refuse_foreign, sha256, sole, write_atomically
 from psafit.inference.candidate import Candidate
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Weighed
@@ -131,7 +129,7 @@ def diagnose(
     asked: list[Any] = [versions(), experiment.title, experiment.limits, experiment.fingerprint]
     asked += [training, seed, quick, searches, nautilus]
     asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
-    identity = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
+    identity = digest(asked)
     with sole(folder):
         _claim(folder, experiment)
         held = _held(folder, identity)
@@ -379,8 +377,7 @@ class _Work:
         # A diagnosis repeated in its folder with other groups, priors or another seed is another run.
         about = [versions(), list(groups), self.seed, *(t.determinants for t in terms)]
         about += [p.signature for p in problem.parameters]
-        digest = hashlib.sha256(json.dumps(about).encode()).hexdigest()[:8]
-        place = f"extension-{'-'.join(t.id for t in terms)[:100]}-{digest}"
+        place = f"extension-{'-'.join(t.id for t in terms)[:100]}-{digest(about)[:8]}"
         if (self.folder / place / "posterior.json").exists() and not self.drawing:
             run = load(self.folder / place)
         else:

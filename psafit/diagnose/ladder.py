@@ -45,7 +45,7 @@ from psafit.diagnose.memory import Arrays, Memory
 from psafit.diagnose.pruning import prune
 from psafit.diagnose.screening import Screened, extended, screen
 from psafit.inference.ascent import Ascent, ascend
-from psafit.inference.candidate import Candidate, coarse, fit, settle
+from psafit.inference.candidate import Candidate, coarse, fit, settle, settle_at
 from psafit.inference.evidence import EFFECTIVE, ROUNDS, Weighed, weigh
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
@@ -306,15 +306,14 @@ class _Search:
         for k, c in enumerate(alone):
             self._progress(f"{c.ids[0]}: what else", k, len(alone))
             for found in self._glimpsed(c):
-                self._enlist(wanted, c.problem, found)
+                self._enlist_screened(wanted, c.problem, found)
         pairs = sorted(wanted.values(), key=lambda one: -one.promise)[:_LATE]
         self._fit_all([one for one in pairs if one.promise > self._best() - _UNLIKELY], _DRAWS_PAIR, _STARTS_PAIR)
 
     def _glimpsed(self, c: Candidate) -> list[Screened]:
         """Every other cause beside a model, by a quarter of the readings: enough to see what is worth a fit."""
         few = coarse(c.problem)
-        top = c.modes[:1]
-        seen = settle(few, Ascent(top, few.log_posterior(top), few.predict(top), 0))
+        seen = settle_at(few, c.modes[:1])
         weight = c.problem.observed.size / few.observed.size
         return [replace(found, log_bayes=weight * found.log_bayes) for found in self._screened(seen)]
 
@@ -351,8 +350,7 @@ class _Search:
         made = []
         for name, modes in found.items():
             terms = tuple(self.catalogue[int(i)] for i in name.split("-")[1:])
-            problem = replace(self.problem, terms=terms)
-            made.append(settle(problem, Ascent(modes, problem.log_posterior(modes), problem.predict(modes), 0)))
+            made.append(settle_at(replace(self.problem, terms=terms), modes))
         return made
 
     def take_over(self, others: Sequence[Candidate]) -> bool:
@@ -455,28 +453,9 @@ class _Search:
                 self._take(self._climbed(rest, start[:1]))
             elif rest.ids not in self.fitted:
                 self._fit(_Wanted(rest, [start], 0.0), _DRAWS_PAIR, _STARTS_PAIR)
-        known = [p for p in [*rests, leader.problem] if p.ids in self.fitted]
-        wanted = self._larger(known, _SWAPPED) if len(rests) <= _WIDE else self._larger_by_climbs(known)
+        wanted = self._larger([*rests, leader.problem], _SWAPPED, by_climbs=len(rests) > _WIDE)
         hopeful = [one for one in wanted if one.promise > self._worth(leader) - _UNLIKELY]
         self._fit_all(hopeful, _DRAWS_PAIR, _STARTS_PAIR, leader)
-
-    def _larger_by_climbs(self, problems: Sequence[Problem]) -> list[_Wanted]:
-        """The same for models of many causes, after short climbs.
-
-        Where causes hold each other in place the expansion sees an exchange up to ninety nats too low.
-        """
-        wanted: dict[Ids, _Wanted] = {}
-        for k, smaller in enumerate(problems):
-            if len(smaller.terms) >= self._most:
-                continue
-            self._progress(f"{' + '.join(smaller.ids)}: what else", k, len(problems))
-            for found in self._promising(smaller.ids)[:_SWAPPED]:
-                self._enlist(wanted, smaller, found)
-            for larger, u, evidence in self._tried(smaller):
-                entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
-                entry.starts.append(u[None])
-                entry.promise = max(entry.promise, evidence + log_prior(len(larger.terms), len(self.catalogue)))
-        return list(wanted.values())
 
     def _tried(self, smaller: Problem) -> list[tuple[Problem, FloatArray, float]]:
         """Models with one more cause: where short climbs end, and the evidence there, of the most promising."""
@@ -502,25 +481,34 @@ class _Search:
         found = self._recall("tries", smaller, make, [list(largest), begun])
         return [(largest[id][0], row[:-1], float(row[-1])) for id, row in found.items()]
 
-    def _larger(self, problems: Sequence[Problem], most: int) -> list[_Wanted]:
-        """What is not fitted yet of models with one more cause, at most so many from each."""
+    def _larger(self, problems: Sequence[Problem], most: int, *, by_climbs: bool = False) -> list[_Wanted]:
+        """What is not fitted yet of models with one more cause, at most so many from each.
+
+        Where many causes hold each other in place the expansion sees an exchange up to ninety nats too low: short
+        climbs see more.
+        """
         wanted: dict[Ids, _Wanted] = {}
-        for smaller in problems:
+        for k, smaller in enumerate(problems):
             if len(smaller.terms) >= self._most:
                 continue
-            self._progress(f"{' + '.join(smaller.ids) or 'the baseline'}: what else", 0, 1)
+            self._progress(f"{' + '.join(smaller.ids) or 'the baseline'}: what else", k, len(problems))
             for found in self._promising(smaller.ids)[:most]:
-                self._enlist(wanted, smaller, found)
+                self._enlist_screened(wanted, smaller, found)
+            for larger, u, evidence in self._tried(smaller) if by_climbs else ():
+                self._enlist(wanted, larger, u[None], evidence)
         return list(wanted.values())
 
-    def _enlist(self, wanted: dict[Ids, _Wanted], smaller: Problem, found: Screened) -> None:
-        """Note a fitted model with one more cause, unless that is fitted already."""
+    def _enlist_screened(self, wanted: dict[Ids, _Wanted], smaller: Problem, found: Screened) -> None:
+        """Note a fitted model with one more cause, as the expansion has it."""
         larger = extended(smaller, found.term, self.catalogue)
+        self._enlist(wanted, larger, found.starts, self._evidence(self.fitted[smaller.ids]) + found.log_bayes)
+
+    def _enlist(self, wanted: dict[Ids, _Wanted], larger: Problem, starts: FloatArray, evidence: float) -> None:
+        """Note a model and the evidence it may have, unless it is fitted already."""
         if larger.ids not in self.fitted:
             entry = wanted.setdefault(larger.ids, _Wanted(larger, [], -math.inf))
-            entry.starts.append(found.starts)
-            promise = self._evidence(self.fitted[smaller.ids]) + found.log_bayes
-            entry.promise = max(entry.promise, promise + log_prior(len(larger.terms), len(self.catalogue)))
+            entry.starts.append(starts)
+            entry.promise = max(entry.promise, evidence + log_prior(len(larger.terms), len(self.catalogue)))
 
     def concluded(self) -> Ladder:
         """Rank the models, when all that would be told beside the leader has been fitted."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import psafit
-from psafit.files import write_atomically
+from psafit.files import digest, write_atomically
 from psafit.inference.problem import Problem
 
 # Another number for another meaning of what is kept.
@@ -59,7 +58,7 @@ class Memory:
             [t.signature for t in problem.terms], problem.tolerance, about,
             [p.signature for p in problem.parameters],
         ]  # fmt: skip
-        key = hashlib.sha256(json.dumps(determinants).encode()).hexdigest()[:24]
+        key = digest(determinants)[:24]
         path = self._folder / f"{kind}-{key}.npz"
         try:
             # From memory: np.load leaves a damaged file open.

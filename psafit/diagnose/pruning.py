@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.inference.ascent import Ascent, ascend, ascend_linearly
+from psafit.inference.ascent import Ascent, ascend, ascend_linearly, heights
 from psafit.inference.candidate import ENOUGH, Candidate, coarse, settle, within_bounds
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
@@ -39,8 +39,8 @@ _FEW, _NOTHING, _THIN = 12, 0.5, ((5, 1),)
 # Causes that are taken away from a model in earnest, and climbs after that: to see what it costs, and to go on.
 _LIKELY = 3
 _LOOK, _GO_ON = ((8, 1),), ((12, 1),)
-# Parts of the way to where the expansion has the rest, and iterations there.
-_PARTS, _ITERATIONS = (0.0, 0.3, 1.0), 12
+# Parts of the way to where the expansion has the rest that are tried, and iterations there.
+_PARTS, _ITERATIONS = (0.3, 1.0), 12
 # Of so many draws around a fit, so many times as wide as its posterior, the best are climbed from.
 _SHAKES, _SHAKEN, _SHAKE = 32, 3, 1.5
 _ON_ALL = ((8, 2), (30, 1))
@@ -94,7 +94,7 @@ def prune(
     rng = np.random.default_rng([seed, 29])
     found: list[list[Candidate]] = []
     while True:
-        now = [settle(one, ascend(one, u[None], schedule=_GO_ON, still_below=_STILL)) for one, u in beam.values()]
+        now = [_climbed(one, u[None], _GO_ON) for one, u in beam.values()]
         size = len(now[0].terms)  # all hills have lost as many
         progress(f"one by one, {size} are left", _FEW - size, _FEW - least)
         if size <= most:
@@ -110,8 +110,7 @@ def _smaller(beam: Sequence[Candidate]) -> list[Candidate]:
     found: dict[Ids, Candidate] = {}
     own: list[Ids] = []
     for c in beam:
-        likely = sorted((_without(c, t) for t in c.terms), key=lambda one: -one.worth)[:_LIKELY]
-        tried = [_tried(one) for one in likely]
+        tried = [_climbed(one.problem, one.u[None], _LOOK) for one in _by_worth(c)[:_LIKELY]]
         own.append(max(tried, key=lambda one: one.laplace).ids)
         for one in tried:
             if one.ids not in found or one.laplace > found[one.ids].laplace:
@@ -122,14 +121,14 @@ def _smaller(beam: Sequence[Candidate]) -> list[Candidate]:
 def _thinned_out(now: Candidate) -> Candidate:
     """Take causes away, as the expansion tells, until few are left."""
     while len(now.terms) > _FEW:
-        order = sorted((_without(now, t) for t in now.terms), key=lambda one: -one.worth)
+        order = _by_worth(now)
         here = _mass(now.problem, now.height, now.curvature[0])
         idle = [one.gone for one in order if one.worth > here - _NOTHING][: max((len(order) - _FEW) // 2, 1)]
         rest, u = order[0].problem, order[0].u
         if len(idle) > 1:
             rest = replace(now.problem, terms=tuple(t for t in now.terms if t not in idle))
             u = now.modes[0][_columns(now.problem, rest)]
-        now = settle(rest, ascend(rest, u[None], schedule=_THIN, still_below=_STILL))
+        now = _climbed(rest, u[None], _THIN)
     return now
 
 
@@ -143,16 +142,22 @@ class _Left:
     worth: float
 
 
+def _by_worth(now: Candidate) -> list[_Left]:
+    """What is left without each cause, that whose absence costs least first."""
+    return sorted((_without(now, t) for t in now.terms), key=lambda one: -one.worth)
+
+
 def _without(now: Candidate, gone: Term) -> _Left:
     """Take a cause away and refit the rest in the expansion of the fit."""
     problem = replace(now.problem, terms=tuple(t for t in now.terms if t is not gone))
     kept = _columns(now.problem, problem)
     at = now.modes[0][kept]
-    predicted = np.maximum(problem.predict(at[None]), 1e-9)
+    here = problem.predict(at[None])
     slope = now.relative_slope[kept[: problem.n_model]]
-    end = ascend_linearly(problem, at[None], predicted, slope, iterations=_ITERATIONS).u[0]
-    rows = np.array([at + part * (end - at) for part in _PARTS])
-    height = problem.log_posterior(rows)
+    end = ascend_linearly(problem, at[None], np.maximum(here, 1e-9), slope, iterations=_ITERATIONS).u[0]
+    further = np.array([at + part * (end - at) for part in _PARTS])
+    rows, predicted = np.vstack([at, further]), np.vstack([here, problem.predict(further)])
+    height = heights(problem, rows, predicted, problem.observed)
     best = int(np.argmax(height))
     return _Left(gone, problem, rows[best], _mass(problem, float(height[best]), now.curvature[0][np.ix_(kept, kept)]))
 
@@ -167,11 +172,6 @@ def _columns(larger: Problem, smaller: Problem) -> list[int]:
     return [larger.names.index(name) for name in smaller.names]
 
 
-def _tried(left: _Left) -> Candidate:
-    """Fit in earnest what is left."""
-    return settle(left.problem, ascend(left.problem, left.u[None], schedule=_LOOK, still_below=_STILL))
-
-
 def _shaken(now: Candidate, rng: np.random.Generator) -> Candidate:
     """Climb on from places around a fit: climbs stop at cliffs, on either side of which the way may go up."""
     problem = now.problem
@@ -179,7 +179,7 @@ def _shaken(now: Candidate, rng: np.random.Generator) -> Candidate:
     around = rng.multivariate_normal(now.modes[0], _SHAKE**2 * np.linalg.inv(curvature), _SHAKES)
     around = np.clip(around, *problem.bounds.T)
     best = np.argsort(-problem.log_posterior(around), kind="stable")[:_SHAKEN]
-    return _climbed(problem, np.vstack([now.modes[:1], around[best]]))
+    return _climbed(problem, np.vstack([now.modes[:1], around[best]]), _ON_ALL, ENOUGH)
 
 
 def _up(found: Sequence[Sequence[Candidate]]) -> list[Candidate]:
@@ -191,10 +191,13 @@ def _up(found: Sequence[Sequence[Candidate]]) -> list[Candidate]:
                 start = part.widened(c.problem)[0]
                 height = c.problem.log_posterior(start)
                 if height.max() > c.height - _WITHIN_REACH:
-                    c = _climbed(c.problem, np.vstack([c.modes[:1], start[np.argsort(-height, kind="stable")[:2]]]))
+                    best = start[np.argsort(-height, kind="stable")[:2]]
+                    c = _climbed(c.problem, np.vstack([c.modes[:1], best]), _ON_ALL, ENOUGH)
             better.append(c)
     return better
 
 
-def _climbed(problem: Problem, starts: FloatArray) -> Candidate:
-    return settle(problem, ascend(problem, starts, schedule=_ON_ALL, still_below=ENOUGH, unite=True))
+def _climbed(
+    problem: Problem, starts: FloatArray, schedule: tuple[tuple[int, int], ...], still_below: float = _STILL
+) -> Candidate:
+    return settle(problem, ascend(problem, starts, schedule=schedule, still_below=still_below, unite=True))

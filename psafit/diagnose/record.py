@@ -47,8 +47,10 @@ class CauseResult:
 _TOLD = 0.001
 
 UNSEEN = "could not have been seen"
-NEAREST = "in the best extension"  # of readings that no cause explains
 """What is said of a cause of which even a plausible strength would not show."""
+
+NEAREST = "in the best extension"
+"""What is said of a cause by which readings that no cause explains are explained best."""
 
 
 @dataclass(frozen=True)

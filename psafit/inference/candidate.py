@@ -288,6 +288,12 @@ def settle(problem: Problem, end: Ascent) -> Candidate:
     return Candidate(problem, u, end.height[modes], predicted[0], slope[0], curvature, float(logsumexp(parts)))
 
 
+def settle_at(problem: Problem, modes: FloatArray) -> Candidate:
+    """A candidate with these optima, as they stand."""
+    predicted = problem.predict(modes)
+    return settle(problem, Ascent(modes, heights(problem, modes, predicted, problem.observed), predicted, 0))
+
+
 def within_bounds(problem: Problem, curvature: FloatArray) -> FloatArray:
     """A curvature by which no coordinate is wider than its bounds, though the readings may say nothing of it."""
     return curvature + np.diag((3.5 / np.ptp(problem.bounds, axis=1)) ** 2)

@@ -9,9 +9,7 @@ sampling begins again. The records carry checksums: what somebody has changed is
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
-import json
 import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
@@ -25,7 +23,16 @@ from numpy.typing import NDArray
 import psafit
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
-from psafit.files import in_use, portable_command, refuse_foreign, remove_temporaries, sha256, sole, write_atomically
+from psafit.files import (
+    digest,
+    in_use,
+    portable_command,
+    refuse_foreign,
+    remove_temporaries,
+    sha256,
+    sole,
+    write_atomically,
+)
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
@@ -133,7 +140,7 @@ def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 
 
 def _identity(determinants: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(determinants, sort_keys=True).encode()).hexdigest()
+    return digest(determinants)
 
 
 def versions() -> dict[str, str]:
