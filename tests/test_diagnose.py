@@ -372,13 +372,16 @@ def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path
     """One that left out the unlike told a single set where the quick one told a tie of three."""
     steps = ["begin", "grow", "look_around", "settle", "think_again", "from_above", "take_over"]
     taken: list[str] = []
-    for name in steps:
 
-        def step(self, *args, name=name, own=getattr(ladder._Search, name)):
+    def noting(name, own):
+        def step(self, *args):
             taken.append(name)
             return own(self, *args)
 
-        monkeypatch.setattr(ladder._Search, name, step)
+        return step
+
+    for name in steps:
+        monkeypatch.setattr(ladder._Search, name, noting(name, getattr(ladder._Search, name)))
     monkeypatch.setattr(ladder, "_TANGLED", 1)
     quick = climb(three, FEW, seed=1, memory=Memory(tmp_path), thorough=False)
     by_quick, taken[:] = tuple(taken), []

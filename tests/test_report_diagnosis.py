@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -155,6 +156,7 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
                                    {"parameter": "c_s", "variable": "range", "gain": 9.0, "factor": 8103.0}]},
             "extended": {"growth": growth(0.02), "corners": corners(None),
                          "predicted_um": (1.05 * measured).tolist(), "parameters": {},
+                         "without_um": {"hysteresis": (1.4 * measured).tolist()},
                          "drift": [{"parameter": "k_c", "variable": "amplitude", "gain": 0.7, "factor": 1.1}]},
         },
         ledger=[{"choice": "verdict", "saw": list(experiment.ids), "scored_on": []}, *gain("strict", last)["ledger"]],
@@ -341,6 +343,17 @@ def test_empty_parts_are_said(change, said, not_said, tmp_path):
     for text in not_said:
         assert text not in page.text
     assert not NOT_A_NUMBER.search(page.text)
+
+
+def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
+    experiment = make_experiment()
+    html = build(make_record(experiment), experiment, tmp_path).html
+    told = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)[1])
+    curves = {c["name"]: c for c in told[0]["curves"]}
+    out = curves["without hysteresis of the stack"]
+    first = experiment.groups[0].launch_range_um
+    assert out["off"] and not curves["extended model"]["off"]
+    assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)
 
 
 def test_one_group(tmp_path):

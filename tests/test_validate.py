@@ -17,6 +17,7 @@ from psafit.inference import noise
 from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
+from psafit.physics import terms
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +66,22 @@ def test_log_density_is_a_mean_over_draws(checked) -> None:  # type: ignore[no-u
     s = np.sqrt((chosen[:, 3:4] * ranges) ** 2 + chosen[:, 4:5] ** 2)
     density = stats.t.pdf(group.launch_range_um, chosen[:, 5:6], ranges, s)
     assert predictions[2].log_density == pytest.approx(np.log(density.mean(axis=0)), rel=1e-9)
+
+
+def test_a_cause_is_taken_out_by_its_neutral_value(known: Experiment) -> None:
+    """All else stays as it is: the others' parameters, the sessions' gains, and what no group was fitted to."""
+    both = Problem(known, (1, 2), terms(["amplifier_lag", "flight_friction", "reading_gain"]))
+    draws = both.prior_transform(np.random.default_rng(3).uniform(0.3, 0.7, (9, both.n_dim)))
+    for groups in ([1, 2], [3]):
+        found = validate.without_each(both, draws, groups)
+        assert set(found) == set(both.ids)
+        neutral = both.to_physical(draws)
+        neutral[:, both.names.index("flight_friction_a")] = 0.0
+        assert found["flight_friction"] == pytest.approx(
+            np.median(both.predict(both.to_sampling(neutral), groups), axis=0), rel=1e-9
+        )
+        assert not np.allclose(found["flight_friction"], np.median(both.predict(draws, groups), axis=0), rtol=1e-3)
+    assert validate.without_each(Problem(known, (1,)), draws[:, :6], [1]) == {}
 
 
 def test_predictions_csv_keeps_the_contract(checked) -> None:  # type: ignore[no-untyped-def]

@@ -49,7 +49,7 @@ from psafit.parameters import broadened
 from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, read_content, read_json, write_json
-from psafit.validate import predictive, validate, write_predictions
+from psafit.validate import predictive, validate, without_each, write_predictions
 from psafit.workers import ahead, cores
 
 FloatArray = NDArray[np.float64]
@@ -595,6 +595,9 @@ def _show(ladder: Ladder) -> dict[str, Any]:
             "corners": [asdict(corner) for corner in show.corners(c)],
             "drift": [asdict(d) for d in show.drift(c)[:8]],
             "predicted_um": c.predicted.tolist(),
+            "without_um": {
+                id: ranges.tolist() for id, ranges in without_each(c.problem, c.modes[:1], c.problem.group_ids).items()
+            },
             "parameters": dict(zip(c.problem.names, c.values.tolist(), strict=True)),
         }
         for name, c in models.items()

@@ -233,6 +233,8 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     adopted = _told(result.table(folder, result.predictions))
     strict = result.gain.get("strict")
     unseen = _told(result.table(folder, strict["predictions"]), "extended") if strict else {}
+    each = {id: np.asarray(v, dtype=float) for id, v in result.show.get("extended", {}).get("without_um", {}).items()}
+    without = {id: ranges for id, ranges in each.items() if ranges.size == n}
     found, start = [], 0
     for group in members:
         part = slice(start, start + group.n_points)
@@ -252,6 +254,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
         more = [curve for model, curve in curves.items() if model not in _LOOKS]
         if band := _band(unseen.get(name), group.n_points):
             more.append(figures.Curve("extended model without this group", "blue", unseen[name].median, band))
+        more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES)
         errors = [root_mean_square(log_ratio(c.middle, group.launch_range_um)) for c in shown]
         found.append(Shown(group, figures.sweep_of(group), shown, errors, more))
     return found

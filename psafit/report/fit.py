@@ -69,6 +69,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "tiles": _tiles(validation),
         "summary": fit_pictures.summary_picture(pictured),
         "explorable": fit_pictures.explorable(shown),
+        "extended": bool(run.fit.terms),
         "parameters": _parameter_rows(run),
         "implausible": [s for s in run.summary.parameters if s.implausible],
         "minima": _minima(run),

@@ -16,6 +16,7 @@ from psafit.inference.identify import DROP_90
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Validation
 from psafit.report import figures
+from psafit.report.catalogue import TITLES
 from psafit.report.figures.curves import ROLE_COLOR
 from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import SWEPT
@@ -108,7 +109,7 @@ def explorable(shown: Sequence[Shown]) -> list[dict[str, Any]]:
     return [
         figures.explorable(
             f"Group {g.score.group}: {g.sweep.condition} ({ROLE_TEXT[g.score.role]})",
-            g.prediction.group, g.sweep, g.curves,
+            g.prediction.group, g.sweep, g.curves, figures.without_curves(g.prediction.without, TITLES),
         )
         for g in shown
     ]  # fmt: skip

@@ -13,6 +13,7 @@ from psafit.report.figures.curves import (
     explorable,
     handles,
     has_zeros,
+    without_curves,
 )
 from psafit.report.figures.groups import group_figure, groups_figure, pit_figure, residual_figure, residual_view
 from psafit.report.figures.posterior import (
@@ -54,4 +55,5 @@ __all__ = [
     "summary_figure",
     "sweep_of",
     "trace_figure",
+    "without_curves",
 ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,6 +27,7 @@ MODEL_BAND: Final = "90 % of the model"
 READING_BAND: Final = "90 % of readings"
 _ALPHA: Final = {MODEL_BAND: 0.42, READING_BAND: 0.17}
 DASHES: Final = (0, (4, 2))
+_WITHOUT: Final = ("green", "purple", "orange", "sky")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,15 @@ def curve_of(p: Prediction) -> Curve:
     """A posterior prediction as a curve whose colour says its role."""
     bands = (Band(READING_BAND, p.lower, p.upper), Band(MODEL_BAND, p.model_lower, p.model_upper))
     return Curve("predicted median", ROLE_COLOR[p.role], p.median, bands)
+
+
+def without_curves(without: Mapping[str, FloatArray], titles: Mapping[str, str]) -> list[Curve]:
+    """Curves of a model with one cause, by identifier, taken out."""
+    looks = itertools.cycle((color, dashed) for dashed in (False, True) for color in _WITHOUT)
+    return [
+        Curve(f"without {titles.get(id, id)}", color, ranges, dashed=dashed)
+        for (id, ranges), (color, dashed) in zip(without.items(), looks, strict=False)
+    ]
 
 
 def envelope(x: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
