@@ -582,6 +582,7 @@ def test_verdicts(hidden, sound):
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
     assert better.verdict == "unexplained" and "a smooth curve in its place is simpler" in better.reasons[0]
+    assert not better.remains
     # Nothing hidden.
     plain = climb(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)

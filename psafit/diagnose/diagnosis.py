@@ -222,6 +222,7 @@ class _Work:
             bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
             verdict = conclude(ladder, before, after, left, bare)
             misfit = _misfit(before, after, left, leader)
+            misfit["remains"] = verdict.remains
             misfit["sessions"] = [asdict(o) for o in show.offsets(leader)]
             firm = robustness(ladder.baseline, leader, bare, left) if leader.terms else None
             if firm:

@@ -84,7 +84,8 @@ class Diagnosis:
     causes : list of CauseResult
         Most probable first.
     misfit : dict
-        p_value, where, and what the tests say of the baseline and of the extension.
+        p_value, where, what the tests say of the baseline and of the extension, and whether structure remains beside
+        the causes of an extension that does not explain the readings.
     numerics : dict
         Refinement of the predictions at the fitted parameters.
     gain : dict

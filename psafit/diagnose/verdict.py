@@ -42,6 +42,9 @@ class Verdict:
         Probability of each cause to be part of the truth, given that the catalogue holds it.
     reasons : tuple of str
         Sentences.
+    remains : bool
+        Whether structure remains beside the causes; where it does not, and yet they do not explain the readings, a
+        smooth curve in their place would be simpler.
     """
 
     verdict: str
@@ -51,6 +54,7 @@ class Verdict:
     unnamed: float
     inclusion: dict[str, float]
     reasons: tuple[str, ...]
+    remains: bool = False
 
 
 def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftover, bare: Leftover) -> Verdict:
@@ -98,14 +102,15 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     named = _best_first(best, ladder)
     if residual or mostly_unnamed:
         how = "fits little better than the baseline, and" if () in alternatives else "explains most, but"
-        what = "structure remains" if residual or beside > instead else "a smooth curve in its place is simpler"
+        remains = residual or beside > instead
+        what = "structure remains" if remains else "a smooth curve in its place is simpler"
         reasons.append(
             f"{' + '.join(named)} {how} {what}"
             + (f" (family-wise p = {after.p_value:.2g})" if residual and after else "")
             + (f"; an unnamed discrepancy has probability {unnamed:.2f}" if mostly_unnamed else "")
             + "."
         )
-        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
+        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, tuple(reasons), remains)
     if alternatives:
         only = ladder.probability[best] >= CREDIBLE
         reasons.append(
