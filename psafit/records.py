@@ -12,7 +12,7 @@ import json
 import math
 import typing
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -147,6 +147,8 @@ class Fit:
         Of Python, the libraries that matter, and plugins (SHA-256 of their files).
     command : str
         That made it, if any did; absolute paths are cut to their last part.
+    known : list of dict
+        Values, by parameter, at which the search was told to begin, too: where a diagnosis had found these causes.
     """
 
     identity: str
@@ -168,6 +170,7 @@ class Fit:
     lmfit_report: str
     versions: dict[str, str]
     command: str
+    known: list[dict[str, float]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from psafit.inference.candidate import _across_steps, fit, settle, thinned
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture, _Mixture, _Pool, _sample, weigh
 from psafit.inference.nested import nested_evidence, require
+from psafit.inference.optimise import widened
 from psafit.inference.problem import MICRO, Problem
 from psafit.inference.run import Silent, load
 from psafit.inference.run import fit as run_fit
@@ -366,6 +367,26 @@ def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
     again = begun()
     assert again.from_above() and again._leader().height == search._leader().height
     assert not again.from_above()
+
+
+def test_an_exchange_begins_from_what_has_the_new_cause_too(monkeypatch):
+    """Beside the rest of a wrong model the right cause may lead nowhere; from where it is best by itself it does."""
+    whole = problem(experiment(["amplifier_lag", "flight_friction"], [4e-5, 0.05]))
+    search = ladder._Search(whole, FEW, 1, Memory(None), lambda what, done, total: None)
+    search.begin()
+    lag = search.fitted["amplifier_lag",]
+    begun: dict[tuple[str, ...], list[np.ndarray]] = {}
+
+    def noting(p, starts, **options):
+        begun.setdefault(p.ids, []).append(starts)
+        return ascend(p, starts, **options)
+
+    monkeypatch.setattr(ladder, "ascend", noting)
+    rest = search.fitted["flight_friction",].problem
+    both = replace(rest, terms=terms(["amplifier_lag", "flight_friction"]))
+    search._tried(rest)
+    expected = widened(both, lag.values, lag.problem.names)[0]
+    assert any(np.array_equal(row, expected) for row in begun[both.ids][0])
 
 
 def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path, monkeypatch):
@@ -937,6 +958,10 @@ def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
     for which, told in stored["extension"].items():
         extension = load(tmp_path / "one" / told["folder"])
         assert extension.fit.terms == told["terms"] == named[which]
+        # Begun where the search has found these causes, and not left below that.
+        place = extension.problem.to_sampling(np.array([list(extension.fit.known[0].values())]))
+        assert list(extension.fit.known[0]) == list(extension.problem.names)
+        assert extension.fit.minima[0].log_posterior > extension.problem.log_posterior(place)[0] - 0.01
         assert extension.fit.groups == told["groups"] == seen[which]
         assert told["scored_on"] == [g for g in e.ids if g not in seen[which]]
         assert told["converged"] == extension.summary.converged

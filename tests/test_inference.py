@@ -161,6 +161,41 @@ def test_the_report_is_of_the_best_wherever_lmfit_ended(problem: Problem, monkey
         assert told[name] == pytest.approx((np.exp(start[i]), np.exp(start[i]) * sd), rel=1e-6)
 
 
+def test_a_search_begins_where_it_is_told_to(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Places that are known take the place of other starts; beyond the bounds they are at them."""
+    best = optimise(problem, seed=1, n_starts=12).best
+    begun: list[np.ndarray] = []
+    own = searching.ascend
+    monkeypatch.setattr(searching, "ascend", lambda p, starts, **k: begun.append(starts) or own(p, starts, **k))
+    near = problem.to_sampling(best.values) + 0.3
+    beyond = problem.bounds[:, 1] + 1
+    found = optimise(problem, seed=5, n_starts=2, known=np.stack([near, beyond, near]))
+    assert np.array_equal(begun[0], [near, problem.bounds[:, 1]])
+    assert found.best.values == pytest.approx(best.values, rel=0.02)
+
+
+def test_a_run_is_told_by_the_places_it_was_given(known: Experiment, tmp_path: Path) -> None:
+    names = Problem(known, (1,)).names
+    place = dict(zip(names, [*TRUTH, 0.05, 0.05, 6.0], strict=True))
+    fitted = running.fit(known, [1], tmp_path / "r", n_starts=2, known=[place], settings=SHORT)
+    assert fitted.fit.known == [place] and running.load(fitted.folder).fit.known == [place]
+    for other in ([], [place | {"k_c": 2e6}]):
+        with pytest.raises(InputError, match="what differs: known places"):
+            running.fit(known, [1], fitted.folder, n_starts=2, known=other, settings=SHORT)
+
+
+def test_a_chain_begins_on_a_bent_ridge(known: Experiment, tmp_path: Path) -> None:
+    """Draws from the curvature at the top lie far below a ridge that bends; simulated ones of the emulated do not."""
+    bent = Problem(known, (1,), terms(["slew_limit", "soft_layer", "flight_friction"]))
+    optimum = optimise(bent, seed=1, n_starts=8)
+    settings = Settings(n_walkers=32, chunk=1, max_steps=1)
+    chain = emcee_adaptor.sample(bent, optimum, seed=1, path=tmp_path / "c.h5", identity="x", settings=settings)
+    drawn = emcee_adaptor.Proposal(bent, optimum).start(32, np.random.RandomState(1))
+    below = optimum.best.log_posterior - np.array([bent.log_posterior(drawn), chain.log_posterior.ravel()])
+    assert np.median(below[1]) < 3 * bent.n_dim
+    assert np.quantile(below[1], 0.9) < 0.5 * np.quantile(below[0], 0.9)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_model_that_cannot_be_evaluated_ends_the_search_in_one_line(
     known: Experiment, monkeypatch: pytest.MonkeyPatch, value: float

@@ -350,7 +350,7 @@ def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     html = build(make_record(experiment), experiment, tmp_path).html
     told = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)[1])
     curves = {c["name"]: c for c in told[0]["curves"]}
-    out = curves["without hysteresis of the stack"]
+    out = curves["without: hysteresis of the stack"]
     first = experiment.groups[0].launch_range_um
     assert out["off"] and not curves["extended model"]["off"]
     assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)

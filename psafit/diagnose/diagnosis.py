@@ -378,6 +378,10 @@ class _Work:
         # A diagnosis repeated in its folder with other groups, priors or another seed is another run.
         about = [versions(), list(groups), self.seed, *(t.determinants for t in terms)]
         about += [p.signature for p in problem.parameters]
+        # Where the search has found them: a fit from scratch of six causes ended 150 nats below.
+        found = self._search(tuple(groups)).of(tuple(t.id for t in terms))
+        known = [dict(zip(problem.names, at, strict=True)) for at in problem.to_physical(found.modes).tolist()]
+        about.append(known)
         place = f"extension-{'-'.join(t.id for t in terms)[:100]}-{digest(about)[:8]}"
         if (self.folder / place / "posterior.json").exists() and not self.drawing:
             run = load(self.folder / place)
@@ -388,6 +392,7 @@ class _Work:
                 self.folder / place,
                 terms=terms,
                 seed=self.seed,
+                known=known,
                 settings=replace(settings, max_steps=_STEPS),
                 watcher=self.watcher,
                 command=self.command,
@@ -684,8 +689,11 @@ def _sentences(
                 f"A smooth discrepancy without a name, in the place of these causes, has"
                 f" {-firm.over_smooth:.0f} nats more evidence than they."
             )
-    if unseen := sum(s.verdict == UNSEEN for s in screening):
-        result.append(f"Of {len(screening)} candidate causes, {unseen} could not have been seen in these readings.")
+    if unseen := [s.id for s in screening if s.verdict == UNSEEN]:
+        result.append(
+            f"Of {len(screening)} candidate causes, {len(unseen)} could not have been seen in these readings:"
+            f" {', '.join(unseen)}."
+        )
     for protocol, one in measured.items():
         change = one["log_rmse_interval"]
         result.append(

@@ -85,7 +85,7 @@ _LATE = 6
 _ROUNDS, _SWAPPED, _UNLIKELY = 6, 3, 15.0
 # Starts, and climbs on some of the readings and on all, by which exchanges in models of many causes are tried; gain
 # (nats) below which these end.
-_TRIED_FROM, _GLIMPSE, _TRY, _ROUGHLY = 2, ((8, 1),), ((12, 1),), 0.3
+_TRIED_FROM, _TRIED_PARTS, _GLIMPSE, _TRY, _ROUGHLY = 2, 1, ((8, 1),), ((12, 1),), 0.3
 # Causes of a leader from which on it is not believed that nothing simpler, or better, lies elsewhere.
 _TANGLED = 3
 # Fitted models from which a larger one, and one with an exchanged cause, is begun.
@@ -459,11 +459,11 @@ class _Search:
 
     def _tried(self, smaller: Problem) -> list[tuple[Problem, FloatArray, float]]:
         """Models with one more cause: where short climbs end, and the evidence there, of the most promising."""
-        largest = {
-            s.term.id: (extended(smaller, s.term, self.catalogue), s.starts[:_TRIED_FROM])
-            for s in self._screen(smaller.ids)
-        }
-        largest = {id: one for id, one in largest.items() if one[0].ids not in self.fitted}
+        largest = {}
+        for s in self._screen(smaller.ids):
+            larger = extended(smaller, s.term, self.catalogue)
+            if larger.ids not in self.fitted:
+                largest[s.term.id] = larger, np.vstack([s.starts[:_TRIED_FROM], *self._from_parts(larger, s.term)])
 
         def make() -> dict[str, FloatArray]:
             rough = {}
@@ -480,6 +480,16 @@ class _Search:
         begun = [starts.tolist() for _, starts in largest.values()]
         found = self._recall("tries", smaller, make, [list(largest), begun])
         return [(largest[id][0], row[:-1], float(row[-1])) for id, row in found.items()]
+
+    def _from_parts(self, larger: Problem, term: Term) -> list[FloatArray]:
+        """Starts for a model from the best fitted parts of it that have a certain cause.
+
+        What explains the readings with that cause may stand far from where they are explained without it.
+        """
+        own = set(larger.terms)
+        parts = [c for c in self.fitted.values() if term in c.terms and set(c.terms) < own]
+        best = sorted(parts, key=self._worth, reverse=True)[:_TRIED_PARTS]
+        return [widened(larger, c.values, c.problem.names)[:1] for c in best]
 
     def _larger(self, problems: Sequence[Problem], most: int, *, by_climbs: bool = False) -> list[_Wanted]:
         """What is not fitted yet of models with one more cause, at most so many from each.

@@ -31,9 +31,8 @@ from scipy.special import logsumexp
 from psafit.errors import InputError
 from psafit.files import replacing, reserve
 from psafit.inference import store
-from psafit.inference.ascent import ascend
-from psafit.inference.candidate import settle
-from psafit.inference.evidence import emulate, student_log_density
+from psafit.inference.candidate import settle_at
+from psafit.inference.evidence import Emulated, emulate, student_log_density
 from psafit.inference.optimise import Optimum
 from psafit.inference.problem import Problem
 
@@ -279,15 +278,19 @@ def sample(
         (emcee.moves.KDEMove(), 0.3),
         (emcee.moves.MHMove(proposal.move), 0.25),
     ]
-    if problem.terms:
+    emulated = _emulated(problem, optimum, seed) if problem.terms else None
+    if emulated is not None:
         moves = [(move, (1 - _STRIDES) * share) for move, share in moves]
-        moves.append((emcee.moves.MHMove(_strides(problem, optimum, seed)), _STRIDES))
+        moves.append((emcee.moves.MHMove(_strides(emulated)), _STRIDES))
     sampler = emcee.EnsembleSampler(
         settings.n_walkers, problem.n_dim, problem.log_posterior, vectorize=True, backend=backend, moves=moves
     )
     if backend.iteration == 0:
         random = np.random.RandomState(seed)  # emcee draws from the legacy generator
-        start = emcee.State(proposal.start(settings.n_walkers, random), random_state=random.get_state())
+        # Around a bent ridge the curvature's draws lie thousands of nats below it.
+        near = emulated.scattered(settings.n_walkers, random) if emulated is not None else np.empty((0, problem.n_dim))
+        others = proposal.start(settings.n_walkers - len(near), random)
+        start = emcee.State(np.concatenate([near, others]), random_state=random.get_state())
     else:
         start = backend.get_last_sample()
     with _interruptible() as stop_if_asked:
@@ -306,12 +309,14 @@ def sample(
             stop_if_asked()
 
 
-def _strides(
-    problem: Problem, optimum: Optimum, seed: int
-) -> Callable[[FloatArray, np.random.RandomState], tuple[FloatArray, FloatArray]]:
+def _emulated(problem: Problem, optimum: Optimum, seed: int) -> Emulated:
+    """The posterior, emulated around the minima."""
+    places = np.array([problem.to_sampling(m.values) for m in optimum.minima])
+    return emulate(settle_at(problem, places), seed=seed, **_CAREFULLY)
+
+
+def _strides(emulated: Emulated) -> Callable[[FloatArray, np.random.RandomState], tuple[FloatArray, FloatArray]]:
     """Proposals by strides through an emulated posterior, as `emcee.moves.MHMove` takes them."""
-    starts = np.array([problem.to_sampling(m.values) for m in optimum.minima])
-    emulated = emulate(settle(problem, ascend(problem, starts, schedule=((0, len(starts)),))), seed=seed, **_CAREFULLY)
 
     def move(u: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
         # Seeded by the chain's own generator, whose state is in the checkpoint.

@@ -496,10 +496,24 @@ class Emulated:
         def wider(found: _Pool, last: _Density) -> _Density:
             return last.mixture.around(found, width)
 
+        self._simulated = pool
         self._pool = _sample(
             self._height, problem.bounds, first, wider, random, _ROUND_EMULATED, _ROUNDS_EMULATED, _EFFECTIVE_EMULATED
         )
         self.mixture = first.around(self._pool, width)
+
+    def scattered(self, n: int, random: np.random.Generator | np.random.RandomState) -> FloatArray:
+        """Simulated draws to begin from, each once, the better ones more likely; fewer where there are not so many.
+
+        They are spread more than the posterior, by weights to a power at which some tens of them count.
+        """
+        weights = _tempered(self._simulated.weights)
+        # Without replacement: the greatest of log weights with Gumbel's noise.
+        with np.errstate(divide="ignore"):
+            key = np.log(weights) + random.gumbel(size=weights.size)
+        key[~np.isfinite(self._simulated.height)] = -np.inf
+        chosen = np.argsort(-key, kind="stable")[:n]
+        return self._simulated.u[chosen[np.isfinite(key[chosen])]]
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:
         """Draws, some of them from a mixture of Student densities instead."""

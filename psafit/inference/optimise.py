@@ -366,6 +366,7 @@ def optimise(
     *,
     seed: int,
     n_starts: int = 32,
+    known: FloatArray | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Optimum:
     """Search for the top of the posterior from the `n_starts` best of many quasi-random draws of the prior.
@@ -376,6 +377,8 @@ def optimise(
     seed : int
         Of the scrambled Sobol sequence the starts come from.
     n_starts : int
+    known : (n, n_dim) array, optional
+        Places that are known to be good, in sampling coordinates: they take the place of as many other starts.
     progress : callable
         Called with (iterations done, iterations in all) of the climbs.
 
@@ -396,6 +399,9 @@ def optimise(
         evaluations += nested.n_evaluations
         inner = widened(problem, nested.best.values, plain.names)[:n_starts]
         starts = np.concatenate([starts[: n_starts - len(inner)], inner])
+    if known is not None:
+        places = np.clip(known, *problem.bounds.T)[:n_starts]
+        starts = np.concatenate([places, starts[: n_starts - len(places)]])
     climbed = ascend(problem, starts, schedule=((_TRIAL, max(n_starts // 2, 1)), (_REST, n_starts)), progress=progress)
     evaluations += climbed.n_sets
     found = np.isfinite(climbed.height)

@@ -106,7 +106,12 @@ def _sampler(settings: emcee_adaptor.Settings) -> dict[str, int | float]:
 
 
 def _determinants(
-    problem: Problem, seed: int, n_starts: int, sampler: Mapping[str, float], version: str = psafit.__version__
+    problem: Problem,
+    seed: int,
+    n_starts: int,
+    sampler: Mapping[str, float],
+    known: Sequence[Mapping[str, float]],
+    version: str = psafit.__version__,
 ) -> dict[str, Any]:
     """Everything that determines a run's result, each under the word a user knows it by."""
     return {
@@ -118,6 +123,7 @@ def _determinants(
         "starts": n_starts,
         "sampler settings": dict(sampler),
         "version": version,
+        "known places": [dict(at) for at in known],
     }
 
 
@@ -132,6 +138,7 @@ def _recorded(record: Fit) -> dict[str, Any]:
         "starts": record.n_starts,
         "sampler settings": record.sampler,
         "version": record.versions.get("psafit"),
+        "known places": record.known,
     }
 
 
@@ -140,7 +147,8 @@ def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 
 
 def _identity(determinants: Mapping[str, Any]) -> str:
-    return digest(determinants)
+    # A run that was given no places is what it was before there were any.
+    return digest({word: value for word, value in determinants.items() if word != "known places" or value})
 
 
 def versions() -> dict[str, str]:
@@ -157,6 +165,7 @@ def fit(
     terms: Sequence[Term] = (),
     seed: int = 1,
     n_starts: int = 32,
+    known: Sequence[Mapping[str, float]] = (),
     settings: emcee_adaptor.Settings | None = None,
     watcher: Watcher | None = None,
     command: Sequence[object] = (),
@@ -177,6 +186,8 @@ def fit(
         Same seed, same result.
     n_starts : int
         Starts of the search.
+    known : sequence of dict
+        Values of all parameters at which it begins, too.
     settings : Settings, optional
         Of the sampler; `Settings.of` the problem by default.
     watcher : Watcher, optional
@@ -198,9 +209,9 @@ def fit(
     problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
     settings = settings or emcee_adaptor.Settings.of(problem)
     watcher = watcher or Silent()
-    determinants = _determinants(problem, seed, n_starts, _sampler(settings))
+    determinants = _determinants(problem, seed, n_starts, _sampler(settings), known)
     with sole(folder):
-        return _fitted(problem, folder, determinants, seed, n_starts, settings, watcher, command)
+        return _fitted(problem, folder, determinants, seed, n_starts, known, settings, watcher, command)
 
 
 def _fitted(
@@ -209,6 +220,7 @@ def _fitted(
     determinants: Mapping[str, Any],
     seed: int,
     n_starts: int,
+    known: Sequence[Mapping[str, float]],
     settings: emcee_adaptor.Settings,
     watcher: Watcher,
     command: Sequence[object],
@@ -220,9 +232,13 @@ def _fitted(
         write_experiment(problem.experiment, folder / "experiment")
         watcher.stage("search")
         optimum = optimise(
-            problem, seed=seed, n_starts=n_starts, progress=lambda k, n: watcher.update(k, n, "iterations of climbs")
+            problem,
+            seed=seed,
+            n_starts=n_starts,
+            known=problem.to_sampling(np.array([[at[n] for n in problem.names] for at in known])) if known else None,
+            progress=lambda k, n: watcher.update(k, n, "iterations of climbs"),
         )
-        record = _record(problem, optimum, identity, seed, settings, command)
+        record = replace(_record(problem, optimum, identity, seed, settings, command), known=[dict(at) for at in known])
         write_json(folder / "fit.json", record, sealed=True)
     (folder / MARKER).unlink(missing_ok=True)
     limit = settings.max_steps
@@ -317,7 +333,7 @@ def load(folder: Path) -> Run:
     chosen = recorded(record.terms, record.versions, folder / "fit.json")
     problem = Problem(experiment, tuple(record.groups), chosen)
     found = _recorded(record)
-    expected = _determinants(problem, record.seed, record.n_starts, record.sampler, found["version"])
+    expected = _determinants(problem, record.seed, record.n_starts, record.sampler, record.known, found["version"])
     if differing := _differing(expected, found):
         if "data" in differing:
             raise InputError("was changed after the fit", _AGAIN, file=folder / "experiment")

@@ -72,7 +72,7 @@ def without_curves(without: Mapping[str, FloatArray], titles: Mapping[str, str])
     """Curves of a model with one cause, by identifier, taken out."""
     looks = itertools.cycle((color, dashed) for dashed in (False, True) for color in _WITHOUT)
     return [
-        Curve(f"without {titles.get(id, id)}", color, ranges, dashed=dashed)
+        Curve(f"without: {titles.get(id, id)}", color, ranges, dashed=dashed)
         for (id, ranges), (color, dashed) in zip(without.items(), looks, strict=False)
     ]
 
