@@ -18,7 +18,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +56,6 @@ _ONE_SIGN = 0.70
 LEVEL = 0.01
 # Readings above zero without which a group tells nothing, and readings without which a band cannot be judged.
 _FEWEST, _FEWEST_FOR_BAND = 3, 5
-# Posterior draws that are looked at without each cause: a median of them is to be seen, not to be scored.
-_DRAWS_WITHOUT = 100
 # Neighbours in a block of the bootstrap.
 _BLOCK = 5
 
@@ -87,8 +85,6 @@ class Prediction:
     pit_p_value, drift_p_value : float
         Share of groups simulated from the posterior whose PIT is as far from uniform, and as correlated between
         neighbours in the sweep; NaN where there are too few readings above zero.
-    without : dict of str to array, um
-        Posterior median of the launch range with one cause, by identifier, taken out and all else left as it is.
     """
 
     group: Group
@@ -105,7 +101,6 @@ class Prediction:
     pit: FloatArray
     pit_p_value: float
     drift_p_value: float
-    without: dict[str, FloatArray] = field(default_factory=dict)
 
 
 def log_ratio(predicted: FloatArray, measured: FloatArray) -> FloatArray:
@@ -247,7 +242,6 @@ def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Predictio
                 pit=pit,
                 pit_p_value=pit_p_value,
                 drift_p_value=drift_p_value,
-                without=without_each(problem, draws[:: math.ceil(len(draws) / _DRAWS_WITHOUT)], [group.id]),
             )
         )
     return result

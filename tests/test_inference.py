@@ -179,6 +179,12 @@ def test_a_run_is_told_by_the_places_it_was_given(known: Experiment, tmp_path: P
     place = dict(zip(names, [*TRUTH, 0.05, 0.05, 6.0], strict=True))
     fitted = running.fit(known, [1], tmp_path / "r", n_starts=2, known=[place], settings=SHORT)
     assert fitted.fit.known == [place] and running.load(fitted.folder).fit.known == [place]
+    place["k_c"] = int(place["k_c"])  # a whole number is no other place
+    assert running.fit(known, [1], fitted.folder, n_starts=2, known=[place], settings=SHORT).fit.known == [place]
+    for wrong, words in (({"k_d": 1.0}, "k_d"), ({"k_c": np.nan}, "k_c = nan"), ({"c_s": -1.0}, "c_s = -1")):
+        with pytest.raises(InputError, match=words):
+            running.fit(known, [1], tmp_path / "w", n_starts=2, known=[place | wrong], settings=SHORT)
+    assert not (tmp_path / "w").exists()
     for other in ([], [place | {"k_c": 2e6}]):
         with pytest.raises(InputError, match="what differs: known places"):
             running.fit(known, [1], fitted.folder, n_starts=2, known=other, settings=SHORT)

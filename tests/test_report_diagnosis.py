@@ -156,7 +156,7 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
                                    {"parameter": "c_s", "variable": "range", "gain": 9.0, "factor": 8103.0}]},
             "extended": {"growth": growth(0.02), "corners": corners(None),
                          "predicted_um": (1.05 * measured).tolist(), "parameters": {},
-                         "without_um": {"hysteresis": (1.4 * measured).tolist()},
+                         "without_um": {"hysteresis": (1.4 * measured).tolist(), "gap": [None] * measured.size},
                          "drift": [{"parameter": "k_c", "variable": "amplitude", "gain": 0.7, "factor": 1.1}]},
         },
         ledger=[{"choice": "verdict", "saw": list(experiment.ids), "scored_on": []}, *gain("strict", last)["ledger"]],
@@ -350,6 +350,7 @@ def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     html = build(make_record(experiment), experiment, tmp_path).html
     told = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)[1])
     curves = {c["name"]: c for c in told[0]["curves"]}
+    assert "without: gap at rest" not in curves  # no number everywhere
     out = curves["without: hysteresis of the stack"]
     first = experiment.groups[0].launch_range_um
     assert out["off"] and not curves["extended model"]["off"]

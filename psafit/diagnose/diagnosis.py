@@ -222,7 +222,8 @@ class _Work:
             bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
             verdict = conclude(ladder, before, after, left, bare)
             misfit = _misfit(before, after, left, leader)
-            misfit["remains"] = verdict.remains
+            if verdict.verdict == "unexplained" and verdict.named:
+                misfit["remains"] = verdict.remains
             misfit["sessions"] = [asdict(o) for o in show.offsets(leader)]
             firm = robustness(ladder.baseline, leader, bare, left) if leader.terms else None
             if firm:
@@ -378,9 +379,13 @@ class _Work:
         # A diagnosis repeated in its folder with other groups, priors or another seed is another run.
         about = [versions(), list(groups), self.seed, *(t.determinants for t in terms)]
         about += [p.signature for p in problem.parameters]
-        # Where the search has found them: a fit from scratch of six causes ended 150 nats below.
+        # Where the search has found them: a fit from scratch of six causes ended 190 nats below.
         found = self._search(tuple(groups)).of(tuple(t.id for t in terms))
-        known = [dict(zip(problem.names, at, strict=True)) for at in problem.to_physical(found.modes).tolist()]
+        # (To ten digits: a run is known by them, on any machine.)
+        known = [
+            {name: float(f"{value:.10g}") for name, value in zip(problem.names, at, strict=True)}
+            for at in problem.to_physical(found.modes)
+        ]
         about.append(known)
         place = f"extension-{'-'.join(t.id for t in terms)[:100]}-{digest(about)[:8]}"
         if (self.folder / place / "posterior.json").exists() and not self.drawing:

@@ -83,8 +83,8 @@ _LATE = 6
 # Models of which causes are exchanged, at most, and exchanges tried for each cause; those that the expansion sees this
 # far behind (nats) are not.
 _ROUNDS, _SWAPPED, _UNLIKELY = 6, 3, 15.0
-# Starts, and climbs on some of the readings and on all, by which exchanges in models of many causes are tried; gain
-# (nats) below which these end.
+# Starts by the expansion and from fitted parts, and climbs on some of the readings and on all, by which exchanges in
+# models of many causes are tried; gain (nats) below which these end.
 _TRIED_FROM, _TRIED_PARTS, _GLIMPSE, _TRY, _ROUGHLY = 2, 1, ((8, 1),), ((12, 1),), 0.3
 # Causes of a leader from which on it is not believed that nothing simpler, or better, lies elsewhere.
 _TANGLED = 3

@@ -312,7 +312,7 @@ def sample(
 def _emulated(problem: Problem, optimum: Optimum, seed: int) -> Emulated:
     """The posterior, emulated around the minima."""
     places = np.array([problem.to_sampling(m.values) for m in optimum.minima])
-    return emulate(settle_at(problem, places), seed=seed, **_CAREFULLY)
+    return emulate(settle_at(problem, np.clip(places, *problem.bounds.T)), seed=seed, **_CAREFULLY)
 
 
 def _strides(emulated: Emulated) -> Callable[[FloatArray, np.random.RandomState], tuple[FloatArray, FloatArray]]:

@@ -503,9 +503,10 @@ class Emulated:
         self.mixture = first.around(self._pool, width)
 
     def scattered(self, n: int, random: np.random.Generator | np.random.RandomState) -> FloatArray:
-        """Simulated draws to begin from, each once, the better ones more likely; fewer where there are not so many.
+        """Simulated draws to begin a chain from, each once, by weights to a power at which some tens of them count.
 
-        They are spread more than the posterior, by weights to a power at which some tens of them count.
+        Fewer where there are not so many. They are spread like the posterior around the modes known, and wider where
+        the emulator is poor.
         """
         weights = _tempered(self._simulated.weights)
         # Without replacement: the greatest of log weights with Gumbel's noise.

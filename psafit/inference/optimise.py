@@ -378,7 +378,7 @@ def optimise(
         Of the scrambled Sobol sequence the starts come from.
     n_starts : int
     known : (n, n_dim) array, optional
-        Places that are known to be good, in sampling coordinates: they take the place of as many other starts.
+        Places that are known to be good, in sampling coordinates: they take the place of as many draws.
     progress : callable
         Called with (iterations done, iterations in all) of the climbs.
 
@@ -392,16 +392,15 @@ def optimise(
         If not one start led to a finite posterior.
     """
     starts, evaluations = starts_of(problem, seed, n_starts, n_starts * _DRAWS_PER_START)
+    given = np.empty((0, problem.n_dim)) if known is None else np.clip(known, *problem.bounds.T)
     if problem.terms:
         # The model without its causes lies within it: what fits there is a start here, too.
         plain = replace(problem, terms=())
         nested = optimise(plain, seed=seed, n_starts=max(n_starts // 4, 4))
         evaluations += nested.n_evaluations
-        inner = widened(problem, nested.best.values, plain.names)[:n_starts]
-        starts = np.concatenate([starts[: n_starts - len(inner)], inner])
-    if known is not None:
-        places = np.clip(known, *problem.bounds.T)[:n_starts]
-        starts = np.concatenate([places, starts[: n_starts - len(places)]])
+        given = np.concatenate([given, widened(problem, nested.best.values, plain.names)])
+    given = given[:n_starts]
+    starts = np.concatenate([starts[: n_starts - len(given)], given])
     climbed = ascend(problem, starts, schedule=((_TRIAL, max(n_starts // 2, 1)), (_REST, n_starts)), progress=progress)
     evaluations += climbed.n_sets
     found = np.isfinite(climbed.height)

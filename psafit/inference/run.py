@@ -207,11 +207,29 @@ def fit(
     if n_starts < 1:
         raise InputError(f"{n_starts} starts are none", "give a number from 1 on")
     problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
+    known = _places(problem, known)
     settings = settings or emcee_adaptor.Settings.of(problem)
     watcher = watcher or Silent()
     determinants = _determinants(problem, seed, n_starts, _sampler(settings), known)
     with sole(folder):
         return _fitted(problem, folder, determinants, seed, n_starts, known, settings, watcher, command)
+
+
+def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+    """Places as a record keeps them: a number for every parameter, in their order."""
+    found = []
+    for at in known:
+        if set(at) != set(problem.names):
+            wrong = ", ".join(sorted(set(at) ^ set(problem.names)))
+            raise InputError(f"a known place lacks or does not know {wrong}", f"give {', '.join(problem.names)}")
+        place = {name: float(at[name]) for name in problem.names}
+        with np.errstate(invalid="ignore", divide="ignore"):
+            usable = ~np.isnan(problem.to_sampling(np.array(list(place.values()))))
+        for (name, value), good in zip(place.items(), usable, strict=True):
+            if not (good and math.isfinite(value)):
+                raise InputError(f"a known place has {name} = {value:g}", "give a value that it can have")
+        found.append(place)
+    return found
 
 
 def _fitted(
@@ -235,7 +253,7 @@ def _fitted(
             problem,
             seed=seed,
             n_starts=n_starts,
-            known=problem.to_sampling(np.array([[at[n] for n in problem.names] for at in known])) if known else None,
+            known=problem.to_sampling(np.array([list(at.values()) for at in known])) if known else None,
             progress=lambda k, n: watcher.update(k, n, "iterations of climbs"),
         )
         record = replace(_record(problem, optimum, identity, seed, settings, command), known=[dict(at) for at in known])
@@ -321,7 +339,7 @@ def load(folder: Path) -> Run:
         if in_use(folder):
             raise InputError("holds a run under way", "psafit watch shows how far it is; wait for its end", file=folder)
         raise InputError(
-            "holds an interrupted run", "repeat the same psafit fit command: it goes on where it stopped", file=folder
+            "holds an interrupted run", "repeat the command that began it: it goes on where it stopped", file=folder
         )
     summary = read_json(folder / "posterior.json", PosteriorSummary, sealed=True)
     if summary.identity != record.identity:

@@ -343,7 +343,8 @@ def _wrong(result: Diagnosis) -> Markup:
         return head + "No cause of the catalogue explains it." + (what if odd else "") + _unnamed(result)
     also = Markup(" Not to be told apart from it: {}.").format(tied) if result.alternatives else ""
     # Nothing may be left beside the causes, and yet something smooth in their place be likelier than so many of them.
-    remains = result.misfit.get("remains", True)
+    simpler = any("a smooth curve in its place is simpler" in told for told in result.sentences)
+    remains = result.misfit.get("remains", not simpler)  # an older record says so in its sentences alone
     why = "structure remains that no cause describes" if remains else "a smooth curve in its place is more probable"
     return head + Markup("The best extension is {}{}, but {} (probability of an unnamed discrepancy {}).{}{}").format(
         named, share, why, _share(result.unnamed), _sizes(result) + _implausible(result), also

@@ -34,11 +34,13 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
-from psafit.validate import FAIR, GOOD, LEVEL, Prediction
+from psafit.validate import FAIR, GOOD, LEVEL, Prediction, without_each
 
 REPORT = "report.html"
 
 _MAX_MINIMA = 8
+# Posterior draws that are looked at without each cause: a median of them is to be seen, not to be scored.
+_DRAWS_WITHOUT = 200
 _ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limit"}
 _KINDS = {"determined": "good", "bounded above": "warn", "bounded below": "warn", "not determined": "bad"}
 
@@ -58,7 +60,9 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
     Path
         Of the page.
     """
-    shown = fit_pictures.shown_groups(validation, predictions)
+    draws = run.problem.to_sampling(run.draws.flat)
+    few = draws[:: math.ceil(len(draws) / _DRAWS_WITHOUT)]
+    shown = fit_pictures.shown_groups(validation, predictions, lambda group: without_each(run.problem, few, [group]))
     pictured = fit_pictures.pictured(shown)
     marginals = fit_pictures.marginals(run)
     content = {

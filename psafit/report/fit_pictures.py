@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 from scipy.stats import binom
 
+from psafit.experiment import GroupId
 from psafit.inference.identify import DROP_90
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Validation
@@ -25,16 +27,19 @@ from psafit.report.style import MEASURED, PALETTE
 from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, with_unit
 from psafit.validate import Prediction, log_ratio
 
+FloatArray = NDArray[np.float64]
+
 _MAX_SVG_GROUPS = 8
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A group as the page shows it: its scores, its prediction and its abscissa."""
+    """A group as the page shows it: its scores, its prediction, its abscissa, and what it is without each cause."""
 
     score: GroupScore
     prediction: Prediction
     sweep: figures.Sweep
+    without: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def curves(self) -> list[figures.Curve]:
@@ -42,10 +47,16 @@ class Shown:
         return [figures.curve_of(self.prediction)]
 
 
-def shown_groups(validation: Validation, predictions: Sequence[Prediction]) -> list[Shown]:
+def shown_groups(
+    validation: Validation,
+    predictions: Sequence[Prediction],
+    without: Callable[[GroupId], Mapping[str, FloatArray]] = lambda group: {},
+) -> list[Shown]:
     """The groups of a validation with their predictions, in the same order."""
-    sweeps = [figures.sweep_of(p.group) for p in predictions]
-    return [Shown(*t) for t in zip(validation.groups, predictions, sweeps, strict=True)]
+    return [
+        Shown(score, p, figures.sweep_of(p.group), without(p.group.id))
+        for score, p in zip(validation.groups, predictions, strict=True)
+    ]
 
 
 def pictured(shown: list[Shown]) -> list[Shown]:
@@ -109,7 +120,7 @@ def explorable(shown: Sequence[Shown]) -> list[dict[str, Any]]:
     return [
         figures.explorable(
             f"Group {g.score.group}: {g.sweep.condition} ({ROLE_TEXT[g.score.role]})",
-            g.prediction.group, g.sweep, g.curves, figures.without_curves(g.prediction.without, TITLES),
+            g.prediction.group, g.sweep, g.curves, figures.without_curves(g.without, TITLES),
         )
         for g in shown
     ]  # fmt: skip

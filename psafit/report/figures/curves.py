@@ -74,6 +74,7 @@ def without_curves(without: Mapping[str, FloatArray], titles: Mapping[str, str])
     return [
         Curve(f"without: {titles.get(id, id)}", color, ranges, dashed=dashed)
         for (id, ranges), (color, dashed) in zip(without.items(), looks, strict=False)
+        if np.isfinite(ranges).all()  # no likelihood has judged a model without one of its causes
     ]
 
 
