@@ -48,7 +48,7 @@ def main() -> int:
         figure = Figure(figsize=(10.5, 3.4), layout="constrained")
         growth = [g for g in result["show"]["baseline"]["growth"] if g["variable"] == "amplitude"]
         extended = {g["group"]: g for g in result["show"].get("extended", {}).get("growth", [])}
-        for axes, g in zip(figure.subplots(1, len(growth), squeeze=False)[0], growth, strict=True):
+        for axes, g in zip(figure.subplots(1, len(growth), squeeze=False, sharey=True)[0], growth, strict=True):
             axes.fill_between(g["at"], g["lower"], g["upper"], color=PALETTE["ink"], alpha=0.15, lw=0)
             axes.plot(g["at"], g["measured"], color=PALETTE["ink"], label="measured, 90 % band")
             axes.plot(g["at"], g["simulated"], color=PALETTE["grey"], linestyle="--", label="baseline")
@@ -56,7 +56,7 @@ def main() -> int:
                 e = extended[g["group"]]
                 axes.plot(e["at"], e["simulated"], color=PALETTE["vermillion"], label="extended")
             axes.set(title=f"Group {g['group']}", xlabel="Drive amplitude (V)", ylabel="Growth d ln L / d ln V")
-        axes.legend()
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
         figure.savefig(OUT / "case-growth.png", dpi=150)
     return 0
 
