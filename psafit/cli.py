@@ -397,6 +397,7 @@ def diagnose(
     command += plugin_words()
     with watcher(quiet) as show:
         from psafit.diagnose import diagnose as examine
+        from psafit.diagnose.record import PAGE
 
         result = examine(
             data,
@@ -407,6 +408,8 @@ def diagnose(
             nautilus=nautilus,
             seed=seed,
             jobs=jobs,
+            # Without its page a diagnosis was interrupted, however whole its record is.
+            draw_on=no_report or (folder / PAGE).exists(),
             watcher=show,
             command=command,
         )

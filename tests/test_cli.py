@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 from test_report_diagnosis import make_experiment, make_record
 
+import psafit.diagnose
 from psafit import cli, progress
+from psafit.errors import InputError
 from psafit.experiment import read_experiment
 from psafit.files import sole
 
@@ -324,6 +326,24 @@ def test_help_lists_every_command(monkeypatch, capsys) -> None:  # type: ignore[
         assert name in text
         assert run(monkeypatch, name, "--help") == 0
         assert "PATH  Write" not in capsys.readouterr().out
+
+
+def test_a_diagnosis_without_its_page_was_interrupted(known_folder, tmp_path, monkeypatch):  # type: ignore[no-untyped-def]
+    """Chains are drawn on by the command after a finished one, and it is finished when its page is there."""
+    told = []
+
+    def examine(*args, draw_on, **options):  # type: ignore[no-untyped-def]
+        told.append(draw_on)
+        raise InputError("asked", "enough")
+
+    monkeypatch.setattr(psafit.diagnose, "diagnose", examine)
+    out = tmp_path / "found"
+    for options in ([], ["--no-report"]):
+        assert run(monkeypatch, "diagnose", known_folder, "--out", out, *options) == 2
+    out.mkdir(exist_ok=True)
+    (out / "diagnosis.html").touch()
+    assert run(monkeypatch, "diagnose", known_folder, "--out", out) == 2
+    assert told == [False, True, True]
 
 
 @pytest.mark.slow

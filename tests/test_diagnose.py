@@ -1071,13 +1071,14 @@ def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
     monkeypatch.setattr(diagnosis, "_STEPS", 500)
     e = experiment(["amplifier_lag"], [4e-5], n=12, groups=("a", "b"))
 
-    def again():
-        return diagnose(e, ["a"], tmp_path, catalogue=FEW[:1], searches=0).extension["adopted"]
+    def again(**options):
+        return diagnose(e, ["a"], tmp_path, catalogue=FEW[:1], searches=0, **options).extension["adopted"]
 
     first = again()
     assert not first["converged"] and "after 500 steps" in first["message"]
     (tmp_path / "diagnosis.json").unlink()  # killed after the extension, before the end
     assert again() == first
+    assert again(draw_on=False) == first
     assert again()["message"] != first["message"]
 
 

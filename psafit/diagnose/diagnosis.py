@@ -79,6 +79,7 @@ def diagnose(
     seed: int = 1,
     catalogue: Sequence[Term] = TERMS,
     jobs: int | None = None,
+    draw_on: bool = True,
     watcher: Watcher | None = None,
     command: Sequence[object] = (),
 ) -> Diagnosis:
@@ -104,6 +105,8 @@ def diagnose(
     jobs : int, optional
         Processes that search side by side where several searches are needed; one for every core by default. The result
         does not depend on it.
+    draw_on : bool
+        Whether chains of a finished diagnosis that have not converged are drawn on.
     watcher : Watcher, optional
     command : sequence
         Words of the command line, kept with the result.
@@ -133,7 +136,7 @@ def diagnose(
     with sole(folder):
         _claim(folder, experiment)
         held = _held(folder, identity)
-        if held and all(run["converged"] for run in held.extension.values()):
+        if held and (not draw_on or all(run["converged"] for run in held.extension.values())):
             return held
         shown, n_jobs = watcher or Silent(), jobs or cores()
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
