@@ -18,7 +18,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -264,8 +264,7 @@ def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupI
     """
     found = {}
     for gone in problem.terms:
-        rest = replace(problem, terms=tuple(t for t in problem.terms if t is not gone))
-        kept = [problem.names.index(name) for name in rest.names]
+        rest, kept = problem.without(gone)
         found[gone.id] = np.median(rest.predict(draws[:, kept], group_ids), axis=0)
     return found
 

@@ -444,7 +444,7 @@ class _Search:
     def _exchange(self, leader: Candidate) -> None:
         """Exchange each cause of a model, and add one."""
         self._refined.add(leader.ids)
-        rests = [replace(leader.problem, terms=tuple(t for t in leader.terms if t != gone)) for gone in leader.terms]
+        rests = [leader.problem.without(gone)[0] for gone in leader.terms]
         # The leader without one cause is a model in its own right, perhaps far from the leader; of many causes, only
         # what lies near the leader is looked at.
         for rest in rests:

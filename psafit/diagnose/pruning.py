@@ -126,8 +126,8 @@ def _thinned_out(now: Candidate) -> Candidate:
         idle = [one.gone for one in order if one.worth > here - _NOTHING][: max((len(order) - _FEW) // 2, 1)]
         rest, u = order[0].problem, order[0].u
         if len(idle) > 1:
-            rest = replace(now.problem, terms=tuple(t for t in now.terms if t not in idle))
-            u = now.modes[0][_columns(now.problem, rest)]
+            rest, kept = now.problem.without(*idle)
+            u = now.modes[0][kept]
         now = _climbed(rest, u[None], _THIN)
     return now
 
@@ -149,8 +149,7 @@ def _by_worth(now: Candidate) -> list[_Left]:
 
 def _without(now: Candidate, gone: Term) -> _Left:
     """Take a cause away and refit the rest in the expansion of the fit."""
-    problem = replace(now.problem, terms=tuple(t for t in now.terms if t is not gone))
-    kept = _columns(now.problem, problem)
+    problem, kept = now.problem.without(gone)
     at = now.modes[0][kept]
     here = problem.predict(at[None])
     slope = now.relative_slope[kept[: problem.n_model]]
@@ -166,10 +165,6 @@ def _mass(problem: Problem, height: float, curvature: FloatArray) -> float:
     """Log mass of a normal hill: heights of models with other numbers of parameters cannot be compared."""
     volume = len(curvature) * np.log(2 * np.pi) - np.linalg.slogdet(within_bounds(problem, curvature))[1]
     return height + 0.5 * float(volume)
-
-
-def _columns(larger: Problem, smaller: Problem) -> list[int]:
-    return [larger.names.index(name) for name in smaller.names]
 
 
 def _shaken(now: Candidate, rng: np.random.Generator) -> Candidate:

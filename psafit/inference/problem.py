@@ -139,6 +139,11 @@ class Problem:
         """Bounds in the sampling coordinate, (n_dim, 2)."""
         return np.array([[p.sampling_bounds.lower, p.sampling_bounds.upper] for p in self.parameters])
 
+    def without(self, *gone: Term) -> tuple[Problem, list[int]]:
+        """The problem without some of its causes, and which of the coordinates are left."""
+        rest = replace(self, terms=tuple(t for t in self.terms if t not in gone))
+        return rest, [self.names.index(name) for name in rest.names]
+
     def to_physical(self, u: FloatArray) -> FloatArray:
         """Parameter values of sampling coordinates; last axis n_dim."""
         return np.stack([p.to_physical(u[..., i]) for i, p in enumerate(self.parameters)], axis=-1)

@@ -110,7 +110,7 @@ def _determinants(
     seed: int,
     n_starts: int,
     sampler: Mapping[str, float],
-    known: Sequence[Mapping[str, float]],
+    known: list[dict[str, float]],
     version: str = psafit.__version__,
 ) -> dict[str, Any]:
     """Everything that determines a run's result, each under the word a user knows it by."""
@@ -123,7 +123,7 @@ def _determinants(
         "starts": n_starts,
         "sampler settings": dict(sampler),
         "version": version,
-        "known places": [dict(at) for at in known],
+        "known places": known,
     }
 
 
@@ -207,12 +207,12 @@ def fit(
     if n_starts < 1:
         raise InputError(f"{n_starts} starts are none", "give a number from 1 on")
     problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
-    known = _places(problem, known)
+    places = _places(problem, known)
     settings = settings or emcee_adaptor.Settings.of(problem)
     watcher = watcher or Silent()
-    determinants = _determinants(problem, seed, n_starts, _sampler(settings), known)
+    determinants = _determinants(problem, seed, n_starts, _sampler(settings), places)
     with sole(folder):
-        return _fitted(problem, folder, determinants, seed, n_starts, known, settings, watcher, command)
+        return _fitted(problem, folder, determinants, seed, n_starts, places, settings, watcher, command)
 
 
 def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
@@ -238,7 +238,7 @@ def _fitted(
     determinants: Mapping[str, Any],
     seed: int,
     n_starts: int,
-    known: Sequence[Mapping[str, float]],
+    known: list[dict[str, float]],
     settings: emcee_adaptor.Settings,
     watcher: Watcher,
     command: Sequence[object],
@@ -256,7 +256,7 @@ def _fitted(
             known=problem.to_sampling(np.array([list(at.values()) for at in known])) if known else None,
             progress=lambda k, n: watcher.update(k, n, "iterations of climbs"),
         )
-        record = replace(_record(problem, optimum, identity, seed, settings, command), known=[dict(at) for at in known])
+        record = _record(problem, optimum, identity, seed, settings, command, known)
         write_json(folder / "fit.json", record, sealed=True)
     (folder / MARKER).unlink(missing_ok=True)
     limit = settings.max_steps
@@ -412,6 +412,7 @@ def _record(
     seed: int,
     settings: emcee_adaptor.Settings,
     command: Sequence[object],
+    known: list[dict[str, float]],
 ) -> Fit:
     return Fit(
         identity=identity,
@@ -438,6 +439,7 @@ def _record(
         lmfit_report=optimum.report,
         versions=versions(),
         command=portable_command(command),
+        known=known,
     )
 
 
