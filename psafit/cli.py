@@ -173,6 +173,9 @@ def main() -> None:
     except BrokenPipeError:  # at the last flush
         _discard_output()
         code = DONE
+    except MemoryError:
+        _say("psafit: the memory of this machine does not suffice; close other programs, or give fewer --jobs")
+        code = BAD_INPUT
     except Exception as error:
         if blamed := plugins.blamed(error):
             _say(f"psafit: {blamed}")

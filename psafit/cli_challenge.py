@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from psafit.challenge import DRAWN, EACH, NOTHING, PAIRS
 from psafit.cli import (
@@ -32,6 +33,11 @@ _DESIGN = click.option(
     show_default=True,
     help="Whose conditions are simulated.",
 )
+
+
+def _asked(name: str) -> bool:
+    """Whether an option stands on the command line: what has no effect there is refused, not dropped."""
+    return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
 
 
 @click.group(cls=Group)
@@ -71,6 +77,8 @@ def make(
     from psafit.experiment import read_experiment
 
     refuse_run_file(json_file, out)
+    if drawn_design and _asked("experiment"):
+        raise InputError("--experiment and --drawn-design are both given", "give one: whose conditions, or drawn ones")
     chosen = None if ids is None else [t.id for t in causes(ids)]
     design = None if drawn_design else read_experiment(experiment)
     made = hide(seed, out, design_of=design, kind=kind, terms=chosen, strength=strength, jobs=jobs)
@@ -126,10 +134,15 @@ def run(
     from psafit.challenge.campaign import run as run_campaign
     from psafit.experiment import read_experiment
     from psafit.files import portable_command
+    from psafit.physics import TERMS
 
     refuse_run_file(json_file, out)
+    if scheduler and _asked("jobs"):
+        raise InputError("--jobs and --scheduler are both given", "give one: Dask's workers are set where they start")
     data = read_experiment(experiment)
     chosen = None if ids is None else [t.id for t in causes(ids)]
+    if pairs and _asked("pairs") and len(chosen or TERMS) < 2:
+        raise InputError("a pair of one cause is asked for", "name more with --terms, or give --pairs 0")
     specs = plan(seed, terms=chosen, each=each, nothing=nothing, pairs=pairs, drawn=drawn)
     if not specs:
         raise InputError("the campaign is empty", "ask for some data sets with --each, --nothing, --pairs or --drawn")

@@ -27,7 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.errors import InputError
-from psafit.experiment import Constants, Experiment, Group, Waveform, read_experiment
+from psafit.experiment import (
+    DEFINITION,
+    Constants,
+    Experiment,
+    Group,
+    Waveform,
+    changes_text,
+    read_experiment,
+)
 from psafit.physics import baseline
 from psafit.simulate import Contact, Design, contact, simulate
 from psafit.simulate.reference import (
@@ -723,6 +731,13 @@ def reproduce(folder: str | Path) -> Reproduction:
     """
     experiment = read_experiment(folder)
     data = read_published(folder)
+    for group in experiment.groups:
+        if group.changed:
+            raise InputError(
+                f"group {group.id} has constants of its own{changes_text(group.changed)}",
+                "leave it out: published results are of one rig",
+                file=experiment.folder / DEFINITION,
+            )
     constants = experiment.constants
     parameters = ContactParameters(*(float(data["parameters"][k]) for k in ContactParameters._fields))
     step, total = float(data["scheme"]["step"]), float(data["scheme"]["total"])

@@ -195,9 +195,13 @@ def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[P
     list of Prediction
         In the order of the experiment.
     """
+    return predictive(run.problem, some_draws(run, n_draws), run.fit.seed if seed is None else seed)
+
+
+def some_draws(run: Run, n_draws: int) -> FloatArray:
+    """Posterior draws of a run, evenly spread over its chains: sampling coordinates, at most (n_draws, n_dim)."""
     flat = run.problem.to_sampling(run.draws.flat)
-    chosen = flat[np.linspace(0, len(flat) - 1, min(n_draws, len(flat))).astype(int)]
-    return predictive(run.problem, chosen, run.fit.seed if seed is None else seed)
+    return flat[np.linspace(0, len(flat) - 1, min(n_draws, len(flat))).astype(int)]
 
 
 def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Prediction]:

@@ -106,11 +106,12 @@ def look(folder: Path, before: State | None = None) -> State:
     InputError
         If no fit has been there.
     """
-    seen, running = _seen(folder, before), in_use(folder)
+    running = in_use(folder)
+    seen = _seen(folder, before, bool(running))
     return seen if seen.running == running else replace(seen, running=running)
 
 
-def _seen(folder: Path, before: State | None) -> State:
+def _seen(folder: Path, before: State | None, running: bool) -> State:
     if not (folder / "fit.json").exists():
         if (folder / MARKER).exists():
             return State("search")
@@ -129,7 +130,8 @@ def _seen(folder: Path, before: State | None) -> State:
                 raise
         else:
             # A run that gave up and is drawn on keeps its summary until it ends again.
-            if summary.converged or (_written(chain) or 0.0) <= (_written(ended) or math.inf):
+            drawn_on = running or (_written(chain) or 0.0) > (_written(ended) or math.inf)
+            if summary.converged or not drawn_on:
                 return _ended(record, summary)
     return _sampling(record, folder / "fit.json", chain, before)
 

@@ -814,33 +814,18 @@ def test_a_campaign_is_scored_from_its_folder(known: Experiment, tmp_path: Path)
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (["score", "{tmp}/none"], "campaign.json"),
-        (["make", "--seed", "1", "--out", "{tmp}/x", "--experiment", "{tmp}/none"], "no such experiment"),
-        (["make", "--seed", "1", "--out", "{tmp}/x", "--experiment", "{known}", "--terms", "a,"], "not a list"),
-        (["run", "--seed", "1", "--out", "{tmp}/x", "--experiment", "{known}", "--terms", "gape"], "no cause"),
-        (
-            [
-                "run",
-                "--seed",
-                "1",
-                "--out",
-                "{tmp}/x",
-                "--experiment",
-                "{known}",
-                "--each",
-                "0",
-                "--nothing",
-                "0",
-                "--pairs",
-                "0",
-                "--drawn",
-                "0",
-            ],
-            "empty",
-        ),
+        ("score {tmp}/none", "campaign.json"),
+        ("make --seed 1 --out {tmp}/x --experiment {tmp}/none", "no such experiment"),
+        ("make --seed 1 --out {tmp}/x --experiment {known} --terms a,", "not a list"),
+        ("make --seed 1 --out {tmp}/x --experiment {known} --drawn-design", "both given"),
+        ("make --seed 1 --out {tmp}/x --experiment {known} --kind nothing --strength 30", "of no cause"),
+        ("run --seed 1 --out {tmp}/x --experiment {known} --terms gape", "no cause"),
+        ("run --seed 1 --out {tmp}/x --experiment {known} --terms gap --pairs 3", "pair of one cause"),
+        ("run --seed 1 --out {tmp}/x --experiment {known} --jobs 3 --scheduler tcp://127.0.0.1:1", "both given"),
+        ("run --seed 1 --out {tmp}/x --experiment {known} --each 0 --nothing 0 --pairs 0 --drawn 0", "empty"),
     ],
 )
-def test_bad_input_is_one_clear_line(tmp_path: Path, known_folder: Path, words: list[str], what: str) -> None:
+def test_bad_input_is_one_clear_line(tmp_path: Path, known_folder: Path, words: str, what: str) -> None:
     with pytest.raises(InputError, match=what) as caught:
-        call(*(w.format(tmp=tmp_path, known=known_folder) for w in words))
+        call(*(w.format(tmp=tmp_path, known=known_folder) for w in words.split()))
     assert "\n" not in str(caught.value) and not (tmp_path / "x" / "experiment").exists()

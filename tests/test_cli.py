@@ -281,6 +281,16 @@ def test_a_name_that_is_no_utf_8(known_folder: Path, tmp_path: Path, monkeypatch
     assert json.loads((tmp_path / "c.json").read_text("utf-8"))["folder"].endswith("rig-\N{REPLACEMENT CHARACTER}")
 
 
+def test_too_little_memory_is_one_line(known_folder: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    def greedy(*args: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("psafit.inference.scale.read", greedy)
+    assert run(monkeypatch, "check", known_folder) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "memory" in said and "Traceback" not in said
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full device")
 def test_a_full_disk_is_one_line(known_folder: Path) -> None:
     with Path("/dev/full").open("w") as full:

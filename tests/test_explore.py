@@ -453,6 +453,15 @@ def test_a_finished_run_is_told(fitted: tuple[Path, Path], tmp_path: Path, monke
     assert json.loads(file.read_text())["steps"] == 60
 
 
+def test_one_that_gave_up_and_is_drawn_on_is_not_finished(fitted: tuple[Path, Path], tmp_path: Path) -> None:
+    folder = tmp_path / "again"
+    shutil.copytree(fitted[0], folder)
+    with sole(folder):
+        state = watch.look(folder)
+    assert (state.stage, state.steps) == ("sample", 60) and not state.finished
+    assert watch.look(folder).stage == "gave up"
+
+
 def test_a_running_one_is_told_of(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InputError, match="holds a run under way; psafit watch shows how far it is"):
         load(running)

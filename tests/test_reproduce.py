@@ -209,6 +209,14 @@ def test_unusable_claims_are_named(tmp_path: Path, old: str, new: str, said: str
     assert caught.value.file.name == "published.toml"
 
 
+def test_a_group_of_another_rig_is_refused(tmp_path: Path) -> None:
+    folder = _altered(tmp_path, "c_c = 68.0", "c_c = 68.0")
+    file = folder / "experiment.toml"
+    file.write_text(file.read_text("utf-8") + "constants = { l = 0.045 }\n", "utf-8")
+    with pytest.raises(InputError, match=r"constants of its own, l = 0\.045 m"):
+        reproduce(folder)
+
+
 def test_a_step_without_any_stable_one_near_it_is_refused() -> None:
     point, parameters = Point("sine", 1200.0, 20.0), ContactParameters(1.425e5, 13991.0, 68.0)
     with pytest.raises(InputError, match="far beyond the stable"):

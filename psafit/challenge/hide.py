@@ -157,6 +157,8 @@ def make(
     InputError
         If the request contradicts itself, the folder holds a challenge, or no true model launches in most readings.
     """
+    if strength is not None and (kind == "nothing" or outside is not None):
+        raise InputError("a strength of no cause is asked for", "leave it out")
     kind, chosen = _request(seed, kind, terms, outside)
     if strength is not None and not (np.isfinite(strength) and strength > 0):
         raise InputError(f"a gain of {strength:g} nats cannot be asked for", "give a number above 0")

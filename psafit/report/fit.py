@@ -34,7 +34,7 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
-from psafit.validate import FAIR, GOOD, LEVEL, Prediction, without_each
+from psafit.validate import FAIR, GOOD, LEVEL, Prediction, some_draws, without_each
 
 REPORT = "report.html"
 
@@ -60,8 +60,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
     Path
         Of the page.
     """
-    draws = run.problem.to_sampling(run.draws.flat)
-    few = draws[:: math.ceil(len(draws) / _DRAWS_WITHOUT)]
+    few = some_draws(run, _DRAWS_WITHOUT)
     shown = fit_pictures.shown_groups(validation, predictions, lambda group: without_each(run.problem, few, [group]))
     pictured = fit_pictures.pictured(shown)
     marginals = fit_pictures.marginals(run)
