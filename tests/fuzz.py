@@ -103,6 +103,7 @@ def prepare(folder: Path) -> None:
         y = 30 * volts / 20 / (1 + (f / 3000) ** 2)
         rows = "\n".join(f"{a:.6g},{volts},{b:.4g}" for a, b in zip(f, y, strict=True))
         (rig / f"{name}.csv").write_text(f"frequency_hz,amplitude_v,launch_range_um\n{rows}\n")
+    _add_known(rig, folder / "known")
     data = read_experiment(rig)
     problem = Problem(data, ("a",))
     settings = Settings.of(problem)
@@ -123,6 +124,19 @@ def prepare(folder: Path) -> None:
     claims = (ROOT / "experiments" / "psa" / "published.toml").read_text("utf-8")
     (rig / "published.toml").write_text(re.sub(r"(?m)^group = .*$", 'group = "a"', claims), "utf-8")
     (folder / "plug.py").write_text(loaded(ROOT / "docs" / "make_tutorial.py").example(), "utf-8")
+
+
+def _add_known(rig: Path, folder: Path) -> None:
+    """The same rig with all that may be known of it: priors, limits, errors of readings, a group of another string."""
+    shutil.copytree(rig, folder)
+    definition = (folder / "experiment.toml").read_text("utf-8") + "constants = { l = 0.06, m = 0.006 }\n"
+    definition += '[prior.k_c]\nmedian = 4e6\nfactor = 1.5\nsource = "Hertz"\n'
+    definition += '[prior.hysteresis_strength]\nmean = 0.15\nsd = 0.05\nsource = "data sheet"\n'
+    definition += "[limits]\nfrequency_hz = [100, 20000]\namplitude_v = [1, 20]\nl = [0.06, 0.12]\n"
+    (folder / "experiment.toml").write_text(definition, "utf-8")
+    head, *rows = (folder / "a.csv").read_text("utf-8").splitlines()
+    rows = [f"{row},{0.05 * float(row.rpartition(',')[2]) + 0.05:.3g}" for row in rows]
+    (folder / "a.csv").write_text("\n".join([f"{head},sigma_um", *rows, ""]), "utf-8")
 
 
 # --- spoiling -------------------------------------------------------------------------------------------------------
@@ -205,6 +219,10 @@ READERS: dict[str, tuple[list[str], list[str]]] = {
     # What is spoilt, and the commands that read it.
     "definition": (["rig/experiment.toml"], ["check rig"]),
     "table": (["rig/a.csv", "rig/b.csv"], ["check rig"]),
+    "known": (
+        ["known/experiment.toml", "known/a.csv"],
+        ["check known", "simulate known --terms hysteresis --set hysteresis_strength=0.2"],
+    ),
     "claims": (["rig/published.toml"], ["reproduce rig --out new --quiet"]),
     "plugin": (
         ["plug.py"],
@@ -235,8 +253,8 @@ READERS: dict[str, tuple[list[str], list[str]]] = {
     "campaign": (["campaign/*.json", "campaign/results/*"], ["challenge score campaign", CAMPAIGN]),
 }
 SHARE = {
-    "definition": 0.2, "table": 0.2, "claims": 0.02, "plugin": 0.02, "run": 0.08, "chain": 0.04, "diagnosis": 0.03,
-    "pair": 0.02, "steps": 0.02, "challenge": 0.06, "campaign": 0.04, "options": 0.27,
+    "definition": 0.14, "table": 0.14, "known": 0.12, "claims": 0.02, "plugin": 0.02, "run": 0.08, "chain": 0.04,
+    "diagnosis": 0.03, "pair": 0.02, "steps": 0.02, "challenge": 0.06, "campaign": 0.04, "options": 0.27,
 }  # fmt: skip
 
 
