@@ -13,7 +13,7 @@ import pytest
 from scipy.special import logsumexp
 
 from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment, pruning
-from psafit.diagnose.gain import split, summarise
+from psafit.diagnose.gain import over_groups, split, summarise
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.memory import Memory
@@ -681,6 +681,27 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     rows = (tmp_path / result.predictions).read_text().splitlines()
     assert rows[0].endswith("role,model")
     assert len(rows) == 1 + 2 * 48
+
+
+@pytest.mark.parametrize("n", [2, 3, 6, 12])
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_nine_in_ten_intervals_of_a_gain_hold_it(n, noise):
+    """However few the groups are; without the stretch it is half of them for two groups, three quarters for three."""
+    rng = np.random.default_rng([n, int(noise)])
+    inside = []
+    for _ in range(1000):
+        truth = rng.standard_normal(n)
+        found = truth + noise * rng.standard_normal(n)
+        low, high = over_groups(found[:, None] + noise * rng.standard_normal((n, 200)), found, rng)
+        inside.append(low < 0.0 < high)
+    # Where readings scatter, the groups' spread holds that already.
+    assert 0.84 < np.mean(inside) < (0.93 if not noise else 0.98)
+
+
+def test_of_one_group_the_readings_alone_tell_how_sure_a_gain_is():
+    rng = np.random.default_rng(1)
+    redrawn = 2.0 + rng.standard_normal((1, 1000))
+    assert over_groups(redrawn, np.array([2.0]), rng) == pytest.approx([2.0 - 1.645, 2.0 + 1.645], abs=0.25)
 
 
 def test_a_search_begins_from_what_fewer_readings_led_to(monkeypatch):
