@@ -508,8 +508,12 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             store(bern, 0, coefficients)
             scale = -least(size(coefficients) * -1.0)
             floor = 1e-11 * scale
-            if fresh and abs(bern[0]) < 1e-5 * scale:
-                bern[0] = 0.0
+            if fresh:
+                # A force that has only begun, as the fourth power of time behind a lag, is noise in its first
+                # coefficients: of what the step does not resolve no sign is taken.
+                floor = max(floor, _RESOLVED * error * tolerance * reached * ball / h)
+                if abs(bern[0]) < 1e-5 * scale:
+                    bern[0] = 0.0
             theta = _first_root(bern, NODES - 1, floor, stack)
             if theta < cut:
                 if fresh and level > 0:
@@ -518,12 +522,15 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                         level = max(level - 3, 0)
                         continue
                 cut, event = theta, 1
-        if regime == BOND and pull != 1.0 and last(swing) > 0.0 and not fresh and cut > 1.0:
+        if regime == BOND and pull != 1.0:
             # Back to contact proper: only the law's exception for d >= 0 changes there.
-            bern[0] = -d
-            store(bern, 1, swing * -1.0)
-            theta = _first_root(bern, DEGREE, floor, stack)
+            theta, floor = _crossing(d, swing, 0.0, -1.0, fresh, slip, bern, stack)
             if theta < cut:
+                if fresh and level > 0:
+                    middle, _ = _bernstein(bern, DEGREE, 0.5 * theta)
+                    if middle < _RESOLVED * slip + floor:
+                        level = max(level - 3, 0)
+                        continue
                 cut, event = theta, 2
 
         # Advance to the end of the step or to the cut.
