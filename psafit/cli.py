@@ -303,15 +303,17 @@ def fit(
         command += ["--out", out] if out else []
         command += plugin_words()
         result = running.fit(data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=show, command=command)
+        from psafit.numerics import audit
+
+        numerics = audit(result)
         if not no_report:
             show.stage("validate")
-            from psafit.numerics import audit
             from psafit.report.fit import write_report
             from psafit.validate import validate as check_predictions
 
             validation, predictions = check_predictions(result)
             show.stage("report")
-            page = write_report(result, validation, predictions, audit(result))
+            page = write_report(result, validation, predictions, numerics)
     write_result(json_file, {"fit": result.fit, "posterior": result.summary})
     if not quiet:
         best = result.fit.minima[0]
@@ -326,10 +328,16 @@ def fit(
             strange = p.implausible and p.verdict != "not determined"
             click.echo(f"  {p.text}" + ("; implausible under its prior" if strange else ""))
         click.echo(f"posterior: {result.summary.message}")
+        if not numerics.converged:
+            click.echo(_unresolved(numerics.error, numerics.required))
         if not no_report:
             _print_scores(validation)
             click.echo(f"report: {shown_path(page)}")
-    return DONE if result.summary.converged else CHECK_FAILED
+    return DONE if result.summary.converged and numerics.converged else CHECK_FAILED
+
+
+def _unresolved(error: float, required: float) -> str:
+    return f"the simulation has not converged at these parameters: error {error:.1g}, {required:.1g} would do"
 
 
 @commands.command()
@@ -428,7 +436,7 @@ def diagnose(
             page = write_diagnosis(result, data, folder)
     if not (quiet or no_report):
         click.echo(f"report: {shown_path(page)}")
-    return DONE
+    return DONE if result.numerics["converged"] else CHECK_FAILED
 
 
 def _tell(result: Diagnosis) -> None:
@@ -451,6 +459,8 @@ def _tell(result: Diagnosis) -> None:
         click.echo(f"  {100 * result.unnamed:5.1f} %  a discrepancy without a name")
     for place in result.misfit["where"][:5]:
         click.echo(f"  baseline, {place['text']}")
+    if not result.numerics["converged"]:
+        click.echo(f"  {_unresolved(result.numerics['error'], result.numerics['required'])}")
     for run in result.extension.values():
         if not run["converged"]:
             click.echo(f"  posterior of {' + '.join(run['terms'])}: {run['message']}")

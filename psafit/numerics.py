@@ -76,10 +76,10 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
 
     reference = found.launch_range if exact else ranges(_FINEST)
     refinement = []
-    for tolerance in _TOLERANCES:
-        error = np.abs(ranges(tolerance) - reference) / np.maximum(reference, _FLOOR)
+    for tolerance in sorted({*_TOLERANCES, problem.tolerance}, reverse=True):
+        error = np.abs(ranges(tolerance) - reference) / np.maximum(np.abs(reference), _FLOOR)
         refinement.append(Refinement(tolerance, float(error.max()), float(np.median(error))))
-    used = 0.0 if exact else next(r.worst for r in refinement if r.tolerance == TOLERANCE)
+    used = 0.0 if exact else next(r.worst for r in refinement if r.tolerance == problem.tolerance)
     finest = refinement[-1].worst
     reached = finest if exact else used
     required = max(REQUIRED, _OF_SCATTER * float(problem.noise_values(u[:1])[0, 0]))
@@ -91,7 +91,7 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
     return Numerics(
         identity=identity,
         engine=found.engine,
-        tolerance=None if exact else TOLERANCE,
+        tolerance=None if exact else problem.tolerance,
         n_sets=len(theta),
         n_points=design.n_points,
         refinement=refinement,

@@ -19,6 +19,7 @@ from psafit import cli, progress
 from psafit.errors import InputError
 from psafit.experiment import read_experiment
 from psafit.files import sole
+from psafit.inference.emcee_adaptor import Settings
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -98,6 +99,19 @@ def fitted(known_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     assert "sample the posterior" in done.stderr
     assert "Warning" not in done.stderr  # the first import of ArviZ has something to announce
     return out
+
+
+def test_what_has_not_converged_ends_with_one(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """A chain that is too short, and a simulation whose error is more than would do; told in a line each."""
+    short = Settings(n_walkers=16, chunk=40, max_steps=40)
+    monkeypatch.setattr(Settings, "of", classmethod(lambda cls, problem: short))
+    words = ["fit", known_folder, "--group", 1, "--starts", 2, "--out", tmp_path / "r", "--no-report"]
+    assert run(monkeypatch, *words) == 1
+    said = capsys.readouterr().out
+    assert "repeat the command" in said and "simulation" not in said
+    monkeypatch.setattr("psafit.numerics.REQUIRED", 0.0)
+    monkeypatch.setattr("psafit.numerics._OF_SCATTER", 0.0)
+    assert run(monkeypatch, *words) == 1 and "the simulation has not converged" in capsys.readouterr().out
 
 
 def test_fit_writes_the_run_folder(fitted: Path) -> None:

@@ -79,6 +79,13 @@ STUCK = [101924.62352277276, 990.08304105643, 1.1601646504619127, 8.25e-5, 0.231
         # A force that begins as a high power of time: its first coefficients are noise, and have no sign.
         (LAG, Point("sine", 400.0, 20.0), STUCK),
         (LAG, Point("sine", 600.0, 20.0), [*STUCK[:3], 8.5e-5, STUCK[4]]),
+        # A damping that begins as a fraction of a power: no polynomial has its sign before the first node.
+        (
+            ["stroke_tolerance", "indentation_damping", "no_tension"],
+            Point("sine", 2300.0, 20.0),
+            [167806.6484318505, 67.74759276621684, 1.1521822560948038, 0.8391838023491425, 0.21152405764071444,
+             0.4582188537757643],
+        ),
         # A bond that is compressed again for a part of a step, or just before a piece of the drive ends.
         (
             ["amplifier_lag", "drive_saturation", "no_tension", "adhesion"],

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from psafit import numerics
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.optimise import gradient, optimise
 from psafit.inference.problem import Problem
 from psafit.inference.run import fit, load
-from psafit.numerics import audit
+from psafit.numerics import audit, refine
 from psafit.physics import terms
 from psafit.simulate import Design, simulate
 
@@ -95,6 +96,20 @@ def test_gradient_is_one_sided_at_a_bound() -> None:
     assert slope == pytest.approx([0.5, 2.0], rel=1e-3)
 
 
+def test_an_audit_is_of_the_steps_that_were_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the problem's own tolerance, and not converged where its error is more than would do."""
+    model = Problem(rig(["hertz_exponent"], [1.5], seed=1), (1,), terms(["hertz_exponent"]), tolerance=1e-3)
+    u = model.prior_transform(np.full((1, model.n_dim), 0.5))
+    told = refine(model, u, "me")
+    exact = replace(model, tolerance=1e-10).predict(u, model.experiment.ids)
+    error = np.abs(model.predict(u, model.experiment.ids) / exact - 1).max()
+    assert told.engine == "stepper" and told.tolerance == 1e-3 and told.converged
+    assert told.error == pytest.approx(error, rel=0.05) and told.error > 1e-9
+    monkeypatch.setattr(numerics, "REQUIRED", 0.5 * error)
+    monkeypatch.setattr(numerics, "_OF_SCATTER", 0.0)
+    assert not refine(model, u, "me").converged
+
+
 def test_run_carries_its_causes(tmp_path: Path) -> None:
     experiment = rig(["swing_drag"], [3.0], seed=4)
     quick = Settings(n_walkers=24, chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300)
@@ -103,9 +118,9 @@ def test_run_carries_its_causes(tmp_path: Path) -> None:
     run = load(tmp_path / "run")
     assert (run.fit.terms, run.fit.engine, run.problem.terms) == (["swing_drag"], "closed form", chosen)
     assert "swing_drag_rate" in [p.name for p in run.summary.parameters]
-    numerics = audit(run)
-    assert numerics.converged and numerics.engine == "closed form" and (tmp_path / "run" / "numerics.json").exists()
-    worst = [r.worst for r in numerics.refinement]
-    assert worst[-1] < 1e-6 < 1e-5 < worst[0] or worst[0] < 1e-5
+    told = audit(run)
+    assert told.converged and told.engine == "closed form" and (tmp_path / "run" / "numerics.json").exists()
+    worst = [r.worst for r in told.refinement]
+    assert worst == sorted(worst, reverse=True) and worst[-1] < 1e-3 * worst[0]
     with pytest.raises(InputError, match="another run"):
         fit(experiment, [1], tmp_path / "run", n_starts=4, settings=quick)

@@ -55,10 +55,12 @@ TOLERANCE = 1e-5
 _MOST_BRANCHES = 8
 _LEVELS = 96
 _FINEST = -70  # 2^-70 s
-_MAX_STEPS = 20_000
+MOST_STEPS = 20_000
+"""Steps after which a trajectory ends: contacts that last for hundreds of periods, and balls that chatter to rest."""
 _NEWTON = 10
 _WORTH_THREADS = 16
 _FIRST_RATIO, _LAST_RATIO = RATIOS[0], RATIOS[-1]
+_FIRST_NODE = float(C[0])
 
 FREE, PUSH, PULL, BOND = 0, 1, 2, 3
 # Length of the first step in units of the fastest mode's time.
@@ -394,7 +396,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     begun, first_level = True, level  # whether the next step is a piece's first; the length that suited the last such
     fresh = True  # first step after the regime changed
 
-    for step in range(_MAX_STEPS):
+    for step in range(MOST_STEPS):
         if new_piece:
             new_piece = False
             now = _drive.voltage(piece, t)
@@ -515,6 +517,15 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 if abs(bern[0]) < 1e-5 * scale:
                     bern[0] = 0.0
             theta = _first_root(bern, NODES - 1, floor, stack)
+            if fresh and theta < _FIRST_NODE:
+                # Nor does a law without derivatives there have one before the first node, where it is known: a change
+                # that is real shows at the nodes of a shorter step.
+                store(scratch, 0, F * side)
+                if least(F * side) > 0.0:
+                    theta = 2.0
+                elif scratch[0] > 0.0 and level > 0:
+                    level = max(level - 3, 0)
+                    continue
             if theta < cut:
                 if fresh and level > 0:
                     middle, _ = _bernstein(bern, NODES - 1, 0.5 * theta)
