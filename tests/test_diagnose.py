@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import sys
@@ -681,6 +682,57 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     rows = (tmp_path / result.predictions).read_text().splitlines()
     assert rows[0].endswith("role,model")
     assert len(rows) == 1 + 2 * 48
+
+
+def test_no_protocol_sees_what_it_scores(tmp_path):
+    """Readings of a group change nothing of what any protocol predicts for it, the search of all groups or no."""
+    e = experiment(["amplifier_lag"], [4e-5], groups=("a", "b"), n=12)
+    a, b = e.groups
+    groups = (a, replace(b, launch_range_um=3 * b.launch_range_um))
+    told = []
+    for name, data in (("as read", e), ("changed", replace(e, groups=groups, fingerprint=fingerprint(RIG, groups)))):
+        folder = tmp_path / name
+        folder.mkdir()
+        work = diagnosis._Work(data, ("a",), folder, 1, FEW[:2], 1, Silent(), ())
+        work._search(data.ids, work._parts())
+        measured = work._gains()
+        for scored in measured.values():
+            assert all(not set(entry["saw"]) & set(entry["scored_on"]) for entry in scored["ledger"])
+        for protocol in ("strict", "nested"):
+            with (folder / f"predictions-{protocol}.csv").open() as f:
+                rows = [row for row in csv.DictReader(f) if row["group"] == "b"]
+            assert len(rows) == 2 * 12
+            told.append([{k: v for k, v in row.items() if k != "launch_range_um"} for row in rows])
+    assert told[:2] == told[2:]
+
+
+def test_an_unnamed_discrepancy_widens_and_moves_nothing(monkeypatch):
+    """Where a group was not seen; half a unit of the logarithm makes a band about exp(0.8) wide to either side."""
+    ladder = climb(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
+    found = []
+    for size in (0.0, 0.5):
+        monkeypatch.setattr(Leftover, "elsewhere", lambda self, scatter, rng, size=size: np.full(scatter.shape, size))
+        found.append(split(ladder, ("b",), 1).before[0])
+    exact, vague = found
+    assert (exact.median == vague.median).all() and (exact.median > 1).any()
+    clear = exact.median > 3  # elsewhere the absolute scatter adds
+    assert np.log(vague.upper / vague.median)[clear] == pytest.approx(0.5 * 1.645, rel=0.25)
+    assert np.log(vague.median / vague.lower)[clear] == pytest.approx(0.5 * 1.645, rel=0.25)
+    assert (np.log(exact.upper / exact.median)[clear] < 0.2).all()
+    assert (vague.log_density < exact.log_density)[clear].mean() > 0.8
+
+
+def test_a_group_that_cannot_tell_is_in_no_mean(tmp_path):
+    e = experiment(["amplifier_lag"], [4e-5])
+    still = replace(e.groups[1], amplitude_v=np.zeros(24), launch_range_um=np.full(24, 0.02))
+    groups = (e.groups[0], still, e.groups[2])
+    e = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
+    result = summarise("strict", e, [split(climb(problem(e, ("a",)), FEW[:1], seed=1), ("b", "c"), 1)], tmp_path, 1)
+    b, c = result.groups
+    assert (b.silent, c.silent) == ("nothing drives it", "")
+    assert (result.log_rmse_before, result.log_rmse_after) == (c.log_rmse_before, c.log_rmse_after)
+    assert (result.elpd_after, result.coverage_after) == (c.elpd_after, c.coverage_after)
+    assert c.elpd_interval[0] < result.elpd_interval[0] + 5 and c.elpd_interval[1] > result.elpd_interval[1] - 5
 
 
 @pytest.mark.parametrize("n", [2, 3, 6, 12])

@@ -132,6 +132,19 @@ def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experimen
             Problem(replace(known, beliefs=(Belief(name, prior, "x"),)), (1,))
 
 
+def test_groups_held_out_have_no_part_in_a_fit(known: Experiment, tmp_path: Path) -> None:
+    """Search, draws and what is called determined are the same, whatever the other groups read."""
+    others = (replace(g, launch_range_um=3 * g.launch_range_um) for g in known.groups[1:])
+    changed = replace(known, groups=(known.groups[0], *others))
+    one, two = (
+        running.fit(data, [1], tmp_path / name, seed=1, n_starts=3, settings=SHORT)
+        for name, data in (("as-read", known), ("changed", changed))
+    )
+    assert one.fit.minima == two.fit.minima and one.fit.lmfit_report == two.fit.lmfit_report
+    assert (one.draws.values == two.draws.values).all()
+    assert one.summary.parameters == two.summary.parameters
+
+
 def test_curvature_of_a_known_function() -> None:
     matrix = np.array([[2.0, 0.3, 0.0], [0.3, 1.0, -0.2], [0.0, -0.2, 4.0]])
     found = hessian(lambda u: 0.5 * np.einsum("ni,ij,nj->n", u, matrix, u), np.array([0.3, -1.0, 2.0]))

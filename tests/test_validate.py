@@ -12,9 +12,11 @@ import pytest
 from scipy import stats
 
 from psafit import validate
+from psafit.diagnose.misfit import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running
+from psafit.inference.ascent import heights
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
 from psafit.physics import terms
@@ -66,6 +68,44 @@ def test_log_density_is_a_mean_over_draws(checked) -> None:  # type: ignore[no-u
     s = np.sqrt((chosen[:, 3:4] * ranges) ** 2 + chosen[:, 4:5] ** 2)
     density = stats.t.pdf(group.launch_range_um, chosen[:, 5:6], ranges, s)
     assert predictions[2].log_density == pytest.approx(np.log(density.mean(axis=0)), rel=1e-9)
+
+
+def test_stated_errors_reach_fit_and_bands(known: Experiment) -> None:
+    """Readings of groups 1 and 3 state theirs: likelihood, climbs, scores, bands and densities are Student's of all
+    parts of the scatter."""
+    sigma = {1: 3.0, 2: 0.0, 3: 5.0}
+    groups = (replace(g, sigma_um=np.full(g.n_points, sigma[int(g.id)]) if g.id != 2 else None) for g in known.groups)
+    problem = Problem(replace(known, groups=tuple(groups)), (1, 2))
+    u = problem.to_sampling(np.array([[4e5, 9e3, 60.0, 0.05, 0.05, 6.0]]))
+
+    def law(ids: tuple[int, ...]):  # type: ignore[no-untyped-def]
+        ranges = problem.predict(u, ids)[0]
+        own = np.concatenate([np.full(known.group(i).n_points, sigma[i]) for i in ids])
+        return stats.t(6, ranges, np.sqrt(0.05**2 + (0.05 * ranges) ** 2 + own**2))
+
+    seen = law((1, 2))
+    assert problem.log_likelihood(u)[0] == pytest.approx(seen.logpdf(problem.observed).sum())
+    predicted = problem.predict(u)
+    assert heights(problem, u, predicted, problem.observed)[0] == pytest.approx(problem.log_posterior(u)[0])
+    scores = normal_scores(problem, u, predicted, problem.observed)[0]
+    expected = stats.norm.ppf(seen.cdf(problem.observed))
+    assert scores[np.abs(expected) < 4] == pytest.approx(expected[np.abs(expected) < 4])
+    for told, group in zip(validate.predictive(problem, np.repeat(u, 4000, axis=0), 1), known.groups, strict=True):
+        own = law((int(group.id),))
+        assert told.log_density == pytest.approx(own.logpdf(group.launch_range_um))
+        width = own.kwds.get("scale", own.args[2])
+        for found, q in ((told.lower, 0.05), (told.lower_50, 0.25), (told.upper_50, 0.75), (told.upper, 0.95)):
+            # (Bands begin at zero; a quantile of 4,000 draws errs by a tenth of the width or less.)
+            assert (np.abs(found - np.maximum(own.ppf(q), 0.0)) < 0.2 * width).all(), q
+
+
+def test_coverage_is_the_share_inside(checked) -> None:  # type: ignore[no-untyped-def]
+    _, record, predictions = checked
+    for s, p in zip(record.groups, predictions, strict=True):
+        y = p.group.launch_range_um
+        assert s.coverage_90 == pytest.approx(np.mean((p.lower <= y) & (y <= p.upper)))
+        assert s.coverage_50 == pytest.approx(np.mean((p.lower_50 <= y) & (y <= p.upper_50)))
+        assert s.coverage_50 < s.coverage_90
 
 
 def test_a_cause_is_taken_out_by_its_neutral_value(known: Experiment) -> None:

@@ -3,7 +3,7 @@ r"""A model under judgement: the baseline with some causes, fitted to some group
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -227,6 +227,35 @@ def fit(
     tried = np.vstack([tried[height > height.max() - _HOPELESS], best_known])
     end = ascend(problem, tried, schedule=_FULL, still_below=ENOUGH, unite=True)
     return settle(problem, _across_steps(problem, end))
+
+
+def built_up(
+    problem: Problem, *, seed: int, progress: Callable[[int, int], None] = lambda done, total: None
+) -> Candidate:
+    """Fit a model by way of smaller ones: from the baseline on, each time with the cause that helps most.
+
+    No draw of the prior comes near the top of a model whose many causes hold each other in place.
+
+    Parameters
+    ----------
+    problem : Problem
+    seed : int
+    progress : callable
+        Called with (models fitted, models to fit).
+    """
+    best = fit(replace(problem, terms=()), (), seed=seed)
+    left = list(problem.terms)
+    total, done = len(left) * (len(left) + 1) // 2, 0
+    while left:
+        tried = []
+        for new in left:
+            larger = tuple(t for t in problem.terms if t is new or t in best.terms)
+            tried.append(fit(replace(problem, terms=larger), [best], seed=seed))
+            done += 1
+            progress(done, total)
+        best = max(tried, key=lambda c: c.laplace)
+        left = [t for t in left if t not in best.terms]
+    return best
 
 
 def refitted(problem: Problem, like: Candidate) -> Candidate:

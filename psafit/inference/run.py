@@ -34,6 +34,7 @@ from psafit.files import (
     write_atomically,
 )
 from psafit.inference import emcee_adaptor, identify, store
+from psafit.inference.candidate import built_up
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem
 from psafit.inference.scale import read
@@ -61,6 +62,8 @@ _LIKELIHOODS = 2**23
 # A chain this much higher than the best minimum (nats) shows that the search has missed one. Sampling begins again at
 # most so many times.
 _MISSED, _RESTARTS = 1.0, 5
+# From so many causes on, a search from scratch ends on whatever hill is near: it is led there by smaller models.
+_MANY = 3
 # In a folder whose search is not done yet, with the run's identity.
 MARKER = ".psafit-run"
 # What posterior.json vouches for.
@@ -249,11 +252,16 @@ def _fitted(
     if record is None:
         write_experiment(problem.experiment, folder / "experiment")
         watcher.stage("search")
+        places = problem.to_sampling(np.array([list(at.values()) for at in known])) if known else None
+        if not known and len(problem.terms) >= _MANY:
+            places = built_up(
+                problem, seed=seed, progress=lambda k, n: watcher.update(k, n, "models with fewer causes")
+            ).modes
         optimum = optimise(
             problem,
             seed=seed,
             n_starts=n_starts,
-            known=problem.to_sampling(np.array([list(at.values()) for at in known])) if known else None,
+            known=places,
             progress=lambda k, n: watcher.update(k, n, "iterations of climbs"),
         )
         record = _record(problem, optimum, identity, seed, settings, command, known)
