@@ -30,7 +30,9 @@ from psafit.cli import commands
 from psafit.diagnose.ladder import SIZE_WEIGHTS, VISIBLE_EVIDENCE
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
-from psafit.physics import TERMS, term
+from psafit.inference.candidate import fit
+from psafit.inference.problem import Problem
+from psafit.physics import TERMS, term, terms
 from psafit.report.challenge import write_page
 from psafit.simulate import Design, simulate
 from psafit.simulate.sensitivity import plausible, share_of
@@ -262,6 +264,10 @@ def test_an_oracle_sees_what_was_hidden(lagged: Path) -> None:
     seen = consult(experiment, answer, seed=1)
     # The logarithm of the likelihood ratio scatters by about sqrt(2 x 30) about what is expected.
     assert abs(seen.gain - answer.expected_nats["amplifier_lag"]) < 5 * math.sqrt(60)
+    # It is that of fits by another way.
+    plain = fit(Problem(experiment, experiment.ids), (), seed=1, draws=512, most=8)
+    right = fit(replace(plain.problem, terms=terms(["amplifier_lag"])), [plain], seed=1)
+    assert seen.gain == pytest.approx(right.log_likelihood - plain.log_likelihood, abs=0.5)
     assert seen.gain > 0 and "amplifier_lag_tau" in seen.fitted and seen.without == {}
 
 
