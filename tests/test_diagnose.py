@@ -31,7 +31,7 @@ from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Constants, Experiment, Group, fingerprint, read_experiment
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend
-from psafit.inference.candidate import _across_steps, fit, settle, thinned
+from psafit.inference.candidate import _across_steps, built_up, fit, settle, thinned
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture, _Mixture, _Pool, _sample, weigh
 from psafit.inference.nested import nested_evidence, require
@@ -1025,6 +1025,20 @@ def test_a_hopeless_model_is_not_told_as_worse_than_what_is_within_it():
         behind = fit(replace(plain.problem, terms=(term,)), [plain], seed=1, rival=right, draws=32, most=2)
         assert behind.height < right.height - 15
         assert behind.log_likelihood > plain.log_likelihood - 0.5
+
+
+def test_a_model_of_many_causes_is_built_up():
+    """It ends no lower than a climb from the truth, and tells how far it is."""
+    ids, values = ["amplifier_lag", "preload", "flight_friction"], [4e-5, 2e-5, 0.02]
+    e = experiment(ids, values, n=16)
+    whole = replace(problem(e), terms=terms(ids))
+    told = []
+    found = built_up(whole, seed=1, progress=lambda done, total: told.append((done, total)))
+    assert told == [(k, 6) for k in range(1, 7)] and set(found.ids) == set(ids)
+    at = dict(zip([p.name for p in whole.parameters[: whole.n_physical]], [*TRUTH, *values], strict=True))
+    truth = whole.prior_transform(np.full(whole.n_dim, 0.5))
+    truth[: whole.n_physical] = [p.to_sampling(at[p.name]) for p in whole.parameters[: whole.n_physical]]
+    assert found.height > ascend(whole, truth[None]).height.max() - 0.5
 
 
 def test_thinning_keeps_small_groups():

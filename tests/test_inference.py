@@ -10,6 +10,7 @@ import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import emcee
@@ -185,6 +186,30 @@ def test_a_search_begins_where_it_is_told_to(problem: Problem, monkeypatch: pyte
     found = optimise(problem, seed=5, n_starts=2, known=np.stack([near, beyond, near]))
     assert np.array_equal(begun[0], [near, problem.bounds[:, 1]])
     assert found.best.values == pytest.approx(best.values, rel=0.02)
+
+
+def test_a_fit_of_many_causes_begins_where_smaller_models_lead(
+    known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From three causes on, unless places are known."""
+
+    class Begun(Exception):
+        pass
+
+    def begun(*args: object, known: np.ndarray | None, **options: object) -> None:
+        raise Begun(0 if known is None else len(known))
+
+    modes = Problem(known, (1,), terms(["gap", "preload", "swing_drag"])).prior_transform(np.full((2, 9), 0.5))
+    monkeypatch.setattr(running, "optimise", begun)
+    monkeypatch.setattr(running, "built_up", lambda problem, **options: SimpleNamespace(modes=modes))
+    chosen = terms(["gap", "preload", "swing_drag"])
+    for n, expected in ((2, 0), (3, 2)):
+        with pytest.raises(Begun, match=str(expected)):
+            running.fit(known, [1], tmp_path / str(n), terms=chosen[:n], n_starts=2, settings=SHORT)
+    problem = Problem(known, (1,), chosen)
+    place = dict(zip(problem.names, problem.to_physical(modes[:1])[0].tolist(), strict=True))
+    with pytest.raises(Begun, match="1"):
+        running.fit(known, [1], tmp_path / "k", terms=chosen, n_starts=2, settings=SHORT, known=[place])
 
 
 def test_a_run_is_told_by_the_places_it_was_given(known: Experiment, tmp_path: Path) -> None:
