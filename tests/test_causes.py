@@ -353,3 +353,11 @@ def test_ill_conditioned_draws_keep_the_promised_error(case: Draw) -> None:
     reference = case.reference()
     assert case.fast()[0] == pytest.approx(reference, rel=1e-5)
     assert case.fast(tolerance=1e-8)[0] == pytest.approx(reference, rel=1e-6)
+
+
+@pytest.mark.parametrize(("fast", "agrees"), [(1.0, True), (2.0, True), (2.001, True), (1.5, False), (0.0, False)])
+def test_a_bifurcation_excuses_nothing_but_its_other_side(fast: float, agrees: bool, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    one = contract.Draw(Point("sine", 1000.0, 20.0), [1e6, 1e3, 30.0])
+    monkeypatch.setattr(contract.Draw, "fast", lambda self, tolerance: (fast, "stepper"))
+    monkeypatch.setattr(contract.Draw, "reference", lambda self, factor=1.0: 2.0 if factor > 1.0 else 1.0)
+    assert (one.disagreement() <= 1.0) is agrees

@@ -44,6 +44,9 @@ AGREEMENT = {"closed form": 1e-9, "stepper": 1e-6}
 
 _ATOM = 1e-10  # m; a launch that is smaller than an atom is compared as if it were none
 
+# What a millionth of every parameter may do to a range on the other side of a bifurcation.
+_BESIDE = 1e-3
+
 FACES = {"law": (2, 2), "stack_factor": (1, 1), "branch": (4, 1), "deceleration": (2, 1)}
 """Functions that are compiled, with their arguments: numbers, and arrays."""
 
@@ -133,9 +136,10 @@ class Draw:
         pairs = list(zip(self.causes, values, strict=True))
         return literal_launch(self.point, theta, pairs, self.constants).launch_range
 
-    def at_a_bifurcation(self, value: float) -> bool:
-        """Whether parameters that differ by 1e-6 change the reference itself by more than 1 %."""
-        return any(abs(self.reference(1 + e) - value) > 0.01 * value for e in (-1e-6, 1e-6))
+    def beyond_a_jump(self, fast: float, value: float) -> bool:
+        """Whether parameters that differ by 1e-6 change the reference itself by more than 1 %, to what `fast` is."""
+        beside = (self.reference(1 + e) for e in (-1e-6, 1e-6))
+        return any(abs(b - value) > 0.01 * value and abs(fast - b) <= _BESIDE * max(b, _ATOM) for b in beside)
 
     def disagreement(self, tolerance: float = stepper.TOLERANCE) -> float:
         """Relative error of the fast path in units of what it is allowed."""
@@ -144,7 +148,7 @@ class Draw:
         if fast == reference:
             return 0.0
         error = abs(fast - reference) / max(reference, _ATOM)
-        if error > AGREEMENT[engine] and self.at_a_bifurcation(reference):
+        if error > AGREEMENT[engine] and self.beyond_a_jump(fast, reference):
             return 0.0
         return error / AGREEMENT[engine]
 
