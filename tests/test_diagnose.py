@@ -8,6 +8,7 @@ import math
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,9 +22,10 @@ from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, Statistic, _character, examine
 from psafit.diagnose.next_experiment import determine, proposals, tell_apart
 from psafit.diagnose.pruning import prune
+from psafit.diagnose.record import NEAREST, UNSEEN
 from psafit.diagnose.rehearsal import rehearse, repeat
-from psafit.diagnose.robustness import robustness
-from psafit.diagnose.screening import PRESENT, _luck, _unclear, _with_neutral, screen
+from psafit.diagnose.robustness import Robustness, robustness
+from psafit.diagnose.screening import PRESENT, VISIBLE, _luck, _unclear, _with_neutral, screen
 from psafit.diagnose.show import corners, drift, growth, offsets
 from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
@@ -580,6 +582,85 @@ def test_whose_a_gain_is(hidden, sound):
     odd = fit(replace(one.problem, terms=FEW[:1]), [one], seed=1)
     assert whose(one, odd).over_smooth < 0
     assert whose(sound, sound).groups == [("a", 0.0), ("b", 0.0), ("c", 0.0)]
+
+
+def test_one_group_may_give_it_all():
+    alone = Robustness([("a", 90.0), ("b", 5.0), ("c", 5.0)], "a", 3.0, 4.0)
+    assert alone.of_one_group
+    assert not replace(alone, groups=[("a", 70.0), ("b", 15.0), ("c", 15.0)]).of_one_group
+    assert not replace(alone, groups=[("a", 90.0)], strongest=None, without=None).of_one_group
+
+
+def test_what_is_called_visible_is_what_a_refit_leaves(sound):
+    """In standard deviations of the scatter, at the prior's median; a poor experiment shows less than a rich one."""
+    poor = fit(problem(experiment(n=8, relative=0.5)), (), seed=1)
+    rich = fit(problem(experiment(relative=0.01)), (), seed=1)
+    visible = {}
+    for name, one in (("poor", poor), ("rich", rich)):
+        for found in screen(one, terms(["amplifier_lag", "flight_friction"])):  # they act to one side
+            large = replace(one.problem, terms=(found.term,))
+            at = one.within(large)[0]
+            at[large.names.index(found.term.strength.name)] = found.term.strength.prior_quantile(0.5)
+            effect = (large.predict(at[None])[0] - one.predicted) / one.scatter
+            own = (one.slope / one.scatter).T
+            left = effect - own @ np.linalg.lstsq(own, effect, rcond=None)[0]
+            visible[name, found.term.id] = found.visible
+            assert found.visible == pytest.approx(np.linalg.norm(left), rel=0.05, abs=0.05), (name, found.term.id)
+    assert visible["poor", "flight_friction"] < VISIBLE < visible["rich", "flight_friction"]
+
+
+def test_the_word_for_a_cause(hidden):
+    """What is named, tied, good for a part, absent, or could not have been seen."""
+    found = {s.term.id: s for s in hidden.screened}
+    seen, unseen = (replace(found["flight_friction"], visible=v, chance=1.0) for v in (2 * VISIBLE, 0.5 * VISIBLE))
+    calm = SimpleNamespace(verdict="explained", named=("gap",), alternatives=(), inclusion={"flight_friction": 0.1})
+    weak, strong = SimpleNamespace(gain=lambda ids: 0.5), SimpleNamespace(gain=lambda ids: 9.0)
+    assert diagnosis._word(seen, weak, calm) == "not present"
+    assert diagnosis._word(unseen, weak, calm) == UNSEEN
+    assert diagnosis._word(unseen, strong, calm) == "explains part alone"
+    tied = SimpleNamespace(**vars(calm) | {"alternatives": (("flight_friction", "gap"),)})
+    assert diagnosis._word(unseen, weak, tied) == "as good"
+    named = SimpleNamespace(**vars(calm) | {"inclusion": {"flight_friction": 0.9}})
+    assert diagnosis._word(unseen, weak, named) == "present"
+    named.verdict = "unexplained"
+    assert diagnosis._word(unseen, weak, named) == NEAREST
+
+
+def test_values_that_nobody_expects_are_flagged():
+    """A lag far beyond what is believed of it, and nothing else; the wider its prior, the more evidence it has."""
+    e = experiment(["amplifier_lag"], [4e-5])
+    told = Belief("amplifier_lag_tau", Normal(0.0, 1.2e-5), "a data sheet")
+    verdict = SimpleNamespace(named=("amplifier_lag",), probability={("amplifier_lag",): 1.0})
+    for beliefs, flagged in (((), []), ((told,), ["amplifier_lag_tau"])):
+        one = problem(replace(e, beliefs=beliefs))
+        lag = replace(one, terms=terms(["amplifier_lag"])).terms
+        ladder = climb(one, lag, seed=1)
+        cause = diagnosis._cause(ladder, verdict, ladder.of(("amplifier_lag",)))
+        assert cause.implausible == flagged
+    widths = cause.evidence["prior_width"]
+    assert widths["twice"] > 1 > 0 > widths["half"]
+    wide = problem(replace(e, beliefs=(replace(told, prior=Normal(0.0, 2.4e-5)),)))
+    wider = weigh(fit(replace(wide, terms=terms(["amplifier_lag"])), [ladder.baseline], seed=1), seed=1)
+    assert widths["twice"] == pytest.approx(wider.log_evidence - cause.evidence["log_evidence"], abs=0.5)
+
+
+def test_what_was_not_fitted_counts_by_what_screening_saw(hidden):
+    """A set that screening promises more than the leader has its share, unless it adds too little to be counted."""
+    lag, other = (s for s in hidden.screened if s.term.id in ("amplifier_lag", "flight_friction"))
+    lag, other = sorted((lag, other), key=lambda s: s.term.id)
+    fitted = [SimpleNamespace(ids=()), SimpleNamespace(ids=("amplifier_lag",))]
+    evidence = {(): 0.0, ("amplifier_lag",): 20.0}
+    for worth, told in ((10.0, True), (2.0, False)):
+        screenings = {(): hidden.screened, ("amplifier_lag",): (replace(other, log_bayes=worth),)}
+        found = ladder.rank(fitted, evidence, {}, screenings, len(FEW), 4)
+        pair = tuple(s.term.id for s in hidden.screened if s.term.id in ("amplifier_lag", "flight_friction"))
+        if told:
+            price = log_prior(2, len(FEW)) - log_prior(1, len(FEW))
+            assert math.log(found.unfitted[pair] / found.probability[("amplifier_lag",)]) == pytest.approx(
+                worth + price, abs=1.5
+            )
+        else:
+            assert pair not in found.unfitted and found.probability[("amplifier_lag",)] > 0.95
 
 
 def test_verdicts(hidden, sound):

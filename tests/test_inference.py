@@ -20,6 +20,7 @@ import pytest
 import scipy.optimize
 from conftest import TRUTH, measure
 from scipy import stats
+from scipy.signal import lfilter
 
 from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Experiment, Group, read_experiment
@@ -186,6 +187,31 @@ def test_a_search_begins_where_it_is_told_to(problem: Problem, monkeypatch: pyte
     found = optimise(problem, seed=5, n_starts=2, known=np.stack([near, beyond, near]))
     assert np.array_equal(begun[0], [near, problem.bounds[:, 1]])
     assert found.best.values == pytest.approx(best.values, rel=0.02)
+
+
+def _chain(draws: np.ndarray) -> emcee.backends.Backend:
+    """A back-end with these draws, (n_steps, n_walkers, n_dim), in it."""
+    backend = emcee.backends.Backend()
+    backend.reset(*draws.shape[1:])
+    backend.chain, backend.log_prob = draws, -0.5 * (draws**2).sum(axis=2)
+    backend.accepted, backend.iteration, backend.initialized = np.full(draws.shape[1], len(draws)), len(draws), True
+    return backend
+
+
+def test_a_chain_is_long_enough_when_all_three_say_so() -> None:
+    """Length, effective samples and R-hat, each of which can be what is missing."""
+    assert Settings() == Settings(32, 250, 50.0, 1000.0, 1.01, 40_000)
+    rng = np.random.default_rng(1)
+    sound = rng.standard_normal((4000, 32, 2))
+    assert emcee_adaptor.chain_of(_chain(sound), Settings()).converged
+    slow = lfilter([1.0], [1.0, -0.95], sound[:800], axis=0)  # an autocorrelation time of 39 steps
+    short = emcee_adaptor.chain_of(_chain(slow), replace(Settings(), r_hat=2.0, effective_samples=1.0))
+    assert not short.converged and short.draws.shape[1] < 50 * short.autocorrelation_time.max()
+    few = emcee_adaptor.chain_of(_chain(sound[:, :4]), replace(Settings(n_walkers=4), effective_samples=50_000.0))
+    assert not few.converged and few.r_hat.max() < 1.01
+    apart = sound + np.arange(32)[:, None] / 31  # walkers that do not mix
+    stuck = emcee_adaptor.chain_of(_chain(apart), replace(Settings(), autocorrelation_times=0.0, effective_samples=0.0))
+    assert not stuck.converged and stuck.r_hat.max() > 1.01
 
 
 def test_a_fit_of_many_causes_begins_where_smaller_models_lead(
