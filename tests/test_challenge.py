@@ -518,9 +518,15 @@ if __name__ == "__main__":
             time.sleep(0.2)
         return done()
 
-    def alive() -> list[int]:
-        found = [int(p.stem) for p in tmp_path.glob("*.pid")]
-        return [pid for pid in found if Path(f"/proc/{pid}").exists()]
+    def works(pid: str) -> bool:
+        """Whether a process is there, and not dead and merely not yet buried."""
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        except FileNotFoundError:
+            return False
+
+    def alive() -> list[str]:
+        return [p.stem for p in tmp_path.glob("*.pid") if works(p.stem)]
 
     campaign = subprocess.Popen([sys.executable, tmp_path / "campaign.py"], cwd=Path(__file__).parents[1])
     try:

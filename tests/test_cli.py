@@ -267,7 +267,7 @@ def test_a_closed_output_is_no_failure(known_folder: Path, tmp_path: Path) -> No
     command = " ".join(map(shlex.quote, map(str, [*psafit, "check", known_folder])))
     for closed, code in ((">&-", 0), (">&- 2>&-", 0)):
         done = subprocess.run(
-            f"{command} {closed}", shell=True, capture_output=True, text=True, timeout=60, check=False
+            f"{command} {closed}", shell=True, capture_output=True, text=True, timeout=300, check=False
         )
         assert (done.returncode, done.stderr) == (code, ""), closed
     odd = tmp_path / "odd"
@@ -276,13 +276,13 @@ def test_a_closed_output_is_no_failure(known_folder: Path, tmp_path: Path) -> No
     (odd / "experiment.toml").write_text(re.sub("title = .*", 'title = "a → b"', toml), "utf-8")
     environment = os.environ | {"PYTHONIOENCODING": "latin-1", "MPLBACKEND": "none such"}
     words = [*psafit, "simulate", odd, "--plot", tmp_path / "x\x1b.png"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, env=environment)
     assert done.returncode == 0 and r"x\x1b.png" in done.stdout and "\x1b" not in done.stdout
     words = [*psafit, "check", odd]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, env=environment)
     assert done.returncode == 0 and r"a \u2192 b" in done.stdout
     environment = os.environ | {"NUMBA_NUM_THREADS": "0"}
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, env=environment)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "NUMBA_NUM_THREADS" in done.stderr
 
 

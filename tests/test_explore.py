@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -598,10 +599,15 @@ def test_a_fit_is_watched_while_it_runs(known_folder: Path, tmp_path: Path) -> N
     while not (out / "fit.json").exists():
         assert one.poll() is None and time.monotonic() < until
         time.sleep(0.1)
+    one.send_signal(signal.SIGSTOP)  # until the watcher is there
     watching = [*words, "watch", out, "--every", "0.3"]
-    seen = subprocess.run(watching, capture_output=True, text=True, timeout=300, check=True)
-    assert one.wait(timeout=60) == 0
-    lines = seen.stdout.splitlines()
+    watcher = subprocess.Popen(watching, stdout=subprocess.PIPE, text=True)
+    assert watcher.stdout is not None
+    first = watcher.stdout.readline()
+    one.send_signal(signal.SIGCONT)
+    rest, _ = watcher.communicate(timeout=300)
+    assert (one.wait(timeout=60), watcher.returncode) == (0, 0)
+    lines = [first, *rest.splitlines()]
     assert len(lines) > 2 and lines[-1].startswith("done; steps ")
     assert any("time left a" in line for line in lines)  # about, or at least
     assert isinstance(psafit.load(out), Fitted)
