@@ -203,6 +203,24 @@ def test_tampering_is_refused(known: Experiment, tmp_path: Path, victim: str) ->
         unseal(tmp_path)
 
 
+@pytest.mark.parametrize("victim", ["answer.json", "commitment.txt"])
+def test_a_seal_that_is_not_there_is_told(known: Experiment, tmp_path: Path, victim: str) -> None:
+    make(5, tmp_path, design_of=known, kind="nothing")
+    (tmp_path / victim).unlink()
+    with pytest.raises(InputError, match="is missing"):
+        unseal(tmp_path)
+    (tmp_path / victim).mkdir()
+    with pytest.raises(InputError, match="cannot be read"):
+        unseal(tmp_path)
+
+
+def test_a_drive_that_launches_nothing_is_told(known: Experiment, tmp_path: Path) -> None:
+    still = tuple(replace(g, amplitude_v=np.full(g.n_points, 1e-6)) for g in known.groups)
+    with pytest.raises(InputError, match="nothing launches at these conditions"):
+        make(5, tmp_path / "x", design_of=replace(known, groups=still), kind="nothing")
+    assert not (tmp_path / "x").exists()
+
+
 @pytest.mark.parametrize(
     ("forge", "what"),
     [

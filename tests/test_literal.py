@@ -10,8 +10,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
 from psafit.physics.term import FloatArray, World
+from psafit.simulate import literal
 from psafit.simulate.literal import jump, launch_in, literal_launch, literal_world, swing
 from psafit.simulate.reference import ContactParameters, Point, mp_launch, pendulum_range, tight_launch
 
@@ -56,6 +58,12 @@ def test_a_strong_damper_costs_no_digits() -> None:
     point, theta = Point("square", 2945.2303, 9.413), ContactParameters(1.17e4, 1.66e3, 7.21e3)
     exact = mp_launch(point, theta, RIG, digits=30)
     assert literal_launch(point, theta, [], RIG).launch_range == pytest.approx(exact.launch_range, rel=1e-13)
+
+
+def test_an_integration_that_does_not_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(literal, "_MAX_STEPS", 3)
+    with pytest.raises(ConvergenceError, match="time within a piece of the literal reference"):
+        literal_launch(Point("sine", 1000.0, 20.0), [4e5, 9e3, 60.0], [], RIG)
 
 
 def test_no_voltage_reads_as_a_range_of_zero() -> None:
