@@ -139,7 +139,7 @@ class Draw:
     def beyond_a_jump(self, fast: float, value: float) -> bool:
         """Whether parameters that differ by 1e-6 change the reference itself by more than 1 %, to what `fast` is."""
         beside = (self.reference(1 + e) for e in (-1e-6, 1e-6))
-        return any(abs(b - value) > 0.01 * value and abs(fast - b) <= _BESIDE * max(b, _ATOM) for b in beside)
+        return any(abs(b - value) > 0.01 * abs(value) and abs(fast - b) <= _BESIDE * max(abs(b), _ATOM) for b in beside)
 
     def disagreement(self, tolerance: float = stepper.TOLERANCE) -> float:
         """Relative error of the fast path in units of what it is allowed."""
@@ -147,7 +147,7 @@ class Draw:
         reference = self.reference()
         if fast == reference:
             return 0.0
-        error = abs(fast - reference) / max(reference, _ATOM)
+        error = abs(fast - reference) / max(abs(reference), _ATOM)
         if error > AGREEMENT[engine] and self.beyond_a_jump(fast, reference):
             return 0.0
         return error / AGREEMENT[engine]
