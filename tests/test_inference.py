@@ -33,6 +33,7 @@ from psafit.inference.problem import Problem
 from psafit.parameters import Belief, LogNormal, Normal
 from psafit.physics import terms
 from psafit.records import Fit, ProfilePoint, read_json, write_json
+from psafit.simulate import simulate
 
 QUICK = Settings(n_walkers=24, r_hat=1.03, max_steps=6000)
 SHORT = Settings(n_walkers=16, chunk=40, max_steps=80)
@@ -132,6 +133,15 @@ def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experimen
     ):
         with pytest.raises(InputError, match=words):
             Problem(replace(known, beliefs=(Belief(name, prior, "x"),)), (1,))
+
+
+def test_no_reading_is_predicted_below_zero(known: Experiment) -> None:
+    """A leaning ball may swing to behind its rest; ranges below -0.3 um would have no logarithm in the error metric."""
+    leaning = Problem(known, (1, 2, 3), terms(["preload", "gap"]))
+    u = leaning.prior_transform(np.random.default_rng(1).uniform(0.05, 0.95, (200, leaning.n_dim)))
+    swings = simulate(leaning.design, leaning.to_physical(u)[:, : leaning.n_physical], leaning.terms).launch_range * 1e6
+    assert (swings < -0.3).any()
+    assert np.array_equal(leaning.predict(u), np.maximum(swings, 0.0))
 
 
 def test_groups_held_out_have_no_part_in_a_fit(known: Experiment, tmp_path: Path) -> None:

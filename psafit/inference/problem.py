@@ -159,7 +159,9 @@ class Problem:
     def predict(
         self, u: FloatArray, group_ids: Sequence[GroupId] | None = None, rng: np.random.Generator | None = None
     ) -> FloatArray:
-        """Launch ranges, um; (n_sets, n_points).
+        """Launch ranges as they would be read, um; (n_sets, n_points).
+
+        A ball that leans on the tip may leave it behind its place of rest and never come beyond that: it reads zero.
 
         Parameters
         ----------
@@ -172,7 +174,7 @@ class Problem:
         groups = self.group_ids if group_ids is None else tuple(group_ids)
         design = self.design if group_ids is None else self.design_of(groups)
         found = simulate(design, self.theta(u, groups, rng), self.terms, tolerance=self.tolerance)
-        return found.launch_range * MICRO
+        return np.maximum(found.launch_range, 0.0) * MICRO
 
     def theta(self, u: FloatArray, groups: Sequence[GroupId], rng: np.random.Generator | None = None) -> FloatArray:
         """Physical values of `u` in the columns that the simulator takes for a design of `groups`; see `predict`."""
