@@ -86,6 +86,13 @@ STUCK = [101924.62352277276, 990.08304105643, 1.1601646504619127, 8.25e-5, 0.231
             [167806.6484318505, 67.74759276621684, 1.1521822560948038, 0.8391838023491425, 0.21152405764071444,
              0.4582188537757643],
         ),
+        # The slowest of repeated impacts is not what the error of the steps is measured by.
+        (
+            ["start_phase", "drive_saturation", "hertz_exponent", "repeat_impacts", "swing_drag"],
+            Point("sine", 89.90116065738454, 14.944908852885654),
+            [4523.715144379707, 37.32509760185949, 14.51972162187314, -0.16834391092716608, 0.006567720021217756,
+             1.123398270157778, 3.8396012870076484, 0.06379563849630314],
+        ),
         # A bond that is compressed again for a part of a step, or just before a piece of the drive ends.
         (
             ["amplifier_lag", "drive_saturation", "no_tension", "adhesion"],
