@@ -566,8 +566,11 @@ def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-unty
         if looks == 3:
             shutil.copy(fitted[0] / "posterior.json", running)
 
-    monkeypatch.setattr(cli_explore.time, "sleep", pause)
-    assert run(monkeypatch, "watch", running) == 0
+    with monkeypatch.context() as ending:
+        ending.setattr(cli_explore.time, "sleep", pause)
+        # The summary is written first, then the folder is let go.
+        ending.setattr(watch, "in_use", lambda folder: looks < 4)
+        assert run(ending, "watch", running) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2 and lines[0].startswith("sampling") and lines[1].startswith("gave up")
 
