@@ -134,7 +134,7 @@ def diagnose(
     asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = digest(asked)
     with sole(folder):
-        _claim(folder, experiment, quick)
+        _claim(folder, experiment)
         held = _held(folder, identity)
         if held and (not draw_on or all(run["converged"] for run in held.extension.values())):
             return held
@@ -145,11 +145,8 @@ def diagnose(
         return work.all(quick, searches, nautilus, identity)
 
 
-def _claim(folder: Path, experiment: Experiment, quick: bool = False) -> None:
-    """Make a folder ours, or see that it is.
-
-    Nobody's files are replaced, nor the diagnosis of another rig, nor the work of an hour by that of a minute.
-    """
+def _claim(folder: Path, experiment: Experiment) -> None:
+    """Make a folder ours, or see that it is: nobody's files are replaced, nor the diagnosis of another rig."""
     marker, another = folder / MARKER, "choose another --out, or remove it"
     try:
         held = read_content(folder / RESULT)
@@ -166,8 +163,6 @@ def _claim(folder: Path, experiment: Experiment, quick: bool = False) -> None:
     kept = record.get("fingerprint", mine)
     if kept != mine or (marker.is_file() and marker.read_bytes() != mine.encode()):
         raise InputError("holds the diagnosis of other readings", another, file=folder)
-    if quick and record.get("quick") is False:
-        raise InputError("holds a whole diagnosis, which a quick one would replace", another, file=folder)
     for name in (RESULT, PAGE, PREDICTIONS):
         if (folder / name).is_dir():
             raise InputError("is a folder, where a file of the diagnosis goes", another, file=folder / name)
