@@ -297,14 +297,13 @@ def fit(
         _warn(data.warnings)
     with watcher(quiet) as show:
         from psafit.inference import run as running
+        from psafit.numerics import audit
 
         command = ["psafit", "fit", experiment, "--group", group, "--seed", seed, "--starts", starts]
         command += ["--terms", terms] if terms else []
         command += ["--out", out] if out else []
         command += plugin_words()
         result = running.fit(data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=show, command=command)
-        from psafit.numerics import audit
-
         numerics = audit(result)
         if not no_report:
             show.stage("validate")
