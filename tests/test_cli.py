@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -85,6 +86,45 @@ def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> No
         assert run(monkeypatch, "simulate", known_folder, *bad) == 2
         error = capsys.readouterr().err
         assert words in error and error.count("\n") == 1
+
+
+def test_simulate_takes_the_medians_of_a_fit(fitted: Path, known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """They predict what the run's own file of predictions says, and --set goes before them."""
+    words = ["simulate", known_folder, "--run", fitted, "--out", tmp_path / "s.csv", "--json", tmp_path / "s.json"]
+    assert run(monkeypatch, *words, "--quiet") == 0
+    told = json.loads((tmp_path / "s.json").read_text())
+    medians = {p["name"]: p["median"] for p in json.loads((fitted / "posterior.json").read_text())["parameters"]}
+    assert told["parameters"] == {name: medians[name] for name in told["parameters"]}
+    assert sorted(told["parameters"]) == ["c_c", "c_s", "k_c"]
+    here = [float(row.split(",")[-1]) for row in (tmp_path / "s.csv").read_text().splitlines()[1:]]
+    with (fitted / "predictions.csv").open(newline="") as file:
+        there = [float(row["predicted_um"]) for row in csv.DictReader(file)]
+    assert here == pytest.approx(there, rel=0.05, abs=0.05)
+    assert run(monkeypatch, *words, "--quiet", "--set", "k_c=1e6") == 0
+    assert json.loads((tmp_path / "s.json").read_text())["parameters"] == told["parameters"] | {"k_c": 1e6}
+
+
+@pytest.mark.slow
+def test_a_campaign_by_command(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Run, taken up again without a second diagnosis, scored, shown."""
+    out = tmp_path / "c"
+    words = ["challenge", "run", "--seed", 5, "--experiment", known_folder, "--terms", "start_phase", "--each", 1]
+    words += ["--nothing", 1, "--pairs", 0, "--drawn", 0, "--jobs", 1, "--out", out]
+    assert run(monkeypatch, *words, "--json", tmp_path / "run.json") == 0
+    told = capsys.readouterr()
+    n = json.loads((tmp_path / "run.json").read_text())["n"]
+    assert n >= 2 and f"{n} of {n} data sets" in told.err and "results: " in told.out
+    kept = {file: file.read_bytes() for file in (out / "results").iterdir()}
+    assert len(kept) == n
+    monkeypatch.setattr("psafit.challenge.campaign.examine", None)
+    assert run(monkeypatch, *words) == 0
+    assert {file: file.read_bytes() for file in (out / "results").iterdir()} == kept
+    capsys.readouterr()
+    assert run(monkeypatch, "challenge", "score", out, "--json", tmp_path / "score.json") in (0, 1)
+    assert "page: " in capsys.readouterr().out
+    score = json.loads((tmp_path / "score.json").read_text())
+    assert len(score["rows"]) == n and {row["truth"] for row in score["rows"]} <= {"nothing", "start_phase"}
+    assert (out / "score.html").stat().st_size > 10_000
 
 
 @pytest.fixture(scope="module")

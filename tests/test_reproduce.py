@@ -4,12 +4,14 @@ import json
 import math
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import jinja2
 import numpy as np
 import pytest
 
+from psafit import cli
 from psafit.errors import InputError
 from psafit.experiment import read_experiment
 from psafit.report.page import figure_data_uri, render
@@ -226,6 +228,22 @@ def test_a_step_without_any_stable_one_near_it_is_refused() -> None:
 def test_a_folder_without_claims_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no published claims"):
         read_published(tmp_path)
+
+
+def test_the_command_writes_what_was_recomputed(result: Reproduction, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Recomputed above: here only what the command makes of it."""
+    asked = []
+    monkeypatch.setattr("psafit.reproduce.reproduce", lambda folder: asked.append(folder) or result)
+    monkeypatch.setattr(sys, "argv", ["psafit", "reproduce", str(PSA), "--out", str(tmp_path / "r")])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert not caught.value.code and asked == [PSA]
+    record = json.loads((tmp_path / "r" / "reproduction.json").read_text("utf-8"))
+    assert [c["id"] for c in record["claims"]] == [c.id for c in result.claims]
+    assert [c["verdict"] for c in record["claims"]] == [c.verdict for c in result.claims]
+    printed = capsys.readouterr().out
+    assert claims_table(result) in printed and "reproduction.html" in printed
+    assert (tmp_path / "r" / "reproduction.html").exists()
 
 
 # --- the page -----------------------------------------------------------------------------------

@@ -342,6 +342,13 @@ def _crossing(d, swing, threshold, side, fresh, slip, bern, stack):  # type: ign
 
 
 @compiled(borrows=True)
+def _is_noise(bern, n, theta, resolved):  # type: ignore[no-untyped-def]
+    """Whether what begins on a zero and returns to it at `theta` does not rise above the step's error in between."""
+    middle, _ = _bernstein(bern, n, 0.5 * theta)
+    return middle < resolved
+
+
+@compiled(borrows=True)
 def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, reference, grows):  # type: ignore[no-untyped-def]
     """Follow one trajectory to the launch.
 
@@ -487,12 +494,9 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         slip = error * tolerance * reached * h
         theta, floor = _crossing(d, swing, threshold, side, fresh, slip, bern, stack)
         if theta < cut:
-            if fresh and level > 0:
-                # Begun on a zero: a return to it that does not rise above the step's error is none.
-                middle, _ = _bernstein(bern, DEGREE, 0.5 * theta)
-                if middle < _RESOLVED * slip + floor:
-                    level = max(level - 3, 0)
-                    continue
+            if fresh and level > 0 and _is_noise(bern, DEGREE, theta, _RESOLVED * slip + floor):
+                level = max(level - 3, 0)
+                continue
             if regime != FREE and n_law > 0:
                 # A law may have no derivatives where the contact ends: the polynomial, carried on past that place, must
                 # still agree with the law there. If not, the place is approached in shorter steps.
@@ -527,21 +531,18 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                     level = max(level - 3, 0)
                     continue
             if theta < cut:
-                if fresh and level > 0:
-                    middle, _ = _bernstein(bern, NODES - 1, 0.5 * theta)
-                    if middle < _RESOLVED * error * tolerance * reference * ball / h + floor:
-                        level = max(level - 3, 0)
-                        continue
+                resolved = _RESOLVED * error * tolerance * reference * ball / h
+                if fresh and level > 0 and _is_noise(bern, NODES - 1, theta, resolved + floor):
+                    level = max(level - 3, 0)
+                    continue
                 cut, event = theta, 1
         if regime == BOND and pull != 1.0:
             # Back to contact proper: only the law's exception for d >= 0 changes there.
             theta, floor = _crossing(d, swing, 0.0, -1.0, fresh, slip, bern, stack)
             if theta < cut:
-                if fresh and level > 0:
-                    middle, _ = _bernstein(bern, DEGREE, 0.5 * theta)
-                    if middle < _RESOLVED * slip + floor:
-                        level = max(level - 3, 0)
-                        continue
+                if fresh and level > 0 and _is_noise(bern, DEGREE, theta, _RESOLVED * slip + floor):
+                    level = max(level - 3, 0)
+                    continue
                 cut, event = theta, 2
 
         # Advance to the end of the step or to the cut.
