@@ -20,11 +20,11 @@ _ELSEWHERE = "choose a place that can be written and has room"
 
 
 @contextmanager
-def _explained(path: Path, remedy: str = _ELSEWHERE) -> Iterator[None]:
-    """Turn what the operating system says of a file into one line."""
+def _explained(path: Path, remedy: str = _ELSEWHERE, *, also: type[Exception] = ValueError) -> Iterator[None]:
+    """Turn what the operating system says of a file into one line; `ValueError` is a NUL in its name."""
     try:
         yield
-    except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
+    except (OSError, also) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"cannot be written ({reason})", remedy, file=path) from error
 
@@ -49,6 +49,7 @@ def replacing(path: Path) -> Iterator[Path]:
         target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             raise InputError("is not a file", "give the name of a file", file=path)
+    with _explained(path, also=OSError):  # a ValueError of the block is its own fault
         temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         try:
             target.parent.mkdir(parents=True, exist_ok=True)

@@ -221,6 +221,21 @@ def test_a_drive_that_launches_nothing_is_told(known: Experiment, tmp_path: Path
     assert not (tmp_path / "x").exists()
 
 
+def test_the_least_weak_of_few_truths_will_do(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """Where most rigs launch nothing, and none shows a cause as strongly as was asked."""
+    drawn = hide._draw
+    calls: list[None] = []
+
+    def rarely(*words: Any) -> Any:
+        calls.append(None)
+        truth = drawn(*words) if len(calls) == 2 else None
+        return truth and replace(truth, reached=False)
+
+    monkeypatch.setattr(hide, "_draw", rarely)
+    made = make(5, tmp_path, design_of=known, terms=["gap"], strength=20.0)
+    assert made.answer.terms == ["gap"] and not made.answer.reached and len(calls) == hide._MOST_REDRAWS
+
+
 @pytest.mark.parametrize(
     ("forge", "what"),
     [
@@ -467,11 +482,15 @@ def test_a_cluster_without_dask_is_refused_before_anything_is_written(
     assert not (tmp_path / "x").exists()
 
 
-def test_another_campaign_or_a_damaged_result_is_refused(known: Experiment, tmp_path: Path) -> None:
+def test_another_campaign_or_a_damaged_result_is_refused(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     specs = given(plan(4, **{**SMALL, "nothing": 1}))
     run(specs, tmp_path, design_of=known, diagnose=deaf, jobs=1)
     with pytest.raises(InputError, match="another campaign"):
         run(given(plan(5, **{**SMALL, "nothing": 1})), tmp_path, design_of=known, diagnose=deaf, jobs=1)
+    with monkeypatch.context() as m:
+        m.setattr("psafit.challenge.campaign.plugin_versions", lambda: {"plugin mine": "another file"})
+        with pytest.raises(InputError, match="its plugins differ"):
+            run(specs, tmp_path, design_of=known, diagnose=deaf, jobs=1)
     (file,) = (tmp_path / "results").iterdir()
     file.write_text(file.read_text()[:-20])
     with pytest.raises(InputError, match="damaged"):
@@ -770,6 +789,9 @@ def test_the_page_holds_the_verdict(tmp_path: Path) -> None:
         {"causes": [{"terms": ["a"], "probability": 1.0, "parameters": ["x"]}]},
         {"causes": [{"terms": ["a"], "probability": 10**400}]},
         {"named": ["\x1b[31mred"]},
+        {"misfit": {"where": ["x"]}},
+        {"misfit": {"where": 5}},
+        {"misfit": {"where": [{"group": 1, "variable": "frequency", "from": "a", "to": 2.0}]}},
     ],
 )
 def test_a_foreign_diagnosis_must_keep_the_contract(change: dict[str, Any], tmp_path: Path) -> None:

@@ -15,9 +15,10 @@ import pytest
 from scipy.special import logsumexp
 
 from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment, pruning
-from psafit.diagnose.gain import over_groups, split, summarise
+from psafit.diagnose.confusable import confusable
+from psafit.diagnose.gain import over_groups, split, summarise, worse
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
-from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose.leftover import Leftover, _Expansion, leftover, stretch
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, Statistic, _character, examine
 from psafit.diagnose.next_experiment import determine, proposals, tell_apart
@@ -255,6 +256,84 @@ def test_the_kind_of_what_is_wrong_is_that_of_what_stands_out(sound, kinds, odd,
     beyond = [Statistic(kind, kind, None, 9.0, 3.0, 0.001, True) for kind in kinds]
     within = Statistic("mean", "mean", None, 1.0, 0.5, 0.3, False)
     assert _character(sound, FEW, [*beyond, within], 1, False, odd) == (character, ())
+
+
+def test_a_few_readings_do_not_clear_the_rest():
+    """One sweep that errs and two single readings: what finds nothing wrong without the sweep could find nothing."""
+    e = experiment(spoil=bump, seed=3)
+    columns = ("frequency_hz", "amplitude_v", "launch_range_um")
+    short = [replace(g, **{name: getattr(g, name)[:2] for name in columns}) for g in e.groups[1:]]
+    groups = (e.groups[0], *short)
+    few = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
+    found = examine(fit(problem(few), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=199)
+    assert found.wrong and found.character == "physics"
+
+
+def test_a_reading_without_a_drive_does_not_turn_a_sweep_round():
+    """A control at 0 V, of which nothing is launched."""
+    e = experiment(spoil=bump, seed=3, groups=("a",))
+    (g,) = e.groups
+    extra = {"frequency_hz": 1000.0, "amplitude_v": 0.0, "launch_range_um": 0.0}
+    more = replace(g, **{name: np.append(getattr(g, name), x) for name, x in extra.items()})
+    assert more.swept == g.swept == "frequency"
+    design = Design.of(RIG, [more])
+    assert np.ptp(design.along("amplitude")) == 0.0
+    assert np.exp(design.along("frequency")) == pytest.approx(design.frequency)
+    assert np.isfinite(Design.sweep(RIG, "sine", 1e3, 0.0).along("amplitude")).all()
+    found = [fit(Problem(replace(e, groups=(one,)), ("a",)), (), seed=1, draws=512, most=8) for one in (g, more)]
+    a, b = (leftover(one).log_bayes for one in found)
+    assert a > 3 and b == pytest.approx(a, abs=2)
+
+
+def test_an_unnamed_discrepancy_is_that_of_dense_matrices(sound):
+    """By groups and with the parameters as least squares, against the readings' covariance as it is written."""
+    around = _Expansion.of(sound, 1 + 0.1 * np.arange(sound.problem.observed.size))
+    group = sound.problem.design.group
+    x = sound.problem.design.along("frequency").copy()
+    x[group == 1] = sound.problem.design.along("amplitude")[group == 1]
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        v = np.r_[rng.normal(-3, 1, 2), rng.normal(-1.5, 1, 2), rng.normal(-0.3, 0.5)]
+        relative, absolute = around.scatter_at(v)
+        a, b, reach = np.exp(v[2:])
+        p = around.predicted
+        noise = np.diag(around.stretch * ((relative * p) ** 2 + absolute**2))
+        smooth = a**2 * np.exp(-0.5 * (x[:, None] - x) ** 2 / reach**2) + b**2
+        kernel = np.where(group[:, None] == group, smooth, 0.0) * np.outer(p, p)
+        whole = noise + kernel + around.free @ around.free.T
+        found = around.whitened(v)
+        assert found.squares == pytest.approx(around.residual @ np.linalg.solve(whole, around.residual), rel=1e-6)
+        assert 2 * found.log_size == pytest.approx(np.linalg.slogdet(whole)[1], abs=1e-6)
+        mean, variance = around.discrepancy(v)
+        assert mean == pytest.approx(kernel @ np.linalg.solve(whole, around.residual), rel=1e-5, abs=1e-7 * p.max())
+        left = np.diag(kernel - kernel @ np.linalg.solve(whole, kernel))
+        assert variance == pytest.approx(left, rel=1e-4, abs=1e-8 * np.diag(kernel).max())
+
+
+@pytest.mark.parametrize("ids", [(), ("flight_friction",)])
+def test_the_best_hill_of_an_unnamed_discrepancy_is_found(ids):
+    """Its scatter may be most of the misfit or hardly any: climbs from many random places find none higher."""
+    one = replace(problem(experiment(["hysteresis"], [0.5, 20.0], relative=0.03, seed=4)), terms=terms(ids))
+    candidate = fit(one, [fit(problem(one.experiment), (), seed=1)] if ids else (), seed=1)
+    found = leftover(candidate)
+    around = _Expansion.of(candidate, stretch(candidate))
+    rng = np.random.default_rng(2)
+    ends = [
+        around.fitted(np.r_[rng.uniform(-6, 0, 2), rng.uniform(-4, 0.7, 2), rng.normal(-0.3, 0.6)], with_it=True)
+        for _ in range(24)
+    ]
+    assert found.log_evidence > max(end.log_evidence for end in ends) + around.placed - 0.1
+
+
+def test_causes_that_look_alike():
+    """A cause and its double under another name do the same; a lag does something else."""
+    e = experiment(["flight_friction"], [0.1], relative=0.02)
+    (friction,) = terms(["flight_friction"])
+    double = replace(friction, id="double", parameters=(replace(friction.strength, name="double_a"),))
+    model = fit(replace(problem(e), terms=(friction,)), [fit(problem(e), (), seed=1)], seed=1)
+    found = confusable(model, (*terms(["amplifier_lag", "reading_gain"]), friction, double))
+    assert [(a.cause, a.other) for a in found] == [("flight_friction", "double")] and 0 <= found[0].degrees < 2
+    assert confusable(fit(problem(e), (), seed=1), TERMS) == []
 
 
 def test_sessions_that_disagree_are_seen():
@@ -886,10 +965,13 @@ def test_next_experiment_separates_what_is_tied(hidden):
     leader = hidden.leader
     rival = hidden.of(("flight_friction",))
     draws = [weigh(c, seed=1) for c in (leader, rival)]
-    found = tell_apart((leader, draws[0]), (rival, draws[1]), seed=1)
+    found = tell_apart([(leader, draws[0]), (rival, draws[1])], seed=1)
     assert found[0].separation >= found[-1].separation
     assert found[0].separation > 3
     assert found[0].success > 0.5
+    pair = found[0].pairs[0]
+    assert (pair.first, pair.second) == (["amplifier_lag"], ["flight_friction"]) and len(found[0].pairs) == 1
+    assert pair.separation == pytest.approx(found[0].separation, abs=3 * found[0].error)
 
 
 def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
@@ -941,13 +1023,24 @@ def test_copies_of_a_draw_do_not_judge_what_it_made():
     few = np.repeat(rng.normal(100.0, 30.0, size=(12, 1)), 16, axis=1)
     weight = rng.dirichlet(np.ones(12))
     twin = next_experiment._Forecast(few, np.tile([0.05, 0.1, 30.0], (12, 1)), weight)
-    separation, success, error = next_experiment._apart(twin, twin, rng)
+    (separation, success, error), _ = next_experiment._apart([twin, replace(twin)], rng)
     assert separation < 2 * error and success < 0.1
     # What readings state for themselves is part of their scatter.
     known = replace(twin, known=np.array([200.0]))
     other = replace(known, ranges=few + 20.0)
-    clear = next_experiment._apart(twin, replace(other, known=None), rng)
-    assert next_experiment._apart(known, other, rng)[0] < 0.5 < clear[0]
+    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng)
+    assert next_experiment._apart([known, other], rng)[0][0] < 0.5 < clear[0]
+
+
+def test_a_measurement_that_settles_one_question_of_two_is_told_so():
+    """Two models that predict the same, and a third far from them: worth ln 2 against the others, and one pair tied."""
+    rng = np.random.default_rng(1)
+    near = np.repeat(rng.normal(100.0, 1.0, size=(40, 1)), 16, axis=1)
+    scatter, weight = np.tile([0.05, 0.1, 30.0], (40, 1)), np.full(40, 1 / 40)
+    one, far = (next_experiment._Forecast(x, scatter, weight) for x in (near, near + 100.0))
+    (separation, success, error), pairs = next_experiment._apart([one, replace(one), far], rng)
+    assert separation == pytest.approx(np.log(2), abs=3 * error + 0.02) and success < 0.1
+    assert abs(pairs[0, 1]) < 0.1 and pairs[0, 2] > 40 and pairs[1, 2] > 40 and (pairs == pairs.T).all()
 
 
 def test_proposals_keep_to_stated_limits(sound):
@@ -981,7 +1074,7 @@ def test_one_proposal_leaves_the_rig_as_it_is(sound):
 def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
     """Readings from either of two causes, added to what was measured: the cause that made them comes out ahead."""
     models = [(c, weigh(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
-    best = next(p for p in tell_apart(*models, seed=1) if not p.constants)
+    best = next(p for p in tell_apart(models, seed=1) if not p.constants)
     found = rehearse(models, [0.0, 0.0], best, seed=1)
     assert found.proposal == best.text
     assert found.truth[0] == list(hidden.leader.ids)
@@ -994,7 +1087,7 @@ def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
     assert np.mean(found.after[-3:]) > found.before[-1]
     assert found == rehearse(models, [0.0, 0.0], best, seed=1)
     # So it is with a constant of the rig changed.
-    other = next(p for p in tell_apart(*models, seed=1) if p.constants)
+    other = next(p for p in tell_apart(models, seed=1) if p.constants)
     found = rehearse(models, [0.0, 0.0], other, seed=1)
     assert all(
         after > 0.9 for ids, after in zip(found.truth, found.after, strict=True) if ids == list(hidden.leader.ids)
@@ -1010,6 +1103,38 @@ def test_the_same_experiment_again_tells_what_it_can_separate(hidden):
     assert min(found.after[:3]) > 0.9 and found.first >= 4
     double = repeat([models[0], models[0]], [0.0, 0.0], seed=1)
     assert double.after == pytest.approx([0.5] * 6, abs=0.2)
+
+
+def test_groups_that_are_predicted_worse_are_named(hidden):
+    """Beyond chance, and where a reading can tell."""
+    rows = [("a", [0.1, 0.4], ""), ("b", [-0.1, 0.4], ""), ("c", [0.1, 0.4], "too quiet"), ("d", [None, None], "")]
+    gain = {"groups": [{"group": g, "log_rmse_interval": ends, "silent": why} for g, ends, why in rows]}
+    assert [g["group"] for g in worse(gain)] == ["a"]
+    scores = {"log_rmse_before": 0.3, "log_rmse_after": 0.6}
+    one = {"groups": [{**gain["groups"][0], **scores}], **scores, "log_rmse_interval": [0.1, 0.4]}
+    calm = SimpleNamespace(reasons=(), alternatives=(), named=())
+    quiet = SimpleNamespace(wrong=False)
+    search = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3}
+    said = diagnosis._sentences(calm, quiet, hidden, None, [], {"strict": one}, {}, search)
+    assert "Predicted worse than by the baseline (strict): group a (0.300 to 0.600)." in said
+    assert "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
+
+
+def test_what_an_adequate_baseline_does_not_exclude_is_told_apart(tmp_path):
+    """Else the parameter of which the readings tell least is what to measure next."""
+    found = diagnose(experiment(), ["a"], tmp_path, quick=True, catalogue=FEW)
+    assert found.verdict == "adequate" and found.next_experiment["proposals"]
+    open_ = [c for c in found.causes if c.terms and c.probability >= 0.05]
+    assert found.next_experiment["about"].startswith("tells the baseline from" if open_ else "determines ")
+    assert found.confusion == {"alike": []}
+
+
+def test_the_order_in_which_groups_are_named_does_not_matter(tmp_path, monkeypatch):
+    e = experiment(n=8)
+    first = diagnose(e, ["c", "a"], tmp_path, quick=True, catalogue=FEW[:1])
+    assert first.training == ["a", "c"]
+    monkeypatch.delattr(diagnosis._Work, "all")
+    assert diagnose(e, ["a", "c"], tmp_path, quick=True, catalogue=FEW[:1]).identity == first.identity
 
 
 def test_the_search_finds_less_where_nothing_is_hidden(hidden, tmp_path):
@@ -1141,6 +1266,9 @@ def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
     assert stored["causes"][0]["terms"] == ["amplifier_lag"]
     assert 0 < stored["causes"][0]["probability"] <= 1
     assert stored["misfit"]["search"]["lead"] > max(stored["misfit"]["search"]["null"])
+    # Compared with searches like itself, which have no parts of the readings to begin from.
+    plain = climb(Problem(e, e.ids, tolerance=diagnosis._TOLERANCE), FEW, seed=1)
+    assert stored["misfit"]["search"]["lead"] == pytest.approx(lead(plain), abs=1e-9)
     assert stored["misfit"]["search"]["p_value"] == pytest.approx(1 / 3)
     tau = stored["causes"][0]["parameters"]["amplifier_lag_tau"]
     assert tau["lower"] < 4e-5 < tau["upper"]
@@ -1270,11 +1398,19 @@ def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
     monkeypatch.setattr(diagnosis, "_STEPS", 500)
     e = experiment(["amplifier_lag"], [4e-5], n=12, groups=("a", "b"))
 
+    def interrupted(*words):
+        raise KeyboardInterrupt
+
     def again(**options):
         return diagnose(e, ["a"], tmp_path, catalogue=FEW[:1], searches=0, **options).extension["adopted"]
 
     first = again()
     assert not first["converged"] and "after 500 steps" in first["message"]
+    with monkeypatch.context() as m:  # the command that draws on is broken off: what there was stays
+        m.setattr(diagnosis._Work, "_extend", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            again()
+    assert (tmp_path / "diagnosis.json").exists()
     (tmp_path / "diagnosis.json").unlink()  # killed after the extension, before the end
     assert again() == first
     assert again(draw_on=False) == first

@@ -357,6 +357,33 @@ def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)
 
 
+def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_path):
+    experiment = make_experiment("a rig")
+    record = make_record(experiment)
+    sets = [["hysteresis"], ["gap", "slew_limit"], ["swing_drag"]]
+    told = dict(record.next_experiment, about="tells hysteresis from gap + slew_limit, swing_drag")
+    for p, apart in zip(told["proposals"], ((40.0, 50.0, 45.0), (0.2, 31.0, 30.0)), strict=True):
+        two = ((0, 1), (0, 2), (1, 2))
+        p["pairs"] = [
+            {"first": sets[i], "second": sets[j], "separation": x} for (i, j), x in zip(two, apart, strict=True)
+        ]
+    scores = record.gain["strict"]["groups"]
+    worse = [dict(scores[0], log_rmse_interval=[0.2, 0.4]), *scores[1:]]
+    record = replace(
+        record,
+        next_experiment=told,
+        confusion={"alike": [{"cause": "hysteresis", "other": "swing_drag", "degrees": 3.4}]},
+        gain=record.gain | {"strict": record.gain["strict"] | {"groups": worse}},
+    )
+    page = build(record, experiment, tmp_path)
+    rivals = "tells hysteresis of the stack from gap at rest + slew-limited amplifier and drag on the swing"
+    assert rivals in page.first_screen
+    assert "12.5 ± 0.4 nats 93 % none" in page.text
+    assert "1.5 ± 0.1 nats – hysteresis of the stack and gap at rest + slew-limited amplifier" in page.text
+    assert "hysteresis of the stack drag on the swing 3°" in page.text
+    assert "but worse on group" in page.first_screen and "worse than by the baseline" in page.text
+
+
 def test_one_group(tmp_path):
     """Nothing can be held out, and a single condition has no sweep."""
     group = Group("only one", "sine", "1.csv", [900.0, 900.0], [20.0, 20.0], [3.0, 0.0])

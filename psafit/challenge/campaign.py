@@ -14,7 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,7 +32,7 @@ from psafit.diagnose.record import RESULT
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, remove_temporaries, sole
-from psafit.physics import TERMS
+from psafit.physics import TERMS, plugin_versions
 from psafit.records import plain, read_content, read_json, write_json
 from psafit.workers import processes, scratch, unordered
 
@@ -134,12 +134,15 @@ class Campaign:
     design : str
         Fingerprint of the experiment whose conditions are simulated.
     specs : list of Spec
+    plugins : dict
+        Own causes among the candidates, by identifier: which file each was.
     """
 
     version: str
     command: str
     design: str
     specs: list[Spec]
+    plugins: dict[str, str] = field(default_factory=dict)
 
 
 def plan(
@@ -292,6 +295,7 @@ def _checked(content: Any, file: Path, remedy: str) -> dict[str, Any]:
         or not all(_names(cause.get("terms")) for cause in content["causes"])
         or not all(_is_number(cause.get("probability") or 0.0) for cause in content["causes"])
         or not isinstance(content.get("misfit", {}), dict)
+        or not _pointed(content.get("misfit", {}).get("where") or [])
     ):
         raise InputError("is no diagnosis of schema 1", remedy, file=file)
     return content
@@ -309,6 +313,15 @@ def _measured(parameters: object) -> bool:
         return False
     numbers = [p.get(k) for p in parameters.values() if isinstance(p, dict) for k in ("median", "lower", "upper")]
     return all(x is None or _is_number(x) for x in numbers)
+
+
+def _pointed(places: object) -> bool:
+    """Whether places of a misfit are such; None stands for an open end."""
+    ends = ("from", "to")
+    return isinstance(places, list) and all(
+        isinstance(place, dict) and all(place.get(end) is None or _is_number(place[end]) for end in ends)
+        for place in places
+    )
 
 
 def _is_number(x: object) -> bool:
@@ -363,7 +376,7 @@ def run(
     """
     if scheduler is not None:
         _reach(scheduler)
-    campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs))
+    campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs), plugin_versions())
     with sole(folder):
         _claim(folder, campaign)
         results = folder / RESULTS
@@ -442,7 +455,7 @@ def _claim(folder: Path, campaign: Campaign) -> None:
     if file.exists():
         there = read_json(file, Campaign, remedy="choose another folder")
         mine, theirs = plain(campaign), plain(there)
-        for key in ("version", "design", "specs"):
+        for key in ("version", "design", "specs", "plugins"):
             if mine[key] != theirs[key]:
                 raise InputError(
                     f"plans another campaign (its {key} differ)", "choose another folder with --out", file=file

@@ -176,13 +176,12 @@ def make(
     if believed:
         scatter = {p.name: _from_prior(p, rng) for p in scatter_law.PARAMETERS}
     weak: list[_Truth] = []
-    for redraws in range(_MOST_REDRAWS):  # noqa: B007
+    for redraws in range(_MOST_REDRAWS):
         truth = _draw(rng, chosen, design, blank.ids, scatter, strength)
-        if truth is None:
-            continue
-        if not truth.reached:
+        if truth is not None and not truth.reached:
             weak.append(truth)
-            if len(weak) < _PATIENCE:
+        if truth is None or not truth.reached:
+            if not weak or (len(weak) < _PATIENCE and redraws + 1 < _MOST_REDRAWS):
                 continue
             truth = max(weak, key=lambda t: min(t.expected.values()))
         true_um = simulate_literally(design, truth.parameters, chosen, blank.ids, jobs=jobs)

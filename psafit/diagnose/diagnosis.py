@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
-from psafit.diagnose.ladder import Ladder, climb
+from psafit.diagnose.confusable import confusable
+from psafit.diagnose.ladder import CREDIBLE, Ladder, climb
 from psafit.diagnose.leftover import Leftover, leftover, stretch
-from psafit.diagnose.memory import Memory
+from psafit.diagnose.memory import Memory, code
 from psafit.diagnose.misfit import CHARACTERS, Misfit, examine
 from psafit.diagnose.record import (
     MARKER,
@@ -120,6 +121,7 @@ def diagnose(
     if not training:
         raise InputError("no training group", "give at least one group id")
     Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
+    training = tuple(g for g in experiment.ids if g in training)  # however they were named, the same work
     if not any(g.launch_range_um.any() for g in experiment.groups):
         raise InputError(
             "every launch range is zero", "measure where the ball is launched: nothing can be explained here"
@@ -129,7 +131,7 @@ def diagnose(
         require()
     everything = Problem(experiment, experiment.ids, tuple(catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
-    asked: list[Any] = [versions(), experiment.title, experiment.limits, experiment.fingerprint]
+    asked: list[Any] = [code(), versions(), experiment.title, experiment.limits, experiment.fingerprint]
     asked += [training, seed, quick, searches, nautilus]
     asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = digest(asked)
@@ -234,13 +236,15 @@ class _Work:
         # Where nothing is wrong, the model that is adopted is the baseline, whatever leads.
         adopted = ladder.baseline if verdict.verdict == "adequate" else leader
         draws = ladder.draws(adopted.ids, self.seed)
-        for name in (RESULT, PAGE):  # the tables that follow belong to another answer, which has no record yet
-            (self.folder / name).unlink(missing_ok=True)
+        if not self.drawing:  # the tables that follow belong to another answer, which has no record yet
+            for name in (RESULT, PAGE):
+                (self.folder / name).unlink(missing_ok=True)
         numerics = asdict(refine(adopted.problem, adopted.modes[:1], experiment.fingerprint))
         write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(_DRAWS), self.seed))
         with self._stage("next experiment"):
             proposal = _next(ladder, verdict, self.seed, None if quick else self.watcher)
             confusion = {} if quick else _confusion(ladder, verdict, self.seed, self.watcher)
+            confusion["alike"] = [asdict(pair) for pair in confusable(adopted, self.catalogue)]
         ledger: list[dict[str, Any]] = [
             {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
         ]
@@ -259,11 +263,14 @@ class _Work:
                 ledger.append({"choice": what, "saw": list(groups), "scored_on": unseen})
         if searches is None:
             searches = 0 if quick or not verdict.named else _SEARCHES
-        if searches:
+        if searches and self.catalogue:
             with self._stage("significance"):
+                # A search like those of simulated readings, which have no parts to begin from; it is read back.
+                fixed = experiment, self.catalogue, self.seed, self._memory
+                alike = _climbed(*fixed, experiment.ids) if parts else ladder
                 misfit["search"] = asdict(
                     significance(
-                        ladder, self.catalogue, searches, seed=self.seed, memory=self._memory,
+                        alike, self.catalogue, searches, seed=self.seed, memory=self._memory,
                         thorough=self.thorough, jobs=self.jobs,
                         progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
                     )
@@ -287,7 +294,7 @@ class _Work:
             next_experiment=proposal,
             predictions=PREDICTIONS,
             files={name: sha256(self.folder / name) for name in tables},
-            sentences=_sentences(verdict, before, ladder, firm, screening, measured, proposal),
+            sentences=_sentences(verdict, before, ladder, firm, screening, measured, proposal, misfit.get("search")),
             unnamed=verdict.unnamed,
             screening=screening,
             show=_show(ladder),
@@ -526,15 +533,19 @@ def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
 
 
 def _screening(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
-    found = [
-        ScreeningResult(
-            s.term.id,
-            _word(s, ladder, verdict),
-            float(s.gain[s.best]), ladder.gain((s.term.id,)), s.chance, s.log_bayes,
-            float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
-        )
-        for s in ladder.screened
-    ]  # fmt: skip
+    # What could have been seen is asked of the model that is adopted: a baseline that fails has a large scatter.
+    beside = {} if verdict.verdict == "adequate" else {s.term.id: s.visible for s in ladder.beside}
+    found = []
+    for s in ladder.screened:
+        s = replace(s, visible=beside.get(s.term.id, s.visible))
+        found.append(
+            ScreeningResult(
+                s.term.id,
+                _word(s, ladder, verdict),
+                float(s.gain[s.best]), ladder.gain((s.term.id,)), s.chance, s.log_bayes,
+                float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
+            )
+        )  # fmt: skip
     return sorted(found, key=lambda s: -s.refit_gain)
 
 
@@ -619,9 +630,16 @@ def _show(ladder: Ladder) -> dict[str, Any]:
 
 
 def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, Weighed]]:
-    """The leader and what does as well, so far as it was fitted, with draws of their posteriors."""
-    fitted = {c.ids for c in ladder.candidates}
-    equals = [ids for ids in (ladder.leader.ids, *verdict.alternatives) if ids in fitted]
+    """What is adopted and what does as well, so far as it was fitted, with draws of their posteriors.
+
+    Beside an adequate baseline that is the cause that it excludes least, if one keeps a twentieth.
+    """
+    if verdict.verdict == "adequate":
+        causes = [c.ids for c in ladder.candidates if c.ids and ladder.probability[c.ids] >= 1 - CREDIBLE]
+        equals = [(), *causes[:1]]
+    else:
+        fitted = {c.ids for c in ladder.candidates}
+        equals = [ids for ids in (ladder.leader.ids, *verdict.alternatives) if ids in fitted]
     return [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals[:most]]
 
 
@@ -630,9 +648,10 @@ def _confusion(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher) ->
     if not (verdict.named and verdict.alternatives):
         return {}
     tied = _tied(ladder, verdict, seed, _REHEARSED)
+    if len(tied) < 2:
+        return {}
     prior = [ladder.log_prior(c.ids) for c, _ in tied]
-    found = repeat(tied, prior, seed=seed, progress=lambda k, n: watcher.update(k, n, "experiments repeated"))
-    return asdict(found) if len(tied) > 1 else {}
+    return asdict(repeat(tied, prior, seed=seed, progress=lambda k, n: watcher.update(k, n, "experiments repeated")))
 
 
 def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) -> dict[str, Any]:
@@ -640,18 +659,17 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) 
 
     With a watcher the best is rehearsed, and the best that leaves the rig as it is.
     """
-    groups = ladder.leader.problem.experiment.groups
-    if verdict.verdict == "adequate" or not any(((g.frequency_hz > 0) & (g.amplitude_v > 0)).any() for g in groups):
+    if not any((g.amplitude_v > 0).any() for g in ladder.leader.problem.experiment.groups):
         return {}
-    # Draws of a model that was not weighed are dear: a proposal looks at two.
+    # Draws of a model that was not weighed are dear: a quick proposal looks at two.
     tied = _tied(ladder, verdict, seed, 2 if watcher is None else _REHEARSED)
     if len(tied) == 1:
         name, found = next_experiment.determine(*tied[0], seed=seed)
         return next_experiment.as_dict(found, f"determines {name}")
-    found = next_experiment.tell_apart(*tied[:2], seed=seed)
-    about = f"tells {_words(ladder.leader.ids)} from {_words(tied[1][0].ids)}"
+    found = next_experiment.tell_apart(tied, seed=seed)
+    about = f"tells {_words(tied[0][0].ids)} from {', '.join(_words(c.ids) for c, _ in tied[1:])}"
     result = next_experiment.as_dict(found, about)
-    if watcher is not None:
+    if watcher is not None and verdict.alternatives:
         prior = [ladder.log_prior(c.ids) for c, _ in tied]
         here = [p for p in found if not p.constants][:1]
         result["rehearsals"] = [
@@ -673,6 +691,7 @@ def _sentences(
     screening: Sequence[ScreeningResult],
     measured: Mapping[str, Any],
     proposal: Mapping[str, Any],
+    search: Mapping[str, Any] | None,
 ) -> list[str]:
     result = list(verdict.reasons)
     if before.wrong and before.character != "none":
@@ -697,6 +716,12 @@ def _sentences(
                 f"A smooth discrepancy without a name, in the place of these causes, has"
                 f" {-firm.over_smooth:.0f} nats more evidence than they."
             )
+    if search:
+        n, most = len(search["null"]), max(search["null"])
+        result.append(
+            f"Of {n} searches on simulated baselines none led by more than {most:.0f} nats; this one leads by"
+            f" {search['lead']:.0f} (p {'<=' if search['p_value'] <= 1 / (n + 1) else '='} {search['p_value']:.2g})."
+        )
     if unseen := [s.id for s in screening if s.verdict == UNSEEN]:
         result.append(
             f"Of {len(screening)} candidate causes, {len(unseen)} could not have been seen in these readings:"
@@ -708,6 +733,9 @@ def _sentences(
             f"Gain on data unseen ({protocol}): mean log_rmse {one['log_rmse_before']:.3f} before,"
             f" {one['log_rmse_after']:.3f} after (change {change[0]:+.3f} to {change[1]:+.3f}, 90 %)."
         )
+        if worse := gains.worse(one):
+            told = ", ".join(f"{g['group']} ({g['log_rmse_before']:.3f} to {g['log_rmse_after']:.3f})" for g in worse)
+            result.append(f"Predicted worse than by the baseline ({protocol}): group {told}.")
     if best := next_experiment.recommended(proposal):
         result.append(f"Next, measure {best['text']}: it best {proposal['about']}.")
     return result

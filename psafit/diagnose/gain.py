@@ -20,9 +20,10 @@ same few and takes that for the truth: the groups' deviations are stretched as S
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,11 @@ class GroupGain:
     log_rmse_interval: list[float]
     elpd_interval: list[float]
     silent: str = ""
+
+
+def worse(gain: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Groups of a protocol in a result file that the extension predicts worse than the baseline, beyond chance."""
+    return [g for g in gain["groups"] if not g["silent"] and (g["log_rmse_interval"][0] or 0.0) > 0]
 
 
 @dataclass(frozen=True)

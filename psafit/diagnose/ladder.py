@@ -125,6 +125,8 @@ class Ladder:
         Posterior draws and evidence of those models that were weighed; the others have Laplace's.
     screened : tuple of Screened
         The causes beside the baseline.
+    beside : tuple of Screened
+        The others beside the leader.
     """
 
     candidates: tuple[Candidate, ...]
@@ -133,6 +135,7 @@ class Ladder:
     log_evidence: dict[Ids, float]
     weighed: dict[Ids, Weighed]
     screened: tuple[Screened, ...]
+    beside: tuple[Screened, ...] = ()
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""
@@ -531,10 +534,12 @@ class _Search:
             found = self._ranked()
             untried = [ids for ids in found.rivals(found.leader.ids) if ids in found.unfitted]
             if not (untried and found.leader.terms):
-                return found
+                break
             self._fit_all(map(self._promised, untried), _DRAWS_PAIR, _STARTS_PAIR)
             self.compare()
-        return self._ranked()
+        else:
+            found = self._ranked()
+        return replace(found, beside=tuple(self._screened(found.leader)))
 
     def _ranked(self) -> Ladder:
         """By importance sampling's evidence where there is one, else Laplace's."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from psafit.diagnose.misfit import sweeps
@@ -110,14 +110,16 @@ def leftover(candidate: Candidate, outlying: FloatArray | None = None) -> Leftov
     """
     around = _Expansion.of(candidate, stretch(candidate) if outlying is None else outlying)
     without = around.fitted(around.scatter, with_it=False)
-    # A scatter that had to stand for the discrepancy, too, may be either of its parts.
+    # A scatter that had to stand for the discrepancy, too, may be either of its parts: there are several hills.
     low = [p.sampling_bounds.lower for p in around.parameters]
     usual = np.minimum(around.scatter, [float(p.prior_quantile(0.5)) for p in around.parameters])
     starts = (
         (around.scatter, 0.02, 0.02),
         (around.scatter + np.array([math.log(0.4), 0.0]), 0.3, 0.1),
-        (usual, 0.1, 0.3),
+        (usual, 0.03, 0.03),
         (usual, 0.3, 0.1),
+        (usual, 1.0, 0.1),
+        (around.scatter, 1.0, 0.1),
     )
     ends = [
         around.fitted(np.array([*np.maximum(begin, low), math.log(a), math.log(b), _REACH[0]]), with_it=True)
@@ -160,10 +162,10 @@ class _Expansion:
     predicted: FloatArray
     residual: FloatArray
     stretch: FloatArray  # of each reading's variance
-    linear: FloatArray  # covariance that the model's parameters give
+    free: FloatArray  # what each of the model's parameters does, in units of its prior's width; (n_points, n_model)
     known: FloatArray | float  # variance stated with the readings
-    same: NDArray[np.bool_]  # pairs of one group
-    squared: FloatArray  # ... and their squared distance along the sweep
+    groups: tuple[NDArray[np.intp], ...]  # readings of each, which share one discrepancy
+    squared: tuple[FloatArray, ...]  # ... and their squared distances along the sweep
     placed: float  # log prior density of the model's parameters at the fit, over the normal one that stands for it
 
     @classmethod
@@ -175,22 +177,17 @@ class _Expansion:
         own = zip(problem.parameters[:n], candidate.modes[0, :n], strict=True)
         density = np.array([float(p.log_prior(c)) for p, c in own])
         free = candidate.slope.T * width  # columns with unit prior variance
-        x = np.empty(problem.observed.size)
-        for _, variable, rows in sweeps(problem):
-            swept = problem.design.amplitude if variable == "amplitude" else problem.design.frequency
-            x[rows] = np.log(np.maximum(swept[rows], 1e-9))
-        group = problem.design.group
-        same = group[:, None] == group[None, :]
+        ordered = [(rows, problem.design.along(variable)[rows]) for _, variable, rows in sweeps(problem)]
         return cls(
             parameters=problem.parameters[n : n + 2],
             scatter=candidate.modes[0, n : n + 2],
             predicted=np.maximum(candidate.predicted, 1e-9),
             residual=problem.observed - candidate.predicted,
             stretch=outlying,
-            linear=free @ free.T,
+            free=free,
             known=0.0 if problem.known_sigma is None else problem.known_sigma**2,
-            same=same,
-            squared=np.where(same, (x[:, None] - x[None, :]) ** 2, 0.0),
+            groups=tuple(rows for rows, _ in ordered),
+            squared=tuple((x[:, None] - x[None, :]) ** 2 for _, x in ordered),
             placed=float(np.sum(density + 0.5 * math.log(2 * math.pi) + np.log(width))),
         )
 
@@ -198,19 +195,39 @@ class _Expansion:
         relative, absolute = (float(p.to_physical(c)) for p, c in zip(self.parameters, v[:2], strict=True))
         return relative, absolute
 
-    def kernel(self, v: FloatArray) -> FloatArray:
-        """Covariance of the discrepancy, um^2."""
+    def kernels(self, v: FloatArray) -> list[FloatArray]:
+        """Covariance of the discrepancy in each group, um^2."""
         a, b, reach = np.exp(v[2:5])
-        relative = np.where(self.same, a * a * np.exp(-0.5 * self.squared / reach**2) + b * b, 0.0)
-        return np.asarray(relative * np.outer(self.predicted, self.predicted))
+        return [
+            (a * a * np.exp(-0.5 * squared / reach**2) + b * b) * np.outer(self.predicted[rows], self.predicted[rows])
+            for rows, squared in zip(self.groups, self.squared, strict=True)
+        ]
 
-    def factor(self, v: FloatArray) -> tuple[FloatArray, bool]:
-        """Cholesky factor of the readings' covariance."""
+    def whitened(self, v: FloatArray) -> _Whitened:
+        """What is left of the readings, in units of scatter and discrepancy, which bind readings of one group alone."""
         relative, absolute = self.scatter_at(v)
-        total = self.linear + np.diag(self.stretch * ((relative * self.predicted) ** 2 + absolute**2 + self.known))
-        if v.size > 2:
-            total += self.kernel(v)
-        return cho_factor(total, lower=True)
+        variance = self.stretch * ((relative * self.predicted) ** 2 + absolute**2 + self.known)
+        columns = np.column_stack([self.residual, self.free])
+        if v.size == 2:
+            factors, white = None, columns / np.sqrt(variance)[:, None]
+            log_size = 0.5 * float(np.log(variance).sum())
+        else:
+            factors = [
+                cholesky(kernel + np.diag(variance[rows]), lower=True, check_finite=False)
+                for rows, kernel in zip(self.groups, self.kernels(v), strict=True)
+            ]
+            white, log_size = np.empty_like(columns), 0.0
+            for rows, factor in zip(self.groups, factors, strict=True):
+                white[rows] = solve_triangular(factor, columns[rows], lower=True, check_finite=False)
+                log_size += float(np.log(np.diag(factor)).sum())
+        # The parameters' values given all else, by least squares beside their priors: no product of what they do, whose
+        # sizes differ by powers of ten.
+        k = self.free.shape[1]
+        q, r = np.linalg.qr(np.vstack([white[:, 1:], np.eye(k)]))
+        target = np.append(white[:, 0], np.zeros(k))
+        rest = target - q @ (q.T @ target)
+        log_size += float(np.log(np.abs(np.diag(r))).sum())
+        return _Whitened(factors, white[:, 1:], rest[:-k] if k else rest, r, float(rest @ rest), log_size)
 
     def loss(self, v: FloatArray) -> float:
         density = sum(float(p.log_prior(c)) for p, c in zip(self.parameters, v[:2], strict=True))
@@ -219,11 +236,10 @@ class _Expansion:
         if not math.isfinite(density):
             return 1e12
         try:
-            factor = self.factor(v)
+            found = self.whitened(v)
         except np.linalg.LinAlgError:
             return 1e12
-        quadratic = float(self.residual @ cho_solve(factor, self.residual))
-        return 0.5 * quadratic + float(np.log(np.diag(factor[0])).sum()) - density
+        return 0.5 * found.squares + found.log_size - density
 
     def fitted(self, start: FloatArray, *, with_it: bool) -> _Fitted:
         """Climb, and integrate by Laplace's method."""
@@ -247,9 +263,27 @@ class _Expansion:
 
     def discrepancy(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Posterior mean and variance of the discrepancy, um and um^2."""
-        kernel, factor = self.kernel(v), self.factor(v)
-        variance = np.diag(kernel) - np.einsum("ij,ji->i", kernel, cho_solve(factor, kernel))
-        return kernel @ cho_solve(factor, self.residual), variance
+        found = self.whitened(v)
+        mean, variance = np.empty(self.residual.size), np.empty(self.residual.size)
+        for rows, kernel, factor in zip(self.groups, self.kernels(v), found.factors or (), strict=True):
+            shared = solve_triangular(factor, kernel, lower=True, check_finite=False)
+            # What the parameters leave open widens it again.
+            open_ = solve_triangular(found.r, found.free[rows].T @ shared, trans=1, check_finite=False)
+            mean[rows] = shared.T @ found.rest[rows]
+            variance[rows] = np.diag(kernel) - np.square(shared).sum(axis=0) + np.square(open_).sum(axis=0)
+        return mean, variance
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """Readings around a fit in units of their covariance, the model's parameters integrated out."""
+
+    factors: list[FloatArray] | None  # Cholesky's, of each group's scatter and discrepancy
+    free: FloatArray  # what the parameters do
+    rest: FloatArray  # what they leave
+    r: FloatArray  # triangular root of their precision
+    squares: float
+    log_size: float  # half the log determinant of the covariance
 
 
 def stretch(candidate: Candidate) -> FloatArray:

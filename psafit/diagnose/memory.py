@@ -5,25 +5,34 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-import psafit
-from psafit.files import digest, write_atomically
+from psafit.files import digest, sha256, write_atomically
 from psafit.inference.problem import Problem
 
-# Another number for another meaning of what is kept.
-_FORMAT = 7
 _SEAL = "sha256"
+# Parts of the package that work nothing out.
+_TELLERS = ("report", "challenge", "cli", "api", "progress", "compare", "reproduce")
 Arrays = Mapping[str, NDArray[np.float64]]
+
+
+@cache
+def code() -> str:
+    """What the code was that works a diagnosis out: SHA-256 of its sources."""
+    package = Path(__file__).parents[1]
+    files = {path.relative_to(package).as_posix(): path for path in package.rglob("*.py")}
+    told = [[name, sha256(files[name])] for name in sorted(files) if not name.startswith(_TELLERS)]
+    return digest(told)
 
 
 class Memory:
     """Arrays by what determines them, in a folder; without a folder nothing is kept.
 
-    A file that cannot be read, was changed, or is of another version, is worked out anew.
+    A file that cannot be read, was changed, or was worked out by other code, is worked out anew.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -54,7 +63,7 @@ class Memory:
         if self._folder is None:
             return make()
         determinants = [
-            kind, _FORMAT, psafit.__version__, problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
+            kind, code(), problem.experiment.fingerprint, [str(g) for g in problem.group_ids],
             [t.signature for t in problem.terms], problem.tolerance, about,
             [p.signature for p in problem.parameters],
         ]  # fmt: skip

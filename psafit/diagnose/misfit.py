@@ -58,6 +58,8 @@ CHARACTERS = {
 """What kind of thing a misfit is, in words."""
 # Iterations of an exact refit, after that in the expansion.
 _EXACT = 4
+# Readings that the others need, as a share of a group's own, to clear themselves where it is left out.
+_REST = 0.5
 # Simulated data sets for the question whether one group is all that is wrong.
 _INFLUENCE = 149
 
@@ -241,9 +243,10 @@ def examine(
     statistics.sort(key=lambda s: -s.excess)
     places = _places(problem, observed[0], simulated, candidate.predicted)
     odd_points = tuple(
-        (group_id, int(np.flatnonzero(np.flatnonzero(problem.design.group == k) == row)[0]))
+        (group_id, i)
         for k, group_id in enumerate(problem.group_ids)
-        for row in np.flatnonzero((problem.design.group == k) & (np.abs(observed[0]) > _ODD))
+        for i, e in enumerate(observed[0][problem.design.group == k])
+        if abs(e) > _ODD
     )
     character: str = "none"
     odd_groups: tuple[GroupId, ...] = ()
@@ -306,8 +309,8 @@ def _look(
         max(same.sum(), 1)
     )
     covariates = {
-        "frequency": np.log(design.frequency),
-        "amplitude": np.log(np.maximum(design.amplitude, 1e-9)),
+        "frequency": design.along("frequency"),
+        "amplitude": design.along("amplitude"),
         "predicted size": np.log(predicted + 0.05),
         "waveform": design.waveform.astype(float),
         "order in the file": in_session(design),
@@ -399,7 +402,7 @@ def _places(problem: Problem, e: FloatArray, simulated: FloatArray, predicted: F
         left = [(abs(float(z)), float(z), a, b) for z, (a, b) in zip(score[0], spans, strict=True) if abs(z) > bar]
         while left:
             _, z, a, b = max(left)
-            values = (design.amplitude if variable == "amplitude" else design.frequency)[rows]
+            values = design.swept(variable)[rows]
             places.append(
                 Place(
                     group_id, variable, float(values[a]), float(values[b - 1]), float(error[rows[a:b]].mean()), z,
@@ -426,6 +429,9 @@ def _character(
         clean = []
         for group_id in suspects[:6]:
             others = replace(problem, group_ids=tuple(g for g in problem.group_ids if g != group_id))
+            own = problem.observed.size - others.observed.size
+            if others.observed.size < max(_REST * own, 2 * problem.n_physical):
+                continue  # too few to find anything wrong
             without = refitted(others, candidate)
             p = examine(without, catalogue, seed=seed, n_simulated=_INFLUENCE, exact=False, influence=False).p_value
             if p > 0.1:

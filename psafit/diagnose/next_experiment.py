@@ -3,19 +3,21 @@ r"""Which measurement would tell tied causes apart, or a weakly determined param
 Each proposal is a sweep, sine or square, within the limits that the experiment states for frequency, amplitude and each
 constant of the rig that can be changed; where it states none, between the frequencies and up to the amplitude that were
 measured, or the same with a string or a ball of half or twice the size. It is read with the fitted scatter and the
-usual uncertainty of the readings, where they state one. For two models with posterior draws, readings are simulated
-from one, and the log ratio of both models' posterior predictive densities of these readings (each a mixture over its
-draws) is what the readings would add to the log odds. Its mean over many simulated experiments is the expected
+usual uncertainty of the readings, where they state one. For models with posterior draws, readings are simulated from
+one, and the log ratio of its posterior predictive density of these readings (a mixture over its draws) to the mean of
+the others' is what the readings would add to its log odds. The mean over many simulated experiments is the expected
 separation; the share of them in which the right model wins by three nats is how often the proposal works: measured data
-drawn from each tied cause, judged again. What is printed comes from simulated experiments that had no part in the
+drawn from each tied model, judged again. Of more than two it is also told which pairs a proposal tells apart, since one
+may settle one question and leave another. What is printed comes from simulated experiments that had no part in the
 choice of a proposal.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -60,12 +62,14 @@ class Proposal:
     constants : dict
         Changed constants of the rig, SI; empty for none.
     separation : float
-        Expected gain of the right model in log odds (nats), the smaller of the two ways round; for one model alone,
-        the expected fall of a weakly determined parameter's log standard deviation.
+        Expected gain of the right model in log odds (nats) against all others, the least over the models that may be
+        right; for one model alone, the expected fall of a weakly determined parameter's log standard deviation.
     success : float
         Share of simulated experiments in which the right model wins by three nats; NaN for one model alone.
     error : float
         Standard error of the separation.
+    pairs : list of Pair
+        How far it separates each two of the models; empty for one model alone.
     """
 
     text: str
@@ -76,6 +80,24 @@ class Proposal:
     separation: float
     success: float
     error: float
+    pairs: list[Pair] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """How far a measurement separates two models.
+
+    Parameters
+    ----------
+    first, second : list of str
+        Causes.
+    separation : float
+        Nats, the smaller of the two ways round.
+    """
+
+    first: list[str]
+    second: list[str]
+    separation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +108,12 @@ class Possible:
     design: Design
     changed: dict[str, float]
 
-    def judged(self, found: _Judgement) -> Proposal:
+    def judged(self, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
         """It with what it would do."""
         d = self.design
         waveform = "square" if d.waveform[0] else "sine"
-        return Proposal(self.text, waveform, d.frequency.tolist(), d.amplitude.tolist(), self.changed, *found)
+        drive = d.frequency.tolist(), d.amplitude.tolist()
+        return Proposal(self.text, waveform, *drive, self.changed, *found, list(pairs))
 
 
 # Separation, success and the separation's standard error, as `Proposal` holds them.
@@ -149,19 +172,25 @@ def _say(value: float) -> str:
     return f"{float(f'{value:.3g}'):.6g}"
 
 
-def tell_apart(first: tuple[Candidate, Weighed], second: tuple[Candidate, Weighed], *, seed: int) -> list[Proposal]:
-    """Measurements by how well they would separate two models; best first."""
+def tell_apart(tied: Sequence[tuple[Candidate, Weighed]], *, seed: int) -> list[Proposal]:
+    """Measurements by how well they would separate two models or more; best first."""
     rng = np.random.default_rng([seed, 17])
-    possible = proposals(first[0])
-    forecasts: list[tuple[_Forecast, _Forecast]] = []
+    possible = proposals(tied[0][0])
+    forecasts: list[list[_Forecast]] = []
     # A glance at all of them, then a closer look at the best.
     for n_draws in (_GLANCE, _DRAWS):
-        one, other = (_Model.of(c, draws.resampled(n_draws), rng) for c, draws in (first, second))
-        forecasts = [(one.forecast(p.design), other.forecast(p.design)) for p in possible]
-        kept = _best(possible, [_apart(*pair, rng)[0] for pair in forecasts])
+        models = [_Model.of(c, draws.resampled(n_draws), rng) for c, draws in tied]
+        forecasts = [[one.forecast(p.design) for one in models] for p in possible]
+        kept = _best(possible, [_apart(each, rng)[0][0] for each in forecasts])
         possible, forecasts = [possible[k] for k in kept], [forecasts[k] for k in kept]
-    # The best of several is best by luck, too: what is told of them comes from other trials.
-    return [p.judged(_apart(*pair, rng)) for p, pair in zip(possible, forecasts, strict=True)]
+    found = []
+    for p, each in zip(possible, forecasts, strict=True):
+        # The best of several is best by luck, too: what is told of them comes from other trials.
+        judgement, apart = _apart(each, rng)
+        ids = [list(c.ids) for c, _ in tied]
+        two = itertools.combinations(range(len(tied)), 2)
+        found.append(p.judged(judgement, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
+    return found
 
 
 def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, list[Proposal]]:
@@ -273,19 +302,28 @@ class _Forecast:
         return float(logsumexp(each, b=weight))
 
 
-def _apart(one: _Forecast, other: _Forecast, rng: np.random.Generator) -> _Judgement:
-    """What a measurement does for two models, whichever of them is right."""
-    return min(_trial(one, other, rng), _trial(other, one, rng))
+def _apart(models: Sequence[_Forecast], rng: np.random.Generator) -> tuple[_Judgement, FloatArray]:
+    """What a measurement does for models, whichever of them is right, and for each two of them, (n, n)."""
+    trials = [_trial(models, k, rng) for k in range(len(models))]
+    each = np.array([pairs for _, pairs in trials])
+    return min(judgement for judgement, _ in trials), np.minimum(each, each.T)
 
 
-def _trial(truth: _Forecast, other: _Forecast, rng: np.random.Generator) -> _Judgement:
-    """Mean log ratio of predictive densities when `truth` makes the readings, how often it wins clearly, the error."""
-    chosen = rng.choice(len(truth.ranges), _TRIALS, p=truth.weight)
-    readings = np.maximum(noise.draw(truth.ranges[chosen], truth.scatter[chosen], truth.known, rng), 0.0)
+def _trial(models: Sequence[_Forecast], truth: int, rng: np.random.Generator) -> tuple[_Judgement, FloatArray]:
+    """Mean log ratio of predictive densities when one model makes the readings, how often it wins clearly, the error.
+
+    Against all others together, which are equally likely; the means against each of them, (n,), come beside it.
+    """
+    right = models[truth]
+    chosen = rng.choice(len(right.ranges), _TRIALS, p=right.weight)
+    readings = np.maximum(noise.draw(right.ranges[chosen], right.scatter[chosen], right.known, rng), 0.0)
     # The draw that made the readings is not among those that judge them.
-    ratio = np.array([truth.log_density(y, k) - other.log_density(y) for y, k in zip(readings, chosen, strict=True)])
+    own = np.array([right.log_density(y, k) for y, k in zip(readings, chosen, strict=True)])
+    each = own - np.array([own if m is right else [m.log_density(y) for y in readings] for m in models])  # (n, trials)
+    ratio = math.log(len(models) - 1) - logsumexp(-np.delete(each, truth, axis=0), axis=0)
     told = np.clip(ratio, -CLEAR, CLEAR)
-    return float(told.mean()), float(np.mean(ratio > _WINS)), float(told.std() / math.sqrt(_TRIALS))
+    judgement = float(told.mean()), float(np.mean(ratio > _WINS)), float(told.std() / math.sqrt(_TRIALS))
+    return judgement, np.clip(each, -CLEAR, CLEAR).mean(axis=1)
 
 
 def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -90,6 +90,8 @@ def prune(
         progress(f"what can go, hill {k + 1}", k, len(tops.u))
         top = Ascent(tops.u[k : k + 1], tops.height[k : k + 1], tops.predicted[k : k + 1], 0)
         hills.append(_thinned_out(settle(few, top)))
+    # Where hills have met, the highest stays.
+    hills.sort(key=lambda c: c.height)
     beam = {c.ids: (replace(problem, terms=c.terms), c.modes[0]) for c in hills}
     rng = np.random.default_rng([seed, 29])
     found: list[list[Candidate]] = []

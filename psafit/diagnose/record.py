@@ -26,14 +26,16 @@ class CauseResult:
     terms : list of str
         Its causes; empty for the baseline.
     probability : float
-        Posterior probability of exactly these causes.
+        Posterior probability that these causes are at work and no other that can be seen: larger sets whose evidence
+        is not better by three nats are counted with it.
     parameters : dict
         By name: median, lower and upper (90 % interval), unit, and the quantile of the prior at which the median lies.
     evidence : dict
         log_evidence, over_baseline (nats), gain (of the log likelihood at the top), error, effective draws, pareto_k,
         method, and how the evidence changes when the priors of the strengths are half and twice as wide.
     implausible : list of str
-        Parameters whose median the prior finds surprising (outside its central 95 %), or that lie at a bound.
+        Parameters whose median the prior finds surprising (outside its central 95 %), or that lie at a bound; never
+        those whose prior is uniform.
     """
 
     terms: list[str]
@@ -55,7 +57,28 @@ NEAREST = "in the best extension"
 
 @dataclass(frozen=True)
 class ScreeningResult:
-    """What one cause could add to the baseline: see `psafit.diagnose.screening`."""
+    """What one cause could add; see `psafit.diagnose.screening`.
+
+    Parameters
+    ----------
+    id : str
+        The cause.
+    verdict : str
+        In words; "could not have been seen" is said beside the adopted model.
+    gain, refit_gain : float, nats
+        By it alone beside the baseline: of the log posterior in the expansion, of the log likelihood when fitted.
+    chance : float, nats
+        What scatter alone gains in the expansion once in twenty times.
+    log_bayes : float
+        Evidence that it adds to the baseline, by the expansion.
+    strength : float
+        At which it gains that, in `unit`.
+    unit : str
+    visible : float
+        Size of a plausible effect beside the adopted model, in standard deviations of its scatter.
+    inclusion : float
+        Probability that it is among the causes, given that the catalogue holds the truth.
+    """
 
     id: str
     verdict: str

@@ -184,7 +184,7 @@ def _logarithms(
     """Each sweep: group, variable, logarithms of the variable, readings and predictions, the readings' scatter."""
     problem = candidate.problem
     for group_id, variable, rows in sweeps(problem):
-        values = (problem.design.amplitude if variable == "amplitude" else problem.design.frequency)[rows]
+        values = problem.design.swept(variable)[rows]
         y, p = problem.observed[rows], candidate.predicted[rows]
         usable = (y > 0) & (p > 0) & (values > 0)
         # Scatter relative to the reading itself: readings far above a poor prediction are no less certain.
@@ -262,8 +262,8 @@ def drift(candidate: Candidate) -> list[Drift]:
     n = target.size
     design = problem.design
     covariates = {
-        "frequency": np.log(design.frequency),
-        "amplitude": np.log(np.maximum(design.amplitude, 1e-9)),
+        "frequency": design.along("frequency"),
+        "amplitude": design.along("amplitude"),
         "range": np.log(candidate.predicted + 0.05),
         "waveform": design.waveform.astype(float),
     }

@@ -95,6 +95,8 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
             " than it."
             if before.wrong
             else "A discrepancy without a name is more probable than any cause."
+            if mostly_unnamed
+            else f"No model leads: the baseline has {100 * nothing:.1f} %, every set of causes less."
         )
         return Verdict("unexplained", (), (), probability, unnamed, inclusion, tuple(reasons))
     alternatives = ladder.rivals(best)

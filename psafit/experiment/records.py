@@ -104,7 +104,8 @@ class Conditions:
     @property
     def swept(self) -> Literal["frequency", "amplitude"]:
         """The variable that a sweep varies: the one that spans the larger ratio."""
-        wider = np.ptp(np.log(np.maximum(self.amplitude_v, 1e-9))) > np.ptp(np.log(self.frequency_hz))
+        driven = self.amplitude_v[self.amplitude_v > 0]  # readings without a drive are no end of a sweep
+        wider = driven.size and np.ptp(np.log(driven)) > np.ptp(np.log(self.frequency_hz))
         return "amplitude" if wider else "frequency"
 
     @property

@@ -113,23 +113,30 @@ class Candidate:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.where(self.predicted > 0, self.slope / self.predicted, 0.0))
 
-    def beside(self, effect: FloatArray) -> FloatArray:
+    def beside(self, effect: FloatArray, *, without: Term | None = None) -> FloatArray:
         """What a refit leaves of changes of the ranges, in units of the scatter.
 
         Parameters
         ----------
         effect : (n, n_points) array, um
+        without : Term, optional
+            A cause whose own parameters the refit leaves where they are.
 
         Returns
         -------
         (n, n_points) array
         """
         whitened = effect / self.scatter
-        return np.asarray(whitened - (whitened @ self._basis) @ self._basis.T)
+        basis = self._basis if without is None else self._spanned(np.array(self.problem.without(without)[1]))
+        return np.asarray(whitened - (whitened @ basis) @ basis.T)
 
     @cached_property
     def _basis(self) -> FloatArray:
-        known = self.slope / self.scatter
+        return self._spanned(np.arange(self.problem.n_model))
+
+    def _spanned(self, rows: NDArray[np.intp]) -> FloatArray:
+        """Orthonormal columns that span the slopes by some of the model's coordinates, in units of the scatter."""
+        known = self.slope[rows[rows < self.problem.n_model]] / self.scatter
         return np.linalg.qr(known[np.linalg.norm(known, axis=1) > 1e-9].T)[0]
 
     def within(self, larger: Problem) -> tuple[FloatArray, NDArray[np.intp]]:

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from psafit.compare import Told, known, read_predictions
+from psafit.diagnose.gain import worse
 from psafit.diagnose.ladder import CREDIBLE
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import CLEAR, recommended, tells_apart
@@ -51,6 +52,8 @@ FloatArray = NDArray[np.float64]
 # Probability of a discrepancy without a name from which on the first screen tells it.
 _WORTH_SAYING = 0.05
 
+# Nats of separation below which a pair stays tied.
+_HARDLY = 3.0
 _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 10, 8, 12
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
 _SCREENED: Final = {
@@ -147,6 +150,10 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "ledger": _ledger(result.ledger),
         "proposals": _proposals(result.next_experiment),
         "confusion": _rehearsal(result.confusion),
+        "alike": [
+            [model([pair["cause"]]), model([pair["other"]]), typeset(f"{known(pair['degrees']):.0f}°")]
+            for pair in result.confusion.get("alike", [])[:_MAX_ALTERNATIVES]
+        ],
         "rehearsals": [_rehearsal(one) for one in result.next_experiment.get("rehearsals", [])],
         "numerics": _numerics(result.numerics),
         "data_warnings": experiment.warnings,
@@ -432,6 +439,8 @@ def _gained(result: Diagnosis) -> Markup:
                     *(typeset(f"{known(x):+.2f}") for x in one["log_rmse_interval"]),
                 )
             )  # fmt: skip
+            if lost := worse(one):
+                parts[-1] += Markup(", but worse on {}").format(groups([g["group"] for g in lost]))
     text = Markup("; ").join(parts)
     return head + Markup("With causes and parameters ") + text + "."
 
@@ -783,6 +792,8 @@ def _gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
             [
                 noted(f"Group {g['group']}", f"{g['silent']}; left out of the mean")
                 if g["silent"]
+                else noted(f"Group {g['group']}", "worse than by the baseline")
+                if g in worse(gain)
                 else f"Group {g['group']}",
                 _ids(g["seen"]),
                 model(g["named"]),
@@ -832,11 +843,23 @@ def _proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
                 listed(changed) if changed else "as it is",
                 _lead(p) if tells else _narrowing(p["separation"]),
                 _share(success),
+                _left_tied(p.get("pairs", [])),
             ]
         )
-    if not tells:
-        rows = [row[:-1] for row in rows]
-    return {"about": _about(str(found.get("about", ""))), "tells": tells, "rows": rows}
+    several = any(len(p.get("pairs", [])) > 1 for p in found["proposals"])
+    if not several:
+        rows = [row[: -1 if tells else -2] for row in rows]
+    return {"about": _about(str(found.get("about", ""))), "tells": tells, "several": several, "rows": rows}
+
+
+def _left_tied(pairs: Sequence[Mapping[str, Any]]) -> Markup | str:
+    """The pairs of models that a measurement would hardly separate."""
+    tied = [
+        Markup("{} and {}").format(model(pair["first"]), model(pair["second"]))
+        for pair in pairs
+        if known(pair["separation"]) < _HARDLY
+    ]
+    return Markup("; ").join(tied) if tied else "none"
 
 
 def _search(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
@@ -852,7 +875,7 @@ def _search(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
 
 
 def _rehearsal(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if not found:
+    if not found or "truth" not in found:
         return None
     rows = [
         [model(ids), _share(before), _share(after)]
@@ -865,8 +888,9 @@ def _about(text: str) -> Markup | str:
     """What proposals are for: the record names causes and parameters by their ids."""
     verb, _, what = text.partition(" ")
     if verb == "tells" and " from " in what:
-        first, second = what.split(" from ", 1)
-        return Markup("tells {} from {}").format(*(model(_split(ids)) for ids in (first, second)))
+        first, others = what.split(" from ", 1)
+        rivals = listed(model(_split(ids)) for ids in others.split(", "))
+        return Markup("tells {} from {}").format(model(_split(first)), rivals)
     p = declared(what)
     return Markup("determines {}").format(parameter(what, p.description)) if verb and p else text
 

@@ -76,6 +76,16 @@ class Design:
         """Number of measurement points."""
         return int(np.size(self.frequency))
 
+    def swept(self, variable: str) -> NDArray[np.float64]:
+        """What "frequency" (Hz) or "amplitude" (V) is at each point."""
+        return self.amplitude if variable == "amplitude" else self.frequency
+
+    def along(self, variable: str) -> NDArray[np.float64]:
+        """Its logarithm; that of 0 V, which has none, is that of the smallest drive."""
+        values = self.swept(variable)
+        least = values[values > 0].min(initial=np.inf)
+        return np.log(np.maximum(values, least if np.isfinite(least) else 1.0))
+
     def point(self, index: int) -> Design:
         """One of the conditions, as a design of its own."""
         return self.points(np.array([index]))
