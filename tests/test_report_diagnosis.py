@@ -16,7 +16,7 @@ from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.records import plain
 from psafit.report import diagnosis_pictures
-from psafit.report.diagnosis import write_diagnosis
+from psafit.report.diagnosis import _about, _instead, model, write_diagnosis
 
 CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
 NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
@@ -441,3 +441,25 @@ def test_the_headline_names_what_is_tied() -> None:
     assert said("unexplained", ["a"], [["b"]]) == "verdict: unexplained: a"
     assert said("ambiguous", ["a"], [["b", "c"], []]) == "verdict: ambiguous: a, or b + c, or nothing"
     assert said("ambiguous", list("abcdef"), [["x"], ["y"]]).endswith("a + b + c + d + e + f, or 2 more sets")
+
+
+def test_large_sets_are_told_by_what_differs():
+    named = ["hysteresis", "gap", "slew_limit"]
+    leans = "ball leans on the tip"
+    assert _instead(named, ["hysteresis", "gap", "preload"]) == f"{leans} in the place of slew-limited amplifier"
+    assert _instead(named, ["hysteresis", "gap"]) == "these without slew-limited amplifier"
+    assert _instead(named, [*named, "preload"]) == "these and ball leans on the tip"
+    assert _instead(named, ["preload", "gap"]) == model(["preload", "gap"])
+    assert _instead(["gap"], ["preload"]) == model(["preload"])
+    shared = _about("tells hysteresis + gap from hysteresis + preload, hysteresis + slew_limit")
+    assert "tells gap at rest from ball leans on the tip and slew-limited amplifier (beside what they share)" in shared
+    assert "share" not in _about("tells hysteresis from hysteresis + preload")
+
+
+def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
+    experiment = make_experiment("a rig")
+    record = make_record(experiment)
+    best = dict(record.next_experiment["proposals"][0], separation=0.36, error=0.05, success=0.0)
+    record = replace(record, next_experiment=record.next_experiment | {"proposals": [best]})
+    text = build(record, experiment, tmp_path).first_screen
+    assert "No sweep that the rig allows tells hysteresis of the stack from" in text and "by 0.4 ± 0.1 nats" in text

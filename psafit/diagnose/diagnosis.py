@@ -65,6 +65,8 @@ _SIMULATED_QUICK, _SIMULATED = 199, 499
 _SEARCHES = 19
 # Tied models, the most probable first, that a proposed measurement is rehearsed with.
 _REHEARSED = 4
+# Drifts of a model that are told.
+_DRIFTS = 8
 # Models in the result; the rest of the ladder has less than this share.
 _SHOWN, _LEAST = 12, 1e-4
 
@@ -614,11 +616,14 @@ def _finite(x: float) -> float | None:
 
 def _show(ladder: Ladder) -> dict[str, Any]:
     models = {"baseline": ladder.baseline} | ({"extended": ladder.leader} if ladder.leader.terms else {})
+    drifts = {name: show.drift(c) for name, c in models.items()}
+    # What stands out in either is told of both.
+    told = {(d.parameter, d.variable) for found in drifts.values() for d in found[:_DRIFTS]}
     return {
         name: {
             "growth": [asdict(g) for g in show.growth(c)],
             "corners": [asdict(corner) for corner in show.corners(c)],
-            "drift": [asdict(d) for d in show.drift(c)[:8]],
+            "drift": [asdict(d) for d in drifts[name] if (d.parameter, d.variable) in told],
             "predicted_um": c.predicted.tolist(),
             "without_um": {
                 id: ranges.tolist() for id, ranges in without_each(c.problem, c.modes[:1], c.problem.group_ids).items()
@@ -738,4 +743,10 @@ def _sentences(
             result.append(f"Predicted worse than by the baseline ({protocol}): group {told}.")
     if best := next_experiment.recommended(proposal):
         result.append(f"Next, measure {best['text']}: it best {proposal['about']}.")
+    elif next_experiment.tells_apart(proposal):
+        told = proposal["proposals"][0]
+        result.append(
+            f"No sweep that the rig allows {proposal['about']}:"
+            f" the best, {told['text']}, by {told['separation']:.1f} nats."
+        )
     return result

@@ -52,6 +52,8 @@ FloatArray = NDArray[np.float64]
 # Probability of a discrepancy without a name from which on the first screen tells it.
 _WORTH_SAYING = 0.05
 
+# Causes of a set from which on one like it is told by what differs.
+_LARGE = 3
 # Nats of separation below which a pair stays tied.
 _HARDLY = 3.0
 _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 10, 8, 12
@@ -317,7 +319,7 @@ def _few(p: float, n: int = 0) -> str:
 def _wrong(result: Diagnosis) -> Markup:
     head = Markup("<strong>What is wrong, and why?</strong> ")
     named = Markup(" + ").join(Markup("<strong>{}</strong>").format(TITLES.get(t, t)) for t in result.named)
-    tied = Markup("; or ").join(model(ids) for ids in result.alternatives[:3])
+    tied = Markup("; or ").join(_instead(result.named, ids) for ids in result.alternatives[:3])
     more = len(result.alternatives) - 3
     if more > 0:
         tied += Markup(" (and {} more)").format(count(more, "set"))
@@ -356,6 +358,17 @@ def _wrong(result: Diagnosis) -> Markup:
     return head + Markup("The best extension is {}{}, but {} (probability of an unnamed discrepancy {}).{}{}").format(
         named, share, why, _share(result.unnamed), _sizes(result) + _implausible(result), also
     )
+
+
+def _instead(named: Sequence[str], ids: Sequence[str]) -> Markup | str:
+    """A set that does as well as a large one: by what is exchanged, where that is shorter."""
+    gone, new = ([id for id in one if id not in other] for one, other in ((named, ids), (ids, named)))
+    if len(named) < _LARGE or len(gone) + len(new) > 2 or not ids:
+        return model(ids)
+    if not gone:
+        return Markup("these and {}").format(model(new))
+    rest = Markup("these without {}").format(model(gone))
+    return Markup("{} in the place of {}").format(model(new), model(gone)) if new else rest
 
 
 def _implausible(result: Diagnosis) -> Markup:
@@ -448,9 +461,15 @@ def _gained(result: Diagnosis) -> Markup:
 def _what_next(found: Mapping[str, Any]) -> list[Markup]:
     """The best proposal in a sentence, if it is worth the work."""
     best = recommended(found)
+    about = _about(str(found.get("about", "")))
     if best is None:
-        return []
-    about = _about(str(found["about"]))
+        if not (tells_apart(found) and found["proposals"]):
+            return []
+        return [
+            Markup("<strong>What next?</strong> No sweep that the rig allows {}: the best by {}. {}").format(
+                about, _lead(found["proposals"][0]), Markup("<a href='#next'>More</a>")
+            )
+        ]
     if tells_apart(found):
         what = Markup("{} with an expected lead of {}").format(about, _lead(best))
     else:
@@ -889,8 +908,13 @@ def _about(text: str) -> Markup | str:
     verb, _, what = text.partition(" ")
     if verb == "tells" and " from " in what:
         first, others = what.split(" from ", 1)
-        rivals = listed(model(_split(ids)) for ids in others.split(", "))
-        return Markup("tells {} from {}").format(model(_split(first)), rivals)
+        sets = [_split(ids) for ids in (first, *others.split(", "))]
+        shared = set.intersection(*map(set, sets))
+        if any(shared.issuperset(ids) for ids in sets):  # one holds nothing else
+            shared = set()
+        one, *rest = (model([id for id in ids if id not in shared]) for ids in sets)
+        beside = " (beside what they share)" if shared else ""
+        return Markup("tells {} from {}{}").format(one, listed(rest), beside)
     p = declared(what)
     return Markup("determines {}").format(parameter(what, p.description)) if verb and p else text
 
