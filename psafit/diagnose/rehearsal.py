@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import softmax
 
 from psafit.diagnose.next_experiment import Proposal
@@ -24,6 +25,8 @@ from psafit.inference.candidate import ENOUGH, Candidate, settle
 from psafit.inference.evidence import Weighed
 from psafit.inference.problem import MICRO, Problem
 from psafit.simulate import Design, simulate
+
+FloatArray = NDArray[np.float64]
 
 # Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
 _TRIALS, _STARTS = 3, 6
@@ -54,35 +57,31 @@ class Rehearsal:
     first: int
 
 
+Tied = Sequence[tuple[Candidate, Weighed]]
+# Measures, with one model as the truth: says which readings any model is then fitted to.
+_Measure = Callable[[Candidate, Weighed, np.random.Generator], Callable[[Problem], Problem]]
+
+
 def repeat(
-    tied: Sequence[tuple[Candidate, Weighed]],
+    tied: Tied,
     log_prior: Sequence[float],
     *,
     seed: int,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Rehearsal:
     """Measure the same conditions again in simulation, with each of some models as the truth; see `rehearse`."""
-    truth, after, first = [], [], 0
-    for k, (candidate, draws) in enumerate(tied):
-        for trial in range(_TRIALS):
-            progress(_TRIALS * k + trial, _TRIALS * len(tied))
-            rng = np.random.default_rng([seed, 31, k, trial])
-            problem = candidate.problem
-            u = draws.draws[rng.choice(len(draws.draws), p=draws.weights)][None]
-            made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
-            again = problem.experiment.with_readings(np.maximum(made, 0.0))
-            height = [
-                d.log_evidence + _climbed(replace(c.problem, experiment=again), c, d, rng).laplace - c.laplace + p
-                for (c, d), p in zip(tied, log_prior, strict=True)
-            ]
-            truth.append(list(candidate.ids))
-            after.append(float(softmax(height)[k]))
-            first += int(np.argmax(height) == k)
-    return Rehearsal("the same conditions again", truth, np.repeat(softmax(log_prior), _TRIALS).tolist(), after, first)
+
+    def measure(truth: Candidate, draws: Weighed, rng: np.random.Generator) -> Callable[[Problem], Problem]:
+        problem, u = truth.problem, _drawn(draws, 1, rng)
+        made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
+        again = problem.experiment.with_readings(np.maximum(made, 0.0))
+        return lambda model: replace(model, experiment=again)
+
+    return _judged("the same conditions again", tied, log_prior, softmax(log_prior), measure, [seed, 31], progress)
 
 
 def rehearse(
-    tied: Sequence[tuple[Candidate, Weighed]],
+    tied: Tied,
     log_prior: Sequence[float],
     proposal: Proposal,
     *,
@@ -106,28 +105,53 @@ def rehearse(
     -------
     Rehearsal
     """
+
+    def measure(truth: Candidate, draws: Weighed, rng: np.random.Generator) -> Callable[[Problem], Problem]:
+        new = _measured(truth.problem, _drawn(draws, 1, rng), proposal, rng)
+
+        def with_it(model: Problem) -> Problem:
+            experiment = replace(model.experiment, groups=(*model.experiment.groups, new))
+            return replace(model, experiment=experiment, group_ids=(*model.group_ids, NEW))
+
+        return with_it
+
     before = softmax([w.log_evidence + p for (_, w), p in zip(tied, log_prior, strict=True)])
+    return _judged(proposal.text, tied, log_prior, before, measure, [seed, 23], progress)
+
+
+def _judged(
+    what: str,
+    tied: Tied,
+    log_prior: Sequence[float],
+    before: FloatArray,
+    measure: _Measure,
+    stream: list[int],
+    progress: Callable[[int, int], None],
+) -> Rehearsal:
+    """Fit all models to what each of them makes in turn."""
     truth, after, first = [], [], 0
-    for k, (candidate, draws) in enumerate(tied):
+    for k, (candidate, own) in enumerate(tied):
         for trial in range(_TRIALS):
             progress(_TRIALS * k + trial, _TRIALS * len(tied))
-            rng = np.random.default_rng([seed, 23, k, trial])
-            new = _measured(candidate, draws, proposal, rng)
+            rng = np.random.default_rng([*stream, k, trial])
+            measured = measure(candidate, own, rng)
             # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
             height = [
-                d.log_evidence + _refitted(c, d, new, rng).laplace - c.laplace + p
+                d.log_evidence + _climbed(measured(c.problem), c, d, rng).laplace - c.laplace + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))
             after.append(float(softmax(height)[k]))
             first += int(np.argmax(height) == k)
-    return Rehearsal(proposal.text, truth, np.repeat(before, _TRIALS).tolist(), after, first)
+    return Rehearsal(what, truth, np.repeat(before, _TRIALS).tolist(), after, first)
 
 
-def _measured(candidate: Candidate, draws: Weighed, proposal: Proposal, rng: np.random.Generator) -> Group:
-    """Readings of the proposed sweep, of a truth drawn from the model's posterior."""
-    problem = candidate.problem
-    u = draws.draws[rng.choice(len(draws.draws), p=draws.weights)][None]
+def _drawn(draws: Weighed, n: int, rng: np.random.Generator) -> FloatArray:
+    return np.asarray(draws.draws[rng.choice(len(draws.draws), n, p=draws.weights)])
+
+
+def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.random.Generator) -> Group:
+    """Readings of the proposed sweep, of a truth drawn from a model's posterior."""
     frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
     rig = replace(problem.experiment.constants, **proposal.constants)
     design = Design.sweep(rig, proposal.waveform, frequency, voltage)
@@ -139,16 +163,9 @@ def _measured(candidate: Candidate, draws: Weighed, proposal: Proposal, rng: np.
     return Group(NEW, waveform, "", frequency, voltage, readings, known, changed=changed)
 
 
-def _refitted(candidate: Candidate, draws: Weighed, new: Group, rng: np.random.Generator) -> Candidate:
-    """A model fitted to the old readings and the new ones."""
-    old = candidate.problem
-    experiment = replace(old.experiment, groups=(*old.experiment.groups, new))
-    return _climbed(replace(old, experiment=experiment, group_ids=(*old.group_ids, NEW)), candidate, draws, rng)
-
-
 def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> Candidate:
     """A model fitted to other readings, from its optima and draws of its posterior."""
-    known = np.vstack([candidate.modes, draws.draws[rng.choice(len(draws.draws), _STARTS, p=draws.weights)]])
+    known = np.vstack([candidate.modes, _drawn(draws, _STARTS, rng)])
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))
     starts[:, shared] = known
