@@ -148,7 +148,8 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "leftover": _leftover(result, shown),
         "quick": result.quick,
         "gains": [_gain(name, result.gain[name]) for name in ("strict", "nested") if result.gain.get(name)],
-        "extension": {which: result.extension.get(which) for which in ("adopted", "strict")},
+        "extension": {"adopted": None, "strict": None}
+        | {which: run | {"model": model(run["terms"])} for which, run in result.extension.items()},
         "ledger": _ledger(result.ledger),
         "proposals": _proposals(result.next_experiment),
         "confusion": _rehearsal(result.confusion),

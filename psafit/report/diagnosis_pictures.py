@@ -246,7 +246,7 @@ def _bars(
     limits: tuple[float, float] | None,
 ) -> Figure:  # fmt: skip
     with figure_style():
-        figure, axes = new_figure(height=1.25 + 0.235 * len(names))
+        figure, axes = new_figure(height=1.45 + 0.235 * len(names))
         at = np.arange(len(names))[::-1]
         lengths = np.nan_to_num(np.asarray(values, dtype=float))
         for word, color in _VERDICT_COLOR.items():
@@ -271,9 +271,11 @@ def _bars(
         axes.tick_params(axis="y", length=0)
         axes.set_xlabel(quantity)
         handles = [
-            Patch(facecolor=c, hatch=_HATCH.get(w), edgecolor="white", lw=0, label=w) for w, c in _VERDICT_COLOR.items()
+            Patch(facecolor=c, hatch=_HATCH.get(w), edgecolor="white", lw=0, label=w)
+            for w, c in _VERDICT_COLOR.items()
+            if any(s.verdict == w for s in screening)
         ]
-        figure.legend(handles=handles, loc="outside upper left", ncols=3, fontsize=8, columnspacing=0.9)
+        figure.legend(handles=handles, loc="outside upper left", ncols=2, fontsize=8.5)
     return figure
 
 
