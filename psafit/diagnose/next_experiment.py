@@ -64,8 +64,8 @@ class Proposal:
     separation : float
         Expected gain of the right model in log odds (nats) against all others, the least over the models that may be
         right; for one model alone, the expected fall of a weakly determined parameter's log standard deviation.
-    success : float
-        Share of simulated experiments in which the right model wins by three nats; NaN for one model alone.
+    success : float, optional
+        Share of simulated experiments in which the right model wins by three nats; None for one model alone.
     error : float
         Standard error of the separation.
     pairs : list of Pair
@@ -78,7 +78,7 @@ class Proposal:
     amplitude_v: list[float]
     constants: dict[str, float]
     separation: float
-    success: float
+    success: float | None
     error: float
     pairs: list[Pair] = field(default_factory=list)
 
@@ -112,12 +112,13 @@ class Possible:
         """It with what it would do."""
         d = self.design
         waveform = "square" if d.waveform[0] else "sine"
-        drive = d.frequency.tolist(), d.amplitude.tolist()
-        return Proposal(self.text, waveform, *drive, self.changed, *found, list(pairs))
+        f, v = d.frequency.tolist(), d.amplitude.tolist()
+        separation, success, error = found
+        return Proposal(self.text, waveform, f, v, self.changed, separation, success, error, list(pairs))
 
 
 # Separation, success and the separation's standard error, as `Proposal` holds them.
-_Judgement = tuple[float, float, float]
+_Judgement = tuple[float, float | None, float]
 
 
 def proposals(candidate: Candidate) -> list[Possible]:
@@ -208,7 +209,7 @@ def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, lis
     def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
         model = _Model.of(leader, rows, rng)
         found = [_narrowing(model.forecast(p.design), model.u[:, [weak[which]]]) for p in possible]
-        return [p.judged((float(f[0]), math.nan, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
+        return [p.judged((float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
 
     every = draws.resampled(2 * _DRAWS)
     ranked = _best(possible, [p.separation for p in judged(possible, every[::2])])
