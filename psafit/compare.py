@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.gain import changes, interval
 from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
@@ -23,8 +23,6 @@ from psafit.inference.identify import supported
 from psafit.inference.run import load
 from psafit.records import read_json
 from psafit.validate import COLUMNS, log_ratio, predict, root_mean_square, silence
-
-FloatArray = NDArray[np.float64]
 
 _MEASURED, _ROLES = ("frequency_hz", "amplitude_v", "launch_range_um"), ("fit", "holdout")
 

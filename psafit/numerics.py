@@ -9,16 +9,14 @@ drive commonly takes, its result would be an artefact.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.inference.problem import Problem
 from psafit.inference.run import Run
 from psafit.records import Numerics, Refinement, write_json
 from psafit.simulate import rig_of, simulate
 from psafit.simulate.stability import contact_matrix_of, largest_stable_step, rk4_growth
 from psafit.simulate.stepper import TOLERANCE
-
-FloatArray = NDArray[np.float64]
 
 # The finest run stands for the truth of a model without closed form; its own error is a hundredth of the next one's.
 _FINEST = 1e-10

@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
+
+from psafit.arrays import FloatArray
 
 Coordinate = Literal["linear", "log"]
 # Outside this part of its prior, or this close to a bound (share of the bounds), a value is called implausible.
@@ -25,7 +27,6 @@ _SURPRISING, _AT_BOUND = 0.025, 1e-3
 SHARES = np.linspace(0.0005, 0.9995, 1000)
 # Widths that knowledge of one's own rig may give a prior, in units of the usual one.
 _NARROWEST, _WIDEST = 1e-3, 1e2
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from typing import Any, Literal, NamedTuple, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment import (
     DEFINITION,
@@ -51,7 +52,6 @@ from psafit.simulate.reference import (
 from psafit.simulate.stability import contact_matrix, largest_stable_step, rk4_growth
 from psafit.validate import log_ratio, root_mean_square
 
-FloatArray = NDArray[np.float64]
 Verdict = Literal["reproduced", "reproduced only with the study's time step", "not reproduced"]
 
 REPRODUCED: Verdict = "reproduced"

@@ -26,14 +26,13 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtri
 from scipy.stats import binomtest
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Group, GroupId
 from psafit.files import write_atomically
 from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Validation, write_json
-
-FloatArray = NDArray[np.float64]
 
 OFFSET_UM = 0.3
 COLUMNS = (

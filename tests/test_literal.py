@@ -10,9 +10,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
-from psafit.physics.term import FloatArray, World
+from psafit.physics.term import World
 from psafit.simulate import literal
 from psafit.simulate.literal import jump, launch_in, literal_launch, literal_world, swing
 from psafit.simulate.reference import ContactParameters, Point, mp_launch, pendulum_range, tight_launch

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import psafit
+from psafit.arrays import FloatArray
 from psafit.challenge import strength as strengths
 from psafit.challenge.answer import ANSWER, COMMITMENT, EXPERIMENT, KINDS, Answer, Kind, Place, Scatter, seal, sizes
 from psafit.errors import InputError
@@ -41,7 +42,6 @@ from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of
 from psafit.workers import processes
 
-FloatArray = NDArray[np.float64]
 Edit = Callable[[World, Point], None]
 Parameters = Mapping[str, float]
 

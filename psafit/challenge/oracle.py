@@ -19,9 +19,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
+from psafit.arrays import FloatArray
 from psafit.challenge.answer import Answer, sizes
 from psafit.experiment import Experiment
 from psafit.inference import noise
@@ -31,8 +31,6 @@ from psafit.physics import TERMS
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import Side, in_scatter, plausible
-
-FloatArray = NDArray[np.float64]
 
 _STARTS = 8
 # A rival this close to the truth, nats of ranges without scatter, cannot be told from it by anybody.

@@ -17,11 +17,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 from scipy.stats import t as student
 
+from psafit.arrays import FloatArray
 from psafit.challenge.answer import Scatter, sizes
 from psafit.inference.optimise import gradient
 from psafit.inference.problem import MICRO
@@ -29,8 +29,6 @@ from psafit.physics import baseline
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 from psafit.simulate.sensitivity import Side, in_scatter, plausible, share_above
-
-FloatArray = NDArray[np.float64]
 
 # Stronger causes would surprise by themselves: of two hundred rigs one has such a strength.
 MOST = 0.995

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
 from psafit.diagnose.confusable import confusable
@@ -52,8 +52,6 @@ from psafit.physics.term import Term
 from psafit.records import SCHEMA, read_content, read_json, write_json
 from psafit.validate import predictive, validate, without_each, write_predictions
 from psafit.workers import ahead, cores
-
-FloatArray = NDArray[np.float64]
 
 _DRAWS = 400
 # Error of a simulator's step that a search admits: its ranges are then good to a millionth (see docs/numerics.md).

@@ -26,11 +26,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.ladder import Ids, Ladder
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.experiment import Experiment, Group, GroupId
@@ -45,8 +45,6 @@ from psafit.validate import (
     silence,
     write_table,
 )
-
-FloatArray = NDArray[np.float64]
 
 _DRAWS = 400
 # Models with less than this share of the best's probability are left out of the mixture.

@@ -38,9 +38,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.memory import Arrays, Memory
 from psafit.diagnose.pruning import prune
 from psafit.diagnose.screening import Screened, extended, screen
@@ -51,7 +51,6 @@ from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
-FloatArray = NDArray[np.float64]
 Ids = tuple[str, ...]
 
 SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.015, 0.004, 0.001)

@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.misfit import sweeps
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
 from psafit.parameters import Parameter
-
-FloatArray = NDArray[np.float64]
 
 # Log-normal priors: amplitude of the smooth part and of the levels (a tenth, within a factor of three), and its reach
 # in the logarithm of the swept variable (a factor of two in frequency, within a factor of two).

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
@@ -32,8 +33,6 @@ from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.simulate import Design, path_of
 from psafit.validate import log_ratio
-
-FloatArray = NDArray[np.float64]
 
 ALPHA = 0.02
 """Level of the family: a false alarm in fifty sound models."""

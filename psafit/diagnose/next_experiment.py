@@ -21,9 +21,9 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Constants, changes_text
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
@@ -32,7 +32,6 @@ from psafit.inference.problem import MICRO
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 
-FloatArray = NDArray[np.float64]
 _Item = TypeVar("_Item")
 
 _POINTS, _DRAWS, _TRIALS = 16, 150, 200

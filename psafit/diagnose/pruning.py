@@ -18,14 +18,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.inference.ascent import Ascent, ascend, ascend_linearly, heights
 from psafit.inference.candidate import ENOUGH, Candidate, coarse, settle, within_bounds
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
-FloatArray = NDArray[np.float64]
 Ids = tuple[str, ...]
 
 # Draws of the prior that are looked at, and climbs from the best of them on some of the readings. Slopes are carried

@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import softmax
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Proposal
 from psafit.experiment import Group, Waveform
 from psafit.inference import noise
@@ -25,8 +25,6 @@ from psafit.inference.candidate import ENOUGH, Candidate, settle
 from psafit.inference.evidence import Weighed
 from psafit.inference.problem import MICRO, Problem
 from psafit.simulate import Design, simulate
-
-FloatArray = NDArray[np.float64]
 
 # Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
 _TRIALS, _STARTS = 3, 6

@@ -23,17 +23,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from psafit.arrays import FloatArray
 from psafit.inference.ascent import ascend_linearly
 from psafit.inference.candidate import Candidate
 from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import plausible
-
-FloatArray = NDArray[np.float64]
 
 _QUANTILES = (0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
 _ITERATIONS = 12

@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.stats import f, t
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.misfit import conditions, in_session, sweeps
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
-
-FloatArray = NDArray[np.float64]
 
 # Readings of a window, and standard errors of its slope to either end of a 90 % interval.
 _WINDOW = 9

@@ -14,13 +14,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment.text import listed, shown
 from psafit.parameters import Belief
 
 Waveform = Literal["sine", "square"]
 GroupId = int | str
-FloatArray = NDArray[np.float64]
 
 DEFINITION = "experiment.toml"
 CONDITION_COLUMNS = ("frequency_hz", "amplitude_v")

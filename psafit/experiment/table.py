@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.experiment.records import CONDITION_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS, FloatArray
+from psafit.experiment.records import CONDITION_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS
 from psafit.experiment.text import read_text, shown
 
 MAX_ROWS = 1_000_000

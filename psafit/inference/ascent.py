@@ -21,10 +21,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.inference import noise
 from psafit.inference.problem import Problem
-
-FloatArray = NDArray[np.float64]
 
 # Forward differences: far above the jitter of the stepping path (1e-6), far below the width of any posterior.
 _STEP = 1e-3

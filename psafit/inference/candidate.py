@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfcx, log_ndtr, logsumexp
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend, expansion, heights, slopes
 from psafit.inference.optimise import starts_of, widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
-
-FloatArray = NDArray[np.float64]
 
 # Climbs on some of the readings, then on all: iterations, and how many go on after each. With shorter parts and two
 # dampings a search costs a fifth less, single causes and pairs come out the same, and on all groups of the study, which

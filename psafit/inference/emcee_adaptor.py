@@ -25,9 +25,9 @@ from types import FrameType
 import emcee
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.files import replacing, reserve
 from psafit.inference import store
@@ -36,7 +36,6 @@ from psafit.inference.evidence import Emulated, emulate, student_log_density
 from psafit.inference.optimise import Optimum
 from psafit.inference.problem import Problem
 
-FloatArray = NDArray[np.float64]
 GROUP = "psafit"
 
 # The proposal's tails (degrees of freedom) and the prior's share in it.

@@ -22,13 +22,12 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp, ndtri
 from scipy.stats import chi2, qmc
 
+from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate
 from psafit.physics import baseline
-
-FloatArray = NDArray[np.float64]
 
 # Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72), draws
 # below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.

@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from psafit.arrays import FloatArray
 from psafit.inference.ascent import Ascent, ascend, expansion, slopes
 from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline
 from psafit.records import ProfilePoint
-
-FloatArray = NDArray[np.float64]
 
 # Half the 90 % point of chi-square with one degree of freedom (Wilks): the drop of log likelihood at either end of a
 # 90 % interval, hence at a single limit that holds with 95 %.

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.inference.problem import Problem
-
-FloatArray = NDArray[np.float64]
 
 # Points that bound the likelihood's shells, points simulated at once, and effective draws at the end. The evidence's
 # error is far below the half nat that matters.

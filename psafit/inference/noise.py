@@ -12,13 +12,11 @@ with Student's :math:`t_\nu`, which gives an outlier a bounded pull and tends to
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import digamma, gammaln
 from scipy.stats import t as student
 
+from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, LogNormal, Parameter
-
-FloatArray = NDArray[np.float64]
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter(

@@ -17,17 +17,15 @@ from typing import Any
 
 import lmfit
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
+from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import noise
 from psafit.inference.ascent import ascend
 from psafit.inference.problem import Problem
 from psafit.physics import baseline
-
-FloatArray = NDArray[np.float64]
 
 # Difference steps in sampling coordinates of order one: cube root of the simulator's relative error (1e-12).
 _STEP = 1e-4

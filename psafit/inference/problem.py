@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, session_name
 from psafit.inference import noise
@@ -18,7 +19,6 @@ from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 from psafit.simulate.stepper import TOLERANCE
 
-FloatArray = NDArray[np.float64]
 MICRO = 1e6  # um per m: measurements are in um, physics in m
 
 

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 import psafit
 from psafit.errors import InputError, check_seed
@@ -52,8 +51,6 @@ from psafit.records import (
     write_json,
 )
 from psafit.simulate import simulate
-
-FloatArray = NDArray[np.float64]
 
 # Draws kept in posterior.nc, in units of the autocorrelation time: denser adds bytes, not information.
 _THIN = 0.5

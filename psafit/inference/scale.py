@@ -15,15 +15,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.experiment.text import one_line
 from psafit.inference.candidate import thinned
 from psafit.inference.problem import Problem
 from psafit.physics import informed
-
-FloatArray = NDArray[np.float64]
 
 _DRAWS = 256
 # Of more readings than this, some tell their scale.

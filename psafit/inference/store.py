@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.files import replacing, reserve
-
-FloatArray = NDArray[np.float64]
 
 HDF5_FRAME = 1 << 18
 """Bytes that a file of ours needs beside its arrays, at most."""

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter
-from psafit.physics.term import Check, FloatArray, Symptom, Term, World
+from psafit.physics.term import Check, Symptom, Term, World
 
 
 def reading(L: FloatArray, p: FloatArray, group: NDArray[np.int64]) -> FloatArray:

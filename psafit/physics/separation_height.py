@@ -14,8 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Parameter, Uniform
-from psafit.physics.term import Check, FloatArray, Symptom, Term, World
+from psafit.physics.term import Check, Symptom, Term, World
 
 
 def swing_offset(p: FloatArray) -> FloatArray:

@@ -13,9 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, LogNormal, Parameter
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, FloatArray, Setup, Symptom, Term, World
+from psafit.physics.term import Check, Setup, Symptom, Term, World
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:

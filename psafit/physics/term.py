@@ -19,10 +19,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Constants
 from psafit.parameters import Parameter
 
-FloatArray = NDArray[np.float64]
 Slot = Literal["drive", "stack", "contact", "flight", "reading"]
 Trend = Literal["grows", "falls", "flat", "mixed"]
 SLOTS: tuple[Slot, ...] = ("drive", "stack", "contact", "flight", "reading")

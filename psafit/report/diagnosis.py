@@ -10,7 +10,6 @@ from typing import Any, Final
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from psafit.compare import Told, known, read_predictions
 from psafit.diagnose.gain import worse
@@ -48,7 +47,6 @@ from psafit.report.wording import (
 )
 from psafit.validate import log_ratio, root_mean_square, validate
 
-FloatArray = NDArray[np.float64]
 # Probability of a discrepancy without a name from which on the first screen tells it.
 _WORTH_SAYING = 0.05
 

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.diagnose.record import NEAREST, UNSEEN, ScreeningResult
 from psafit.experiment import Group
 from psafit.report import figures
@@ -22,8 +22,6 @@ from psafit.report.figures.sweep import AXIS, SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
 from psafit.report.wording import factor, number, percent
-
-FloatArray = NDArray[np.float64]
 
 _MAX_SVG = 12
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}

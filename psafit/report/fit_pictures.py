@@ -10,9 +10,9 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 from scipy.stats import binom
 
+from psafit.arrays import FloatArray
 from psafit.experiment import GroupId
 from psafit.inference.identify import DROP_90
 from psafit.inference.run import Run
@@ -26,8 +26,6 @@ from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
 from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, with_unit
 from psafit.validate import Prediction, log_ratio
-
-FloatArray = NDArray[np.float64]
 
 _MAX_SVG_GROUPS = 8
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import HEIGHT, MEASURED, PALETTE, figure_style, new_figure, plain_log_ticks
 from psafit.report.wording import typeset
@@ -27,8 +27,6 @@ from psafit.reproduce import (
     Reproduction,
     Sweep,
 )
-
-FloatArray = NDArray[np.float64]
 
 STUDY: dict[str, Any] = {"color": PALETTE["vermillion"], "zorder": 4}
 CONVERGED: dict[str, Any] = {"color": PALETTE["blue"], "zorder": 4}

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Constants
 from psafit.physics import baseline
 from psafit.physics.term import Setup, Term
 from psafit.simulate import closed_form, flight, stepper
 from psafit.simulate.callbacks import address
 from psafit.simulate.design import Design
-
-FloatArray = NDArray[np.float64]
 
 PATHS = ("closed form", "stepper")
 # Which path a model takes does not depend on the rig.

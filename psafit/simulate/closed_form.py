@@ -35,12 +35,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import ComplexArray, FloatArray
 from psafit.physics.term import Setup
 from psafit.simulate.compiled import compiled, prange
 from psafit.simulate.design import SQUARE, Design
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Poles closer than this (relative) lose digits to cancellation, eps/_CLOSE for two of them, when summed one by one.
 _CLOSE = 1e-3

@@ -19,11 +19,9 @@ from math import comb
 
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.simulate.compiled import WIDTH, compiled, load
-
-FloatArray = NDArray[np.float64]
 
 NODES = WIDTH
 # Degree of the displacement's polynomial.

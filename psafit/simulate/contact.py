@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from psafit.arrays import FloatArray
 from psafit.physics.term import Setup
 from psafit.simulate import closed_form
 from psafit.simulate.design import SQUARE, Design
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ from types import CodeType
 from typing import Any, SupportsIndex
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Constants
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline, term
@@ -33,8 +34,6 @@ from psafit.simulate.design import SINE, SQUARE, Design
 from psafit.simulate.literal import literal_launch
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import REFERENCE, RIGS, effect, observe, plausible
-
-FloatArray = NDArray[np.float64]
 
 STUDY = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 """The rig of the study (Table 3)."""

@@ -30,17 +30,16 @@ from typing import Literal, Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import roots_jacobi
 
+from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
 from psafit.physics.term import Term, World
 from psafit.simulate.reference import Point
 
-FloatArray = NDArray[np.float64]
 Outcome = Literal["launched", "no launch"]
 
 MAX_PERIODS = 3

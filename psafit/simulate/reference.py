@@ -15,14 +15,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.integrate import DOP853, OdeSolver, Radau
 from scipy.optimize import brentq
 
+from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants, Waveform
 
-FloatArray = NDArray[np.float64]
 Outcome = Literal["launched", "no separation", "diverged"]
 SquareReading = Literal["half periods", "sign of sine"]
 

@@ -20,8 +20,9 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Constants
 from psafit.parameters import Parameter
 from psafit.physics import baseline
@@ -29,7 +30,6 @@ from psafit.physics.term import Term, Trend
 from psafit.simulate.batch import simulate
 from psafit.simulate.design import Design
 
-FloatArray = NDArray[np.float64]
 Status = Literal["visible", "absorbed", "idle"]
 Side = Literal[-1, 1]
 

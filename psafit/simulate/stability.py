@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Constants
 from psafit.physics.term import Setup
-
-FloatArray = NDArray[np.float64]
 
 
 def contact_matrix(theta: ArrayLike, constants: Constants) -> FloatArray:

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.physics.term import Setup
 from psafit.simulate import drive as _drive
 from psafit.simulate.callbacks import call_branch, call_law, call_stack_factor
@@ -46,8 +47,6 @@ from psafit.simulate.collocation import (
 )
 from psafit.simulate.compiled import compiled, last, least, load, prange, size, solve, splat, store, times, total
 from psafit.simulate.design import SQUARE, Design
-
-FloatArray = NDArray[np.float64]
 
 # Error admitted in one step, relative to the ball's speed: see docs/numerics.md for what it does to the launch range.
 TOLERANCE = 1e-5

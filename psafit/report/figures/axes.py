@@ -7,11 +7,9 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.report.figures.sweep import Sweep
-
-FloatArray = NDArray[np.float64]
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # A logarithmic axis with fewer decades has too few powers of ten to be read.

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, Group
 from psafit.report.figures.axes import label, reading_range, scale_axis, scale_sweep
 from psafit.report.figures.sweep import Sweep
@@ -20,7 +20,6 @@ from psafit.report.style import MEASURED, PALETTE
 if TYPE_CHECKING:
     from psafit.validate import Prediction
 
-FloatArray = NDArray[np.float64]
 
 ROLE_COLOR: Final = {"fit": "blue", "holdout": "vermillion"}
 MODEL_BAND: Final = "90 % of the model"

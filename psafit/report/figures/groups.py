@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, Group
 from psafit.report.figures.axes import label, scale_sweep
 from psafit.report.figures.curves import ROLE_COLOR, Curve, draw_curves, envelope, handles, has_zeros
@@ -21,7 +21,6 @@ from psafit.report.style import BAND, PALETTE, WIDTH, figure_style, new_figure
 if TYPE_CHECKING:
     from psafit.validate import Prediction
 
-FloatArray = NDArray[np.float64]
 
 ROLE_MARKER: Final = {"fit": "o", "holdout": "s"}
 ROLE_TEXT: Final = {"fit": "fitted", "holdout": "not seen by the fit"}

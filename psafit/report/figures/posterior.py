@@ -13,13 +13,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.records import ParameterEntry, ProfilePoint
 from psafit.report.figures.axes import label, scale_axis, widened
 from psafit.report.style import PALETTE, WIDTH, figure_style, new_figure
-
-FloatArray = NDArray[np.float64]
 
 # Fewer draws than this make a scatter plot, not contours.
 _ENOUGH_FOR_CONTOURS = 1000

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, changes_text
 
-FloatArray = NDArray[np.float64]
 Variable = Literal["frequency", "amplitude", "order"]
 
 SWEPT: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude"}
