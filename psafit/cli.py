@@ -570,7 +570,14 @@ def _declaration(entry: CauseEntry) -> str:
 
     lines = [f"{entry.id}: {entry.title} ({entry.slot})", ""]
     for block in re.sub(r":math:`([^`]*)`", r"\1", entry.description).replace("``", "`").split("\n\n"):
-        lines += [block if block.startswith("..") else textwrap.fill(block, 88, break_on_hyphens=False), ""]
+        # A displayed formula stays LaTeX, which a terminal cannot set; the catalogue's page does.
+        formula = block.removeprefix(".. math::")
+        shown = (
+            textwrap.fill(block, 88, break_on_hyphens=False)
+            if formula == block
+            else textwrap.indent(textwrap.dedent(formula).strip(), "    ")
+        )
+        lines += [shown, ""]
     named = [("", p) for p in entry.parameters] + [("each session: ", p) for p in [entry.latent] if p]
     for kind, p in named:
         neutral = "" if p.neutral is None else f"neutral {p.neutral:g}; "
