@@ -450,12 +450,12 @@ def _tell(result: Diagnosis) -> None:
         words = " + ".join(cause.terms) or "no cause"
         share = cause.evidence["share"] if unnamed else cause.probability
         gain = f"log likelihood {cause.evidence['gain']:+.1f} nats over the baseline's"
-        click.echo(f"  {100 * share:5.1f} %  {words}, {gain}")
+        click.echo(f"  {_share(share):>5} %  {words}, {gain}")
         if cause.terms == result.named or cause.terms in result.alternatives[:1]:
             for line in _sizes(cause):
                 click.echo(f"           {line}")
     if not unnamed and result.tells_unnamed:
-        click.echo(f"  {100 * result.unnamed:5.1f} %  a discrepancy without a name")
+        click.echo(f"  {_share(result.unnamed):>5} %  a discrepancy without a name")
     for place in result.misfit["where"][:5]:
         click.echo(f"  baseline, {place['text']}")
     if not result.numerics["converged"]:
@@ -463,6 +463,12 @@ def _tell(result: Diagnosis) -> None:
     for run in result.extension.values():
         if not run["converged"]:
             click.echo(f"  posterior of {' + '.join(run['terms'])}: {run['message']}")
+
+
+def _share(fraction: float) -> str:
+    """A fraction in per cent; never 0 or 100 unless it is."""
+    text = f"{100 * fraction:.1f}"
+    return "<0.1" if text == "0.0" and fraction > 0 else ">99.9" if text == "100.0" and fraction < 1 else text
 
 
 def _sizes(cause: CauseResult) -> Iterator[str]:

@@ -116,8 +116,12 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     if alternatives:
         only = ladder.probability[best] >= CREDIBLE
         reasons.append(
-            f"{len(alternatives) + 1} sets of causes explain these readings about equally well"
-            + ("; only what is plausible beforehand speaks for the first." if only else ".")
+            f"{len(alternatives) + 1} sets of causes explain these readings"
+            + (
+                " about equally well; only what is plausible beforehand speaks for the first."
+                if only
+                else f", and none of them has the {100 * CREDIBLE:.0f} % that naming it alone takes."
+            )
         )
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
     what = " + ".join(named)

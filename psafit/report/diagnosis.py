@@ -341,7 +341,7 @@ def _wrong(result: Diagnosis) -> Markup:
             how = "{}{} fits far better, and no other set does as well; the tests alone would not have objected.{}"
         return head + Markup(how).format(named, share, _reservations(result))
     if result.verdict == "ambiguous":
-        how = "Several sets of causes do about equally well, and these readings cannot separate them: {}{}; or {}.{}"
+        how = "These readings cannot tell which of several sets of causes it is: {}{}; or {}.{}"
         if listed_one and listed_one.probability >= CREDIBLE:
             how = "{}{} is most plausible, but these readings cannot separate it from what fits as well: {}.{}"
         return head + Markup(how).format(named, share, tied, _reservations(result))
