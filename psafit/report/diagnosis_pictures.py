@@ -164,18 +164,24 @@ def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: s
     with figure_style():
         figure, axes = new_figure(height=2.75)
         axes.axhline(0.0, color=PALETTE["faint"], lw=1.0, zorder=0.5)
-        axes.fill_between(at, lower, upper, color=PALETTE["ink"], **{**BAND, "alpha": 0.16})
+        mark: dict[str, Any] = {}
+        if at.size > 1:
+            axes.fill_between(at, lower, upper, color=PALETTE["ink"], **{**BAND, "alpha": 0.16})
+        else:  # a band and a line need a width: a bar and dashes instead
+            axes.vlines(at, lower, upper, color=PALETTE["ink"], lw=9, alpha=0.16)
+            mark = {"marker": "_", "markersize": 22, "markeredgewidth": 2}
         axes.plot(at, measured, **MEASURED)
-        axes.plot(base["at"], base["simulated"], **_BASELINE)
+        axes.plot(base["at"], base["simulated"], **_BASELINE, **mark)
         if ext is not None:
-            axes.plot(ext["at"], ext["simulated"], **_EXTENDED)
+            axes.plot(ext["at"], ext["simulated"], **_EXTENDED, **mark)
         lines = [measured, np.asarray(base["simulated"], dtype=float)]
         lines += [np.asarray(ext["simulated"], dtype=float)] if ext is not None else []
-        values = np.concatenate(lines)
+        values = np.concatenate([*lines, *([lower, upper] if at.size == 1 else [])])
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         room = 0.25 * (high - low) + 0.1
         scale_axis(axes, "y", low - room, high + room, log=False)
-        _scale_x(axes, at, log=bool(at.min() > 0 and at.max() >= 3 * at.min()))
+        shown = at if at.size > 1 else at * np.array([0.5, 2.0])
+        _scale_x(axes, shown, log=bool(shown.min() > 0 and shown.max() >= 3 * shown.min()))
         axes.set_xlabel(AXIS[base["variable"]])
         axes.set_ylabel(f"d ln L / d ln {letter}")
         title(axes, base["group"], condition)

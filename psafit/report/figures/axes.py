@@ -91,14 +91,14 @@ def scale_sweep(
 def reading_range(measured: FloatArray, predicted: FloatArray, upper: FloatArray) -> tuple[float, float, bool]:
     """View of launch ranges: lower and upper limit, um, and whether the axis is logarithmic.
 
-    It is where positive readings span more than a factor of 20. The view follows the readings: a prediction may
-    leave it at the bottom by more than a decade, or at the top by its tail.
+    It is where positive readings span a factor of five or more: errors of a launch range are factors. The view
+    follows the readings: a prediction may leave it at the bottom by more than a decade, or at the top by its tail.
     """
     measured = measured if measured.size else predicted  # a plan: nothing else to follow
     top = max(float(np.max(measured)), float(np.max(predicted)))
     band = min(float(np.max(upper)), 3.0 * top)
     positive = measured[measured > 1e-12 * top]
-    if positive.size == 0 or float(positive.max()) < 20.0 * float(positive.min()):
+    if positive.size == 0 or float(positive.max()) < 5.0 * float(positive.min()):
         return 0.0, 1.06 * max(band, top, 1e-9), False
     least = float(positive.min())
     seen = predicted[predicted > 0]

@@ -106,7 +106,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
   function draw() {
     const width = Math.max(picture.getBoundingClientRect().width, 200); // no width yet while the page is laid out
     const height = width < 560 ? 300 : 400;
-    const [left, right, foot, head] = [56, width - 14, height - 46, 12];
+    const [right, foot, head] = [width - 14, height - 46, 12];
     const curves = group.curves.filter((c) => !hidden.has(c.name));
     let [x0, x1] = [Math.min(...group.x), Math.max(...group.x)];
     const room = log[0] ? (x1 / x0) ** 0.03 : 0.03 * (x1 - x0);
@@ -114,6 +114,8 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     else [x0, x1] = log[0] ? [x0 / room, x1 * room] : [x0 - room, x1 + room];
     const [y0, y1] = ends(curves);
     const isLog = y0 > 0;
+    const levels = ticks(y0, y1, isLog, 6);
+    const left = Math.max(56, 32 + 8 * Math.max(...levels.map((v) => said(v).length))); // room for the longest number
     const x = scale(x0, x1, left, right, log[0]);
     const yFree = scale(y0, y1, foot, head, isLog);
     const y = (v) => Math.max(Math.min(yFree(Math.max(v, y0)), foot), head - 40);
@@ -133,7 +135,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
       svg(picture, "path", { d: `M${x(v)} ${head}V${foot}`, class: "grid" });
       svg(picture, "text", { x: x(v), y: foot + 18, "text-anchor": "middle" }, said(v));
     }
-    for (const v of ticks(y0, y1, isLog, 6)) {
+    for (const v of levels) {
       svg(picture, "path", { d: `M${left} ${yFree(v)}H${right}`, class: "grid" });
       svg(picture, "text", { x: left - 8, y: yFree(v) + 4, "text-anchor": "end" }, said(v));
     }
