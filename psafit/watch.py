@@ -175,7 +175,8 @@ def _read(path: Path, n_parameters: int) -> tuple[int, emcee.backends.Backend] |
             backend.initialized = True
     except (OSError, KeyError, ValueError, TypeError, RuntimeError):  # as h5py says: not there, not yet, or foreign
         return None
-    return (every, backend) if n and np.isfinite(backend.log_prob).all() else None
+    sound = n and np.isfinite(backend.log_prob).all() and np.isfinite(backend.chain).all()
+    return (every, backend) if sound else None
 
 
 def _sampling(record: Fit, begun: Path, path: Path, before: State | None) -> State:

@@ -243,6 +243,8 @@ def test_the_least_weak_of_few_truths_will_do(known: Experiment, tmp_path: Path,
         (lambda a: a["scatter"].pop("nu"), "does not say nu"),
         (lambda a: a["true_um"].pop(), "not one true range for every reading"),
         (lambda a: a["terms"].append("no such cause"), "no such cause"),
+        (lambda a: a["parameters"].update(k_c=-1e7), "has k_c = -1e[+]07, outside the bounds"),
+        (lambda a: a["scatter"].update(sigma_abs=float("nan")), "has sigma_abs = nan, outside the bounds"),
     ],
 )
 def test_a_forged_answer_with_its_own_hash_is_refused(known: Experiment, tmp_path: Path, forge: Any, what: str) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment
 from psafit.files import write_atomically
@@ -145,9 +147,15 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
     # A hash does not say that what it belongs to is an answer.
     model = Problem(experiment, experiment.ids, terms(answer.terms))
     missing = set(model.names) - set(answer.parameters) - set(answer.scatter)
-    if missing or len(answer.true_um) != model.observed.size:
+    if missing or len(answer.true_um) != model.observed.size or not np.isfinite(answer.true_um).all():
         what = f"does not say {', '.join(sorted(missing))}" if missing else "has not one true range for every reading"
         raise InputError(what, remedy, file=answer_file)
+    given = {**answer.parameters, **answer.scatter}
+    for p in model.parameters:
+        value = given[p.name]
+        if value is not None and not p.bounds.lower <= value <= p.bounds.upper:
+            what = f"has {p.name} = {value:g}, outside the bounds of {p.bounds.lower:g} to {p.bounds.upper:g} {p.unit}"
+            raise InputError(what.rstrip(), remedy, file=answer_file)
     return experiment, answer
 
 
