@@ -45,7 +45,7 @@ from psafit.diagnose.memory import Arrays, Memory
 from psafit.diagnose.pruning import prune
 from psafit.diagnose.screening import Screened, extended, screen
 from psafit.inference.ascent import Ascent, ascend
-from psafit.inference.candidate import Candidate, coarse, fit, settle, settle_at
+from psafit.inference.candidate import Candidate, coarse, fit, scouted, settle, settle_at
 from psafit.inference.evidence import EFFECTIVE, ROUNDS, Weighed, weigh
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
@@ -276,6 +276,7 @@ class _Search:
         self.weighed: dict[Ids, Weighed] = {}
         self._rounds: dict[Ids, int] = {}
         self._refined: set[Ids] = set()
+        self._scouted: set[Ids] = set()
         self._alone: dict[str, float] = {}
         self._memory, self._progress = memory, progress
 
@@ -524,7 +525,10 @@ class _Search:
 
     def concluded(self) -> Ladder:
         """Rank the models, when all that would be told beside the leader has been fitted."""
+        if self._scout():
+            self.settle()
         for _ in range(_ROUNDS):
+            self._scout()
             # What is weighed may fall behind what is not.
             for _ in range(_ROUNDS):
                 self._weigh_all(self._finalists(), ROUNDS)
@@ -539,6 +543,29 @@ class _Search:
         else:
             found = self._ranked()
         return replace(found, beside=tuple(self._screened(found.leader)))
+
+    def _scout(self) -> bool:
+        """Look for other hills of the finalists; whether one was higher."""
+        higher = False
+        for c in self._finalists():
+            if c.ids in self._scouted:
+                continue
+            self._scouted.add(c.ids)
+            modes = self._hills(c)
+            if len(modes) > len(c.modes):
+                found = settle_at(c.problem, modes)
+                if self._take(found):
+                    higher = True
+                else:
+                    self.fitted[c.ids] = found
+                    self.weighed.pop(c.ids, None)
+        return higher
+
+    def _hills(self, c: Candidate) -> FloatArray:
+        def make() -> dict[str, FloatArray]:
+            return {"modes": scouted(c, seed=self.seed).modes}
+
+        return self._recall("hills", c.problem, make, c.modes.tolist())["modes"]
 
     def _ranked(self) -> Ladder:
         """By importance sampling's evidence where there is one, else Laplace's."""

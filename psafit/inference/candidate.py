@@ -40,6 +40,12 @@ _HALVES = 2.0 ** -np.arange(2, 12)
 _CROSSINGS = 4
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
+# A hill of its own ends at most this far (nats) below the best, differs by a factor of e (or a prior's standard
+# deviation) in some parameter, and the straight way to it leads so far (nats) below both: else it is on a ridge.
+_MINOR, _APART, _VALLEY = 5.0, 1.0, 2.0
+_WAY = np.arange(1, 8)[:, None] / 8
+# Starts that look for them, draws of the prior behind those, and their climbs on some of the readings and on all.
+_SCOUTS, _SCOUTING, _ARRIVING = (24, 512), ((8, 12), (16, 12)), ((30, 12),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,6 +333,54 @@ def settle_at(problem: Problem, modes: FloatArray) -> Candidate:
     """A candidate with these optima, as they stand."""
     predicted = problem.predict(modes)
     return settle(problem, Ascent(modes, heights(problem, modes, predicted, problem.observed), predicted, 0))
+
+
+def hills(candidate: Candidate) -> list[int]:
+    """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well."""
+    problem = candidate.problem
+    leaders = [0]
+    for k in range(1, len(candidate.modes)):
+        if candidate.heights[k] < candidate.height - _MINOR:
+            break
+        far = np.abs(candidate.modes[k] - candidate.modes[leaders])[:, : problem.n_physical].max(axis=1) > _APART
+        if not far.all():
+            continue
+        way = np.vstack([candidate.modes[m] + _WAY * (candidate.modes[k] - candidate.modes[m]) for m in leaders])
+        lowest = problem.log_posterior(way).reshape(len(leaders), -1).min(axis=1)
+        if (lowest < candidate.heights[k] - _VALLEY).all():
+            leaders.append(k)
+    return leaders
+
+
+def scouted(candidate: Candidate, *, seed: int) -> Candidate:
+    """Look for hills of the posterior that climbs from what was known have not seen, by climbs from elsewhere.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    seed : int
+        Of the draws of the prior from which the climbs begin.
+
+    Returns
+    -------
+    Candidate
+        With its modes and the new hills'.
+    """
+    problem, known = candidate.problem, candidate.modes
+    trial = coarse(problem)
+    n_starts, n_draws = _SCOUTS
+    starts = starts_of(trial, seed + 1, n_starts, n_draws)[0]  # where `fit` did not begin
+    end = ascend(trial, starts, schedule=_SCOUTING, still_below=ENOUGH)
+    far = np.abs(end.u[:, None] - known[None])[:, :, : problem.n_physical].max(axis=2).min(axis=1) > _APART
+    new = end.u[far & (end.height > end.height.max() - _HOPELESS)]
+    if not len(new):
+        return candidate
+    arrived = ascend(problem, new, schedule=_ARRIVING, still_below=ENOUGH)
+    both = settle_at(problem, np.vstack([known, arrived.u]))
+    reach = np.abs(both.modes[:, None] - known[None])[:, :, : problem.n_physical].max(axis=2).min(axis=1)
+    kept = reach < _SAME  # what was known, or a little better
+    kept[hills(both)] = True
+    return settle_at(problem, both.modes[kept])
 
 
 def within_bounds(problem: Problem, curvature: FloatArray) -> FloatArray:

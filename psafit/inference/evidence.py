@@ -26,7 +26,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.ascent import heights
-from psafit.inference.candidate import Candidate
+from psafit.inference.candidate import Candidate, hills, settle_at
 from psafit.physics import baseline
 
 # Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72), draws
@@ -56,6 +56,10 @@ _BEYOND, _DISTRUST = 1.2, 20.0
 # their length in its widths (over the root of the number of dimensions: G. O. Roberts, A. Gelman and W. R. Gilks, Ann.
 # Appl. Probab. 7 (1997) 110).
 _STRIDES, _JUMP = (1, 3, 10, 30), 1.7
+
+
+Region = Callable[[FloatArray], NDArray[np.bool_]]
+"""Which rows of coordinates lie in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,16 +131,23 @@ def _systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.i
 def weigh(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: float = EFFECTIVE) -> Weighed:
     """Evidence and posterior of a fitted model.
 
+    Hills of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
+    emulates two.
+
     Parameters
     ----------
     candidate : Candidate
     seed : int
     rounds : int
-        At most so many, of 256 simulated draws each.
+        At most so many on each hill, of 256 simulated draws each.
     effective : float
         Effective draws at which it is enough.
     """
-    return _importance(_on_plateaus(candidate), np.random.default_rng([seed, 5]), rounds, effective)[0].weighed()
+    random = np.random.default_rng([seed, 5])
+    pools = [
+        _importance(_on_plateaus(hill), random, rounds, effective, region)[0] for hill, region in _hills(candidate)
+    ]
+    return _Pool.together(pools).weighed()
 
 
 def emulate(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: float = EFFECTIVE) -> Emulated:
@@ -147,17 +158,47 @@ def emulate(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective:
     return Emulated(candidate, pool, simulated, _laplace_mixture(candidate).around(pool, _width(candidate)), random)
 
 
+def _everywhere(u: FloatArray) -> NDArray[np.bool_]:
+    return np.ones(len(u), bool)
+
+
+def _hills(candidate: Candidate) -> list[tuple[Candidate, Region]]:
+    """The model on each of its hills, and where that hill's density is the highest.
+
+    Whatever the regions are worth, they leave out nothing and count nothing twice.
+    """
+    leaders = hills(candidate)
+    if len(leaders) == 1:
+        return [(candidate, _everywhere)]
+    known = _laplace_mixture(candidate)
+    centre, inverse = known.centre[leaders], known.inverse[leaders]
+
+    def nearest(u: FloatArray) -> NDArray[np.intp]:
+        return np.asarray(np.argmax(student_log_density(u, centre, inverse, _TAILS), axis=0))
+
+    def region(k: int) -> Region:
+        return lambda u: nearest(u) == k
+
+    own = nearest(candidate.modes)
+    own[leaders] = np.arange(len(leaders))
+    return [(settle_at(candidate.problem, candidate.modes[own == k]), region(k)) for k in range(len(leaders))]
+
+
 def _importance(
-    candidate: Candidate, random: np.random.Generator, rounds: int, effective: float
+    candidate: Candidate,
+    random: np.random.Generator,
+    rounds: int,
+    effective: float,
+    region: Region = _everywhere,
 ) -> tuple[_Pool, FloatArray]:
-    """Simulated draws with their weights, and their launch ranges."""
+    """Simulated draws with their weights, and their launch ranges; what lies outside the region weighs nothing."""
     problem = candidate.problem
     simulated: list[FloatArray] = []
 
     def height(u: FloatArray) -> FloatArray:
         found = problem.predict(u)
         simulated.append(found)
-        return heights(problem, u, found, problem.observed)
+        return np.where(region(u), heights(problem, u, found, problem.observed), -np.inf)
 
     def next_one(pool: _Pool, before: _Density) -> _Density:
         return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
@@ -232,6 +273,14 @@ class _Pool:
     height: FloatArray
     log_weight: FloatArray
     n: int
+
+    @classmethod
+    def together(cls, pools: Sequence[_Pool]) -> _Pool:
+        """Draws of regions that do not overlap, as draws of all of them."""
+        n = sum(p.n for p in pools)
+        weight = [p.log_weight + math.log(n / p.n) for p in pools]
+        u, height = np.concatenate([p.u for p in pools]), np.concatenate([p.height for p in pools])
+        return cls(u, height, np.concatenate(weight), n)
 
     @property
     def weights(self) -> FloatArray:
@@ -320,7 +369,7 @@ class _Mixture:
         return cls(np.array(centre), np.linalg.cholesky(np.array(covariance)), share / share.sum())
 
     @cached_property
-    def _inverse(self) -> FloatArray:
+    def inverse(self) -> FloatArray:
         return np.asarray(np.linalg.inv(self.root))
 
     @property
@@ -343,7 +392,7 @@ class _Mixture:
         return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
 
     def log_density(self, u: FloatArray) -> FloatArray:
-        parts = student_log_density(u, self.centre, self._inverse, _TAILS) + np.log(self.share)[:, None]
+        parts = student_log_density(u, self.centre, self.inverse, _TAILS) + np.log(self.share)[:, None]
         return np.asarray(logsumexp(parts, axis=0))
 
     def around(self, pool: _Pool, width: FloatArray) -> _Mixture:
