@@ -40,8 +40,9 @@ _HALVES = 2.0 ** -np.arange(2, 12)
 _CROSSINGS = 4
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
-# A hill of its own ends at most this far (nats) below the best, differs by a factor of e (or a prior's standard
-# deviation) in some parameter, and the straight way to it leads so far (nats) below both: else it is on a ridge.
+# A hill of its own has at most this much less (nats) of the posterior than the greatest, differs by a factor of e (or a
+# prior's standard deviation) in some parameter, and the straight way to it leads so far (nats) below: else it is on a
+# ridge. A high and narrow hill may have less than one that is seven nats lower.
 _MINOR, _APART, _VALLEY = 5.0, 1.0, 2.0
 _WAY = np.arange(1, 8)[:, None] / 8
 # Starts that look for them, draws of the prior behind those, and their climbs on some of the readings and on all.
@@ -338,17 +339,16 @@ def settle_at(problem: Problem, modes: FloatArray) -> Candidate:
 def hills(candidate: Candidate) -> list[int]:
     """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well."""
     problem = candidate.problem
+    mass = candidate.heights - 0.5 * np.linalg.slogdet(within_bounds(problem, candidate.curvature))[1]
     leaders = [0]
-    for k in range(1, len(candidate.modes)):
-        if candidate.heights[k] < candidate.height - _MINOR:
-            break
+    for k in np.flatnonzero(mass > mass.max() - _MINOR):
         far = np.abs(candidate.modes[k] - candidate.modes[leaders])[:, : problem.n_physical].max(axis=1) > _APART
         if not far.all():
             continue
         way = np.vstack([candidate.modes[m] + _WAY * (candidate.modes[k] - candidate.modes[m]) for m in leaders])
         lowest = problem.log_posterior(way).reshape(len(leaders), -1).min(axis=1)
         if (lowest < candidate.heights[k] - _VALLEY).all():
-            leaders.append(k)
+            leaders.append(int(k))
     return leaders
 
 
