@@ -34,7 +34,7 @@ from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Constants, Experiment, Group, fingerprint, read_experiment
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend
-from psafit.inference.candidate import _across_steps, built_up, fit, settle, thinned
+from psafit.inference.candidate import _across_steps, built_up, fit, hills, scouted, settle, settle_at, thinned
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture, _Mixture, _Pool, _sample, weigh
 from psafit.inference.nested import nested_evidence, require
@@ -1208,18 +1208,50 @@ def test_without_a_drive_nothing_is_proposed(tmp_path):
     assert found.next_experiment == {}
 
 
-def test_a_second_hill_of_the_baseline_is_not_lost():
-    """A hardly damped stack with a lossy contact reads like a damped one with a stiff contact; the truth is in both."""
+def rig_with_two_hills(seed: int) -> tuple[Problem, np.ndarray]:
+    """A hardly damped stack with a lossy contact, which reads like a damped one with a stiff contact; and its truth."""
     design = read_experiment(Path(__file__).parents[1] / "experiments" / "psa")
-    held = []
-    for seed in (0, 1, 3):
-        p = Problem(design, design.ids)
-        truth = p.to_sampling(np.array([7.7e6, 51.0, 7600.0, 0.16, 0.013, 60.0]))[None]
-        readings = noise.draw(p.predict(truth), p.noise_values(truth), None, np.random.default_rng(seed))[0]
-        again = replace(p, experiment=design.with_readings(np.maximum(readings, 0.0)))
-        found = fit(again, (), seed=1, draws=4096, most=48)
-        held.append(np.abs(found.modes[:, 1] - truth[0, 1]).min() < 1.5)
-    assert all(held)
+    p = Problem(design, design.ids)
+    truth = p.to_sampling(np.array([7.7e6, 51.0, 7600.0, 0.16, 0.013, 60.0]))
+    readings = noise.draw(p.predict(truth[None]), p.noise_values(truth[None]), None, np.random.default_rng(seed))[0]
+    return replace(p, experiment=design.with_readings(np.maximum(readings, 0.0))), truth
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_second_hill_of_the_baseline_is_not_lost(seed):
+    """The fit knows it, or a look elsewhere finds it from any one hill; the posterior of all of them holds the truth."""
+    rig, truth = rig_with_two_hills(seed)
+    found = fit(rig, (), seed=1, draws=4096, most=48)
+    assert np.abs(found.modes[:, 1] - truth[1]).min() < 1.5
+    apart = found.modes[hills(found)]
+    assert len(apart) > 1
+    for k in range(len(apart)):
+        alone = settle_at(rig, apart[[k]])
+        assert hills(alone) == [0]
+        again = scouted(alone, seed=1)
+        assert np.abs(again.modes[:, :3] - truth[:3]).max(axis=1).min() < 1.5
+        assert scouted(alone, seed=1).modes.tobytes() == again.modes.tobytes()
+    lower, upper = (w := weigh(found, seed=1)).quantiles(rig.to_physical(w.draws), [0.05, 0.95])
+    assert (lower[:3] < rig.to_physical(truth)[:3]).all() and (rig.to_physical(truth)[:3] < upper[:3]).all()
+
+
+def test_hills_weigh_what_each_weighs_alone():
+    """Seven nats lower and far wider, the second hill holds most of the posterior."""
+    rig, _ = rig_with_two_hills(1)
+    found = fit(rig, (), seed=1, draws=4096, most=48)
+    leaders = hills(found)
+    alone = [weigh(settle_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
+    assert found.heights[leaders[1]] < found.height - 5 and alone[1] > alone[0] + 1
+    assert weigh(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
+
+
+@pytest.mark.slow
+def test_hills_weigh_what_the_nested_sampler_finds():
+    pytest.importorskip("nautilus")
+    rig, _ = rig_with_two_hills(1)
+    found = fit(rig, (), seed=1, draws=4096, most=48)
+    nested = nested_evidence(rig, seed=2, n_live=300)
+    assert weigh(found, seed=2).log_evidence == pytest.approx(nested.log_evidence, abs=0.5)
 
 
 def test_a_hopeless_model_is_not_told_as_worse_than_what_is_within_it():

@@ -518,6 +518,10 @@ def test_a_file_that_is_written_is_neither_locked_nor_trusted(running: Path) -> 
         (running / "chain.h5").write_bytes(damaged)
         state = watch.look(running)
         assert (state.stage, state.steps) == ("sample", None)
+    (running / "chain.h5").write_bytes(content)
+    with h5py.File(running / "chain.h5", "a") as spoilt:
+        spoilt["psafit/chain"][0, 0, 0] = np.nan
+    assert watch.look(running).steps is None
     (running / "chain.h5").unlink()  # between a missed minimum and the next checkpoint
     assert watch.look(running).steps is None
 
