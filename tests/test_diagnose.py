@@ -1219,7 +1219,7 @@ def rig_with_two_hills(seed: int) -> tuple[Problem, np.ndarray]:
 
 @pytest.mark.parametrize("seed", [0, 1, 3])
 def test_a_second_hill_of_the_baseline_is_not_lost(seed):
-    """The fit knows it, or a look elsewhere finds it from any one hill; the posterior of all of them holds the truth."""
+    """A look elsewhere finds it from any one hill; the posterior of all of them holds the truth."""
     rig, truth = rig_with_two_hills(seed)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     assert np.abs(found.modes[:, 1] - truth[1]).min() < 1.5
