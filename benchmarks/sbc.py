@@ -3,9 +3,11 @@
 Parameters are drawn from their priors, readings simulated from them at an experiment's conditions, the model fitted
 and its posterior drawn, and the rank of the truth among the draws recorded. If fit, evidence and draws are sound the
 ranks are uniform. ``--sampler emcee`` draws as `psafit fit` does, from lmfit's optima by emcee until the chain has
-converged or has taken ``--steps``; the default draws as `psafit diagnose` weighs its models. Writes
-docs/figures/sbc.png and prints a chi-square p-value for every parameter; exits with 1 if one is below 0.05 divided by
-their number. Ranks are kept in fits/sbc, for this state of the sources: what was interrupted goes on where it stopped.
+converged or has taken ``--steps``; the default draws as `psafit diagnose` weighs its models. ``--terms any`` takes the
+catalogue's causes in turn, one a data set, and counts their strengths together. Writes docs/figures/sbc.png and prints,
+for every parameter, a chi-square p-value and how many 90 % intervals hold the truth; exits with 1 if a p-value is below
+0.05 divided by their number. Ranks are kept in fits/sbc, for this state of the sources: what was interrupted goes on
+where it stopped.
 """
 
 from __future__ import annotations
@@ -30,18 +32,22 @@ from scipy.stats import binom, chisquare
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from psafit.diagnose.screening import screen
 from psafit.experiment import read_experiment
 from psafit.inference import noise
-from psafit.inference.candidate import fit
+from psafit.inference.ascent import ascend
+from psafit.inference.candidate import built_up, fit, scouted, settle
 from psafit.inference.emcee_adaptor import Settings, sample
 from psafit.inference.evidence import weigh
 from psafit.inference.optimise import optimise
 from psafit.inference.problem import Problem
-from psafit.physics import terms
+from psafit.physics import TERMS, baseline, terms
 from psafit.report.style import PALETTE, figure_style
 
 DRAWS, BINS = 99, 10
-
+# As a diagnosis has them: tolerance of the simulator; nats by which a draw above the optimum says that the climb had
+# not arrived, and how often the model is then fitted anew.
+TOLERANCE, HIGHER, REFITS = 1e-4, 0.5, 4
 
 # A chain that has not converged then is used as it is, and counted.
 STEPS = 8000
@@ -49,7 +55,21 @@ STEPS = 8000
 
 def weighed(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
     """Draws as a diagnosis makes them, (DRAWS, n_dim)."""
-    return weigh(fit(problem, (), seed=seed, draws=4096, most=48), seed=seed, effective=300).resampled(DRAWS), True
+    fitted = fit(replace(problem, terms=()), (), seed=seed, draws=4096, most=48)
+    if len(problem.terms) == 1:
+        # As its ladder does: from where the expansion beside the baseline has the cause, then other hills.
+        (beside,) = screen(fitted, problem.terms)
+        fitted = fit(problem, [fitted], seed=seed, extra=beside.starts)
+    elif problem.terms:
+        fitted = built_up(problem, seed=seed)
+    fitted = scouted(fitted, seed=seed)
+    for _ in range(REFITS):
+        found = weigh(fitted, seed=seed, effective=300)
+        if found.height < fitted.height + HIGHER:
+            break
+        # A climb that stopped at a cliff; draws step across.
+        fitted = settle(problem, ascend(problem, np.vstack([fitted.modes, found.top])))
+    return found.resampled(DRAWS), True
 
 
 def sampled(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
@@ -70,13 +90,13 @@ def posed(ids: list[str], group: str) -> Problem:
     """Groups of the study under the baseline and some causes."""
     experiment = read_experiment(ROOT / "experiments" / "psa")
     experiment = replace(experiment, groups=tuple(experiment.group(g) for g in group.split(",")))
-    return Problem(experiment, experiment.ids, terms(ids))
+    return Problem(experiment, experiment.ids, terms(ids), tolerance=TOLERANCE)
 
 
 def rank(ids: list[str], group: str, u: np.ndarray, y: np.ndarray, seed: int, sampler: str, steps: int):
     """Rank of a truth among the draws of its posterior, (n_dim,), and whether these have converged."""
     problem = posed(ids, group)
-    one = Problem(problem.experiment.with_readings(np.abs(y)), problem.group_ids, problem.terms)
+    one = replace(problem, experiment=problem.experiment.with_readings(np.abs(y)))
     # The likelihood is that of readings of either sign; what an instrument clips is tested by the challenges. (For a
     # first look at some of them the magnitudes do.)
     vars(one)["observed"] = y
@@ -84,44 +104,48 @@ def rank(ids: list[str], group: str, u: np.ndarray, y: np.ndarray, seed: int, sa
     return (draws < u).sum(axis=0), converged
 
 
-def truths(problem: Problem, n: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+def truth(problem: Problem, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Parameters drawn from their priors, and readings that they make."""
-    rng = np.random.default_rng(seed)
-    found: list[tuple[np.ndarray, np.ndarray]] = []
-    while len(found) < n:
+    while True:
         u = problem.prior_transform(rng.uniform(size=(1, problem.n_dim)))
         y = noise.draw(problem.predict(u), problem.noise_values(u), None, rng)[0]
         if np.isfinite(y).all() and np.abs(y).max() < 1e5:
-            found.append((u[0], y))
-    return found
+            return u[0], y
 
 
 def ranks(given: argparse.Namespace) -> tuple[np.ndarray, list[str]]:
     """Ranks of the truths among posterior draws; (n, n_parameters), and the parameters' names."""
-    ids = [t for t in given.terms.split(",") if t]
-    problem = posed(ids, given.group)
+    sets = [[t.id] for t in TERMS] if given.terms == "any" else [[t for t in given.terms.split(",") if t]]
+    problems = [posed(ids, given.group) for ids in sets]
+    rng = np.random.default_rng(given.seed)
     sources = b"".join(path.read_bytes() for path in sorted((ROOT / "psafit").rglob("*.py")))
     kept = joblib.Memory(ROOT / "fits" / "sbc" / hashlib.sha256(sources).hexdigest()[:12], verbose=0).cache(rank)
     calls = (
-        joblib.delayed(kept)(ids, given.group, u, y, k, given.sampler, given.steps)
-        for k, (u, y) in enumerate(truths(problem, given.n, given.seed))
-    )
+        joblib.delayed(kept)(sets[k % len(sets)], given.group, *truth(problems[k % len(sets)], rng), k, given.sampler,
+                             given.steps)
+        for k in range(given.n)
+    )  # fmt: skip
+    names, columns = list(problems[0].names), slice(None)
+    if len(sets) > 1:
+        # What all of them have: the baseline's parameters, a strength, the scatter.
+        names = [*names[: len(baseline.PARAMETERS)], "strength", *names[-len(noise.PARAMETERS) :]]
+        columns = np.r_[: len(baseline.PARAMETERS) + 1, -len(noise.PARAMETERS) : 0]
     found, converged = [], 0
     for one, done in joblib.Parallel(n_jobs=given.jobs, return_as="generator", batch_size=1)(calls):
-        found.append(one)
+        found.append(one[columns])
         converged += done
         print(f"\r{len(found)} of {given.n}", end="", file=sys.stderr, flush=True)
     if converged < given.n:
         print(
             f"\n{given.n - converged} of {given.n} chains had not converged after {given.steps} steps", file=sys.stderr
         )
-    return np.array(found), list(problem.names)
+    return np.array(found), names
 
 
 def main() -> int:
     """Calibrate, draw, judge."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--terms", default="", help="causes beside the baseline")
+    options.add_argument("--terms", default="", help="causes beside the baseline, or any")
     options.add_argument("--group", default="1", help="or several: 1,2,3")
     options.add_argument("--sampler", choices=list(SAMPLERS), default="evidence")
     options.add_argument("-n", type=int, default=200, help="data sets")
@@ -144,7 +168,8 @@ def main() -> int:
             counts, _ = np.histogram(column, edges)
             p = float(chisquare(counts).pvalue)
             worst = min(worst, p)
-            print(f"\n{name:24} p = {p:.3f}  {counts.tolist()}", end="")
+            held = int(np.sum((column >= 0.05 * (DRAWS + 1)) & (column < 0.95 * (DRAWS + 1))))
+            print(f"\n{name:24} p = {p:.3f}  {counts.tolist()}  90 % intervals: {held} of {given.n}", end="")
             axes.axhspan(low, high, color=PALETTE["faint"])
             axes.stairs(counts, edges, color=PALETTE["blue"], fill=False, linewidth=1.8)
             axes.set(title=f"{name}, p = {p:.2f}", xlabel=f"rank of the truth among {DRAWS} draws", ylabel="data sets")

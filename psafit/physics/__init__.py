@@ -36,6 +36,7 @@ from psafit.physics import (
     repeat_impacts,
     separation_height,
     slew_limit,
+    sliding_support,
     soft_layer,
     stack_stiffness,
     start_phase,
@@ -53,7 +54,7 @@ _BUILT_IN: tuple[Term, ...] = tuple(
         field_dependent_d33, drive_saturation, hysteresis, modal_mass, stack_stiffness, stroke_tolerance,  # stack
         hertz_exponent, soft_layer, hunt_crossley, indentation_damping,  # contact: its law
         no_tension, adhesion, gap, preload, repeat_impacts,  # contact: its begin and end
-        flight_friction, swing_drag, separation_height,  # flight
+        flight_friction, sliding_support, swing_drag, separation_height,  # flight
         reading_offset, reading_gain,  # reading
     )
 )  # fmt: skip

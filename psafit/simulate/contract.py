@@ -45,6 +45,9 @@ _ATOM = 1e-10  # m; a launch that is smaller than an atom is compared as if it w
 
 # What a millionth of every parameter may do to a range on the other side of a bifurcation.
 _BESIDE = 1e-3
+# What is next to neutral, in the sampling coordinate: a cause that is plausible at a thousand times what shows changes
+# the least ranges by a thousand times this.
+_NEXT = 1e-11
 
 FACES = {"law": (2, 2), "stack_factor": (1, 1), "branch": (4, 1), "deceleration": (2, 1)}
 """Functions that are compiled, with their arguments: numbers, and arrays."""
@@ -360,7 +363,7 @@ def approached(cause: Term, design: Design, rng: np.random.Generator) -> Outcome
     u = float(p.to_sampling(p.neutral))
     id, values = cause.limit or ("", ())
     worst = 0.0
-    for near in (u - 1e-9, u + 1e-9):
+    for near in (u - _NEXT, u + _NEXT):
         if p.sampling_bounds.lower <= near <= p.sampling_bounds.upper:
             sets = rows(cause, float(p.to_physical(near)), rng, _sessions(design))
             limit = np.hstack([sets[:, :3], np.tile(values, (len(sets), 1))])
