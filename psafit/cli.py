@@ -336,7 +336,10 @@ def fit(
 
 
 def _unresolved(error: float, required: float) -> str:
-    return f"the simulation has not converged at these parameters: error {error:.1g}, {required:.1g} would do"
+    return (
+        f"the simulation has not converged at these parameters: ranges err by up to {error:.1g} (relative),"
+        f" {required:.1g} would do; Numerics on the page says where"
+    )
 
 
 @commands.command()

@@ -17,7 +17,7 @@ from psafit.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from psafit.experiment import Plan
+    from psafit.experiment import Group, Plan
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
     from psafit.watch import State
@@ -63,8 +63,8 @@ def simulate(
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     if run is not None:
-        own, medians = _model_of(run)
-        chosen, given = chosen or own, medians | asked
+        own, medians, known = _model_of(run)
+        chosen, given = chosen or own, _of_sessions(plan, own, medians, known, quiet) | asked
     theta = _completed(plan, chosen, given, asked)
     result = simulate_batch(Design.of(plan.constants, groups), np.array(list(theta.values())), chosen)
     micrometres = result.launch_range[0] * 1e6
@@ -97,20 +97,41 @@ def simulate(
     return DONE
 
 
-def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float]]:
-    """Causes and posterior medians of a fit, or of the model that a diagnosis names (where it names none, its best)."""
+def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float], tuple[Group, ...]]:
+    """Causes, posterior medians and readings of a fit, or of what a diagnosis names (where it names none, its best)."""
     from psafit.diagnose.record import RESULT, Diagnosis
+    from psafit.experiment import read_experiment
     from psafit.inference.run import load
     from psafit.physics import recorded
     from psafit.records import read_json
 
     if not (run / RESULT).is_file():
         fitted = load(run)
-        return fitted.problem.terms, {p.name: p.median for p in fitted.summary.parameters}
+        medians = {p.name: p.median for p in fitted.summary.parameters}
+        return fitted.problem.terms, medians, fitted.problem.experiment.groups
     found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
     best = found.causes[0]
     terms = recorded(best.terms, found.versions, run / RESULT)
-    return terms, {name: p["median"] for name, p in best.parameters.items()}
+    medians = {name: p["median"] for name, p in best.parameters.items()}
+    # Only what sessions have for themselves asks whose readings they are.
+    return terms, medians, read_experiment(run / "experiment").groups if any(t.latent for t in terms) else ()
+
+
+def _of_sessions(
+    plan: Plan, terms: Sequence[Term], medians: dict[str, float], measured: Sequence[Group], quiet: bool
+) -> dict[str, float]:
+    """Medians without what sessions had for themselves, but of those whose very readings the plan holds.
+
+    A session to come is another one, whatever its id is.
+    """
+    from psafit.experiment import Group, session_name
+
+    known = {(g.id, g.launch_range_um.tobytes()) for g in measured}
+    new = [g for g in plan.groups if not (isinstance(g, Group) and (g.id, g.launch_range_um.tobytes()) in known)]
+    theirs = {session_name(t.latent.name, g.id) for t in terms if t.latent for g in new} & medians.keys()
+    if theirs and not quiet:
+        click.echo(f"sessions to come, not those of the run: {', '.join(sorted(theirs))} = 0", err=True)
+    return {name: value for name, value in medians.items() if name not in theirs}
 
 
 def _assignments(values: tuple[str, ...]) -> dict[str, float]:

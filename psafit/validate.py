@@ -226,7 +226,12 @@ def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Predictio
         pit = below.mean(axis=0)
         # Readings of zero are all that the law has below it: they lie anywhere there.
         pit = np.where(group.launch_range_um > 0, pit, pit * chance.uniform(size=pit.size))
-        pit_p_value, drift_p_value = _p_values(group, pit, readings)
+        # What is met more closely than any instrument reads says nothing of a band.
+        quiet = (
+            noise.at_least(np.median(scatter, axis=0)[None])[0]
+            and np.mean(ndtri(np.clip(pit, 1e-9, 1 - 1e-9)) ** 2) < 1.0
+        )
+        pit_p_value, drift_p_value = (math.nan, math.nan) if quiet else _p_values(group, pit, readings)
         model_lower, median, model_upper = np.quantile(ranges, [0.05, 0.5, 0.95], axis=0)
         result.append(
             Prediction(

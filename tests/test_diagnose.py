@@ -742,6 +742,22 @@ def test_what_was_not_fitted_counts_by_what_screening_saw(hidden):
             assert pair not in found.unfitted and found.probability[("amplifier_lag",)] > 0.95
 
 
+def test_readings_that_scatter_less_than_any_instrument_accuse_nothing():
+    """What a simulation made, as it is or rounded, and a scatter of three in ten thousand; a cause still shows."""
+    rng = np.random.default_rng(2)
+    e = experiment(relative=0.0)
+    design = Design.of(e.constants, e.groups)
+    for ids, values in (((), ()), (("gap",), (3e-7,))):
+        true = simulate(design, [*TRUTH, *values], terms(ids)).launch_range[0] * MICRO
+        for readings in (true, true.round(2), true * (1 + 3e-4 * rng.standard_normal(true.size))):
+            one = problem(e.with_readings(readings))
+            found = examine(fit(one, (), seed=1, draws=512, most=8), (), seed=1)
+            assert found.wrong == bool(ids) and (ids or found.p_value == 1.0)
+    # A thousandth is a scatter like another.
+    one = problem(e.with_readings(true * (1 + 3e-3 * rng.standard_normal(true.size))))
+    assert examine(fit(replace(one, terms=terms(ids)), (), seed=1), (), seed=1).p_value < 1.0
+
+
 def test_verdicts(hidden, sound):
     # Few readings let a large scatter stand for the cause; more do not.
     more = fit(problem(experiment(["amplifier_lag"], [4e-5], n=60)), (), seed=1, draws=2048, most=24)
@@ -796,6 +812,10 @@ def test_verdicts(hidden, sound):
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
     assert better.verdict == "unexplained" and "a smooth curve in its place is simpler" in better.reasons[0]
     assert not better.remains
+    # What has no name and keeps a part beside an explanation is told with it.
+    doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
+    assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
+    assert "a discrepancy without a name keeps 20 %" in doubted.reasons[0]
     # Nothing hidden.
     plain = climb(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)
@@ -994,6 +1014,21 @@ def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
     # Sixteen free numbers fit anything of forty draws by chance, and nothing is learnt of what is known.
     assert max(falls(10 * rng.normal(size=(40, 16)), rng.normal(size=(40, 8)))) < 0.05
     assert falls(x, np.ones((400, 1))) == [0.0]
+
+
+def test_nothing_is_built_for_hardly_more():
+    """A changed rig comes first where it does more than the rig as it is by a tenth, and by more than both err."""
+
+    def first(here, changed, error=0.01):
+        a = next_experiment.Proposal("as it is", "sine", [1.0], [1.0], {}, here, None, error)
+        b = replace(a, text="changed", constants={"l": 0.2}, separation=changed)
+        c = replace(b, text="less", separation=0.5 * changed)
+        found = next_experiment._worth_building([b, c, a])
+        assert sorted(p.text for p in found) == ["as it is", "changed", "less"]
+        return found[0].text
+
+    assert first(0.95, 1.0) == "as it is" and first(0.85, 1.0) == "changed"
+    assert first(0.85, 1.0, error=0.1) == "as it is" and first(1.1, 1.0) == "as it is"
 
 
 def test_luck_puts_a_measurement_first_but_is_not_told(sound, monkeypatch):

@@ -356,6 +356,21 @@ def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def
     assert wanted.items() <= told["parameters"].items() and "sigma_rel" not in told["parameters"]
 
 
+def test_a_session_to_come_has_no_gain_of_the_runs(known: Experiment, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Ids of other folders' groups are numbers like one's own: only a session's very readings are that session."""
+    (gain,) = terms(["reading_gain"])
+    own = known.groups[0]
+    name = session_name("reading_gain_z", own.id)
+    medians = {"k_c": 2e6, "reading_gain_spread": 0.1, name: 1.2}
+    read_again = replace(own, launch_range_um=own.launch_range_um + 1.0)
+    planned = Conditions(own.id, own.waveform, own.file, own.frequency_hz, own.amplitude_v)
+    for group, kept in ((own, True), (read_again, False), (planned, False)):
+        plan = Plan(known.constants, (group,), ())
+        found = cli_explore._of_sessions(plan, (gain,), medians, [own], False)
+        assert found == (medians if kept else {k: v for k, v in medians.items() if k != name})
+        assert capsys.readouterr().err == ("" if kept else f"sessions to come, not those of the run: {name} = 0\n")
+
+
 def test_simulate_draws_what_it_simulates(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     values = ["--set", "k_c=4e5", "--set", "c_s=9e3", "--set", "c_c=60"]
     for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")):

@@ -294,7 +294,9 @@ class _Work:
             next_experiment=proposal,
             predictions=PREDICTIONS,
             files={name: sha256(self.folder / name) for name in tables},
-            sentences=_sentences(verdict, before, ladder, firm, screening, measured, proposal, misfit.get("search")),
+            sentences=_sentences(
+                verdict, before, ladder, firm, screening, measured, proposal, misfit.get("search"), quick
+            ),
             unnamed=verdict.unnamed,
             screening=screening,
             show=_show(ladder),
@@ -668,7 +670,8 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) 
     tied = _tied(ladder, verdict, seed, 2 if watcher is None else _REHEARSED)
     if len(tied) == 1:
         name, found = next_experiment.determine(*tied[0], seed=seed)
-        return next_experiment.as_dict(found, f"determines {name}")
+        weak = next_experiment.is_weak(*tied[0], name)
+        return next_experiment.as_dict(found, f"determines {name}") | {"weak": weak}
     found = next_experiment.tell_apart(tied, seed=seed)
     about = f"tells {_words(tied[0][0].ids)} from {', '.join(_words(c.ids) for c, _ in tied[1:])}"
     result = next_experiment.as_dict(found, about)
@@ -695,6 +698,7 @@ def _sentences(
     measured: Mapping[str, Any],
     proposal: Mapping[str, Any],
     search: Mapping[str, Any] | None,
+    quick: bool = False,
 ) -> list[str]:
     result = list(verdict.reasons)
     if before.wrong and before.character != "none":
@@ -730,6 +734,8 @@ def _sentences(
             f"Of {len(screening)} candidate causes, {len(unseen)} could not have been seen in these readings:"
             f" {', '.join(unseen)}."
         )
+    if not (measured or quick):
+        result.append("No gain on data unseen: there is no group that could be held out.")
     for protocol, one in measured.items():
         change = one["log_rmse_interval"]
         result.append(
@@ -740,7 +746,11 @@ def _sentences(
             told = ", ".join(f"{g['group']} ({g['log_rmse_before']:.3f} to {g['log_rmse_after']:.3f})" for g in worse)
             result.append(f"Predicted worse than by the baseline ({protocol}): group {told}.")
     if best := next_experiment.recommended(proposal):
-        result.append(f"Next, measure {best['text']}: it best {proposal['about']}.")
+        more = quick and len(verdict.alternatives) > 1
+        result.append(
+            f"Next, measure {best['text']}: it best {proposal['about']}."
+            + (" The other sets are not looked at: without --quick the four likeliest are." if more else "")
+        )
     elif next_experiment.tells_apart(proposal):
         told = proposal["proposals"][0]
         result.append(

@@ -45,6 +45,8 @@ _ALIKE = 0.05
 _WEAK = 0.5
 # Separation from which on a proposal is worth its work: odds half as large again, a standard deviation a tenth smaller.
 _APART, _NARROWER = 0.5, 0.1
+# What a changed rig must do more than the rig as it is, as a part of it, to be worth building.
+_HARDLY = 0.1
 # Log ratios of densities count up to here: beyond, nobody doubts any more.
 CLEAR = 50.0
 
@@ -190,7 +192,7 @@ def tell_apart(tied: Sequence[tuple[Candidate, Weighed]], *, seed: int) -> list[
         ids = [list(c.ids) for c, _ in tied]
         two = itertools.combinations(range(len(tied)), 2)
         found.append(p.judged(judgement, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
-    return found
+    return _worth_building(found)
 
 
 def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, list[Proposal]]:
@@ -213,7 +215,18 @@ def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, lis
     every = draws.resampled(2 * _DRAWS)
     ranked = _best(possible, [p.separation for p in judged(possible, every[::2])])
     # As above, what is told of them comes from other draws.
-    return leader.problem.names[weak[which]], judged([possible[k] for k in ranked], every[1::2])
+    return leader.problem.names[weak[which]], _worth_building(judged([possible[k] for k in ranked], every[1::2]))
+
+
+def _worth_building(found: list[Proposal]) -> list[Proposal]:
+    """The same, what leaves the rig as it is first where a changed rig does hardly more."""
+    here = max((p for p in found if not p.constants), key=lambda p: p.separation, default=None)
+    if here is None or not found[0].constants:
+        return found
+    error = 2 * math.hypot(here.error, found[0].error)
+    if here.separation < found[0].separation - max(_HARDLY * found[0].separation, error):
+        return found
+    return [here, *(p for p in found if p is not here)]
 
 
 def recommended(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
@@ -248,13 +261,23 @@ def weakly_determined(leader: Candidate, draws: Weighed) -> list[int]:
 
     If there is none, of the widest. Spreads of sessions are left aside: more sessions tell of those, not more readings.
     """
+    ratio = _width_left(leader, draws)
+    return np.flatnonzero(ratio >= min(_WEAK, ratio.max())).tolist()
+
+
+def is_weak(leader: Candidate, draws: Weighed, name: str) -> bool:
+    """Whether the readings leave a physical parameter half as wide as its prior, or wider."""
+    return bool(_width_left(leader, draws)[leader.problem.names.index(name)] >= _WEAK)
+
+
+def _width_left(leader: Candidate, draws: Weighed) -> FloatArray:
+    """What the readings leave of the priors' widths, (n_physical,); less than nothing for spreads of sessions."""
     problem = leader.problem
     u = draws.resampled(_DRAWS)[:, : problem.n_physical]
     q = problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim]))
     prior = 0.5 * (q[1] - q[0])[: problem.n_physical]
     hyper = {t.strength.name for t in leader.terms if t.latent}
-    ratio = np.where([name in hyper for name in problem.names[: problem.n_physical]], -1.0, u.std(axis=0) / prior)
-    return np.flatnonzero(ratio >= min(_WEAK, ratio.max())).tolist()
+    return np.where([name in hyper for name in problem.names[: problem.n_physical]], -1.0, u.std(axis=0) / prior)
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,8 +125,10 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         )
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
     what = " + ".join(named)
+    kept = unnamed >= 1 - CREDIBLE
+    left_over = f"the tests find nothing left, but a discrepancy without a name keeps {100 * unnamed:.0f} %"
     reasons.append(
-        f"{what} explains the misfit, nothing is left of it, and no other set does as well."
+        f"{what} explains the misfit, {left_over if kept else 'nothing is left of it'}, and no other set does as well."
         if before.wrong
         else f"{what} is far more probable than the baseline, which the tests by themselves do not reject; no other set"
         " does as well."

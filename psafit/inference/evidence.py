@@ -29,9 +29,11 @@ from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate, hills, settle_at
 from psafit.physics import baseline
 
-# Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72), draws
-# below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
-_TRUSTED, _FEW, _DOUBTS = 0.7, 30.0, (2.0, 5.0)
+TRUSTED = 0.7
+"""Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72)."""
+
+# Draws below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
+_FEW, _DOUBTS = 30.0, (2.0, 5.0)
 # Student densities: degrees of freedom, widening (over the number of dimensions), most in a mixture.
 _TAILS, _WIDER, _MOST = 6.0, 1.8, 8
 # Draws a round, rounds at least (the first emulators may not know all of a bent posterior yet) and at most, effective
@@ -96,7 +98,7 @@ class Weighed:
     @property
     def doubt(self) -> float:
         """Standard error of the log evidence; nats where the weights' tail makes that error meaningless."""
-        if self.pareto_k < _TRUSTED:
+        if self.pareto_k < TRUSTED:
             return self.error
         return max(self.error, _DOUBTS[int(self.effective < _FEW)])
 

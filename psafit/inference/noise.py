@@ -12,6 +12,7 @@ with Student's :math:`t_\nu`, which gives an outlier a bounded pull and tends to
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import digamma, gammaln
 from scipy.stats import t as student
 
@@ -48,6 +49,9 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
 )
 
+# A relative scatter so many times its lower bound is at it.
+_AT_LEAST = 1.1
+
 
 def scale(predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:
     """Scatter `s` of readings, um.
@@ -62,6 +66,11 @@ def scale(predicted: FloatArray, noise: FloatArray, known: FloatArray | None) ->
     """
     variance = (noise[:, 0:1] * predicted) ** 2 + noise[:, 1:2] ** 2
     return np.sqrt(variance if known is None else variance + known**2)
+
+
+def at_least(noise: FloatArray) -> NDArray[np.bool_]:
+    """Where the relative scatter is as small as it may be: what is left is below what any rig repeats to; (n_sets,)."""
+    return np.asarray(noise[:, 0] <= _AT_LEAST * PARAMETERS[0].bounds.lower)
 
 
 def log_density(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:

@@ -18,6 +18,7 @@ from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import CLEAR, recommended, tells_apart
 from psafit.diagnose.record import NEAREST, PAGE, UNSEEN, CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import CONSTANT_UNITS, Experiment, GroupId
+from psafit.inference.evidence import TRUSTED
 from psafit.inference.run import load
 from psafit.numerics import audit
 from psafit.physics import owner
@@ -472,9 +473,8 @@ def _what_next(found: Mapping[str, Any]) -> list[Markup]:
     if tells_apart(found):
         what = Markup("{} with an expected lead of {}").format(about, _lead(best))
     else:
-        what = Markup("{}, of which these readings tell little: it would narrow it by {}").format(
-            about, _narrowing(best["separation"])
-        )
+        known_so_far = "of which these readings tell little" if found.get("weak", True) else "which is known least"
+        what = Markup("{}, {}: it would narrow it by {}").format(about, known_so_far, _narrowing(best["separation"]))
     return [
         Markup("<strong>What next?</strong> Measure <em>{}</em>: that best {}. <a href='#next'>More</a>").format(
             typeset(best["text"]), what
@@ -634,7 +634,8 @@ def _method(evidence: Mapping[str, Any]) -> str:
         other = known(evidence["nautilus"]["log_evidence"]) - known(evidence["log_evidence"])
         text += f"; by nautilus {_signed(other)}"
     if evidence.get("pareto_k") is not None:
-        text += typeset(f", Pareto k {known(evidence['pareto_k']):.2f}")
+        k = known(evidence["pareto_k"])
+        text += typeset(f", Pareto k {k:.2f}") + (" (above 0.7: the error is a guess)" if k > TRUSTED else "")
     return text
 
 
