@@ -248,6 +248,8 @@ def test_first_screen_answers(page):
     assert "without a name keeps" not in text
     assert "goes from ×2.49 to ×1.29" in text
     assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text
+    missed = "group 1, which the baseline misses most, and of the others the one that the extended model misses most, "
+    assert f"Below, {missed}group " in text
     assert "22,000 times" in text
     apart = "tells hysteresis of the stack from gap at rest + slew-limited amplifier"
     assert f"Measure sine, 20 V: that best {apart} with an expected lead of 12.5 ± 0.4 nats." in text

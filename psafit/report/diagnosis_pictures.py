@@ -86,7 +86,7 @@ def _swept(sweep: figures.Sweep) -> str:
 
 
 def summary_picture(pictured: Sequence[Shown]) -> Picture:
-    """The picture of the first screen: both models' error in each group, and the groups that they miss most."""
+    """The picture of the first screen: the models' error in each group, and for each the group that it misses most."""
     rows = factor_rows(pictured)
     told = [g for g in pictured if g.errors]
     # The one that the baseline misses most, and of the others the one that the last model does.
@@ -94,14 +94,25 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     worst += sorted((g for g in told if g is not worst[0]), key=lambda g: -g.errors[-1])[:1]
     examples = [figures.Example(titled(g.group.id), "ink", g.group, g.sweep, g.curves) for g in worst]
     legend = figures.handles([replace(c, bands=()) for c in pictured[0].curves])
-    groups = " and ".join(f"group {e.group.id}" for e in examples)
     return Picture(
         figure_data_uri(figures.summary_figure(rows if told else [], examples, legend)),
         "Typical factor between model and reading: "
         + "; ".join(f"group {g.group.id} {g.told or 'readings alone'}" for g in pictured[:20])
         + ".",
-        "Above, how far the fitted models are off in each group: ×1 would be perfect. Below, those that they miss most:"
-        f" {groups}.",
+        "Above, how far the fitted models are off in each group: ×1 would be perfect."
+        f" Below, {_missed(worst) if told and len(pictured) > 1 else f'group {worst[0].group.id}'}.",
+    )
+
+
+def _missed(worst: Sequence[Shown]) -> str:
+    """Which groups `summary_picture` has chosen, and why."""
+    first, *others = worst
+    text = f"group {first.group.id}, which the {first.curves[0].name} misses most"
+    return text + "".join(
+        f", and of the others the one that the {other.curves[-1].name} misses most, group {other.group.id}"
+        if len(other.curves) > 1
+        else f", and group {other.group.id}, which it misses most of the others"
+        for other in others
     )
 
 
