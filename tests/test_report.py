@@ -34,6 +34,7 @@ from psafit.records import (
 from psafit.report import figures, fit, wording
 from psafit.report.figures.groups import titled
 from psafit.report.fit import write_report
+from psafit.report.fit_pictures import _middle
 from psafit.report.page import figure_data_uri
 from psafit.simulate.stability import contact_matrix, largest_stable_step
 from psafit.validate import Prediction, score, verdict
@@ -289,6 +290,13 @@ def test_first_screen_says_what_it_must(page):
     assert "groups amps and grid_3" in text
     assert "Not determined: cc has only an upper limit" in text
     assert "not converged" not in text
+    assert "Below, fitted group 1 and, of the two the fit never saw, the worse, group amps." in text
+
+
+def test_the_group_that_stands_for_the_unseen_is_told_by_its_rank():
+    words = [_middle(n) for n in (1, 2, 3, 4)]
+    assert words[:2] == ["the one the fit never saw", "of the two the fit never saw, the worse"]
+    assert words[2].endswith("the one of median score") and words[3].endswith("the worse of the two of middle score")
 
 
 def test_not_converged_is_said_first(unhappy_page):

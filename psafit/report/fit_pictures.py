@@ -76,19 +76,16 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     """The picture of the first screen."""
     seen = [g for g in pictured if g.score.role == "fit"]
     unseen = sorted((g for g in pictured if g.score.role == "holdout"), key=lambda g: g.score.log_rmse)
-    typical = unseen[len(unseen) // 2 : len(unseen) // 2 + 1]
+    typical = unseen[len(unseen) // 2 :][:1]
     examples = [
         figures.Example(titled(g.score.group), ROLE_COLOR[g.score.role], g.prediction.group, g.sweep, g.curves)
         for g in [*seen[:1], *typical]
     ]
     scores = [g.score for g in pictured]
     listing = "; ".join(f"group {s.group} {ROLE_TEXT[s.role]} {factor(s.log_rmse)}" for s in scores[:20])
-    below = (
-        f"Below, fitted group {seen[0].score.group} and, of those the fit never saw, the one of median score,"
-        f" group {typical[0].score.group}."
-        if typical
-        else f"Below, fitted group {seen[0].score.group}."
-    )
+    below = f"Below, fitted group {seen[0].score.group}"
+    if typical:
+        below += f" and, {_middle(len(unseen))}, group {typical[0].score.group}"
     legend = [Line2D([], [], **MEASURED, label="measured")] + [
         Line2D([], [], color=PALETTE[ROLE_COLOR[r]], marker=ROLE_MARKER[r], ms=5.5, lw=1.5, label=ROLE_TEXT[r])
         for r in ("fit", "holdout")
@@ -97,9 +94,16 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     return Picture(
         figure_data_uri(figures.summary_figure(factor_rows(pictured), examples, legend)),
         f"Typical factor between prediction and reading: {listing}.",
-        f"Above, how far the prediction is off in each group: ×1 would be perfect. {below} Line: predicted median."
+        f"Above, how far the prediction is off in each group: ×1 would be perfect. {below}. Line: predicted median."
         " Dark band: 90 % of the model. Light band: where 90 % of readings should fall.",
     )
+
+
+def _middle(n: int) -> str:
+    """The one in the middle of `n` groups that the fit never saw, in words; of two in the middle the worse."""
+    if n <= 2:
+        return "of the two the fit never saw, the worse" if n == 2 else "the one the fit never saw"
+    return "of those the fit never saw, the " + ("one of median score" if n % 2 else "worse of the two of middle score")
 
 
 def factor_rows(shown: Sequence[Shown]) -> list[figures.Row]:
