@@ -170,6 +170,9 @@ def test_curves_are_switched_on_and_off(opened):
         assert page.evaluate(drawn.format(kind)) < before
         page.get_by_role("checkbox", name=name).check()
         assert page.evaluate(drawn.format(kind)) == before
+    swatches = "[...document.querySelectorAll('.explorer fieldset svg .band')]"
+    shades = page.evaluate(f"{swatches}.map(r => getComputedStyle(r).fillOpacity)")
+    assert shades == ["0.2", "0.2", "0.42"]  # that of readings; that of the model lies on it
     ticks = "[...document.querySelectorAll('.explorer > svg text[text-anchor=end]')].map(t => t.textContent)"
     linear = page.evaluate(ticks)
     page.get_by_role("checkbox", name="launch range").check()

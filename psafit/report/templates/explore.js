@@ -64,12 +64,14 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     const bands = new Map();
     for (const c of group.curves) {
       toggle(c.name, (s) => svg(s, "path", { d: "M1 6H25", class: line(c) }));
-      for (const b of c.bands) if (!bands.has(b.name)) bands.set(b.name, c);
+      c.bands.forEach((b, i) => { if (!bands.has(b.name)) bands.set(b.name, c.bands.slice(0, i + 1).map((_, k) => band(c, k))); });
     }
-    for (const [name, c] of bands) toggle(name, (s) => svg(s, "rect", { y: 1, width: 26, height: 10, class: `band ${c.color}` }));
+    // The inner one lies on the wider.
+    for (const [name, looks] of bands) toggle(name, (s) => looks.forEach((look) => svg(s, "rect", { y: 1, width: 26, height: 10, class: look })));
     draw();
   };
   const line = (c) => `line ${c.color}${c.dashed ? " dashed" : ""}`;
+  const band = (c, place) => `band ${c.color}${place ? " inner" : ""}`; // the widest is the first
 
   const scale = (low, high, from, to, isLog) => {
     const f = isLog ? Math.log10 : (v) => v;
@@ -143,8 +145,8 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     svg(picture, "text", { transform: `translate(14 ${(head + foot) / 2}) rotate(-90)`, "text-anchor": "middle", class: "label" }, "Launch range (µm)");
     const inside = svg(picture, "g", { "clip-path": `url(#${clip})` });
     for (const c of curves)
-      for (const b of c.bands)
-        if (!hidden.has(b.name)) svg(inside, "path", { d: `${path(b.high, order)}${path(b.low, [...order].reverse()).replace("M", "L")}Z`, class: `band ${c.color}` });
+      for (const [place, b] of c.bands.entries())
+        if (!hidden.has(b.name)) svg(inside, "path", { d: `${path(b.high, order)}${path(b.low, [...order].reverse()).replace("M", "L")}Z`, class: band(c, place) });
     for (const c of curves) {
       svg(inside, "path", { d: broken(c.middle), class: line(c) });
       order.filter((i) => none(c.middle[i])).forEach((i) => svg(picture, "path", { d: triangle(group.x[i], 3), class: `dot ${c.color}` }));
