@@ -28,7 +28,7 @@ def main() -> int:
     predicted = next(c for c, p in zip(curves, predictions, strict=True) if p.role != "fit")
     figure.legends[0].remove()
     entries = figures.handles([replace(fitted, name="fitted", bands=())])
-    zeros = any(figures.has_zeros(g, [c]) for g, c in zip(groups, curves, strict=True))
+    zeros = figures.zero_mark((g, [c]) for g, c in zip(groups, curves, strict=True))
     entries += figures.handles([replace(predicted, name="predicted, never seen")], measured=False, zeros=zeros)
     with figure_style():
         for axes, p, sweep in zip(figure.axes, predictions, sweeps, strict=True):

@@ -36,6 +36,7 @@ from psafit.report.figures.groups import titled
 from psafit.report.fit import write_report
 from psafit.report.fit_pictures import _middle
 from psafit.report.page import figure_data_uri
+from psafit.report.style import PALETTE
 from psafit.simulate.stability import contact_matrix, largest_stable_step
 from psafit.validate import Prediction, score, verdict
 
@@ -447,6 +448,30 @@ def test_zeros_are_in_every_legend():
         "measured",
         "model",
     ]  # linear
+
+
+def test_the_legend_shows_a_zero_as_it_is_drawn():
+    group = sweep_groups()[1]
+    rising = replace(group, launch_range_um=group.launch_range_um + 0.1)
+    curve = figures.Curve("model", "vermillion", np.where(group.launch_range_um > 1, group.launch_range_um, 0.0))
+    for seen, color, filled in ((rising, PALETTE["vermillion"], True), (group, PALETTE["ink"], False)):
+        (axes,) = figures.group_figure(seen, figures.sweep_of(seen), [curve]).axes
+        drawn = [x for x in axes.lines if x.get_marker() == "v"]
+        (mark,) = figures.zero_mark([(seen, [curve])])
+        assert mark.get_markeredgecolor() == color and (mark.get_markerfacecolor() != "none") == filled
+        looks = {(x.get_markeredgecolor(), x.get_markerfacecolor()) for x in drawn}
+        assert (mark.get_markeredgecolor(), mark.get_markerfacecolor()) in looks
+
+
+def test_a_changed_rig_is_told_in_the_head_of_a_figure():
+    group = replace(make_group("sq3100", 3100.0, [1.0, 3.0, 9.0], [1.0, 2.0, 3.0], "square"), changed=(("M", 0.0544),))
+    (axes,) = figures.group_figure(group, figures.sweep_of(group), []).axes
+    lines = axes.get_title(loc="left").replace("\xa0", " ").split("\n")
+    assert lines == ["Group sq3100: square, 3.1 kHz,", "M = 0.0544 kg"]
+    every = replace(group, changed=tuple((name, 1.234567e-5) for name in "Mmqlg"))
+    (axes,) = figures.group_figure(every, figures.sweep_of(every), []).axes
+    lines = axes.get_title(loc="left").split("\n")
+    assert len(lines) == 2 and lines[1].endswith("…") and max(map(len, lines)) <= 36
 
 
 def test_a_long_name_leaves_room_in_the_head_of_a_figure():

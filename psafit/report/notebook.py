@@ -60,7 +60,7 @@ def plot_group(group: Group, curves: Sequence[figures.Curve], ax: Axes | None, r
         title(ax, group.id, sweep.condition, role)
         ax.set_xlabel(sweep.label)
         ax.set_ylabel("Launch range (µm)")
-        ax.legend(handles=figures.handles(curves, zeros=figures.has_zeros(group, curves)))
+        ax.legend(handles=figures.handles(curves, zeros=figures.zero_mark([(group, curves)])))
     return ax
 
 

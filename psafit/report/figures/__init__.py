@@ -14,6 +14,7 @@ from psafit.report.figures.curves import (
     handles,
     has_zeros,
     without_curves,
+    zero_mark,
 )
 from psafit.report.figures.groups import group_figure, groups_figure, pit_figure, residual_figure, residual_view
 from psafit.report.figures.posterior import (
@@ -56,4 +57,5 @@ __all__ = [
     "sweep_of",
     "trace_figure",
     "without_curves",
+    "zero_mark",
 ]

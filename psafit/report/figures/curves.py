@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -150,18 +150,29 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
 
 def has_zeros(group: Conditions, curves: Sequence[Curve]) -> bool:
     """Whether readings or curves hold zeros, which logarithmic axes show at their foot."""
-    drawn = [readings_of(group), *(c.middle for c in curves)]
-    return _view(group, curves)[2] and any(bool((values == 0).any()) for values in drawn)
+    return bool(zero_mark([(group, curves)]))
 
 
-def handles(curves: Sequence[Curve], *, measured: bool = True, zeros: bool = False) -> list[Artist]:
-    """What a legend says of readings and curves; bands of the first curve only."""
+def zero_mark(drawn: Iterable[tuple[Conditions, Sequence[Curve]]]) -> list[Artist]:
+    """What a legend says of the zeros of some groups: the mark of a reading, or of a curve where no reading is zero."""
+    from matplotlib.lines import Line2D
+
+    looks: list[dict[str, Any]] = []
+    for group, curves in drawn:
+        if _view(group, curves)[2]:
+            if (readings_of(group) == 0).any():
+                looks.insert(0, {**MEASURED, "marker": "v"})
+            looks += [{"color": PALETTE[c.color], "marker": "v", "ls": "none"} for c in curves if (c.middle == 0).any()]
+    return [Line2D([], [], label="zero", **{"markersize": MEASURED["markersize"], **look}) for look in looks[:1]]
+
+
+def handles(curves: Sequence[Curve], *, measured: bool = True, zeros: Sequence[Artist] = ()) -> list[Artist]:
+    """What a legend says of readings, zeros (`zero_mark`) and curves; bands of the first curve only."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     found: list[Artist] = [Line2D([], [], **MEASURED, label="measured")] if measured else []
-    if zeros:
-        found.append(Line2D([], [], **{**MEASURED, "marker": "v"}, label="zero"))
+    found += zeros
     found += [
         Line2D([], [], color=PALETTE[c.color], lw=1.6, ls=DASHES if c.dashed else "-", label=label(c.name, 28))
         for c in curves

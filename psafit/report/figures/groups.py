@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -14,8 +15,8 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLoc
 from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, Group
 from psafit.report.figures.axes import label, scale_sweep
-from psafit.report.figures.curves import ROLE_COLOR, Curve, draw_curves, envelope, handles, has_zeros
-from psafit.report.figures.sweep import Sweep
+from psafit.report.figures.curves import ROLE_COLOR, Curve, draw_curves, envelope, handles, zero_mark
+from psafit.report.figures.sweep import NBSP, Sweep
 from psafit.report.style import BAND, PALETTE, WIDTH, figure_style, new_figure
 
 if TYPE_CHECKING:
@@ -39,8 +40,11 @@ def titled(group_id: object, room: int = 14) -> str:
 
 
 def title(axes: Axes, group_id: object, condition: str, role: str | None = None) -> None:
-    """Title: the group and what is held; below it the role, in the role's colour."""
-    axes.set_title(label(f"{titled(group_id, 18)}: {condition}", 36), pad=20 if role else None)
+    """Title of at most two lines: the group and what is held; below it the role, in the role's colour."""
+    text = f"{titled(group_id, 18)}: {condition}"
+    text = text.replace(" = ", f"{NBSP}={NBSP}")  # a changed constant stays in one piece
+    lines = textwrap.wrap(text, 36, max_lines=2, placeholder="…", break_on_hyphens=False)
+    axes.set_title("\n".join(map(label, lines)), pad=20 if role else None)
     if role:
         axes.annotate(
             ROLE_TEXT[role], (0, 1), (0, 5), xycoords="axes fraction", textcoords="offset points",
@@ -66,7 +70,7 @@ def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str 
         axes.set_xlabel(sweep.label)
         axes.set_ylabel("Launch range (µm)")
         if role:
-            entries = handles(curves, zeros=has_zeros(group, curves))
+            entries = handles(curves, zeros=zero_mark([(group, curves)]))
             figure.legend(handles=entries, loc="outside lower center", ncols=2, columnspacing=1.2)
     return figure
 
@@ -86,7 +90,7 @@ def groups_figure(groups: Sequence[Conditions], sweeps: Sequence[Sweep], curves:
         for axes in panels[len(groups) :]:
             axes.remove()
         measured = any(isinstance(group, Group) for group in groups)
-        zeros = any(map(has_zeros, groups, curves))
+        zeros = zero_mark(zip(groups, curves, strict=True))
         entries = handles(curves[0], measured=measured, zeros=zeros)
         figure.legend(handles=entries, loc="outside lower center", ncols=min(2 * columns, 5))
     return figure

@@ -15,7 +15,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from psafit.experiment import Group
 from psafit.report.figures.axes import label
-from psafit.report.figures.curves import Curve, draw_curves, handles, has_zeros
+from psafit.report.figures.curves import Curve, draw_curves, handles, zero_mark
 from psafit.report.figures.groups import short
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import PALETTE, WIDTH, figure_style
@@ -123,7 +123,7 @@ def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Seq
             )
             if column == 0:
                 axes.set_ylabel("Launch range (µm)")
-        zeros = any(has_zeros(e.group, e.curves) for e in examples)
+        zeros = zero_mark((e.group, e.curves) for e in examples)
         entries = [*legend, *handles([], measured=False, zeros=zeros)]
         long = sum(len(str(e.get_label())) for e in entries) > 44  # no line holds more
         below.legend(handles=entries, loc="outside lower center", ncols=2 if long else len(entries), columnspacing=1.1)

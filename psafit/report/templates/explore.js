@@ -165,7 +165,12 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
       svg(picture, "circle", { cx: reach[at][0], cy: reach[at][1], r: 6, class: "cursor" });
       for (const c of curves) svg(picture, "circle", { cx: reach[at][0], cy: y(c.middle[at]), r: 4, class: `dot ${c.color}` });
     }
-    zero.hidden = ![...(hidden.has("measured") ? [] : group.measured), ...curves.flatMap((c) => c.middle)].some(none);
+    const zeros = [
+      ...(!hidden.has("measured") && group.measured.some(none) ? ["reading"] : []),
+      ...curves.filter((c) => c.middle.some(none)).map((c) => `dot ${c.color}`),
+    ];
+    zero.hidden = !zeros.length;
+    zero.querySelector("path").setAttribute("class", zeros[0] ?? "reading");
     tell(curves);
   }
 
