@@ -325,6 +325,7 @@ def _stage(state: State) -> str:
 
 def _facts(state: State) -> list[tuple[str, str]]:
     """What there is to tell, each with its goal and unit."""
+    from psafit.inference.store import told_r_hat
     from psafit.progress import duration
 
     s = state
@@ -336,8 +337,8 @@ def _facts(state: State) -> list[tuple[str, str]]:
     if s.autocorrelation_times is not None and s.autocorrelation_time is not None:
         length = f"{math.floor(s.autocorrelation_times)} autocorrelation times of {s.autocorrelation_time:.0f} steps"
         facts.append(("length", f"{length} (goal {s.wanted_times:.0f})"))
-    if s.r_hat is not None:
-        facts.append(("R-hat", f"{math.ceil(1e3 * s.r_hat) / 1e3:.3f} (goal {s.wanted_r_hat:g})"))
+    if s.r_hat is not None and s.wanted_r_hat is not None:
+        facts.append(("R-hat", f"{told_r_hat(s.r_hat, s.wanted_r_hat)} (goal {s.wanted_r_hat:g})"))
     if s.log_posterior is not None:
         facts.append(("best log posterior", f"{s.log_posterior:.2f} (the search's {s.best_minimum:.2f})"))
     elif s.best_minimum is not None:

@@ -33,6 +33,7 @@ from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
 from psafit.inference.run import fit, load
+from psafit.inference.store import told_r_hat
 from psafit.physics import terms
 from psafit.records import write_json
 from psafit.report import figures
@@ -551,6 +552,11 @@ def test_before_the_chain(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch
         assert "sampling; no checkpoint yet; best log posterior" in capsys.readouterr().out
     assert run(monkeypatch, "watch", tmp_path, "--once") == 0
     assert capsys.readouterr().out.startswith("interrupted: nothing works in this folder now")
+
+
+def test_an_r_hat_is_told_on_its_side_of_the_goal() -> None:
+    told = [told_r_hat(value, 1.01) for value in (1.0099, 1.002, 1.00999, 1.01, 1.0100001, 1.9)]
+    assert told == ["1.0099", "1.0020", "1.00999", "1.0100", "1.0101", "1.9000"]
 
 
 def test_a_foreign_folder_is_one_line(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

@@ -276,10 +276,10 @@ def test_parameters_agree_with_the_record(page):
     for entry, s in zip(page.run.fit.parameters, page.run.summary.parameters, strict=True):
         assert entry.description in page.reader.text
         assert " ".join(wording.typeset(s.text.removeprefix(s.name)).split()) in page.reader.text
-        assert f"{s.r_hat:.3f}" in page.reader.text
+        assert f"R-hat {s.r_hat:.4f}; autocorrelation" in page.reader.text
         assert f"{s.ess_bulk:.0f} / {s.ess_tail:.0f}" in page.reader.text
         assert entry.source in page.reader.text
-        row = next(r for r in re.findall(r"<tr>(.*?)</tr>", page.html, re.S) if f"{s.r_hat:.3f}" in r)
+        row = next(r for r in re.findall(r"<tr>(.*?)</tr>", page.html, re.S) if f"{s.r_hat:.4f}" in r)
         assert ("implausible under the prior" in row) == s.implausible
         assert ("no lower limit" in row) == (s.verdict == "bounded above")
     assert "Implausible: cs comes out where the prior" in page.reader.text

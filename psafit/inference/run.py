@@ -501,9 +501,8 @@ def _summarise(
     kept = chain.draws.shape[1]
     reached = kept / float(chain.autocorrelation_time.max())
     # Rounded so that what misses its goal is never told as meeting it.
-    message = (
-        f"{math.floor(reached)} autocorrelation times, R-hat at most {math.ceil(1e3 * chain.r_hat.max()) / 1e3:.3f}"
-    )
+    mixed = store.told_r_hat(float(chain.r_hat.max()), settings.r_hat)
+    message = f"{math.floor(reached)} autocorrelation times, R-hat at most {mixed}"
     if not chain.converged:
         message = (
             f"not converged after {chain.burn_in + kept} steps ({message}; wanted"

@@ -6,6 +6,7 @@ that knows the difference.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -122,6 +123,12 @@ def pareto_k(log_weights: FloatArray) -> float:
 
     # This one takes log likelihoods, whose inverses are weights.
     return float(array_stats.psislw(-log_weights)[1])
+
+
+def told_r_hat(value: float, goal: float) -> str:
+    """An R-hat rounded up, to as many digits as tell whether it is below its goal; at least four."""
+    texts = (f"{math.ceil(10**n * value) / 10**n:.{n}f}" for n in range(4, 12))
+    return next((text for text in texts if (float(text) < goal) == (value < goal)), f"{value:g}")
 
 
 def r_hat(values: FloatArray) -> FloatArray:

@@ -277,9 +277,9 @@ def trace_pictures(run: Run, marginals: Sequence[figures.Marginal]) -> list[Pict
     return [
         Picture(
             figure_data_uri(figures.trace_figure(m, run.draws.values[..., i], run.summary.thinning), svg_limit=0),
-            f"Chains of {m.entry.description}: R-hat {s.r_hat:.3f},"
+            f"Chains of {m.entry.description}: R-hat {s.r_hat:.4f},"
             f" autocorrelation time {s.autocorrelation_time:.0f} steps.",
-            f"R-hat {s.r_hat:.3f}; autocorrelation time {s.autocorrelation_time:.0f} steps.",
+            f"R-hat {s.r_hat:.4f}; autocorrelation time {s.autocorrelation_time:.0f} steps.",
         )
         for i, (m, s) in enumerate(zip(marginals, run.summary.parameters, strict=True))
     ]
