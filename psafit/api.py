@@ -209,7 +209,11 @@ class Fitted(_Shown):
         state = "" if self.run.summary.converged else f"; {self.run.summary.message}"
         scores = self.scores[["role", "n_points", "log_rmse", "coverage_90", "verdict"]]
         scores = scores.assign(verdict=scores["verdict"].str.partition(",")[0])
-        told = [[s.name, s.text, s.r_hat] for s in self.run.summary.parameters]
+        # The name is the row's.
+        told = [
+            [s.name, s.text.removeprefix(f"{s.name} ").removeprefix("= "), f"{s.r_hat:.4f}"]
+            for s in self.run.summary.parameters
+        ]
         parameters = pd.DataFrame(told, columns=["parameter", "what the readings say", "r_hat"]).set_index("parameter")
         return headline + state, [parameters, scores]
 

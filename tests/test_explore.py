@@ -106,6 +106,8 @@ def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> No
     assert (one.parameters["lower_90"] < one.parameters["median"]).all()
     assert list(one.scores["role"]) == ["fit", "holdout", "holdout"] and len(one.predictions) == 62
     assert "fitted to group 1 of A rig with known truth" in " ".join(repr(one).split()) and "not converged" in repr(one)
+    told = next(line for line in repr(one).splitlines() if line.startswith("c_c "))
+    assert told.count("c_c") == 1 and re.search(r"\d\.\d{4}$", told)  # named once; R-hat to four decimals
     html = one._repr_html_()
     assert html.count("<table") == 2 and "k_c" in html and "N s/m" in html
     ax = Figure().subplots()
