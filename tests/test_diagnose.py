@@ -1150,6 +1150,9 @@ def test_groups_that_are_predicted_worse_are_named(hidden):
     calm = SimpleNamespace(reasons=(), alternatives=(), named=())
     quiet = SimpleNamespace(wrong=False)
     search = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3}
+    tied = SimpleNamespace(reasons=(), alternatives=(("c",), ()), named=("a", "b"))
+    said = diagnosis._sentences(tied, quiet, hidden, None, [], {}, {}, None)
+    assert "Not to be told apart from a + b: c; the baseline." in said
     said = diagnosis._sentences(calm, quiet, hidden, None, [], {"strict": one}, {}, search)
     assert "Predicted worse than by the baseline (strict): group a (0.300 to 0.600)." in said
     assert "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said

@@ -445,6 +445,14 @@ def test_the_headline_names_what_is_tied() -> None:
     assert said("ambiguous", list("abcdef"), [["x"], ["y"]]).endswith("a + b + c + d + e + f, or 2 more sets")
 
 
+def test_what_is_tied_with_the_best_extension_is_tied_with_it_by_name(undrawn, tmp_path):
+    experiment = make_experiment()
+    record = replace(make_record(experiment), verdict="unexplained")
+    text = build(record, experiment, tmp_path).first_screen
+    leader, other = model(record.named), model(record.alternatives[0])
+    assert f"Not to be told apart from {leader}: {other}; or " in text and "apart from it" not in text
+
+
 def test_large_sets_are_told_by_what_differs():
     named = ["hysteresis", "gap", "slew_limit"]
     leans = "ball leans on the tip"

@@ -710,7 +710,7 @@ def _sentences(
         result.append(f"Of the baseline: {what}.")
     if verdict.alternatives:
         others = "; ".join(_words(ids) for ids in verdict.alternatives[:6])
-        result.append(f"Not to be told apart from it: {others}.")
+        result.append(f"Not to be told apart from {_words(verdict.named)}: {others}.")
     if firm and verdict.named:
         if firm.of_one_group:
             gain = ladder.gain(ladder.leader.ids)

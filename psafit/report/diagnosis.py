@@ -350,7 +350,7 @@ def _wrong(result: Diagnosis) -> Markup:
         what = Markup(" Of the baseline: {}.").format(_character(result.misfit.get("baseline", {})))
         odd = known(result.misfit.get("p_value")) < ALPHA
         return head + "No cause of the catalogue explains it." + (what if odd else "") + _unnamed(result)
-    also = Markup(" Not to be told apart from it: {}.").format(tied) if result.alternatives else ""
+    also = Markup(" Not to be told apart from {}: {}.").format(model(result.named), tied) if result.alternatives else ""
     # Nothing may be left beside the causes, and yet something smooth in their place be likelier than so many of them.
     simpler = any("a smooth curve in its place is simpler" in told for told in result.sentences)
     remains = result.misfit.get("remains", not simpler)  # an older record says so in its sentences alone
