@@ -212,6 +212,21 @@ def test_a_difference_that_nobody_cares_for_has_no_winner() -> None:
     assert _signed(-0.0001) == "+0.000"
 
 
+def test_more_data_may_be_why_one_is_better(tmp_path: Path) -> None:
+    one, other = made("a", 2.0), made("b", 1.1)
+    third = replace(one.told[0], group=replace(one.told[0].group, id=3))
+    for side in (one, other):
+        side.told.append(third)
+
+    def said(first: list[int], second: list[int]) -> str:
+        sides = replace(one, groups=first), replace(other, groups=second)
+        return Reader(write_comparison(*sides, compare(*sides), tmp_path / "c.html").read_text("utf-8")).first_screen
+
+    assert "b is better; the runs were fitted to different groups, so more data alone may be why." in said([1], [1, 3])
+    assert "different groups, so other data alone may be why." in said([1, 3], [1])
+    assert "b is better." in said([1], [1])
+
+
 def test_without_a_group_to_judge_by_nobody_wins(tmp_path: Path) -> None:
     one, other = made("a", 2.0, role="fit"), made("b", 1.1)
     found = compare(one, other)
@@ -227,6 +242,11 @@ def test_what_is_not_determined_has_no_interval_beside_another(tmp_path: Path) -
     page = Reader(write_comparison(one, other, compare(one, other), tmp_path / "c.html").read_text("utf-8"))
     row = next(r for r in page.text.split("contact stiffness") if "bounded above" in r)
     assert "at most" in row and "2.2" not in row.split("/m")[0]
+    one = made("a", 1.1)
+    for verdict, badge in (("determined", "badge good"), ("not determined", "badge")):
+        one.parameters["k_c"] = replace(one.parameters["k_c"], verdict=verdict)
+        html = write_comparison(one, other, compare(one, other), tmp_path / "c.html").read_text("utf-8")
+        assert f'<span class="{badge}">100\N{NO-BREAK SPACE}%</span></td>' in html  # a prior confirms nothing
 
 
 def test_other_readings_are_not_compared() -> None:

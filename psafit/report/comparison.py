@@ -68,7 +68,7 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
         title=f"{first.name} and {second.name} side by side",
         names=[first.name, second.name],
         verdict=_verdict(found),
-        sentences=[_compared(first, second, found), _better(found), _what_differs(found)],
+        sentences=[_compared(first, second, found), _better(first, second, found), _what_differs(found)],
         tiles=_tiles(found),
         summary=_summary(pictured, found),
         parameters=[_parameter_row(p) for p in found.parameters],
@@ -135,13 +135,15 @@ def _compared(first: Side, second: Side, found: Comparison) -> Markup:
     )
 
 
-def _better(found: Comparison) -> Markup:
+def _better(first: Side, second: Side, found: Comparison) -> Markup:
     head = Markup("<strong>Which predicts better?</strong> ")
     if found.log_rmse is None or found.log_rmse_interval is None:
         return head + "Nobody can tell: there is no group that both could fail at and neither has fitted."
     low, high = found.log_rmse_interval
     winner = _winner(found.log_rmse, found.log_rmse_interval)
-    clear = "no clear difference, or one below 1 % of a range" if winner is None else f"{found.names[winner]} is better"
+    clear = "no clear difference, or one below 1 % of a range"
+    if winner is not None:
+        clear = f"{found.names[winner]} is better{_but(first, second, winner)}"
     return head + Markup(
         "On {}, which neither has fitted, {} is typically off by ×{} and {} by ×{}; change of the mean log RMSE {} to"
         " {} (90 %): {}."
@@ -149,6 +151,19 @@ def _better(found: Comparison) -> Markup:
         groups(found.judged), found.names[0], factor(found.log_rmse[0]), found.names[1], factor(found.log_rmse[1]),
         _signed(low), _signed(high), clear,
     )  # fmt: skip
+
+
+def _but(first: Side, second: Side, winner: int) -> str:
+    """What may be why one is better although its model is not: the readings that it was fitted to."""
+    fitted = [{str(id) for id in side.groups} for side in (first, second)]
+    if fitted[0] == fitted[1]:
+        return ""
+    seen = [
+        sum(t.group.n_points for t in side.told if str(t.group.id) in ids)
+        for side, ids in zip((first, second), fitted, strict=True)
+    ]
+    what = "more" if seen[winner] > seen[1 - winner] else "other"
+    return f"; the runs were fitted to different groups, so {what} data alone may be why"
 
 
 def _what_differs(found: Comparison) -> Markup:
@@ -225,10 +240,12 @@ def _value(e: Estimate | None) -> list[str]:
 def _parameter_row(p: ParameterPair) -> list[Any]:
     about = p.first or p.second
     overlap: Any = "–"
+    verdicts = [e.verdict for e in (p.first, p.second) if e and e.verdict]
     if p.overlap is not None and math.isfinite(p.overlap):
         kind = "good" if p.overlap >= _LEAST_OVERLAP else "warn" if p.overlap > 0 else "bad"
+        if "not determined" in verdicts:  # a prior that overlaps confirms nothing
+            kind = ""
         overlap = {"text": percent(p.overlap) if p.overlap > 0 else "apart", "kind": kind}
-    verdicts = [e.verdict for e in (p.first, p.second) if e and e.verdict]
     return [
         parameter(p.name, about.description if about else ""),
         *(Markup("<br>").join(_value(e)) for e in (p.first, p.second)),
