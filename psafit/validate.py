@@ -311,6 +311,11 @@ def score(prediction: Prediction) -> GroupScore:
     )
 
 
+def _factor(error: float) -> str:
+    """A log error as the factor that a sentence tells."""
+    return f"×{math.exp(error):.2f}"
+
+
 def _direction(error: FloatArray) -> str:
     """Whether a prediction errs to one side, by the count of signs."""
     large, small = int((error > 0).sum()), int((error < 0).sum())
@@ -319,7 +324,8 @@ def _direction(error: FloatArray) -> str:
         return "either way"
     side, bias = ("large", float(np.mean(error))) if large > small else ("small", -float(np.mean(error)))
     # A few large errors of the other sign may outweigh the many in the mean.
-    return f"mostly too {side}" + (f" (by ×{math.exp(bias):.2f} on average)" if bias > 0 else "")
+    told = bias > 0 and _factor(bias) != _factor(0.0)
+    return f"mostly too {side}" + (f" (by {_factor(bias)} on average)" if told else "")
 
 
 def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float) -> str:
@@ -328,8 +334,10 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     size = "predicted well" if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
-    rest = f" (×{math.exp(root_mean_square(np.delete(error, worst))):.2f} but for one reading)" if ruled else ""
-    parts = [f"{size}, typically off by ×{math.exp(rmse):.2f}{rest}, {_direction(error)}"]
+    factor = _factor(rmse)
+    other = _factor(root_mean_square(np.delete(error, worst))) if ruled else factor
+    rest = f" ({other} but for one reading)" if other != factor else ""
+    parts = [f"{size}, typically off by {factor}{rest}, {_direction(error)}"]
     if n < _FEWEST_FOR_BAND:
         return f"{parts[0]}; too few readings to judge its band"
     # Two standard deviations of a binomial count around 90 %.

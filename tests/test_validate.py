@@ -167,6 +167,13 @@ def test_many_small_errors_against_few_large_ones() -> None:
     assert "mostly too large;" in said and "on average" not in said
 
 
+def test_no_factor_is_told_that_says_nothing() -> None:
+    large = validate.verdict(np.full(50, 0.004), 0.9, 0.5, 0.5)
+    assert "typically off by ×1.00, mostly too large;" in large
+    one = validate.verdict(np.append(np.full(50, 1e-4), -0.015), 0.9, 0.5, 0.5)
+    assert "typically off by ×1.00, mostly too " in one and "one reading" not in one and "average" not in one
+
+
 def test_a_group_that_cannot_tell_enters_no_mean(checked) -> None:  # type: ignore[no-untyped-def]
     run, _, predictions = checked
     held_out = predictions[1].group
