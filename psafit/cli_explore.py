@@ -99,13 +99,13 @@ def simulate(
 
 def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float], tuple[Group, ...]]:
     """Causes, posterior medians and readings of a fit, or of what a diagnosis names (where it names none, its best)."""
-    from psafit.diagnose.record import RESULT, Diagnosis
+    from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
     from psafit.experiment import read_experiment
     from psafit.inference.run import load
     from psafit.physics import recorded
     from psafit.records import read_json
 
-    if not (run / RESULT).is_file():
+    if not is_diagnosis(run):
         fitted = load(run)
         medians = {p.name: p.median for p in fitted.summary.parameters}
         return fitted.problem.terms, medians, fitted.problem.experiment.groups
@@ -230,9 +230,9 @@ def _compared(first: Path, second: Path, out: Path | None, json_file: Path | Non
 
 def _again(run: Path, experiment: Path | None) -> Iterator[Path]:
     import psafit
-    from psafit.diagnose.record import RESULT
+    from psafit.diagnose.record import is_diagnosis
 
-    if found := (run / RESULT).exists():
+    if found := is_diagnosis(run):
         yield psafit.load_diagnosis(run, experiment).report()
     elif experiment is not None:
         raise InputError("--experiment is for a diagnosis", "leave it out: a fit keeps its measurements")

@@ -15,7 +15,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.gain import changes, interval
-from psafit.diagnose.record import RESULT, Diagnosis
+from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
 from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
 from psafit.files import encodable
@@ -168,7 +168,7 @@ class Comparison:
 
 def read_side(folder: Path) -> Side:
     """Read a result; `InputError` where the folder holds neither a finished fit nor a diagnosis."""
-    if (folder / RESULT).exists() and not (folder / "fit.json").exists():
+    if is_diagnosis(folder) and not (folder / "fit.json").exists():
         return _of_diagnosis(folder)
     run = load(folder)
     facts = {

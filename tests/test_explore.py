@@ -164,6 +164,8 @@ def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
     ax = Figure().subplots()
     assert found.plot(ax=ax) is ax and found.plot(2, ax=ax) is ax
     assert found.report() == folder / "diagnosis.html"
+    with pytest.raises(InputError, match=r"holds a diagnosis, not a fit; read it with psafit\.load_diagnosis"):
+        psafit.load(folder)
 
 
 def test_what_others_wrote_is_escaped(known: Experiment) -> None:
@@ -313,7 +315,7 @@ def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-de
         (["report", folder, "--experiment", tmp_path / "less"], "is not the experiment that was diagnosed"),
         (["report", folder, folder, "--experiment", tmp_path / "rig"], "is of no use for two runs"),
         (["report", folder, "--out", tmp_path / "x.html"], "are for two runs"),
-        (["report", folder, tmp_path], "fit.json: is missing"),
+        (["report", folder, tmp_path], "holds neither a finished fit nor a finished diagnosis"),
     ):
         assert run(monkeypatch, *words) == 2
         error = capsys.readouterr().err

@@ -17,6 +17,15 @@ MARKER = ".psafit-diagnosis"
 """In a folder that a diagnosis has made its own, and of which readings."""
 
 
+def is_diagnosis(folder: Path) -> bool:
+    """Whether a folder holds a diagnosis; `InputError` where it holds neither that nor a fit."""
+    found = (folder / RESULT).exists()
+    if not found and not (folder / "fit.json").exists():
+        what = "holds neither a finished fit nor a finished diagnosis" if folder.is_dir() else "is not a run folder"
+        raise InputError(what, "give a folder that psafit fit or psafit diagnose has written", file=folder)
+    return found
+
+
 @dataclass(frozen=True)
 class CauseResult:
     """One model of the ladder.

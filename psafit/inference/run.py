@@ -339,6 +339,9 @@ def load(folder: Path) -> Run:
     """Read a finished run; `InputError` where the folder is none, foreign, damaged or interrupted."""
     if not folder.is_dir():
         raise InputError("is not a run folder", "give a folder that psafit fit has written", file=folder)
+    if not (folder / "fit.json").exists() and (folder / "diagnosis.json").exists():
+        remedy = "read it with psafit.load_diagnosis, or give a folder that psafit fit has written"
+        raise InputError("holds a diagnosis, not a fit", remedy, file=folder)
     record = read_json(folder / "fit.json", Fit, sealed=True)
     if not (folder / "posterior.json").exists():
         if in_use(folder):
