@@ -127,8 +127,12 @@ class Definition:
             if key not in known:
                 near = difflib.get_close_matches(key[:40], known, n=1)
                 remedy = f"did you mean {near[0]}?" if near else f"known keys: {listed(known)}"
-                if path == ("constants",) and key in _GROUP_KEYS:
-                    remedy = "is a [[group]] line missing above it?"
+                if path == ("constants",):  # where none may be left out
+                    missing = [name for name in known if name not in table]
+                    if missing and not set(near) & set(missing):
+                        remedy += f"; {listed(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+                    if key in _GROUP_KEYS:
+                        remedy = "is a [[group]] line missing above it?"
                 raise self.error(f"unknown key {shown(key)}", remedy, *path, key)
 
     def text(self, key: str, default: str) -> str:
