@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Callable
@@ -401,6 +402,29 @@ def test_missing_definition(tmp_path: Path) -> None:
     error = refusal(tmp_path)
     assert error.file == tmp_path / "experiment.toml"
     assert "no such file" in error.what
+
+
+def test_a_folder_that_may_not_be_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Root may search every folder: the refusal of the system is played."""
+    folder = write(tmp_path / "rig")
+    real = Path.stat
+
+    def told(closed: Path) -> InputError:
+        def stat(path: Path, **options: bool) -> os.stat_result:
+            if closed in path.parents:
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+            return real(path, **options)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(Path, "stat", stat)
+            return refusal(folder)
+
+    assert told(folder).file == folder / "experiment.toml" and told(tmp_path).file == folder
+    assert told(folder).what == told(tmp_path).what == "cannot be read (Permission denied)"
+    (folder / "below").mkdir()
+    (folder / "b.csv").rename(folder / "below" / "b.csv")
+    (folder / "experiment.toml").write_text(TOML.replace("b.csv", "below/b.csv"))
+    assert "'below/b.csv' cannot be read (Permission denied)" in told(folder / "below").what
 
 
 def test_definition_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

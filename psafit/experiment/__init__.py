@@ -28,6 +28,7 @@ from psafit.experiment.records import (
     session_name,
 )
 from psafit.experiment.table import read_csv
+from psafit.experiment.text import unreadable
 from psafit.experiment.writer import write_experiment
 from psafit.parameters import Belief
 
@@ -147,6 +148,8 @@ def _definition(folder: Path) -> Definition:
     try:
         is_folder = folder.is_dir()
         is_definition = folder.name == DEFINITION and folder.is_file()
+    except PermissionError as error:  # it lies in a folder that may not be searched
+        raise unreadable(folder, error, "check the permissions of the folders above it") from error
     except (OSError, ValueError):  # a name too long, or with a NUL
         is_folder = is_definition = False
     if is_definition:

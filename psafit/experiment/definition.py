@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import stat
 import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -13,7 +14,7 @@ from typing import Any
 from psafit.errors import InputError
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId, Waveform
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
-from psafit.experiment.text import listed, one_line, read_text, shown
+from psafit.experiment.text import listed, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_TOML_BYTES = 1024 * 1024
@@ -84,8 +85,10 @@ class Definition:
         self.folder = folder
         self.file = folder / DEFINITION
         try:
-            exists = self.file.is_file()
-        except OSError:  # a folder that may not be searched
+            exists = stat.S_ISREG(self.file.stat().st_mode)
+        except PermissionError as error:  # a folder that may not be searched
+            raise unreadable(self.file, error, "check the permissions of its folder") from error
+        except (OSError, ValueError):  # a NUL in its name
             exists = False
         if not exists:
             raise InputError(
@@ -311,6 +314,8 @@ class Definition:
                     "copy it into the folder and name it relative to the folder",
                 )
             exists, is_directory, is_file = path.exists(), path.is_dir(), path.is_file()
+        except PermissionError as problem:  # in a folder that may not be searched
+            raise error(f"cannot be read ({problem.strerror})", "check the permissions of its folder") from problem
         except (OSError, ValueError, RuntimeError) as problem:  # too long, NUL, loop of links
             raise error("cannot be a file name", "give the CSV file a plain name") from problem
         if not exists:

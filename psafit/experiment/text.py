@@ -34,14 +34,19 @@ def one_line(text: str) -> str:
     return printable(" ".join(text.split()))
 
 
+def unreadable(file: Path, error: Exception, remedy: str = "check its permissions") -> InputError:
+    """What the operating system says of a file that it does not let us read."""
+    reason = getattr(error, "strerror", None) or str(error)
+    return InputError(f"cannot be read ({reason})", remedy, file=file)
+
+
 def read_text(file: Path, limit: int) -> str:
     """Read UTF-8 with or without a byte order mark, and no more than `limit` bytes."""
     try:
         with file.open("rb") as stream:
             raw = stream.read(limit + 1)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot be read ({reason})", "check its permissions", file=file) from error
+        raise unreadable(file, error) from error
     if len(raw) > limit:
         raise InputError(f"larger than {limit // 1024**2} MiB", "split it, or keep measurements only", file=file)
     raw = raw.removeprefix(codecs.BOM_UTF8)
