@@ -158,7 +158,8 @@ def main() -> None:
     except click.ClickException as error:
         where = _path(getattr(error, "ctx", None))
         message = " ".join(error.format_message().split())
-        _say(f"{where}: {message.rstrip('.')}; see {where} --help")
+        ended = f"{message} See" if message.endswith("?") else f"{message.rstrip('.')}; see"
+        _say(f"{where}: {ended} {where} --help")
         code = BAD_INPUT
     except InputError as error:
         _say(f"psafit: {error}")
@@ -252,9 +253,9 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     return DONE
 
 
-@commands.command()
+@commands.command(short_help="Fit, sample, validate on the other groups, and report.")
 @EXPERIMENT
-@click.option("--group", "group", metavar="ID[,ID...]", help="Group or groups to fit.")
+@click.option("--group", "group", metavar="ID[,ID...]", help="Group or groups to fit.  [required]")
 @click.option("--terms", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
 @click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
 @SEED
@@ -342,13 +343,13 @@ def _unresolved(error: float, required: float) -> str:
     )
 
 
-@commands.command()
+@commands.command(short_help="Say what the simulation gets wrong, and name the cause.")
 @EXPERIMENT
 @click.option(
     "--group",
     "group",
     metavar="ID[,ID...]",
-    help="Training groups of the strict gain (not used by --quick); else the first.",
+    help="Training groups of the strict gain (not used by --quick); the first group by default.",
 )
 @click.option("--quick", is_flag=True, help="The verdict alone: at most four causes, no measured gain.")
 @click.option(
@@ -503,7 +504,7 @@ def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
     return DONE
 
 
-@commands.command()
+@commands.command(short_help="Recompute the study's published results.")
 @click.argument("experiment", metavar="[EXP]", type=Place("input"), default=Path("experiments/psa"))
 @click.option("--out", type=Place("folder"), default=Path("fits/reproduction"), show_default=True)
 @QUIET
@@ -535,7 +536,7 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
     return DONE
 
 
-@commands.command()
+@commands.command(short_help="List the causes that can be added, or tell all about one.")
 @click.argument("id", metavar="[ID]", required=False)
 @PLUGIN
 @QUIET

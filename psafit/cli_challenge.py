@@ -40,12 +40,12 @@ def _asked(name: str) -> bool:
     return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
 
 
-@click.group(cls=Group)
+@click.group(cls=Group, short_help="Hide effects, and measure how well a diagnosis finds them.")
 def challenge() -> None:
     """Hide effects in simulated data, and measure how well a diagnosis finds them."""
 
 
-@challenge.command()
+@challenge.command(short_help="Write an experiment that hides something, and the answer.")
 @_SEED
 @click.option("--out", type=Place("folder"), required=True, help="Receives experiment/, answer.json, commitment.txt.")
 @_DESIGN

@@ -247,6 +247,7 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
             "nowhere: is not a run folder; give a folder that psafit fit or",
         ),
         (["frobnicate"], "No such command"),
+        (["diagnos"], "psafit: No such command 'diagnos'. Did you mean 'diagnose'? See psafit --help"),
         (["check", "EXP", "--wrong"], "No such option"),
         (["check", "EXP", "--json", "UNDER"], "choose a writable place with --json"),
         (["fit", "EXP", "--group", "1", "--json", "UNDER"], "choose a writable place with --json"),
@@ -390,10 +391,15 @@ def test_interrupt_is_one_line(known_folder: Path, tmp_path: Path, monkeypatch, 
 
 
 def test_help_lists_every_command(monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    monkeypatch.setenv("COLUMNS", "80")
     assert run(monkeypatch, "--help") == 0
     text = capsys.readouterr().out
     for name in ("check", "fit", "report", "reproduce", "simulate", "terms", "validate", "watch"):
         assert name in text
+    assert "..." not in text.partition("Commands:")[2]  # every line is whole
+    assert run(monkeypatch, "challenge", "--help") == 0
+    assert "..." not in capsys.readouterr().out.partition("Commands:")[2]
+    for name in ("check", "fit", "report", "reproduce", "simulate", "terms", "validate", "watch"):
         assert run(monkeypatch, name, "--help") == 0
         assert "PATH  Write" not in capsys.readouterr().out
 
