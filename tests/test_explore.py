@@ -28,7 +28,7 @@ from psafit.api import Diagnosed, Fitted, Rig
 from psafit.compare import Estimate, Side, Told, compare, read_predictions, read_side
 from psafit.errors import InputError
 from psafit.experiment import Conditions, Experiment, Group, Plan, read_experiment, session_name, write_experiment
-from psafit.files import sole
+from psafit.files import sole, usual_fit_folder
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
@@ -134,6 +134,12 @@ def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, tmp_pat
         with pytest.raises(InputError, match="enough"):
             ask()
     assert [p.name for p in asked] == ["known-group1", "known-group1-2-gap-preload", "known-diagnosis"]
+
+
+def test_no_two_choices_of_groups_share_a_folder() -> None:
+    choices = ([1, 2], ["1-2"], ["1-", 2], ["1--2"], ["a-b", "c"], ["a", "b-c"], ["a", "b", "c"], ["a-b-c"])
+    names = [usual_fit_folder(Path("rig"), ids, []).name for ids in choices]
+    assert len(set(names)) == len(choices) and names[0] == "rig-group1-2" and names[1] == "rig-group1--2"
 
 
 def test_the_notebook_refuses_what_the_command_line_refuses(known_folder: Path, tmp_path: Path) -> None:
