@@ -220,7 +220,8 @@ def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, lis
 
 def _worth_building(found: list[Proposal]) -> list[Proposal]:
     """The same, what leaves the rig as it is first where a changed rig does hardly more."""
-    here = max((p for p in found if not p.constants), key=lambda p: p.separation, default=None)
+    # The first in rank, not the largest: what is told had no part in the ranking.
+    here = next((p for p in found if not p.constants), None)
     if here is None or not found[0].constants:
         return found
     error = 2 * math.hypot(here.error, found[0].error)
