@@ -118,7 +118,7 @@ def ranks(given: argparse.Namespace) -> tuple[np.ndarray, list[str]]:
     sets = [[t.id] for t in TERMS] if given.terms == "any" else [[t for t in given.terms.split(",") if t]]
     problems = [posed(ids, given.group) for ids in sets]
     rng = np.random.default_rng(given.seed)
-    sources = b"".join(path.read_bytes() for path in sorted((ROOT / "psafit").rglob("*.py")))
+    sources = b"".join(path.read_bytes() for path in [*sorted((ROOT / "psafit").rglob("*.py")), Path(__file__)])
     kept = joblib.Memory(ROOT / "fits" / "sbc" / hashlib.sha256(sources).hexdigest()[:12], verbose=0).cache(rank)
     calls = (
         joblib.delayed(kept)(sets[k % len(sets)], given.group, *truth(problems[k % len(sets)], rng), k, given.sampler,
