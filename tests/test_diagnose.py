@@ -1283,6 +1283,24 @@ def test_hills_weigh_what_each_weighs_alone():
     assert weigh(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
 
 
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_top_behind_cliffs_is_found_by_a_population(seed):
+    """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump, and climbs stop early."""
+    design = read_experiment(Path(__file__).parents[1] / "experiments" / "psa")
+    p = Problem(design, design.ids, tuple(t for t in TERMS if t.id == "amplifier_lag"))
+    truth = p.to_sampling(np.array([134594.6, 9937.6, 35.3157, 6.4217e-7, 0.0362, 0.0536, 60.0]))
+    y = noise.draw(p.predict(truth[None]), p.noise_values(truth[None]), None, np.random.default_rng(seed))[0]
+    rig = replace(p, experiment=design.with_readings(np.maximum(y, 0.0)))
+    there = float(ascend(rig, truth[None]).height[0])
+    plain = fit(replace(rig, terms=()), (), seed=1, draws=4096, most=48)
+    (beside,) = screen(plain, rig.terms)
+    climbed = fit(rig, [plain], seed=1, extra=beside.starts)
+    assert climbed.height < there - 3
+    found = scouted(climbed, seed=1)
+    assert found.height > there - 0.5
+    assert scouted(climbed, seed=1).modes.tobytes() == found.modes.tobytes()
+
+
 @pytest.mark.slow
 def test_hills_weigh_what_the_nested_sampler_finds():
     pytest.importorskip("nautilus")

@@ -552,7 +552,7 @@ class _Search:
                 continue
             self._scouted.add(c.ids)
             modes = self._hills(c)
-            if len(modes) > len(c.modes):
+            if modes.tobytes() != c.modes.tobytes():
                 found = settle_at(c.problem, modes)
                 if self._take(found):
                     higher = True

@@ -71,6 +71,15 @@ class Ascent:
         """Index of the highest."""
         return int(np.argmax(self.height))
 
+    def joined(self, other: Ascent) -> Ascent:
+        """Both, as if they had been climbed together."""
+        return Ascent(
+            np.vstack([self.u, other.u]),
+            np.concatenate([self.height, other.height]),
+            np.vstack([self.predicted, other.predicted]),
+            self.n_sets + other.n_sets,
+        )
+
 
 def heights(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
     """Log posteriors of predictions that are known already; minus infinity outside the bounds. Shape (n,)."""

@@ -15,6 +15,7 @@ from psafit.arrays import FloatArray
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend, expansion, heights, slopes
+from psafit.inference.evolution import evolved
 from psafit.inference.optimise import starts_of, widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
@@ -44,6 +45,8 @@ _FORGOTTEN, _SAME = 12.0, 0.1
 # prior's standard deviation) in some parameter, and the straight way to it leads so far (nats) below: else it is on a
 # ridge. A high and narrow hill may have less than one that is seven nats lower.
 _MINOR, _APART, _VALLEY = 5.0, 1.0, 2.0
+# Higher by this (nats), a top is another than that which was known, wherever it is.
+_RISEN = 0.5
 _WAY = np.arange(1, 8)[:, None] / 8
 # Starts that look for them, draws of the prior behind those, and their climbs on some of the readings and on all.
 _SCOUTS, _SCOUTING, _ARRIVING = (24, 512), ((8, 12), (16, 12)), ((30, 12),)
@@ -216,7 +219,8 @@ def fit(
     if not nested:
         # One climb on each hill goes on: six on the highest would lose a second that holds half of the posterior.
         starts = starts_of(trial, seed, most, draws)[0]
-        return settle(problem, ascend(problem, starts, schedule=_THOROUGH, unite=True))
+        end = ascend(problem, starts, schedule=_THOROUGH, unite=True)
+        return settle(problem, end.joined(ascend(problem, evolved(problem, end.u, seed=seed))))
     rows = [r for c in nested for r in c.widened(problem, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
@@ -291,12 +295,7 @@ def _across_steps(problem: Problem, end: Ascent) -> Ascent:
         if not starts:
             break
         moved = ascend(problem, rows[starts], schedule=_FULL, still_below=ENOUGH, unite=True)
-        end = Ascent(
-            np.vstack([end.u, moved.u]),
-            np.concatenate([end.height, moved.height]),
-            np.vstack([end.predicted, moved.predicted]),
-            end.n_sets + moved.n_sets,
-        )
+        end = end.joined(moved)
         if moved.height.max() < height + ENOUGH:
             break
     return end
@@ -353,13 +352,15 @@ def hills(candidate: Candidate) -> list[int]:
 
 
 def scouted(candidate: Candidate, *, seed: int) -> Candidate:
-    """Look for hills of the posterior that climbs from what was known have not seen, by climbs from elsewhere.
+    """Look for hills of the posterior that climbs from what was known have not seen.
+
+    By climbs from elsewhere, and by a population that steps across cliffs.
 
     Parameters
     ----------
     candidate : Candidate
     seed : int
-        Of the draws of the prior from which the climbs begin.
+        Of the draws of the prior from which they begin.
 
     Returns
     -------
@@ -367,18 +368,25 @@ def scouted(candidate: Candidate, *, seed: int) -> Candidate:
         With its modes and the new hills'.
     """
     problem, known = candidate.problem, candidate.modes
+
+    def away(u: FloatArray) -> FloatArray:
+        """How far points are from all that was known."""
+        return np.asarray(np.abs(u[:, None] - known[None])[:, :, : problem.n_physical].max(axis=2).min(axis=1))
+
     trial = coarse(problem)
     n_starts, n_draws = _SCOUTS
     starts = starts_of(trial, seed + 1, n_starts, n_draws)[0]  # where `fit` did not begin
     end = ascend(trial, starts, schedule=_SCOUTING, still_below=ENOUGH)
-    far = np.abs(end.u[:, None] - known[None])[:, :, : problem.n_physical].max(axis=2).min(axis=1) > _APART
-    new = end.u[far & (end.height > end.height.max() - _HOPELESS)]
+    new = end.u[(away(end.u) > _APART) & (end.height > end.height.max() - _HOPELESS)]
+    new = np.vstack([new, evolved(problem, known, seed=seed)])
     if not len(new):
         return candidate
     arrived = ascend(problem, new, schedule=_ARRIVING, still_below=ENOUGH)
-    both = settle_at(problem, np.vstack([known, arrived.u]))
-    reach = np.abs(both.modes[:, None] - known[None])[:, :, : problem.n_physical].max(axis=2).min(axis=1)
-    kept = reach < _SAME  # what was known, or a little better
+    new = arrived.u[(away(arrived.u) > _APART) | (arrived.height > candidate.height + _RISEN)]
+    if not len(new):
+        return candidate
+    both = settle_at(problem, np.vstack([known, new]))
+    kept = away(both.modes) < _SAME  # what was known
     kept[hills(both)] = True
     return settle_at(problem, both.modes[kept])
 

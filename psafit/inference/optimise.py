@@ -1,9 +1,10 @@
 """Best parameter values by lmfit, from many starts.
 
-Three stages. Quasi-random draws of the prior are simulated, and each is judged by its posterior density at the best
+Four stages. Quasi-random draws of the prior are simulated, and each is judged by its posterior density at the best
 scatter for it. From the best draws that lie apart, all at once, Fisher scoring climbs the posterior of all parameters,
-scatter included (`psafit.inference.ascent`). Each distinct top is polished by lmfit: a gradient's climb, and a simplex
-where a kink has stopped it.
+scatter included (`psafit.inference.ascent`). A population looks for what those climbs have missed behind cliffs
+(`psafit.inference.evolution`). Each distinct top is polished by lmfit: a gradient's climb, and a simplex where a kink
+has stopped it.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import noise
 from psafit.inference.ascent import ascend
+from psafit.inference.evolution import evolved
 from psafit.inference.problem import Problem
 from psafit.physics import baseline
 
@@ -57,7 +59,7 @@ class Minimum:
     log_posterior : float
         In the sampling coordinate.
     starts : int
-        Starts that ended here.
+        Starts that ended here; none where a population or the posterior's draws led here.
     """
 
     values: FloatArray
@@ -80,7 +82,7 @@ class Optimum:
     n_failed : int
         Starts that ended where the model cannot be evaluated.
     n_evaluations : int
-        Parameter sets simulated: draws of the prior, and climbs but for the simplices that end them; those of the
+        Parameter sets simulated by draws of the prior, and by climbs but for the simplices that end them; those of the
         search without the causes, too.
     report : str
         How lmfit's climb to the best minimum ended, and lmfit's table of that minimum, with errors from the curvature.
@@ -406,6 +408,11 @@ def optimise(
     failed = n_starts - len(starts) + int((~found).sum())
     if not ends:
         raise ConvergenceError("search for a starting point with finite posterior", reached=0, required=1)
+    beyond = evolved(problem, climbed.u[[climbed.best]], seed=seed)
+    if len(beyond):
+        risen = ascend(problem, beyond)
+        evaluations += risen.n_sets
+        ends.append((risen.u[0], float(risen.height[0]), 0))
     basins = _merge(ends, problem.n_physical, height=1.0)
     promising = [b for b in basins if b[1] > basins[0][1] - _PROMISING][:_MOST_BASINS]
     tops: list[tuple[FloatArray, float, int]] = []
