@@ -81,7 +81,7 @@ def consult(experiment: Experiment, answer: Answer, *, seed: int, rivals_from: f
     begun = time.monotonic()
     plain = Problem(experiment, experiment.ids)
     terms = catalogue(answer.terms)
-    truth = _truth(plain, answer)
+    truth = truth_of(plain, answer)
     best = optimise(plain, seed=seed, n_starts=_STARTS).best
     tops = [plain.to_sampling(best.values), climb(plain, truth)[0]]
     heights = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
@@ -96,7 +96,7 @@ def consult(experiment: Experiment, answer: Answer, *, seed: int, rivals_from: f
         gain = 0.0
     else:
         problem = Problem(experiment, experiment.ids, terms)
-        top = climb(problem, _truth(problem, answer))[0]
+        top = climb(problem, truth_of(problem, answer))[0]
         reached = _likelihood(problem, top)
         # A weak cause may leave the truth's own neighbourhood below the baseline, which is a case of it.
         gain = max(reached - base_likelihood, 0.0)
@@ -106,7 +106,7 @@ def consult(experiment: Experiment, answer: Answer, *, seed: int, rivals_from: f
                 rest = Problem(experiment, experiment.ids, tuple(t for t in terms if t is not term))
                 # What one cause does beside another may as well be done by another contact: far from the truth.
                 found = optimise(rest, seed=seed, n_starts=_STARTS).best
-                beside = [rest.to_sampling(found.values), climb(rest, _truth(rest, answer))[0]]
+                beside = [rest.to_sampling(found.values), climb(rest, truth_of(rest, answer))[0]]
                 # The baseline is a case of it, too.
                 most = max(base_likelihood, *(_likelihood(rest, u) for u in beside))
                 without[term.id] = max(reached - most, 0.0)
@@ -115,7 +115,7 @@ def consult(experiment: Experiment, answer: Answer, *, seed: int, rivals_from: f
     return Oracle(gain, without, fitted, confusable, time.monotonic() - begun)
 
 
-def _truth(problem: Problem, answer: Answer) -> FloatArray:
+def truth_of(problem: Problem, answer: Answer) -> FloatArray:
     """The truth as a point of a model, (n_dim,), a little inside its bounds."""
     values: dict[str, float] = dict(answer.parameters)
     for name in ("sigma_rel", "sigma_abs", "nu"):

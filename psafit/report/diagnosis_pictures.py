@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -279,7 +280,8 @@ def _bars(
             )  # fmt: skip
         scale_axis(axes, "x", low, high + 0.22 * span, log=False, few=True)
         axes.set_ylim(-0.7, len(names) - 0.3)
-        axes.set_yticks(at, [label(n, 31) for n in names], fontsize=8.5)
+        wrapped = [textwrap.fill(n, 31, max_lines=2, placeholder="…", break_on_hyphens=False) for n in names]
+        axes.set_yticks(at, [label(n, 64) for n in wrapped], fontsize=8.5, linespacing=0.9)
         for tick, s in zip(axes.get_yticklabels(), screening, strict=True):
             tick.set_fontweight("bold" if s.id in adopted else "normal")
         axes.grid(visible=False, axis="y")

@@ -1,0 +1,81 @@
+"""How often do climbs stop below the top of a posterior, and how often does the look behind cliffs find it?
+
+``python benchmarks/cliffs.py --seed 25`` hides every cause at three strengths, fits the model that made the readings as
+the ladder does (climbs), looks for other hills as the ladder does with its finalists (climbs from elsewhere, a
+population), and climbs from the truth. Prints, for each data set, how far these are above the first climbs (nats), and
+counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+# A data set on each core.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import joblib
+import numpy as np
+
+from psafit.challenge.campaign import Spec, plan
+from psafit.challenge.hide import make
+from psafit.challenge.oracle import truth_of
+from psafit.diagnose.screening import screen
+from psafit.experiment import read_experiment
+from psafit.inference.ascent import ascend
+from psafit.inference.candidate import fit, scouted
+from psafit.inference.problem import Problem
+from psafit.physics import terms
+
+STUDY = Path(__file__).resolve().parents[1] / "experiments" / "psa"
+# As a diagnosis has them; nats by which a top is another.
+TOLERANCE, HIGHER = 1e-4, 0.5
+
+
+def heights(spec: Spec) -> tuple[str, float, float, float]:
+    """Of one data set: how far the look for hills and a climb from the truth lead above the climbs, nats; seconds."""
+    design = read_experiment(STUDY) if spec.design == "given" else None
+    with tempfile.TemporaryDirectory() as folder:
+        made = make(
+            spec.seed, Path(folder) / "made", design_of=design, kind=spec.kind, terms=spec.terms, strength=spec.nats
+        )
+    hidden = terms(made.answer.terms)
+    problem = Problem(made.experiment, made.experiment.ids, hidden, tolerance=TOLERANCE)
+    plain = fit(replace(problem, terms=()), (), seed=1, draws=4096, most=48)
+    (beside,) = screen(plain, hidden)
+    climbed = fit(problem, [plain], seed=1, extra=beside.starts)
+    begun = time.perf_counter()
+    found = scouted(climbed, seed=1)
+    seconds = time.perf_counter() - begun
+    top = float(ascend(problem, truth_of(problem, made.answer)[None]).height[0])
+    return spec.id, found.height - climbed.height, top - climbed.height, seconds
+
+
+def main() -> None:
+    """Fit them all, and count."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=25, help="of the campaign's plan")
+    parser.add_argument("--jobs", type=int, default=2)
+    given = parser.parse_args()
+    specs = [s for s in plan(given.seed, nothing=10, pairs=0, drawn=0) if s.kind == "one"]
+    rows = []
+    calls = (joblib.delayed(heights)(s) for s in specs)
+    for row in joblib.Parallel(n_jobs=given.jobs, return_as="generator", batch_size=1)(calls):
+        rows.append(row)
+        print(f"{row[0]:36} look {row[1]:+7.2f}  truth {row[2]:+7.2f}  {row[3]:5.1f} s", flush=True)
+    look, truth, seconds = np.array([row[1:] for row in rows]).T
+    print(
+        f"{len(rows)} data sets; the first climbs end below the truth's top in {np.sum(truth > HIGHER)},"
+        f" after the look {np.sum(truth - look > HIGHER)} do; the look takes {np.median(seconds):.1f} s (median),"
+        f" {seconds.max():.1f} at most"
+    )
+
+
+if __name__ == "__main__":
+    main()
