@@ -1156,6 +1156,8 @@ def test_groups_that_are_predicted_worse_are_named(hidden):
     said = diagnosis._sentences(calm, quiet, hidden, None, [], {"strict": one}, {}, search)
     assert "Predicted worse than by the baseline (strict): group a (0.300 to 0.600)." in said
     assert "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
+    said = diagnosis._sentences(calm, quiet, hidden, None, [], {}, {}, search | {"null": [-1.0, -2.4]})
+    assert any("none put a model with causes first; this one leads by 9" in one for one in said)
 
 
 def test_what_an_adequate_baseline_does_not_exclude_is_told_apart(tmp_path):

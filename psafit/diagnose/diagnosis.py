@@ -725,8 +725,9 @@ def _sentences(
             )
     if search:
         n, most = len(search["null"]), max(search["null"])
+        none = f"none led by more than {most:.0f} nats" if most > 0 else "none put a model with causes first"
         result.append(
-            f"Of {n} searches on simulated baselines none led by more than {most:.0f} nats; this one leads by"
+            f"Of {n} searches on simulated baselines {none}; this one leads by"
             f" {search['lead']:.0f} (p {'<=' if search['p_value'] <= 1 / (n + 1) else '='} {search['p_value']:.2g})."
         )
     if unseen := [s.id for s in screening if s.verdict == UNSEEN]:
