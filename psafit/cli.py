@@ -318,10 +318,10 @@ def fit(
     if not quiet:
         best = result.fit.minima[0]
         minima = "minimum" if len(result.fit.minima) == 1 else "minima"
-        click.echo(
-            f"{len(result.fit.minima)} {minima} from {_count(result.fit.n_starts, 'start')};"
-            f" {_count(best.starts, 'climb')} ended at the best, the others were given up behind it or ended lower"
-        )
+        ended = f"{_count(best.starts, 'climb')} ended at the best, the others were given up behind it or ended lower"
+        if not (best.starts or result.fit.n_missed):
+            ended = "a population found the best, all climbs were given up behind it or ended lower"
+        click.echo(f"{len(result.fit.minima)} {minima} from {_count(result.fit.n_starts, 'start')}; {ended}")
         if result.fit.n_missed:
             click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
         for p in result.summary.parameters:

@@ -32,11 +32,12 @@ from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.verdict import conclude
 from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Constants, Experiment, Group, fingerprint, read_experiment
-from psafit.inference import noise
+from psafit.inference import ascent, noise
 from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.candidate import _across_steps, built_up, fit, hills, scouted, settle, settle_at, thinned
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture, _Mixture, _Pool, _sample, weigh
+from psafit.inference.evolution import evolved
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.optimise import widened
 from psafit.inference.problem import MICRO, Problem
@@ -1301,6 +1302,21 @@ def test_a_top_behind_cliffs_is_found_by_a_population(seed):
     found = scouted(climbed, seed=1)
     assert found.height > there - 0.5
     assert scouted(climbed, seed=1).modes.tobytes() == found.modes.tobytes()
+
+
+def test_what_a_model_raises_within_a_population_is_not_taken_for_scipys(monkeypatch):
+    def fails(self, u):
+        raise ValueError("out of the sensor's range")
+
+    rig = problem(experiment(["amplifier_lag"], [8e-5], n=12, seed=3))
+    known = rig.prior_transform(np.full((1, rig.n_dim), 0.5))
+    monkeypatch.setattr(Problem, "log_posterior", fails)
+    with pytest.raises(ValueError, match="sensor's range"):
+        evolved(rig, known, seed=1)
+    monkeypatch.setattr(Problem, "log_posterior", lambda self, u: np.full(len(u), -np.inf))
+    monkeypatch.setattr(ascent, "heights", lambda problem, u, *rest: np.full(len(u), -np.inf))
+    with pytest.raises(ConvergenceError, match="finite posterior"):
+        fit(replace(rig, terms=()), (), seed=1)
 
 
 @pytest.mark.slow

@@ -269,7 +269,7 @@ def _kept(
     kept: list[int] = []
     for k in order:
         if not any(
-            height[m] - height[k] < _LIKE and np.abs((predicted[k] - predicted[m]) / scatter[m]).max() < _ALIKE
+            height[m] < height[k] + _LIKE and np.abs((predicted[k] - predicted[m]) / scatter[m]).max() < _ALIKE
             for m in kept
         ):
             kept.append(int(k))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import erfcx, log_ndtr, logsumexp
 
 from psafit.arrays import FloatArray
+from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, ascend, expansion, heights, slopes
@@ -220,7 +221,7 @@ def fit(
         # One climb on each hill goes on: six on the highest would lose a second that holds half of the posterior.
         starts = starts_of(trial, seed, most, draws)[0]
         end = ascend(problem, starts, schedule=_THOROUGH, unite=True)
-        return settle(problem, end.joined(ascend(problem, evolved(problem, end.u, seed=seed))))
+        return settle(problem, end.joined(evolved(problem, end.u, seed=seed)))
     rows = [r for c in nested for r in c.widened(problem, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
@@ -314,7 +315,9 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> Float
 
 
 def settle(problem: Problem, end: Ascent) -> Candidate:
-    """Turn the ends of climbs into a candidate."""
+    """Turn the ends of climbs into a candidate; `ConvergenceError` where no posterior there is finite."""
+    if not np.isfinite(end.height).any():
+        raise ConvergenceError("search for a finite posterior", reached=0, required=1)
     order = np.argsort(-end.height, kind="stable")
     modes: list[int] = []
     for k in order:
@@ -378,10 +381,8 @@ def scouted(candidate: Candidate, *, seed: int) -> Candidate:
     starts = starts_of(trial, seed + 1, n_starts, n_draws)[0]  # where `fit` did not begin
     end = ascend(trial, starts, schedule=_SCOUTING, still_below=ENOUGH)
     new = end.u[(away(end.u) > _APART) & (end.height > end.height.max() - _HOPELESS)]
-    new = np.vstack([new, evolved(problem, known, seed=seed)])
-    if not len(new):
-        return candidate
     arrived = ascend(problem, new, schedule=_ARRIVING, still_below=ENOUGH)
+    arrived = arrived.joined(evolved(problem, known, seed=seed + 1))
     new = arrived.u[(away(arrived.u) > _APART) | (arrived.height > candidate.height + _RISEN)]
     if not len(new):
         return candidate

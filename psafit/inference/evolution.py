@@ -7,10 +7,13 @@ than climbs and finds one top alone: it comes after them.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import differential_evolution
 
 from psafit.arrays import FloatArray
+from psafit.inference.ascent import Ascent, ascend
 from psafit.inference.problem import Problem
 
 # Causes up to which a population looks: with more it takes up to a minute a model, and none of the study's rose by it.
@@ -27,7 +30,7 @@ _FACTOR, _CROSSED = (0.3, 0.9), 0.9
 _NOWHERE = -1e12
 
 
-def evolved(problem: Problem, known: FloatArray, *, seed: int) -> FloatArray:
+def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
     """Look for a higher top than climbs have found.
 
     Parameters
@@ -39,11 +42,11 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> FloatArray:
 
     Returns
     -------
-    (1, n_dim) array
-        The best member: a climb from there ends at a top. Of a model with more than two causes none, (0, n_dim).
+    Ascent
+        The climb from the best member, the population's sets counted; nothing, of a model with more than two causes.
     """
     if len(problem.terms) > _SIMPLE:
-        return np.empty((0, problem.n_dim))
+        return ascend(problem, np.empty((0, problem.n_dim)))
     rng = np.random.default_rng(seed)
     low, high = problem.bounds.T
     drawn = problem.prior_transform(rng.uniform(size=(_DRAWN, problem.n_dim)))
@@ -54,19 +57,25 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> FloatArray:
         height = problem.log_posterior(np.clip(columns.T, low, high))
         return np.asarray(-np.where(np.isfinite(height), height, _NOWHERE))
 
-    found = differential_evolution(
-        depth,
-        problem.bounds,
-        init=np.clip(np.vstack([drawn, about]), low, high),
-        strategy="best1bin",
-        mutation=_FACTOR,
-        recombination=_CROSSED,
-        maxiter=_GENERATIONS,
-        tol=0.0,
-        atol=_GATHERED,
-        updating="deferred",
-        vectorized=True,
-        polish=False,
-        rng=np.random.default_rng(seed),
-    )
-    return np.asarray(found.x, dtype=float)[None]
+    try:
+        found = differential_evolution(
+            depth,
+            problem.bounds,
+            init=np.clip(np.vstack([drawn, about]), low, high),
+            strategy="best1bin",
+            mutation=_FACTOR,
+            recombination=_CROSSED,
+            maxiter=_GENERATIONS,
+            tol=0.0,
+            atol=_GATHERED,
+            updating="deferred",
+            vectorized=True,
+            polish=False,
+            rng=rng,
+        )
+    except RuntimeError as error:
+        if error.__cause__ is None:
+            raise
+        raise error.__cause__ from None  # SciPy blames itself for what the model has raised
+    end = ascend(problem, found.x[None])
+    return replace(end, n_sets=end.n_sets + _MEMBERS * found.nfev)

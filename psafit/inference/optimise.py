@@ -82,8 +82,8 @@ class Optimum:
     n_failed : int
         Starts that ended where the model cannot be evaluated.
     n_evaluations : int
-        Parameter sets simulated by draws of the prior, and by climbs but for the simplices that end them; those of the
-        search without the causes, too.
+        Parameter sets simulated: draws of the prior, the population, and climbs but for the simplices that end them;
+        those of the search without the causes, too.
     report : str
         How lmfit's climb to the best minimum ended, and lmfit's table of that minimum, with errors from the curvature.
     """
@@ -408,13 +408,13 @@ def optimise(
     failed = n_starts - len(starts) + int((~found).sum())
     if not ends:
         raise ConvergenceError("search for a starting point with finite posterior", reached=0, required=1)
-    beyond = evolved(problem, climbed.u[[climbed.best]], seed=seed)
-    if len(beyond):
-        risen = ascend(problem, beyond)
-        evaluations += risen.n_sets
-        ends.append((risen.u[0], float(risen.height[0]), 0))
     basins = _merge(ends, problem.n_physical, height=1.0)
     promising = [b for b in basins if b[1] > basins[0][1] - _PROMISING][:_MOST_BASINS]
+    beyond = evolved(problem, climbed.u[[climbed.best]], seed=seed)
+    evaluations += beyond.n_sets
+    # Beside the starts' ends, none of which it may keep from being polished; one place where they agree.
+    other = [(u, float(h), 0) for u, h in zip(beyond.u, beyond.height, strict=True) if np.isfinite(h)]
+    promising = _merge([*promising, *other], problem.n_physical, height=1.0)
     tops: list[tuple[FloatArray, float, int]] = []
     report = ""
     for u, _, count in promising:

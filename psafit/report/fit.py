@@ -323,12 +323,14 @@ def _minima(run: Run) -> dict[str, Any]:
         ]
         for rank, m in enumerate(fit.minima[:_MAX_MINIMA], 1)
     ]
-    text = f"{count(fit.n_starts, 'start')} followed; the highest places they led to were climbed to the top:"
-    text += f" {len(fit.minima)} distinct {'minimum' if len(fit.minima) == 1 else 'minima'}"
+    text = (
+        f"{count(fit.n_starts, 'start')} followed; the highest places they and a population led to were climbed to the"
+    )
+    text += f" top: {len(fit.minima)} distinct {'minimum' if len(fit.minima) == 1 else 'minima'}"
     if best.starts or fit.n_missed:
         text += f". The best was reached {count(best.starts, 'time')}"
     else:
-        text += ". No start led to the best: a population found it (differential evolution)"
+        text += ". No start led to the best, but the population (differential evolution)"
     text += "; climbs that fell behind were given up"
     if fit.n_failed:
         text += f", and {count(fit.n_failed, 'start')} failed"
