@@ -507,6 +507,7 @@ BAD_CSV: dict[str, tuple[str | bytes, int, str]] = {
     "absurd range": (CSV + "1200,20,1e300\n", 5, "launch_range_um '1e300' is beyond the limits"),
     "absurd sigma": (SIGMA + "1,1,1,1e200\n", 2, "sigma_um '1e200' is beyond the limits"),
     "short row": (CSV + "1200,20\n", 5, "2 cells in the row, 3 in the header"),
+    "row of semicolons": (CSV + "1200;20;1\n", 5, "1 cell in the row, 3 in the header; separate cells by commas"),
     "long row": (CSV + "1200,20,1,\n", 5, "4 cells in the row, 3 in the header"),
     "thousands, bare": (CSV + "1,200,20,1\n", 5, "no thousands separators"),
     "thousands, quoted": (CSV + '"1,200",20,1\n', 5, "'1,200' has a thousands separator"),

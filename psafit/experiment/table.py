@@ -61,9 +61,12 @@ def read_csv(file: Path, *, planned: bool = False) -> dict[str, FloatArray]:
             columns = [[] for _ in names]
             continue
         if len(cells) != len(names):
+            other = len(cells) == 1 and set(cells[0]) & set(";\t")
             raise InputError(
-                f"{len(cells)} cells in the row, {len(names)} in the header",
-                "give one cell a column: decimal points, no thousands separators, no comments",
+                f"{len(cells)} cell{'s' * (len(cells) != 1)} in the row, {len(names)} in the header",
+                "separate cells by commas, not by semicolons or tabs"
+                if other
+                else "give one cell a column: decimal points, no thousands separators, no comments",
                 file=file,
                 line=line,
             )
