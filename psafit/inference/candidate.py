@@ -382,7 +382,7 @@ def scouted(candidate: Candidate, *, seed: int) -> Candidate:
     end = ascend(trial, starts, schedule=_SCOUTING, still_below=ENOUGH)
     new = end.u[(away(end.u) > _APART) & (end.height > end.height.max() - _HOPELESS)]
     arrived = ascend(problem, new, schedule=_ARRIVING, still_below=ENOUGH)
-    arrived = arrived.joined(evolved(problem, known, seed=seed + 1))
+    arrived = arrived.joined(evolved(problem, known, seed=seed))
     new = arrived.u[(away(arrived.u) > _APART) | (arrived.height > candidate.height + _RISEN)]
     if not len(new):
         return candidate

@@ -71,7 +71,7 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
             updating="deferred",
             vectorized=True,
             polish=False,
-            rng=rng,
+            rng=np.random.default_rng(seed),
         )
     except RuntimeError as error:
         if error.__cause__ is None:
