@@ -61,11 +61,10 @@ def read_csv(file: Path, *, planned: bool = False) -> dict[str, FloatArray]:
             columns = [[] for _ in names]
             continue
         if len(cells) != len(names):
-            other = len(cells) == 1 and set(cells[0]) & set(";\t")
             raise InputError(
                 f"{len(cells)} cell{'s' * (len(cells) != 1)} in the row, {len(names)} in the header",
                 "separate cells by commas, not by semicolons or tabs"
-                if other
+                if _other_separator(cells)
                 else "give one cell a column: decimal points, no thousands separators, no comments",
                 file=file,
                 line=line,
@@ -86,17 +85,21 @@ def read_csv(file: Path, *, planned: bool = False) -> dict[str, FloatArray]:
     return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
 
 
+def _other_separator(cells: list[str]) -> str:
+    """What stands in the place of commas in a row that has none; empty where nothing does."""
+    marks = {";": "semicolons", "\t": "tabs"}
+    return next((name for mark, name in marks.items() if len(cells) == 1 and mark in cells[0]), "")
+
+
 def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> list[str]:
     names = [cell.strip() for cell in cells]
-    if len(names) == 1:
-        for mark, mark_name in ((";", "semicolons"), ("\t", "tabs")):
-            if mark in names[0]:
-                raise InputError(
-                    f"columns are separated by {mark_name}",
-                    "separate them with commas, and write decimal points",
-                    file=file,
-                    line=line,
-                )
+    if separator := _other_separator(names):
+        raise InputError(
+            f"columns are separated by {separator}",
+            "separate them with commas, and write decimal points",
+            file=file,
+            line=line,
+        )
     known = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
     for what, wrong in (
         ("unknown column", [n for n in names if n not in known]),

@@ -604,7 +604,7 @@ def _model_rows(result: Diagnosis) -> list[list[Any]]:
             over += f" ± {known(e['error']):.2f}"
         strange: Any = "none"
         if c.implausible:
-            strange = {"text": count(len(c.implausible), "value"), "kind": "bad"}
+            strange = {"text": f"{count(len(c.implausible), 'value')} implausible", "kind": "bad"}
         width = e.get("prior_width") or {}
         within = e.get("share")
         rows.append(
