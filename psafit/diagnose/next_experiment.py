@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
@@ -317,13 +318,15 @@ class _Forecast:
     weight: FloatArray  # (n_draws,), adds up to one
     known: FloatArray | None = None  # um
 
-    def log_density(self, readings: FloatArray, but: int | None = None) -> float:
-        """Of readings, as the mean over the draws, one of them left out."""
-        each = noise.log_density(readings, self.ranges, self.scatter, self.known).sum(axis=1)
-        weight = self.weight
-        if but is not None and weight[but] < 1.0:
-            weight = np.where(np.arange(len(weight)) == but, 0.0, weight) / (1.0 - weight[but])
-        return float(logsumexp(each, b=weight))
+    def log_density(self, readings: FloatArray, but: NDArray[np.intp] | None = None) -> FloatArray:
+        """Of each row of readings, as the mean over the draws; of each row one may be left out, (n_rows,)."""
+        each = noise.log_density(readings[:, None, :], self.ranges, self.scatter, self.known).sum(axis=2)
+        weight = np.broadcast_to(self.weight, each.shape)
+        if but is not None:
+            own = but[:, None] == np.arange(self.weight.size)
+            rest = 1.0 - self.weight[but][:, None]
+            weight = np.where(rest > 0, np.where(own, 0.0, weight) / np.where(rest > 0, rest, 1.0), weight)
+        return np.asarray(logsumexp(each, axis=1, b=weight))
 
 
 def _apart(models: Sequence[_Forecast], rng: np.random.Generator) -> tuple[_Judgement, FloatArray]:
@@ -342,8 +345,8 @@ def _trial(models: Sequence[_Forecast], truth: int, rng: np.random.Generator) ->
     chosen = rng.choice(len(right.ranges), _TRIALS, p=right.weight)
     readings = np.maximum(noise.draw(right.ranges[chosen], right.scatter[chosen], right.known, rng), 0.0)
     # The draw that made the readings is not among those that judge them.
-    own = np.array([right.log_density(y, k) for y, k in zip(readings, chosen, strict=True)])
-    each = own - np.array([own if m is right else [m.log_density(y) for y in readings] for m in models])  # (n, trials)
+    own = right.log_density(readings, chosen)
+    each = own - np.array([own if m is right else m.log_density(readings) for m in models])  # (n, trials)
     ratio = math.log(len(models) - 1) - logsumexp(-np.delete(each, truth, axis=0), axis=0)
     told = np.clip(ratio, -CLEAR, CLEAR)
     judgement = float(told.mean()), float(np.mean(ratio > _WINS)), float(told.std() / math.sqrt(_TRIALS))
