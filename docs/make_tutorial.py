@@ -22,7 +22,7 @@ PAGES = (ROOT / "docs" / "own-causes.md", ROOT / "docs" / "tutorial.md")
 FIGURE = ROOT / "docs" / "figures" / "tutorial.png"
 BLOCK = re.compile(r"(?<=```console\n)(\$ .*\n)((?:(?!```).*\n)*)")
 # By their second word: those that take minutes, and what reads their results.
-SLOW = ("fit", "diagnose", "-c")
+SLOW = ("fit", "diagnose", "-c", "plan")
 
 # --- the bench ------------------------------------------------------------------------------------------
 

@@ -679,9 +679,9 @@ def _attach() -> None:
     """Hang on the commands that are built from what stands above."""
     from psafit.cli_challenge import challenge
     from psafit.cli_explore import report, simulate, watch
-    from psafit.cli_rig import check_cause, new
+    from psafit.cli_rig import check_cause, new, plan
 
-    for command in (simulate, report, watch, challenge, check_cause, new):
+    for command in (simulate, report, watch, challenge, check_cause, new, plan):
         commands.add_command(command)
 
 

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import psafit
 from psafit.cli import DONE, EXPERIMENT, JSON, PLUGIN, QUIET, Command, Place, causes, escaped, shown_path, write_result
-from psafit.errors import InputError
+from psafit.errors import LARGEST_SEED, InputError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from psafit.arrays import FloatArray
     from psafit.experiment import Group, Plan
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
@@ -30,8 +32,12 @@ PICTURES = (".png", ".svg", ".pdf")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter in SI units; repeat.")
 @click.option("--terms", "ids", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
 @click.option("--run", type=Place("input"), help="Take model and medians of this fit or diagnosis.")
-@click.option("--out", type=Place("file"), help="CSV file; by default standard output, or nothing beside --plot.")
+@click.option(
+    "--out", type=Place("file"), help="CSV file; by default standard output, unless something else is asked for."
+)
 @click.option("--plot", type=Place("file"), metavar="FILE", help="Draw every group: .png, .svg or .pdf.")
+@click.option("--readings", type=Place("folder"), metavar="EXP", help="A new experiment folder with these readings.")
+@click.option("--seed", type=click.IntRange(0, LARGEST_SEED), help="Scatter those readings, drawn from it.")
 @PLUGIN
 @QUIET
 @JSON
@@ -42,22 +48,30 @@ def simulate(
     run: Path | None,
     out: Path | None,
     plot: Path | None,
+    readings: Path | None,
+    seed: int | None,
     quiet: bool,
     json_file: Path | None,
 ) -> int:
     """Simulate the launch ranges at an experiment's conditions, measured or planned: EXP needs no readings.
 
-    What neither --set nor --run gives has the median of its prior; the strength of a cause must be given.
+    What neither --set nor --run gives has the median of its prior; the strength of a cause must be given. With
+    --readings they become an experiment that can be diagnosed, exact or, with --seed, scattered as the model has it.
     """
     import numpy as np
 
     from psafit.experiment import Group, read_plan
-    from psafit.files import write_atomically
+    from psafit.files import refuse_filled, write_atomically
+    from psafit.inference import noise
     from psafit.simulate import Design
     from psafit.simulate import simulate as simulate_batch
 
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise InputError("is no kind of picture psafit writes", f"end its name in {' or '.join(PICTURES)}", file=plot)
+    if seed is not None and readings is None:
+        raise InputError("--seed scatters what --readings writes", "add --readings FOLDER, or leave it out")
+    if readings is not None:
+        refuse_filled(readings)
     plan = read_plan(experiment)
     groups = plan.groups
     chosen = causes(ids) if ids else ()
@@ -65,8 +79,10 @@ def simulate(
     if run is not None:
         own, medians, known = _model_of(run)
         chosen, given = chosen or own, _of_sessions(plan, own, medians, known, quiet) | asked
-    theta = _completed(plan, chosen, given, asked)
-    result = simulate_batch(Design.of(plan.constants, groups), np.array(list(theta.values())), chosen)
+    scatter = () if seed is None else noise.PARAMETERS
+    theta = _completed(plan, chosen, given, asked, scatter)
+    model = list(theta.values())[: len(theta) - len(scatter)]
+    result = simulate_batch(Design.of(plan.constants, groups), np.array(model), chosen)
     micrometres = result.launch_range[0] * 1e6
     each = np.split(micrometres, np.cumsum([g.n_points for g in groups])[:-1])
     rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
@@ -77,8 +93,12 @@ def simulate(
     text = "\n".join(rows) + "\n"
     if out is not None:
         write_atomically(out, text.encode())
-    elif not quiet and plot is None:
+    elif not quiet and plot is None and readings is None:
         click.echo(text, nl=False)
+    if readings is not None:
+        _write_readings(plan, micrometres, list(theta.values())[len(model) :], seed, readings)
+        if not quiet:
+            click.echo(f"experiment: {shown_path(readings)}")
     if plot is not None:
         from psafit.report.simulated import write_picture
 
@@ -95,6 +115,23 @@ def simulate(
         },
     )
     return DONE
+
+
+def _write_readings(
+    plan: Plan, ranges_um: FloatArray, scatter: Sequence[float], seed: int | None, folder: Path
+) -> None:
+    """An experiment folder whose readings are simulated ranges, (n_points,), scattered where there is a seed."""
+    import numpy as np
+
+    from psafit.experiment import write_experiment
+    from psafit.inference import noise
+
+    made = plan.with_readings(ranges_um, f"simulated by psafit {psafit.__version__}: not measured")
+    if seed is not None:
+        known = np.concatenate([np.zeros(g.n_points) if g.sigma_um is None else g.sigma_um for g in made.groups])
+        drawn = noise.draw(ranges_um[None], np.array([scatter]), known, np.random.default_rng(seed))[0]
+        made = made.with_readings(np.maximum(drawn, 0.0))
+    write_experiment(made, folder)
 
 
 def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float], tuple[Group, ...]]:
@@ -150,11 +187,19 @@ def _assignments(values: tuple[str, ...]) -> dict[str, float]:
 
 
 def _completed(
-    plan: Plan, chosen: Sequence[Term], given: dict[str, float], asked: dict[str, float]
+    plan: Plan,
+    chosen: Sequence[Term],
+    given: dict[str, float],
+    asked: dict[str, float],
+    scatter: Sequence[Parameter] = (),
 ) -> dict[str, float]:
-    """Every value the simulator takes: what is not given has its prior's median; a cause's strength must be given."""
+    """Every value the simulator takes, and those of the scatter behind them, if they are wanted.
+
+    What is not given has its prior's median; a cause's strength must be given.
+    """
     from psafit.experiment import session_name
     from psafit.experiment.text import meant
+    from psafit.inference import noise
     from psafit.physics import informed, owner
 
     plain, chosen = informed(plan.beliefs, chosen)
@@ -164,10 +209,13 @@ def _completed(
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
             wanted |= {session_name(term.latent.name, g.id): (term.latent, 0.0) for g in plan.groups}
+    wanted |= {p.name: (p, p.prior_median) for p in scatter}
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:
         cause = owner(unknown[0])
         remedy = f"add --terms {cause}" if cause else meant(unknown[0], wanted)
+        if unknown[0] in {p.name for p in noise.PARAMETERS}:
+            remedy = "it is of the scatter: add --readings FOLDER --seed N"
         if hasattr(plan.constants, unknown[0]):
             remedy = "it is a constant of the rig: change [constants] in experiment.toml, or give one group its own"
         raise InputError(f"no parameter {unknown[0]}", remedy)
@@ -176,11 +224,10 @@ def _completed(
         value = given.get(name, usual)
         if value is None:
             raise InputError(f"no value for {name}", f"add --set {name}=VALUE ({parameter.unit}) or --run RUN")
-        if not parameter.bounds.lower <= value <= parameter.bounds.upper:
-            raise InputError(
-                f"{name} = {value:g} {parameter.unit} is impossible",
-                f"choose between {parameter.bounds.lower:g} and {parameter.bounds.upper:g} {parameter.unit}",
-            )
+        low, high = parameter.bounds.lower, parameter.bounds.upper
+        if not low <= value <= high:
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            raise InputError(f"{name} = {value:g}{unit} is impossible", f"choose between {low:g} and {high:g}{unit}")
         theta[name] = value
     return theta
 
@@ -229,7 +276,6 @@ def _compared(first: Path, second: Path, out: Path | None, json_file: Path | Non
 
 
 def _again(run: Path, experiment: Path | None) -> Iterator[Path]:
-    import psafit
     from psafit.diagnose.record import is_diagnosis
 
     if found := is_diagnosis(run):

@@ -1,16 +1,22 @@
-"""`psafit new` and `psafit check-cause`: what somebody with a rig of their own begins with."""
+"""`psafit new`, `plan` and `check-cause`: what somebody with a rig of their own begins and goes on with."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from psafit import plugins
-from psafit.cli import CHECK_FAILED, DONE, JSON, PLUGIN, QUIET, SEED, Command, Place, shown_path, write_result
+from psafit.cli import CHECK_FAILED, DONE, JSON, PLUGIN, QUIET, RUN, SEED, Command, Place, shown_path, write_result
 from psafit.errors import InputError
+
+if TYPE_CHECKING:
+    from psafit.experiment import GroupId
 
 
 @click.command(cls=Command)
@@ -24,11 +30,10 @@ def new(folder: Path, quiet: bool) -> int:
     from importlib.resources import files
 
     from psafit.experiment import DEFINITION
-    from psafit.files import ensure_writable, write_atomically
+    from psafit.files import ensure_writable, refuse_filled, write_atomically
 
     ensure_writable(folder, "EXP", folder=True)
-    if folder.is_dir() and any(folder.iterdir()):
-        raise InputError("holds something already", "give the name of a new folder", file=folder)
+    refuse_filled(folder)
     # The definition comes last: a folder without it is no experiment.
     parts = sorted(files("psafit").joinpath("templates").iterdir(), key=lambda part: part.name == DEFINITION)
     with ExitStack() as undo:
@@ -45,6 +50,50 @@ def new(folder: Path, quiet: bool) -> int:
         place = shown_path(folder)
         click.echo(f"put in your rig and readings, then: psafit check {place}; psafit diagnose {place} --quick")
     return DONE
+
+
+@click.command(cls=Command, short_help="Turn a proposed measurement into an experiment folder.")
+@RUN
+@click.option("--out", type=Place("folder"), required=True, help="Receives the folder; must be new, or empty.")
+@click.option("--proposal", type=click.IntRange(1), default=1, show_default=True, help="Which one, from the best on.")
+@QUIET
+def plan(run: Path, out: Path, proposal: int, quiet: bool) -> int:
+    """Turn a measurement that a diagnosis proposes into an experiment folder.
+
+    It holds what was measured and one more group, whose file waits for its readings.
+    """
+    from psafit.diagnose.next_experiment import planned
+    from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
+    from psafit.experiment import read_experiment, write_experiment
+    from psafit.files import refuse_filled
+    from psafit.records import read_json
+
+    if not is_diagnosis(run):
+        raise InputError("is a fit, which proposes nothing", "give the folder of psafit diagnose", file=run)
+    refuse_filled(out)
+    found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis").next_experiment
+    offered = found.get("proposals", [])
+    if not offered:
+        raise InputError("proposes no measurement", "drive the stack in some group, and diagnose again", file=run)
+    if proposal > len(offered):
+        raise InputError(f"--proposal {proposal}: there are {len(offered)}", "take one of those in its report")
+    experiment = read_experiment(run / "experiment")
+    chosen = offered[proposal - 1]
+    sweep = planned(chosen, _unused(experiment.ids))
+    write_experiment(experiment, out, [sweep])
+    if not quiet:
+        place, file = shown_path(out), shown_path(out / f"group{len(experiment.groups) + 1}.csv")
+        click.echo(f"group {sweep.id}: {chosen['text']}")
+        click.echo(f"what is expected: psafit simulate {place} --run {shown_path(run)} --plot plan.png")
+        click.echo(f"once measured, put a column launch_range_um into {file}, then: psafit diagnose {place}")
+    return DONE
+
+
+def _unused(ids: Sequence[GroupId]) -> GroupId:
+    """An id that no group has, of the kind that they have."""
+    if all(isinstance(i, int) for i in ids):
+        return next(k for k in itertools.count(len(ids) + 1) if k not in ids)
+    return next(name for k in itertools.count(1) if (name := f"next{k}") not in ids)
 
 
 @click.command(cls=Command)
@@ -87,4 +136,4 @@ def check_cause(file: Path, experiment: Path | None, draws: int, seed: int, quie
     return CHECK_FAILED if failed else DONE
 
 
-__all__ = ["check_cause", "new"]
+__all__ = ["check_cause", "new", "plan"]

@@ -221,6 +221,12 @@ def ensure_writable(path: Path, option: str, *, folder: bool = False, inputs: It
             pass
 
 
+def refuse_filled(folder: Path) -> None:
+    """Raise `InputError` where a folder to be made holds something."""
+    if folder.is_dir() and any(folder.iterdir()):
+        raise InputError("holds something already", "give the name of a new folder", file=folder)
+
+
 def usual_folder(experiment: Path, *what: str) -> Path:
     """Where a result goes unless told otherwise: below `fits`, named after the experiment and what was done."""
     return Path("fits") / "-".join([experiment.resolve().name, *what])

@@ -23,11 +23,20 @@ from test_architecture import HEAVY
 from test_report_diagnosis import make_experiment, make_record
 
 import psafit
-from psafit import cli, cli_explore, watch
+from psafit import cli, cli_explore, cli_rig, watch
 from psafit.api import Diagnosed, Fitted, Rig
 from psafit.compare import Estimate, Side, Told, compare, read_predictions, read_side
 from psafit.errors import InputError
-from psafit.experiment import Conditions, Experiment, Group, Plan, read_experiment, session_name, write_experiment
+from psafit.experiment import (
+    Conditions,
+    Experiment,
+    Group,
+    Plan,
+    read_experiment,
+    read_plan,
+    session_name,
+    write_experiment,
+)
 from psafit.files import sole, usual_fit_folder
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
@@ -439,6 +448,69 @@ def test_a_plan_needs_no_readings(known_folder: Path, tmp_path: Path, monkeypatc
     assert run(monkeypatch, "check", folder) == 2 and "missing column 'launch_range_um'" in capsys.readouterr().err
     (folder / planned.file).write_text("frequency_hz\n100\n", "utf-8")
     assert run(monkeypatch, "simulate", folder) == 2 and "missing column 'amplitude_v'" in capsys.readouterr().err
+
+
+def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """What is written is what was simulated; a seed scatters it as the model says, and always alike."""
+    noise = ("--set", "sigma_rel=0.04", "--set", "sigma_abs=1e-3", "--set", "nu=100")
+    exact, drawn, again = (tmp_path / name for name in ("exact", "drawn", "again"))
+    assert run(monkeypatch, "simulate", known_folder, "--readings", exact, "--out", tmp_path / "s.csv") == 0
+    for place in (drawn, again):
+        assert run(monkeypatch, "simulate", known_folder, "--readings", place, "--seed", 3, *noise) == 0
+    capsys.readouterr()
+    measured, simulated = read_experiment(known_folder), read_experiment(exact)
+    assert np.concatenate([g.launch_range_um for g in simulated.groups]) == pytest.approx(
+        pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
+    )
+    assert "simulated" in simulated.title and simulated.constants == measured.constants
+    for a, b in zip(measured.groups, simulated.groups, strict=True):
+        assert (a.id, a.waveform) == (b.id, b.waveform) and (a.frequency_hz == b.frequency_hz).all()
+    assert read_experiment(drawn).fingerprint == read_experiment(again).fingerprint != simulated.fingerprint
+    both = zip(read_experiment(drawn).groups, simulated.groups, strict=True)
+    ratio = np.concatenate([d.launch_range_um / e.launch_range_um for d, e in both])
+    assert 0.03 < (ratio - 1).std() < 0.06 and abs(ratio.mean() - 1) < 0.02
+    for words, said in (
+        (["--seed", 3], "--seed scatters what --readings writes"),
+        (["--readings", exact], "holds something already"),
+        (["--readings", tmp_path / "n", "--set", "nu=3"], "it is of the scatter: add --readings FOLDER --seed N"),
+        (["--readings", tmp_path / "n", "--seed", 1, "--set", "nu=300"], "nu = 300 is impossible"),
+    ):
+        assert run(monkeypatch, "simulate", known_folder, *words) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1 and not (tmp_path / "n").exists()
+
+
+def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Measured groups stay as they are; the proposed one waits for its readings, and for nothing else."""
+    folder, experiment = shutil.copytree(diagnosis[0], tmp_path / "run"), diagnosis[1]
+    write_experiment(experiment, folder / "experiment")
+    assert run(monkeypatch, "plan", folder, "--out", tmp_path / "next") == 0
+    said = capsys.readouterr().out
+    plan = read_plan(tmp_path / "next")
+    *old, new = plan.groups
+    assert [g.id for g in old] == list(experiment.ids) and new.id not in experiment.ids and f"group {new.id}:" in said
+    assert all(isinstance(g, Group) for g in old) and not isinstance(new, Group)
+    assert new.waveform == "sine" and dict(new.changed) == {"l": 0.075} and new.frequency_hz.tolist() == [100.0, 2e4]
+    file = tmp_path / "next" / new.file
+    assert str(file) in said
+    file.write_text("frequency_hz,amplitude_v,launch_range_um\n100,20,5\n20000,20,1\n", "utf-8")
+    assert read_experiment(tmp_path / "next").group(new.id).rig(experiment.constants).l == 0.075
+    assert run(monkeypatch, "plan", folder, "--proposal", 2, "--out", tmp_path / "other") == 0
+    assert read_plan(tmp_path / "other").groups[-1].waveform == "square"
+    nothing = shutil.copytree(folder, tmp_path / "nothing")
+    write_json(nothing / "diagnosis.json", replace(make_record(experiment), next_experiment={}), sealed=True)
+    capsys.readouterr()
+    for words, told in (
+        ([folder, "--out", tmp_path / "next"], "holds something already"),
+        ([folder, "--proposal", 3, "--out", tmp_path / "x"], "--proposal 3: there are 2"),
+        ([nothing, "--out", tmp_path / "x"], "proposes no measurement"),
+        ([diagnosis[0], "--out", tmp_path / "x"], "no such experiment folder"),
+        ([tmp_path, "--out", tmp_path / "x"], "lies in the input"),
+    ):
+        assert run(monkeypatch, "plan", *words) == 2
+        error = capsys.readouterr().err
+        assert told in error and error.count("\n") == 1 and not (tmp_path / "x").exists()
+    assert [cli_rig._unused(ids) for ids in ((1, 2), (1, 3), ("a", 1), ("next1",))] == [3, 4, "next1", "next2"]
 
 
 def test_a_picture_of_a_plan_shows_no_readings() -> None:

@@ -105,7 +105,10 @@ def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, caps
     assert all(str(p) in said for p in folder.iterdir()) and "psafit check" in said
     assert run(monkeypatch, "check", folder) == 0
     told = capsys.readouterr()
-    assert told.out.startswith("EXAMPLE, replace") and told.err == ""
+    assert told.out.startswith("EXAMPLE, replace")
+    # What is still the example's is said, and no longer once it is not.
+    assert told.err.count("\n") == 3 and "source is still that of the example" in told.err
+    assert all(f"example_{name}.csv: these readings are the example's" in told.err for name in ("sine", "square"))
     made = read_experiment(folder)
     assert len(made.groups) == 2 and all(g.file.startswith("example_") for g in made.groups)
     # Everything there is to give has a line that explains it.
@@ -117,6 +120,10 @@ def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, caps
     for column in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
         assert re.search(rf"^#   {column} +\S", text, flags=re.MULTILINE)
     assert max(map(len, text.splitlines())) <= 120
+    (folder / "experiment.toml").write_text(text.replace("EXAMPLE, replace: ", ""), "utf-8")
+    for table in folder.glob("*.csv"):
+        table.write_text(table.read_text("utf-8") + "1000,10,60\n", "utf-8")
+    assert run(monkeypatch, "check", folder) == 0 and capsys.readouterr().err == ""
 
 
 def test_new_is_quiet_and_takes_an_empty_folder(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

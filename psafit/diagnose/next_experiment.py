@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Constants, changes_text
+from psafit.experiment import Conditions, Constants, GroupId, changes_text
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
@@ -372,6 +372,13 @@ def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArr
     left = np.where(known, np.sum(w * missed, axis=0) + np.sum(beta**2, axis=0), 1.0) / np.where(known, spread, 1.0)
     error = np.sqrt(np.sum(w**2 * (missed - np.sum(w * missed, axis=0)) ** 2, axis=0)) / np.where(known, spread, 1.0)
     return -0.5 * np.log(np.clip(left, 1e-3, 1.0)), 0.5 * error / np.clip(left, 1e-3, None)
+
+
+def planned(proposal: Mapping[str, Any], id: GroupId) -> Conditions:
+    """The sweep that a proposal of a result file asks for, in numbers that can be set on a generator."""
+    f, v = ([float(f"{x:.6g}") for x in proposal[name]] for name in ("frequency_hz", "amplitude_v"))
+    changed = tuple(proposal["constants"].items())
+    return Conditions(id, proposal["waveform"], "", np.array(f), np.array(v), changed=changed)
 
 
 def as_dict(found: Iterable[Proposal], about: str) -> dict[str, object]:

@@ -10,9 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import numpy as np
+
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment.definition import Definition
-from psafit.experiment.plausible import suspicious_constants, suspicious_readings
+from psafit.experiment.plausible import left_from_example, suspicious_constants, suspicious_readings
 from psafit.experiment.records import (
     CONSTANT_UNITS,
     DEFINITION,
@@ -75,10 +78,8 @@ def read_experiment(folder: str | Path) -> Experiment:
     title = definition.text("title", folder.resolve().name)
     source = definition.text("source", "")
     constants = definition.constants()
-    groups = tuple(
-        Group(declared.id, declared.waveform, declared.file, changed=declared.changed, **read_csv(declared.path))
-        for declared in definition.groups()
-    )
+    declared = definition.groups()
+    groups = tuple(Group(d.id, d.waveform, d.file, changed=d.changed, **read_csv(d.path)) for d in declared)
     rigs = dict.fromkeys([constants, *(g.rig(constants) for g in groups)])
     warnings = () if source else (f"{DEFINITION}: no source; say where the measurements come from",)
     return Experiment(
@@ -92,6 +93,7 @@ def read_experiment(folder: str | Path) -> Experiment:
         beliefs=definition.beliefs(),
         warnings=(
             *warnings,
+            *left_from_example(title, source, [d.path for d in declared]),
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
             *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
         ),
@@ -108,11 +110,35 @@ class Plan:
     groups : tuple of Conditions
         A `Group` where there are readings.
     beliefs : tuple of Belief
+    limits : tuple of (str, (float, float))
+        What a next experiment may use.
+    title : str
     """
 
     constants: Constants
     groups: tuple[Conditions, ...]
     beliefs: tuple[Belief, ...]
+    limits: tuple[tuple[str, tuple[float, float]], ...] = ()
+    title: str = ""
+
+    def with_readings(self, launch_range_um: FloatArray, source: str) -> Experiment:
+        """An experiment of these conditions whose readings, (n_points,), one group after the other, come from `source`.
+
+        It has no folder yet.
+        """
+        parts = np.split(launch_range_um, np.cumsum([g.n_points for g in self.groups])[:-1])
+        told = ("id", "waveform", "file", "frequency_hz", "amplitude_v", "changed")
+        groups = tuple(
+            Group(
+                **{name: getattr(g, name) for name in told}, launch_range_um=um, sigma_um=getattr(g, "sigma_um", None)
+            )
+            for g, um in zip(self.groups, parts, strict=True)
+        )
+        known = fingerprint(self.constants, groups)
+        title = f"{self.title} (simulated)"
+        return Experiment(
+            title, source, self.constants, groups, Path(), known, limits=self.limits, beliefs=self.beliefs
+        )
 
 
 def read_plan(folder: str | Path) -> Plan:
@@ -132,7 +158,9 @@ def read_plan(folder: str | Path) -> Plan:
     InputError
         On anything unusable.
     """
-    definition = _definition(Path(folder))
+    folder = Path(folder)
+    definition = _definition(folder)
+    title = definition.text("title", folder.resolve().name)
     constants = definition.constants()
     groups = []
     for declared in definition.groups():
@@ -141,7 +169,7 @@ def read_plan(folder: str | Path) -> Plan:
         names = {f.name for f in fields(kind)}
         held = {name: column for name, column in columns.items() if name in names}
         groups.append(kind(declared.id, declared.waveform, declared.file, changed=declared.changed, **held))
-    return Plan(constants, tuple(groups), definition.beliefs())
+    return Plan(constants, tuple(groups), definition.beliefs(), definition.limits(), title)
 
 
 def _definition(folder: Path) -> Definition:

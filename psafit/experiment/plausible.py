@@ -1,10 +1,14 @@
-"""Values that are possible but look like a wrong unit."""
+"""Values that are possible but look like a wrong unit, and what `psafit new` has put there to be replaced."""
 
 from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
 
 from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.text import one_line
 
+_EXAMPLE = "EXAMPLE, replace"
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit.
 _PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
     "M": (1e-6, 10.0, "kg", "grams"),
@@ -14,6 +18,18 @@ _PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
     "k_s": (1e4, 1e12, "N/m", "N/um"),
     "g": (9.7, 9.9, "m/s^2", "another unit"),
 }
+
+
+def left_from_example(title: str, source: str, tables: list[Path]) -> list[str]:
+    """One line for what is still the example's: words of the definition, and files of readings."""
+    found = []
+    if any(text.startswith(_EXAMPLE) for text in (title, source)):
+        found.append(f"{DEFINITION}: title or source is still that of the example; replace it")
+    for table in tables:
+        template = files("psafit").joinpath("templates", table.name)
+        if template.is_file() and template.read_bytes() == table.read_bytes():
+            found.append(one_line(f"{table.name}: these readings are the example's; put in your own"))
+    return found
 
 
 def suspicious_constants(constants: Constants) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
@@ -10,13 +11,13 @@ from psafit.experiment.records import (
     DEFINITION,
     OPTIONAL_COLUMNS,
     REQUIRED_COLUMNS,
+    Conditions,
     Experiment,
-    Group,
 )
 from psafit.files import write_atomically
 
 
-def write_experiment(experiment: Experiment, folder: Path) -> None:
+def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Conditions] = ()) -> None:
     """Write `experiment.toml` and one CSV file a group; the definition comes last, so a half-written folder has none.
 
     Parameters
@@ -24,6 +25,8 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
     experiment : Experiment
     folder : Path
         Made if needed.
+    planned : sequence of Conditions, optional
+        Sweeps yet to be measured, behind the groups: their files have no readings.
 
     Raises
     ------
@@ -37,7 +40,7 @@ def write_experiment(experiment: Experiment, folder: Path) -> None:
     for belief in experiment.beliefs:
         numbers = [f"{f.name} = {getattr(belief.prior, f.name)!r}" for f in fields(belief.prior) if f.init]
         lines += ["", f"[prior.{_quoted(belief.name)}]", *numbers, f"source = {_quoted(belief.source)}"]
-    for number, group in enumerate(experiment.groups, 1):
+    for number, group in enumerate([*experiment.groups, *planned], 1):
         name = f"group{number}.csv"
         write_atomically(folder / name, _table(group).encode())
         group_id = group.id if isinstance(group.id, int) else _quoted(group.id)
@@ -54,8 +57,8 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _table(group: Group) -> str:
-    names = [n for n in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if getattr(group, n) is not None]
+def _table(group: Conditions) -> str:
+    names = [n for n in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if getattr(group, n, None) is not None]
     columns = [getattr(group, n).tolist() for n in names]
     rows = (",".join(repr(x) for x in row) for row in zip(*columns, strict=True))
     return "\n".join([",".join(names), *rows]) + "\n"
