@@ -283,6 +283,17 @@ def test_hostile_text_is_escaped(page):
     assert {name for _, attrs in page.tags for name in attrs} <= allowed
 
 
+def test_growth_says_what_it_leaves_out():
+    for zeros, said in (
+        ({}, None),
+        ({"1": 1}, "without 1 reading of zero, which has"),
+        ({"1": 2}, "2 readings of zero"),
+    ):
+        (picture,) = diagnosis_pictures.growth_pictures(growth(0.5), [], {}, zeros)
+        assert said is None or said in picture.caption
+        assert ("logarithm" in picture.caption) == bool(zeros)
+
+
 def test_page_stands_alone(page):
     images = page.all("img")
     assert len(images) == 1 + 3 + 1 + 2 + 3 + 2  # first screen, groups, growth, screening, leftover, gain

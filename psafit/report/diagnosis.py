@@ -519,7 +519,8 @@ def _growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
     before = result.show.get("baseline", {}).get("growth", [])[:MAX_PICTURED]
     after = result.show.get("extended", {}).get("growth", [])
     conditions = {str(g.id): figures.sweep_of(g).condition for g in experiment.groups}
-    return diagnosis_pictures.growth_pictures(before, after, conditions)
+    zeros = {str(g.id): int(np.count_nonzero(g.launch_range_um == 0)) for g in experiment.groups}
+    return diagnosis_pictures.growth_pictures(before, after, conditions, zeros)
 
 
 def _drift_rows(result: Diagnosis) -> list[list[Any]]:

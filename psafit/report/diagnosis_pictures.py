@@ -22,7 +22,7 @@ from psafit.report.figures.groups import short, title, titled
 from psafit.report.figures.sweep import AXIS, SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
-from psafit.report.wording import factor, number, percent
+from psafit.report.wording import count, factor, number, percent
 
 _MAX_SVG = 12
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
@@ -35,6 +35,8 @@ _VERDICT_COLOR: Final = {
     "not present": PALETTE["grey"],
     UNSEEN: PALETTE["sky"],
 }
+# Least share of the axis that a bar takes.
+_STUB = 0.006
 _HATCH: Final = {UNSEEN: "////", "as good": "...."}
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
@@ -151,7 +153,10 @@ def explorable(shown: Sequence[Shown]) -> list[dict[str, Any]]:
 
 
 def growth_pictures(
-    baseline: Sequence[Mapping[str, Any]], extended: Sequence[Mapping[str, Any]], conditions: Mapping[str, str]
+    baseline: Sequence[Mapping[str, Any]],
+    extended: Sequence[Mapping[str, Any]],
+    conditions: Mapping[str, str],
+    zeros: Mapping[str, int],
 ) -> list[Picture]:
     """Local exponents of each sweep, measured and predicted.
 
@@ -159,15 +164,15 @@ def growth_pictures(
     ----------
     baseline, extended : sequences of dict
         `psafit.diagnose.show.Growth` as a dict, in the same order; the second empty without extension.
-    conditions : dict
-        What each group holds, by its id as text.
+    conditions, zeros : dict
+        What each group holds, and how many readings of zero, which have no exponent; by its id as text.
     """
     rest = {str(g["group"]): g for g in extended}
-    drawn = [g for g in baseline if len(g["at"]) > 0]
-    return [_growth(g, rest.get(str(g["group"])), conditions.get(str(g["group"]), ""), len(drawn)) for g in drawn]
+    drawn = [(str(g["group"]), g) for g in baseline if len(g["at"]) > 0]
+    return [_growth(g, rest.get(id), conditions.get(id, ""), zeros.get(id, 0), len(drawn)) for id, g in drawn]
 
 
-def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: str, n: int) -> Picture:
+def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: str, zeros: int, n: int) -> Picture:
     ext = ext if ext is not None and len(ext["at"]) > 0 else None
     seen = ext or base  # the readings weighed by the scatter of the better model
     at, lower, upper = (np.asarray(seen[k], dtype=float) for k in ("at", "lower", "upper"))
@@ -200,6 +205,8 @@ def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: s
     text = f"measured {_extent(seen['measured'])}, baseline {_extent(base['simulated'])}"
     if ext is not None:
         text += f", extended {_extent(ext['simulated'])}"
+    if zeros:
+        text += f"; without {count(zeros, 'reading')} of zero, which {'has' if zeros == 1 else 'have'} no logarithm"
     alt = f"Local exponent of the launch range against {SWEPT[base['variable']]}, group {base['group']}: {text}."
     return Picture(_uri(figure, n), alt, f"Exponent: {text}.")
 
@@ -265,14 +272,16 @@ def _bars(
         figure, axes = new_figure(height=1.45 + 0.235 * len(names))
         at = np.arange(len(names))[::-1]
         lengths = np.nan_to_num(np.asarray(values, dtype=float))
+        low, high = limits or (min(0.0, float(lengths.min())), max(float(lengths.max()), 1.0))
+        span = high - low
+        # A bar of no length still shows the colour of its verdict.
+        drawn = np.where(np.abs(lengths) < _STUB * span, _STUB * span, lengths)
         for word, color in _VERDICT_COLOR.items():
             mine = np.array([s.verdict == word for s in screening])
             if mine.any():
                 axes.barh(
-                    at[mine], lengths[mine], height=0.68, color=color, hatch=_HATCH.get(word), edgecolor="white", lw=0
+                    at[mine], drawn[mine], height=0.68, color=color, hatch=_HATCH.get(word), edgecolor="white", lw=0
                 )
-        low, high = limits or (min(0.0, float(lengths.min())), max(float(lengths.max()), 1.0))
-        span = high - low
         for y, value, length in zip(at, values, lengths, strict=True):
             axes.annotate(
                 text(float(value)), (max(float(length), 0.0), float(y)), (3, 0), textcoords="offset points",
