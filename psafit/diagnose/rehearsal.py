@@ -27,7 +27,7 @@ from psafit.inference.problem import MICRO, Problem
 from psafit.simulate import Design, simulate
 
 # Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
-_TRIALS, _STARTS = 3, 6
+_TRIALS, _STARTS = 3, 12
 _CLIMB = ((6, 12), (24, 3))
 NEW = "the proposed sweep"
 
@@ -135,7 +135,7 @@ def _judged(
             measured = measure(candidate, own, rng)
             # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
             height = [
-                d.log_evidence + _climbed(measured(c.problem), c, d, rng).laplace - c.laplace + p
+                d.log_evidence + _climbed(measured(c.problem), c, d, rng).laplace_apart - c.laplace_apart + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))

@@ -70,8 +70,8 @@ class Candidate:
         Their derivatives by the sampling coordinates of the model.
     curvature : (n_modes, n_dim, n_dim) array
         Expected curvature of the log posterior at the modes.
-    laplace : float
-        Log evidence by Laplace's approximation, bounds respected.
+    mass : (n_modes,) array
+        Logarithm of what each mode holds by Laplace's approximation, bounds respected.
     """
 
     problem: Problem
@@ -80,7 +80,23 @@ class Candidate:
     predicted: FloatArray
     slope: FloatArray
     curvature: FloatArray
-    laplace: float
+    mass: FloatArray
+
+    @property
+    def laplace(self) -> float:
+        """Log evidence by Laplace's approximation: all modes together."""
+        return float(logsumexp(self.mass))
+
+    @property
+    def laplace_apart(self) -> float:
+        """The same, what modes on one hill have in common counted once.
+
+        Climbs that end in different places of one hill are as many modes. Each is counted in the part in which its
+        normal is above the others' at its own top.
+        """
+        away = self.modes[:, None] - self.modes[None]  # (n_at, n_of, n_dim)
+        height = self.heights - 0.5 * np.einsum("kmi,mij,kmj->km", away, self.curvature, away)
+        return float(logsumexp(self.mass + self.heights - logsumexp(height, axis=1)))
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -329,7 +345,7 @@ def settle(problem: Problem, end: Ascent) -> Candidate:
     observed = np.broadcast_to(problem.observed, predicted.shape)
     gradient, curvature = expansion(problem, u, predicted, slope, observed)
     parts = [_laplace(problem, u[k], float(end.height[m]), gradient[k], curvature[k]) for k, m in enumerate(modes)]
-    return Candidate(problem, u, end.height[modes], predicted[0], slope[0], curvature, float(logsumexp(parts)))
+    return Candidate(problem, u, end.height[modes], predicted[0], slope[0], curvature, np.array(parts))
 
 
 def settle_at(problem: Problem, modes: FloatArray) -> Candidate:
