@@ -422,6 +422,14 @@ def test_negligible_minima_get_no_walker_and_the_others_at_least_a_scout(problem
     assert start.shape == (40, problem.n_dim) and np.isfinite(problem.log_posterior(start)).all()
 
 
+def test_a_chain_between_several_places_says_so() -> None:
+    r_hat, names = np.array([1.001, 1.03]), ["k_c", "c_c"]
+    said = running._apart(names, [-10.0, -12.0, -14.9, -30.0], r_hat, 1.01)
+    assert "c_c mixes least" in said and "in 3 places" in said
+    assert running._apart(names, [-10.0, -16.0], r_hat, 1.01) == ""
+    assert running._apart(names, [-10.0, -12.0], r_hat - 0.03, 1.01) == ""
+
+
 def test_repeating_an_unconverged_run_draws_on(
     known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,6 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 
 import psafit
+from psafit.arrays import FloatArray
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import (
@@ -61,6 +62,8 @@ _LIKELIHOODS = 2**23
 _MISSED, _RESTARTS = 1.0, 5
 # From so many causes on, a search from scratch ends on whatever hill is near: it is led there by smaller models.
 _MANY = 3
+# Minima so far (nats) below the best hold a part of the walkers.
+_ALIKE = 5.0
 # In a folder whose search is not done yet, with the run's identity.
 MARKER = ".psafit-run"
 # What posterior.json vouches for.
@@ -511,6 +514,7 @@ def _summarise(
             f"not converged after {chain.burn_in + kept} steps ({message}; wanted"
             f" {settings.autocorrelation_times:.0f} and {settings.r_hat}): repeat the command to draw on"
         )
+        message += _apart(problem.names, [m.log_posterior for m in record.minima], chain.r_hat, settings.r_hat)
     return PosteriorSummary(
         identity=record.identity,
         converged=chain.converged,
@@ -523,4 +527,15 @@ def _summarise(
         autocorrelation_times=reached,
         parameters=entries,
         files=files,
+    )
+
+
+def _apart(names: Sequence[str], heights: Sequence[float], r_hat: FloatArray, goal: float) -> str:
+    """What keeps walkers apart, where the search ended in several places that are about as high."""
+    alike = sum(height > max(heights) - _ALIKE for height in heights)
+    if alike < 2 or r_hat.max() < goal:
+        return ""
+    return (
+        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {_ALIKE:g} nats, between"
+        " which walkers rarely cross; psafit diagnose weighs such places one by one"
     )
