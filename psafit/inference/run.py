@@ -536,6 +536,6 @@ def _apart(names: Sequence[str], heights: Sequence[float], r_hat: FloatArray, go
     if alike < 2 or r_hat.max() < goal:
         return ""
     return (
-        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {_ALIKE:g} nats, between"
-        " which walkers rarely cross; psafit diagnose weighs such places one by one"
+        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {_ALIKE:g} nats,"
+        " between which walkers rarely cross; psafit diagnose weighs such places one by one"
     )
