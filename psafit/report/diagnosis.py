@@ -628,15 +628,15 @@ def _model_rows(result: Diagnosis) -> list[list[Any]]:
 
 
 def _method(evidence: Mapping[str, Any]) -> str:
-    text = str(evidence.get("method", "–"))
+    text = str(evidence.get("method", "–")).removeprefix("adaptive ")
     if evidence.get("effective_draws") is not None:
-        text += f": {known(evidence['effective_draws']):.0f} effective draws"
+        text += f": {known(evidence['effective_draws']):.0f} draws"
     if evidence.get("nautilus"):
         other = known(evidence["nautilus"]["log_evidence"]) - known(evidence["log_evidence"])
         text += f"; by nautilus {_signed(other)}"
     if evidence.get("pareto_k") is not None:
         k = known(evidence["pareto_k"])
-        text += typeset(f", Pareto k {k:.2f}") + (" (above 0.7: the error is a guess)" if k > TRUSTED else "")
+        text += typeset(f", k {k:.2f}") + (" (the error is a guess)" if k > TRUSTED else "")
     return text
 
 
