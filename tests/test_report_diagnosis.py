@@ -16,7 +16,10 @@ from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.records import plain
 from psafit.report import diagnosis_pictures
-from psafit.report.diagnosis import _about, _instead, model, write_diagnosis
+from psafit.report.catalogue import model
+from psafit.report.diagnosis import write_diagnosis
+from psafit.report.diagnosis_answer import _instead
+from psafit.report.diagnosis_words import about
 
 CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
 NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
@@ -472,9 +475,9 @@ def test_large_sets_are_told_by_what_differs():
     assert _instead(named, [*named, "preload"]) == "these and ball leans on the tip"
     assert _instead(named, ["preload", "gap"]) == model(["preload", "gap"])
     assert _instead(["gap"], ["preload"]) == model(["preload"])
-    shared = _about("tells hysteresis + gap from hysteresis + preload, hysteresis + slew_limit")
+    shared = about("tells hysteresis + gap from hysteresis + preload, hysteresis + slew_limit")
     assert "tells gap at rest from ball leans on the tip and slew-limited amplifier (beside what they share)" in shared
-    assert "share" not in _about("tells hysteresis from hysteresis + preload")
+    assert "share" not in about("tells hysteresis from hysteresis + preload")
 
 
 def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
