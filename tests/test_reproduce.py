@@ -23,15 +23,13 @@ from psafit.reproduce import (
     REPRODUCED,
     Claim,
     Reproduction,
-    contact_matrix,
     convergence,
     judge,
-    largest_stable_step,
     read_published,
     reproduce,
-    rk4_growth,
 )
 from psafit.simulate.reference import ContactParameters, Point
+from psafit.simulate.stability import contact_matrix, largest_stable_step, rk4_growth
 
 PSA = Path(__file__).parents[1] / "experiments" / "psa"
 
