@@ -394,11 +394,12 @@ def scouted(candidate: Candidate, *, seed: int) -> Candidate:
 
     trial = coarse(problem)
     n_starts, n_draws = _SCOUTS
-    starts = starts_of(trial, seed + 1, n_starts, n_draws)[0]  # where `fit` did not begin
+    elsewhere = seed + 1  # than where `fit` began
+    starts = starts_of(trial, elsewhere, n_starts, n_draws)[0]
     end = ascend(trial, starts, schedule=_SCOUTING, still_below=ENOUGH)
     new = end.u[(away(end.u) > _APART) & (end.height > end.height.max() - _HOPELESS)]
     arrived = ascend(problem, new, schedule=_ARRIVING, still_below=ENOUGH)
-    arrived = arrived.joined(evolved(problem, known, seed=seed))
+    arrived = arrived.joined(evolved(problem, known, seed=elsewhere))
     new = arrived.u[(away(arrived.u) > _APART) | (arrived.height > candidate.height + _RISEN)]
     if not len(new):
         return candidate
