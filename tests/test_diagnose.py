@@ -29,6 +29,7 @@ from psafit.diagnose.robustness import Robustness, robustness
 from psafit.diagnose.screening import PRESENT, VISIBLE, _luck, _unclear, _with_neutral, screen
 from psafit.diagnose.show import corners, drift, growth, offsets
 from psafit.diagnose.significance import lead, significance
+from psafit.diagnose.told import _cause, _word, sentences
 from psafit.diagnose.verdict import conclude
 from psafit.errors import ConvergenceError, InputError
 from psafit.experiment import Constants, Experiment, Group, fingerprint, read_experiment
@@ -695,15 +696,15 @@ def test_the_word_for_a_cause(hidden):
     seen, unseen = (replace(found["flight_friction"], visible=v, chance=1.0) for v in (2 * VISIBLE, 0.5 * VISIBLE))
     calm = SimpleNamespace(verdict="explained", named=("gap",), alternatives=(), inclusion={"flight_friction": 0.1})
     weak, strong = SimpleNamespace(gain=lambda ids: 0.5), SimpleNamespace(gain=lambda ids: 9.0)
-    assert diagnosis._word(seen, weak, calm) == "not present"
-    assert diagnosis._word(unseen, weak, calm) == UNSEEN
-    assert diagnosis._word(unseen, strong, calm) == "explains part alone"
+    assert _word(seen, weak, calm) == "not present"
+    assert _word(unseen, weak, calm) == UNSEEN
+    assert _word(unseen, strong, calm) == "explains part alone"
     tied = SimpleNamespace(**vars(calm) | {"alternatives": (("flight_friction", "gap"),)})
-    assert diagnosis._word(unseen, weak, tied) == "as good"
+    assert _word(unseen, weak, tied) == "as good"
     named = SimpleNamespace(**vars(calm) | {"inclusion": {"flight_friction": 0.9}})
-    assert diagnosis._word(unseen, weak, named) == "present"
+    assert _word(unseen, weak, named) == "present"
     named.verdict = "unexplained"
-    assert diagnosis._word(unseen, weak, named) == NEAREST
+    assert _word(unseen, weak, named) == NEAREST
 
 
 def test_values_that_nobody_expects_are_flagged():
@@ -715,7 +716,7 @@ def test_values_that_nobody_expects_are_flagged():
         one = problem(replace(e, beliefs=beliefs))
         lag = replace(one, terms=terms(["amplifier_lag"])).terms
         ladder = climb(one, lag, seed=1)
-        cause = diagnosis._cause(ladder, verdict, ladder.of(("amplifier_lag",)))
+        cause = _cause(ladder, verdict, ladder.of(("amplifier_lag",)))
         assert cause.implausible == flagged
     widths = cause.evidence["prior_width"]
     assert widths["twice"] > 1 > 0 > widths["half"]
@@ -1165,12 +1166,12 @@ def test_groups_that_are_predicted_worse_are_named(hidden):
     quiet = SimpleNamespace(wrong=False)
     search = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3}
     tied = SimpleNamespace(reasons=(), alternatives=(("c",), ()), named=("a", "b"))
-    said = diagnosis._sentences(tied, quiet, hidden, None, [], {}, {}, None)
+    said = sentences(tied, quiet, hidden, None, [], {}, {}, None)
     assert "Not to be told apart from a + b: c; the baseline." in said
-    said = diagnosis._sentences(calm, quiet, hidden, None, [], {"strict": one}, {}, search)
+    said = sentences(calm, quiet, hidden, None, [], {"strict": one}, {}, search)
     assert "Predicted worse than by the baseline (strict): group a (0.300 to 0.600)." in said
     assert "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
-    said = diagnosis._sentences(calm, quiet, hidden, None, [], {}, {}, search | {"null": [-1.0, -2.4]})
+    said = sentences(calm, quiet, hidden, None, [], {}, {}, search | {"null": [-1.0, -2.4]})
     assert any("none put a model with causes first; this one leads by 9" in one for one in said)
 
 
