@@ -56,12 +56,13 @@ def simulate(
     """Simulate the launch ranges at an experiment's conditions, measured or planned: EXP needs no readings.
 
     What neither --set nor --run gives has the median of its prior; the strength of a cause must be given. With
-    --readings they become an experiment that can be diagnosed, exact or, with --seed, scattered as the model has it.
+    --readings they become an experiment that can be diagnosed: exact or, with --seed, with scatter (--set sigma_rel,
+    sigma_abs, nu) and sessions' own values drawn as the model has them.
     """
     import numpy as np
 
     from psafit.experiment import Group, read_plan
-    from psafit.files import refuse_filled, write_atomically
+    from psafit.files import write_atomically
     from psafit.inference import noise
     from psafit.simulate import Design
     from psafit.simulate import simulate as simulate_batch
@@ -71,16 +72,16 @@ def simulate(
     if seed is not None and readings is None:
         raise InputError("--seed scatters what --readings writes", "add --readings FOLDER, or leave it out")
     if readings is not None:
-        refuse_filled(readings)
+        _refuse_within(readings, {"--out": out, "--plot": plot, "--json": json_file})
     plan = read_plan(experiment)
     groups = plan.groups
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
     if run is not None:
         own, medians, known = _model_of(run)
-        chosen, given = chosen or own, _of_sessions(plan, own, medians, known, quiet) | asked
+        chosen, given = chosen or own, _of_sessions(plan, own, medians, known, quiet, seed is not None) | asked
     scatter = () if seed is None else noise.PARAMETERS
-    theta = _completed(plan, chosen, given, asked, scatter)
+    theta = _completed(plan, chosen, given, asked, scatter, seed)
     model = list(theta.values())[: len(theta) - len(scatter)]
     result = simulate_batch(Design.of(plan.constants, groups), np.array(model), chosen)
     micrometres = result.launch_range[0] * 1e6
@@ -96,9 +97,10 @@ def simulate(
     elif not quiet and plot is None and readings is None:
         click.echo(text, nl=False)
     if readings is not None:
-        _write_readings(plan, micrometres, list(theta.values())[len(model) :], seed, readings)
+        _write_readings(plan, micrometres, chosen, theta, seed, readings)
         if not quiet:
             click.echo(f"experiment: {shown_path(readings)}")
+            click.echo("made by: " + _values(theta))
     if plot is not None:
         from psafit.report.simulated import write_picture
 
@@ -117,21 +119,45 @@ def simulate(
     return DONE
 
 
+def _refuse_within(folder: Path, others: dict[str, Path | None]) -> None:
+    """Refuse an output in the folder of the readings, or on the way to it."""
+    place = folder.resolve()
+    for option, path in others.items():
+        if path is not None and (place in path.resolve().parents or path.resolve() in place.parents):
+            raise InputError(f"lies in --readings, or that in {option}", f"choose another {option}", file=path)
+
+
+def _values(theta: dict[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in theta.items())
+
+
 def _write_readings(
-    plan: Plan, ranges_um: FloatArray, scatter: Sequence[float], seed: int | None, folder: Path
+    plan: Plan,
+    ranges_um: FloatArray,
+    chosen: Sequence[Term],
+    theta: dict[str, float],
+    seed: int | None,
+    folder: Path,
 ) -> None:
     """An experiment folder whose readings are simulated ranges, (n_points,), scattered where there is a seed."""
     import numpy as np
 
-    from psafit.experiment import write_experiment
+    from psafit.experiment import read_experiment, write_experiment
+    from psafit.files import filling
     from psafit.inference import noise
 
-    made = plan.with_readings(ranges_um, f"simulated by psafit {psafit.__version__}: not measured")
+    model = "+".join(["baseline", *(t.id for t in chosen)])
+    drawn_from = "exact" if seed is None else f"scatter of seed {seed}"
+    source = f"not measured: simulated by psafit {psafit.__version__}, {model}, {drawn_from}: {_values(theta)}"
+    made = plan.with_readings(ranges_um, source)
     if seed is not None:
         known = np.concatenate([np.zeros(g.n_points) if g.sigma_um is None else g.sigma_um for g in made.groups])
-        drawn = noise.draw(ranges_um[None], np.array([scatter]), known, np.random.default_rng(seed))[0]
+        scatter = np.array([[theta[p.name] for p in noise.PARAMETERS]])
+        drawn = noise.draw(ranges_um[None], scatter, known, np.random.default_rng(seed))[0]
         made = made.with_readings(np.maximum(drawn, 0.0))
-    write_experiment(made, folder)
+    with filling(folder):
+        write_experiment(made, folder)
+        read_experiment(folder)  # ranges may be beyond what an experiment can hold
 
 
 def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float], tuple[Group, ...]]:
@@ -155,7 +181,12 @@ def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float], tuple[Grou
 
 
 def _of_sessions(
-    plan: Plan, terms: Sequence[Term], medians: dict[str, float], measured: Sequence[Group], quiet: bool
+    plan: Plan,
+    terms: Sequence[Term],
+    medians: dict[str, float],
+    measured: Sequence[Group],
+    quiet: bool,
+    drawn: bool = False,
 ) -> dict[str, float]:
     """Medians without what sessions had for themselves, but of those whose very readings the plan holds.
 
@@ -167,7 +198,10 @@ def _of_sessions(
     new = [g for g in plan.groups if not (isinstance(g, Group) and (g.id, g.launch_range_um.tobytes()) in known)]
     theirs = {session_name(t.latent.name, g.id) for t in terms if t.latent for g in new} & medians.keys()
     if theirs and not quiet:
-        click.echo(f"sessions to come, not those of the run: {', '.join(sorted(theirs))} = 0", err=True)
+        click.echo(
+            f"sessions to come, not those of the run: {', '.join(sorted(theirs))} {'drawn' if drawn else '= 0'}",
+            err=True,
+        )
     return {name: value for name, value in medians.items() if name not in theirs}
 
 
@@ -192,11 +226,15 @@ def _completed(
     given: dict[str, float],
     asked: dict[str, float],
     scatter: Sequence[Parameter] = (),
+    seed: int | None = None,
 ) -> dict[str, float]:
     """Every value the simulator takes, and those of the scatter behind them, if they are wanted.
 
-    What is not given has its prior's median; a cause's strength must be given.
+    What is not given has its prior's median; a cause's strength must be given. What sessions have for themselves is
+    drawn from its prior with a seed.
     """
+    import numpy as np
+
     from psafit.experiment import session_name
     from psafit.experiment.text import meant
     from psafit.inference import noise
@@ -208,7 +246,12 @@ def _completed(
         for p in term.parameters:
             wanted[p.name] = (p, None if p is term.strength else p.prior_median)
         if term.latent:
-            wanted |= {session_name(term.latent.name, g.id): (term.latent, 0.0) for g in plan.groups}
+            own = np.zeros(len(plan.groups))
+            if seed is not None:
+                shares = np.random.default_rng([seed, 1]).uniform(size=len(plan.groups))
+                own = term.latent.to_physical(term.latent.prior_quantile(shares))
+            names = [session_name(term.latent.name, g.id) for g in plan.groups]
+            wanted |= {name: (term.latent, float(z)) for name, z in zip(names, own, strict=True)}
     wanted |= {p.name: (p, p.prior_median) for p in scatter}
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import shlex
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,20 @@ from typing import TYPE_CHECKING
 import click
 
 from psafit import plugins
-from psafit.cli import CHECK_FAILED, DONE, JSON, PLUGIN, QUIET, RUN, SEED, Command, Place, shown_path, write_result
+from psafit.cli import (
+    CHECK_FAILED,
+    DONE,
+    JSON,
+    PLUGIN,
+    QUIET,
+    RUN,
+    SEED,
+    Command,
+    Place,
+    escaped,
+    shown_path,
+    write_result,
+)
 from psafit.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,20 +43,14 @@ def new(folder: Path, quiet: bool) -> int:
     from importlib.resources import files
 
     from psafit.experiment import DEFINITION
-    from psafit.files import ensure_writable, refuse_filled, write_atomically
+    from psafit.files import ensure_writable, filling, write_atomically
 
     ensure_writable(folder, "EXP", folder=True)
-    refuse_filled(folder)
     # The definition comes last: a folder without it is no experiment.
     parts = sorted(files("psafit").joinpath("templates").iterdir(), key=lambda part: part.name == DEFINITION)
-    with ExitStack() as undo:
-        if not folder.exists():
-            folder.mkdir(parents=True)
-            undo.callback(folder.rmdir)
+    with filling(folder):
         for part in parts:
-            undo.callback((folder / part.name).unlink, missing_ok=True)
             write_atomically(folder / part.name, part.read_bytes())
-        undo.pop_all()
     if not quiet:
         for part in reversed(parts):
             click.echo(f"wrote {shown_path(folder / part.name)}")
@@ -56,36 +63,42 @@ def new(folder: Path, quiet: bool) -> int:
 @RUN
 @click.option("--out", type=Place("folder"), required=True, help="Receives the folder; must be new, or empty.")
 @click.option("--proposal", type=click.IntRange(1), default=1, show_default=True, help="Which one, from the best on.")
+@click.option("--experiment", type=Place("input"), metavar="EXP", help="Measurements of a diagnosis that keeps none.")
 @QUIET
-def plan(run: Path, out: Path, proposal: int, quiet: bool) -> int:
+def plan(run: Path, out: Path, proposal: int, experiment: Path | None, quiet: bool) -> int:
     """Turn a measurement that a diagnosis proposes into an experiment folder.
 
     It holds what was measured and one more group, whose file waits for its readings.
     """
-    from psafit.diagnose.next_experiment import planned
-    from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
-    from psafit.experiment import read_experiment, write_experiment
-    from psafit.files import refuse_filled
-    from psafit.records import read_json
+    import psafit
+    from psafit.diagnose.next_experiment import planned, promise
+    from psafit.diagnose.record import RESULT, is_diagnosis
+    from psafit.experiment import read_plan, write_experiment
+    from psafit.files import filling
 
     if not is_diagnosis(run):
         raise InputError("is a fit, which proposes nothing", "give the folder of psafit diagnose", file=run)
-    refuse_filled(out)
-    found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis").next_experiment
+    opened = psafit.load_diagnosis(run, experiment)
+    found, measured = opened.record.next_experiment, opened.experiment
     offered = found.get("proposals", [])
     if not offered:
         raise InputError("proposes no measurement", "drive the stack in some group, and diagnose again", file=run)
     if proposal > len(offered):
         raise InputError(f"--proposal {proposal}: there are {len(offered)}", "take one of those in its report")
-    experiment = read_experiment(run / "experiment")
-    chosen = offered[proposal - 1]
-    sweep = planned(chosen, _unused(experiment.ids))
-    write_experiment(experiment, out, [sweep])
+    try:
+        sweep = planned(offered[proposal - 1], _unused(measured.ids), measured)
+        text = escaped(f"{offered[proposal - 1]['text']}; it {promise(found, proposal - 1)}")
+    except (AttributeError, KeyError, TypeError, ValueError) as error:  # somebody's own diagnosis.json
+        raise InputError("holds no proposal psafit could have made", "diagnose again", file=run / RESULT) from error
+    with filling(out):
+        write_experiment(measured, out, [sweep])
+        read_plan(out)  # a ball twice as heavy may be beyond what an experiment can hold
     if not quiet:
-        place, file = shown_path(out), shown_path(out / f"group{len(experiment.groups) + 1}.csv")
-        click.echo(f"group {sweep.id}: {chosen['text']}")
-        click.echo(f"what is expected: psafit simulate {place} --run {shown_path(run)} --plot plan.png")
-        click.echo(f"once measured, put a column launch_range_um into {file}, then: psafit diagnose {place}")
+        place, file, fitted = (shlex.quote(shown_path(p)) for p in (out, out / sweep.file, run))
+        click.echo(f"group {sweep.id}: {text}")
+        click.echo(f"what is expected: psafit simulate {place} --run {fitted} --plot plan.png")
+        columns = "a column launch_range_um" + ("" if sweep.sigma_um is None else ", and your sigma_um,")
+        click.echo(f"once measured, put {columns} into {file}, then: psafit diagnose {place}")
     return DONE
 
 

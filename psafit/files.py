@@ -221,10 +221,24 @@ def ensure_writable(path: Path, option: str, *, folder: bool = False, inputs: It
             pass
 
 
-def refuse_filled(folder: Path) -> None:
-    """Raise `InputError` where a folder to be made holds something."""
-    if folder.is_dir() and any(folder.iterdir()):
-        raise InputError("holds something already", "give the name of a new folder", file=folder)
+@contextmanager
+def filling(folder: Path) -> Iterator[None]:
+    """Fill a new folder, or leave things as they were; `InputError` where it holds something already."""
+    if folder.is_dir():
+        if not all(map(is_temporary, folder.iterdir())):
+            raise InputError("holds something already", "give the name of a new folder", file=folder)
+        remove_temporaries(folder)
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        for path in folder.iterdir() if folder.is_dir() else ():
+            path.unlink()
+        for place in missing:
+            with suppress(OSError):
+                place.rmdir()
+        raise
 
 
 def usual_folder(experiment: Path, *what: str) -> Path:

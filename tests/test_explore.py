@@ -36,6 +36,7 @@ from psafit.experiment import (
     read_plan,
     session_name,
     write_experiment,
+    writer,
 )
 from psafit.files import sole, usual_fit_folder
 from psafit.inference import emcee_adaptor
@@ -469,8 +470,11 @@ def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path
     both = zip(read_experiment(drawn).groups, simulated.groups, strict=True)
     ratio = np.concatenate([d.launch_range_um / e.launch_range_um for d, e in both])
     assert 0.03 < (ratio - 1).std() < 0.06 and abs(ratio.mean() - 1) < 0.02
+    assert "k_c = " in read_experiment(drawn).source and "seed 3" in read_experiment(drawn).source
     for words, said in (
         (["--seed", 3], "--seed scatters what --readings writes"),
+        (["--readings", tmp_path / "n", "--json", tmp_path / "n" / "group1.csv"], "lies in --readings"),
+        (["--readings", tmp_path / "n" / "below", "--out", tmp_path / "n"], "lies in --readings, or that in --out"),
         (["--readings", exact], "holds something already"),
         (["--readings", tmp_path / "n", "--set", "nu=3"], "it is of the scatter: add --readings FOLDER --seed N"),
         (["--readings", tmp_path / "n", "--seed", 1, "--set", "nu=300"], "nu = 300 is impossible"),
@@ -478,6 +482,59 @@ def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path
         assert run(monkeypatch, "simulate", known_folder, *words) == 2
         error = capsys.readouterr().err
         assert said in error and error.count("\n") == 1 and not (tmp_path / "n").exists()
+
+
+def test_sessions_of_simulated_readings_have_their_own_gains(known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """With a seed as the model believes, but for those that are given; else none."""
+    words = ["simulate", known_folder, "--quiet", "--terms", "reading_gain", "--set", "reading_gain_spread=0.5"]
+    small = ("--set", "sigma_rel=0.001", "--set", "sigma_abs=0.001", "--set", "reading_gain_z_2=-1")
+    assert run(monkeypatch, *words, "--readings", tmp_path / "none") == 0
+    assert run(monkeypatch, *words, "--readings", tmp_path / "own", "--seed", 3, *small) == 0
+    pairs = zip(*(read_experiment(tmp_path / name).groups for name in ("own", "none")), strict=True)
+    gains = [float(np.median(own.launch_range_um / none.launch_range_um)) for own, none in pairs]
+    assert gains[1] == pytest.approx(np.exp(-0.5), rel=0.01)
+    assert min(abs(np.log(gains[k])) for k in (0, 2)) > 0.01 and gains[0] != pytest.approx(gains[2], rel=0.01)
+
+
+def test_a_folder_that_cannot_be_filled_is_as_it_was(  # type: ignore[no-untyped-def]
+    diagnosis: tuple[Path, Experiment], known_folder: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    folder = shutil.copytree(diagnosis[0], tmp_path / "run")
+    write_experiment(diagnosis[1], folder / "experiment")
+    write = writer.write_atomically
+    commands = (["plan", folder, "--out"], ["simulate", known_folder, "--readings"])
+    for wrong in (InputError("cannot be written (No space left on device)", "make room"), KeyboardInterrupt()):
+
+        def full(path: Path, content: bytes, wrong: BaseException = wrong) -> None:
+            if path.suffix == ".toml":
+                raise wrong
+            write(path, content)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(writer, "write_atomically", full)
+            for words in commands:
+                assert run(monkeypatch, *words, tmp_path / "deep" / "new") == 2 and not (tmp_path / "deep").exists()
+    for words in commands:
+        (tmp_path / words[0]).mkdir()
+        (tmp_path / words[0] / ".group1.csv.7.tmp").write_text("killed")
+        assert run(monkeypatch, *words, tmp_path / words[0]) == 0 and read_plan(tmp_path / words[0]).groups
+    # What an experiment cannot hold is not left there either.
+    far = ("--set", "k_c=1e9", "--readings", tmp_path / "far")
+    text = (known_folder / "experiment.toml").read_text("utf-8")
+    kite = shutil.copytree(known_folder, tmp_path / "kite")
+    (kite / "experiment.toml").write_text(text.replace("l = 0.09", "l = 9e6").replace("q = 1.2e-07", "q = 1e-3"))
+    capsys.readouterr()
+    assert run(monkeypatch, "simulate", kite, *far) == 2 and not (tmp_path / "far").exists()
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_planned_group_keeps_its_uncertainty(known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    folder = shutil.copytree(known_folder, tmp_path / "plan")
+    first = read_plan(folder).groups[0]
+    (folder / first.file).write_text("frequency_hz,amplitude_v,sigma_um\n500,20,2\n900,20,3\n", "utf-8")
+    assert run(monkeypatch, "simulate", folder, "--quiet", "--readings", tmp_path / "made", "--seed", 1) == 0
+    made = read_experiment(tmp_path / "made").groups[0].sigma_um
+    assert made is not None and made.tolist() == [2.0, 3.0]
 
 
 def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -497,6 +554,13 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
     assert read_experiment(tmp_path / "next").group(new.id).rig(experiment.constants).l == 0.075
     assert run(monkeypatch, "plan", folder, "--proposal", 2, "--out", tmp_path / "other") == 0
     assert read_plan(tmp_path / "other").groups[-1].waveform == "square"
+    spoilt, forged = (shutil.copytree(folder, tmp_path / name) for name in ("spoilt", "forged"))
+    write_experiment(experiment.with_readings(np.concatenate([g.launch_range_um for g in experiment.groups]) + 1),
+                     spoilt / "experiment")  # fmt: skip
+    record = make_record(experiment)
+    bad = {**record.next_experiment["proposals"][0], "frequency_hz": [-1.0, 5.0]}
+    odd = replace(record, next_experiment=record.next_experiment | {"proposals": [bad]})
+    write_json(forged / "diagnosis.json", odd, sealed=True)
     nothing = shutil.copytree(folder, tmp_path / "nothing")
     write_json(nothing / "diagnosis.json", replace(make_record(experiment), next_experiment={}), sealed=True)
     capsys.readouterr()
@@ -504,7 +568,9 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
         ([folder, "--out", tmp_path / "next"], "holds something already"),
         ([folder, "--proposal", 3, "--out", tmp_path / "x"], "--proposal 3: there are 2"),
         ([nothing, "--out", tmp_path / "x"], "proposes no measurement"),
-        ([diagnosis[0], "--out", tmp_path / "x"], "no such experiment folder"),
+        ([diagnosis[0], "--out", tmp_path / "x"], "keeps no measurements; name them with --experiment EXP"),
+        ([spoilt, "--out", tmp_path / "x"], "is not the experiment that was diagnosed"),
+        ([forged, "--out", tmp_path / "x"], "holds no proposal psafit could have made"),
         ([tmp_path, "--out", tmp_path / "x"], "lies in the input"),
     ):
         assert run(monkeypatch, "plan", *words) == 2

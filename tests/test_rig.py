@@ -107,8 +107,16 @@ def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, caps
     told = capsys.readouterr()
     assert told.out.startswith("EXAMPLE, replace")
     # What is still the example's is said, and no longer once it is not.
-    assert told.err.count("\n") == 3 and "source is still that of the example" in told.err
-    assert all(f"example_{name}.csv: these readings are the example's" in told.err for name in ("sine", "square"))
+    assert told.err.count("\n") == 4 and "source is still that of the example" in told.err
+    assert all(f"example_{name}.csv: group {k}: these readings are the example's" in told.err
+               for k, name in ((1, "sine"), (2, "square")))  # fmt: skip
+    assert "all six constants are the example's" in told.err
+    # The same numbers in another spelling are the same numbers.
+    sine = folder / "example_sine.csv"
+    before = sine.read_bytes()
+    sine.write_bytes(before.replace(b"\n", b"\r\n"))
+    assert run(monkeypatch, "check", folder) == 0 and capsys.readouterr().err.count("\n") == 4
+    sine.write_bytes(before)
     made = read_experiment(folder)
     assert len(made.groups) == 2 and all(g.file.startswith("example_") for g in made.groups)
     # Everything there is to give has a line that explains it.

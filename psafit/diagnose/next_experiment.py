@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Conditions, Constants, GroupId, changes_text
+from psafit.experiment import Conditions, Constants, Experiment, GroupId, changes_text
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
-from psafit.inference.problem import MICRO
+from psafit.inference.problem import MICRO, Problem
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 
@@ -374,11 +374,39 @@ def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArr
     return -0.5 * np.log(np.clip(left, 1e-3, 1.0)), 0.5 * error / np.clip(left, 1e-3, None)
 
 
-def planned(proposal: Mapping[str, Any], id: GroupId) -> Conditions:
-    """The sweep that a proposal of a result file asks for, in numbers that can be set on a generator."""
-    f, v = ([float(f"{x:.6g}") for x in proposal[name]] for name in ("frequency_hz", "amplitude_v"))
-    changed = tuple(proposal["constants"].items())
-    return Conditions(id, proposal["waveform"], "", np.array(f), np.array(v), changed=changed)
+def planned(proposal: Mapping[str, Any], id: GroupId, measured: Experiment) -> Conditions:
+    """The sweep that a proposal of a result file asks for, as a group of what was measured.
+
+    In numbers that can be set on a generator, and with the readings' usual uncertainty where each states one.
+    """
+    f, v = map(_settable, (proposal["frequency_hz"], proposal["amplitude_v"]))
+    usual = Problem(measured, measured.ids).usual_sigma
+    return Conditions(
+        id,
+        proposal["waveform"],
+        "planned.csv",
+        f,
+        v,
+        changed=tuple(proposal["constants"].items()),
+        sigma_um=None if usual is None else np.full(f.size, usual),
+    )
+
+
+def _settable(values: Sequence[float]) -> FloatArray:
+    """Six digits of each, between the least and the greatest."""
+    return np.clip([float(f"{x:.6g}") for x in values], min(values), max(values))
+
+
+def promise(found: Mapping[str, Any], which: int) -> str:
+    """What one of the proposals in a result file is expected to do, in words."""
+    one = found["proposals"][which]
+    size = f"{one['separation']:.2g} +- {one['error']:.1g}"
+    does = (
+        f"{found['about']}, by {size} nats on average"
+        if tells_apart(found)
+        else f"{found['about']}: the logarithm of its standard deviation falls by {size}"
+    )
+    return does + ("" if recommended(found) else ", hardly worth the measurement")
 
 
 def as_dict(found: Iterable[Proposal], about: str) -> dict[str, object]:

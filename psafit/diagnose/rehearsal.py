@@ -158,7 +158,7 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     readings = np.maximum(noise.draw(ranges, problem.noise_values(u), known, rng), 0.0)[0]
     waveform: Waveform = "square" if proposal.waveform == "square" else "sine"
     changed = tuple(proposal.constants.items())
-    return Group(NEW, waveform, "", frequency, voltage, readings, known, changed=changed)
+    return Group(NEW, waveform, "", frequency, voltage, readings, changed=changed, sigma_um=known)
 
 
 def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> Candidate:

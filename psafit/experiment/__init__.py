@@ -78,8 +78,7 @@ def read_experiment(folder: str | Path) -> Experiment:
     title = definition.text("title", folder.resolve().name)
     source = definition.text("source", "")
     constants = definition.constants()
-    declared = definition.groups()
-    groups = tuple(Group(d.id, d.waveform, d.file, changed=d.changed, **read_csv(d.path)) for d in declared)
+    groups = tuple(Group(d.id, d.waveform, d.file, changed=d.changed, **read_csv(d.path)) for d in definition.groups())
     rigs = dict.fromkeys([constants, *(g.rig(constants) for g in groups)])
     warnings = () if source else (f"{DEFINITION}: no source; say where the measurements come from",)
     return Experiment(
@@ -93,7 +92,7 @@ def read_experiment(folder: str | Path) -> Experiment:
         beliefs=definition.beliefs(),
         warnings=(
             *warnings,
-            *left_from_example(title, source, [d.path for d in declared]),
+            *left_from_example(title, source, constants, groups),
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
             *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
         ),
@@ -127,11 +126,9 @@ class Plan:
         It has no folder yet.
         """
         parts = np.split(launch_range_um, np.cumsum([g.n_points for g in self.groups])[:-1])
-        told = ("id", "waveform", "file", "frequency_hz", "amplitude_v", "changed")
+        told = [f.name for f in fields(Conditions)]
         groups = tuple(
-            Group(
-                **{name: getattr(g, name) for name in told}, launch_range_um=um, sigma_um=getattr(g, "sigma_um", None)
-            )
+            Group(**{k: getattr(g, k) for k in told}, launch_range_um=um)
             for g, um in zip(self.groups, parts, strict=True)
         )
         known = fingerprint(self.constants, groups)

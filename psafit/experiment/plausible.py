@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
-from pathlib import Path
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import as_file, files
 
+import numpy as np
+
+from psafit.arrays import FloatArray
 from psafit.experiment.records import DEFINITION, Constants, Group
+from psafit.experiment.table import read_csv
 from psafit.experiment.text import one_line
 
-_EXAMPLE = "EXAMPLE, replace"
+_EXAMPLE = "EXAMPLE, replace:"
+_EXAMPLE_RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit.
 _PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
     "M": (1e-6, 10.0, "kg", "grams"),
@@ -20,16 +26,29 @@ _PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
 }
 
 
-def left_from_example(title: str, source: str, tables: list[Path]) -> list[str]:
-    """One line for what is still the example's: words of the definition, and files of readings."""
+def left_from_example(title: str, source: str, constants: Constants, groups: Sequence[Group]) -> list[str]:
+    """One line for what is still the example's: words and constants of the definition, and readings."""
     found = []
     if any(text.startswith(_EXAMPLE) for text in (title, source)):
         found.append(f"{DEFINITION}: title or source is still that of the example; replace it")
-    for table in tables:
-        template = files("psafit").joinpath("templates", table.name)
-        if template.is_file() and template.read_bytes() == table.read_bytes():
-            found.append(one_line(f"{table.name}: these readings are the example's; put in your own"))
+    there = [g for g in groups if any(_same_readings(g, template) for template in _templates())]
+    found += [one_line(f"{g.file}: group {g.id}: these readings are the example's; put in your own") for g in there]
+    if found and constants == _EXAMPLE_RIG:
+        found.append(f"{DEFINITION}: all six constants are the example's; put in your rig's")
     return found
+
+
+@cache
+def _templates() -> tuple[dict[str, FloatArray], ...]:
+    """The columns of the readings that `psafit new` writes."""
+    folder = files("psafit").joinpath("templates")
+    parts = sorted(part.name for part in folder.iterdir() if part.name.endswith(".csv"))
+    with as_file(folder) as place:
+        return tuple(read_csv(place / name) for name in parts)
+
+
+def _same_readings(group: Group, columns: dict[str, FloatArray]) -> bool:
+    return all(np.array_equal(getattr(group, name), column) for name, column in columns.items())
 
 
 def suspicious_constants(constants: Constants) -> list[str]:

@@ -67,6 +67,8 @@ class Conditions:
         Drive frequency (> 0) and amplitude (>= 0).
     changed : tuple of (str, float)
         Constants of the rig that were others in this sweep, SI, in the order of `Constants`.
+    sigma_um : (n_points,) array, um, optional
+        Known standard uncertainty of each reading (> 0).
 
     Raises
     ------
@@ -80,6 +82,7 @@ class Conditions:
     frequency_hz: FloatArray
     amplitude_v: FloatArray
     changed: tuple[tuple[str, float], ...] = field(default=(), kw_only=True)
+    sigma_um: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
@@ -132,12 +135,9 @@ class Group(Conditions):
     ----------
     launch_range_um : (n_points,) array, um
         Measured launch range (>= 0).
-    sigma_um : (n_points,) array, um, optional
-        Known standard uncertainty of each reading (> 0).
     """
 
     launch_range_um: FloatArray
-    sigma_um: FloatArray | None = None
 
 
 def session_name(name: str, id: GroupId) -> str:

@@ -26,7 +26,7 @@ def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Con
     folder : Path
         Made if needed.
     planned : sequence of Conditions, optional
-        Sweeps yet to be measured, behind the groups: their files have no readings.
+        Sweeps yet to be measured, behind the groups, each in its own file, which has no readings.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Con
         numbers = [f"{f.name} = {getattr(belief.prior, f.name)!r}" for f in fields(belief.prior) if f.init]
         lines += ["", f"[prior.{_quoted(belief.name)}]", *numbers, f"source = {_quoted(belief.source)}"]
     for number, group in enumerate([*experiment.groups, *planned], 1):
-        name = f"group{number}.csv"
+        name = group.file if group in planned else f"group{number}.csv"
         write_atomically(folder / name, _table(group).encode())
         group_id = group.id if isinstance(group.id, int) else _quoted(group.id)
         lines += [
