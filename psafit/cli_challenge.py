@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -23,6 +23,9 @@ from psafit.cli import (
 )
 from psafit.errors import LARGEST_SEED, InputError
 
+if TYPE_CHECKING:
+    from psafit.experiment import Experiment
+
 _SEED = click.option("--seed", type=click.IntRange(0, LARGEST_SEED), required=True, help="Everything is drawn from it.")
 _COUNT = click.IntRange(0, 10_000)
 _JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes.")
@@ -38,6 +41,15 @@ _DESIGN = click.option(
 def _asked(name: str) -> bool:
     """Whether an option stands on the command line: what has no effect there is refused, not dropped."""
     return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
+
+
+def _conditions(experiment: Path) -> Experiment:
+    """The experiment whose conditions are simulated."""
+    from psafit.experiment import read_experiment
+
+    if not _asked("experiment") and not experiment.exists():
+        raise InputError(f"there is no {experiment} here", "say whose conditions to simulate: --experiment EXP")
+    return read_experiment(experiment)
 
 
 @click.group(cls=Group, short_help="Hide effects, and measure how well a diagnosis finds them.")
@@ -74,13 +86,12 @@ def make(
     """
     from psafit.challenge.answer import ANSWER, EXPERIMENT
     from psafit.challenge.hide import make as hide
-    from psafit.experiment import read_experiment
 
     refuse_run_file(json_file, out)
     if drawn_design and _asked("experiment"):
         raise InputError("--experiment and --drawn-design are both given", "give one: whose conditions, or drawn ones")
     chosen = None if ids is None else [t.id for t in causes(ids)]
-    design = None if drawn_design else read_experiment(experiment)
+    design = None if drawn_design else _conditions(experiment)
     made = hide(seed, out, design_of=design, kind=kind, terms=chosen, strength=strength, jobs=jobs)
     content = {
         "experiment": str(made.folder / EXPERIMENT),
@@ -132,14 +143,13 @@ def run(
     """
     from psafit.challenge.campaign import plan
     from psafit.challenge.campaign import run as run_campaign
-    from psafit.experiment import read_experiment
     from psafit.files import portable_command
     from psafit.physics import TERMS
 
     refuse_run_file(json_file, out)
     if scheduler and _asked("jobs"):
         raise InputError("--jobs and --scheduler are both given", "give one: Dask's workers are set where they start")
-    data = read_experiment(experiment)
+    data = _conditions(experiment)
     chosen = None if ids is None else [t.id for t in causes(ids)]
     if pairs and _asked("pairs") and len(chosen or TERMS) < 2:
         raise InputError("a pair of one cause is asked for", "name more with --terms, or give --pairs 0")

@@ -194,7 +194,7 @@ def test_terms(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-
 
     assert run(monkeypatch, "terms", "--json", tmp_path / "t.json") == 0
     said = capsys.readouterr().out.splitlines()
-    assert max(len(line) for line in said) <= 120
+    assert max(len(line) for line in said) <= 120 and any("sigma_abs (um)" in line for line in said)
     assert [line.split()[0] for line in said if line.startswith("  ") and line[2] != " "] == [t.id for t in TERMS]
     listed = json.loads((tmp_path / "t.json").read_text())
     assert [entry["id"] for entry in listed] == [t.id for t in TERMS]
@@ -222,6 +222,10 @@ def test_one_cause_in_full(tmp_path: Path, monkeypatch, capsys) -> None:  # type
     assert run(monkeypatch, "terms", "gap", "--quiet", "--json", tmp_path / "t.json") == 0
     assert capsys.readouterr().out == ""
     assert [entry["id"] for entry in json.loads((tmp_path / "t.json").read_text())] == ["gap"]
+    assert run(monkeypatch, "terms", "gap_width") == 0 and capsys.readouterr().out.startswith("gap: ")
+    assert run(monkeypatch, "terms", "k_c", "--json", tmp_path / "p.json") == 0
+    assert "k_c (N/m): contact stiffness" in capsys.readouterr().out
+    assert [entry["name"] for entry in json.loads((tmp_path / "p.json").read_text())] == ["k_c"]
     assert run(monkeypatch, "terms", "hertz") == 2
     assert "did you mean hertz_exponent" in capsys.readouterr().err
 

@@ -400,11 +400,10 @@ def _settable(values: Sequence[float]) -> FloatArray:
 def promise(found: Mapping[str, Any], which: int) -> str:
     """What one of the proposals in a result file is expected to do, in words."""
     one = found["proposals"][which]
-    size = f"{one['separation']:.2g} +- {one['error']:.1g}"
     does = (
-        f"{found['about']}, by {size} nats on average"
+        f"{found['about']}, by {one['separation']:.2g} +- {one['error']:.1g} nats on average"
         if tells_apart(found)
-        else f"{found['about']}: the logarithm of its standard deviation falls by {size}"
+        else f"{found['about']}: narrower by {-100 * math.expm1(-one['separation']):.0f} %"
     )
     return does + ("" if recommended(found) else ", hardly worth the measurement")
 

@@ -83,7 +83,7 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     if not before.wrong and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         reasons.append(
             f"The tests find nothing wrong with the baseline (family-wise p = {before.p_value:.2g}), and it keeps"
-            f" {100 * nothing:.0f} % of what the catalogue's models have together."
+            f" {100 * nothing:.3g} % of what the catalogue's models have together."
         )
         return Verdict("adequate", (), (), probability, unnamed, inclusion, tuple(reasons))
 

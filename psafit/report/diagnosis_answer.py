@@ -16,6 +16,7 @@ from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.next_experiment import recommended, tells_apart
 from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis
 from psafit.experiment import Experiment
+from psafit.inference import noise
 from psafit.physics import owner
 from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import TITLES, model, symbol
@@ -39,6 +40,7 @@ _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "
 _WORTH_SAYING = 0.05
 # Causes of a set from which on one like it is told by what differs.
 _LARGE = 3
+_SCATTER = frozenset(p.name for p in noise.PARAMETERS)
 
 
 def examined(result: Diagnosis, experiment: Experiment) -> Markup:
@@ -144,10 +146,12 @@ def _instead(named: Sequence[str], ids: Sequence[str]) -> Markup | str:
 
 def _implausible(result: Diagnosis) -> Markup:
     leader = words.listed_leader(result)
-    if not leader or not leader.implausible:
+    # The scatter is the readings', not the rig's.
+    odd = [name for name in leader.implausible if name not in _SCATTER] if leader else []
+    if not odd:
         return Markup("")
     return Markup(" <strong>{}</strong> of what is named first would surprise whoever knows such rigs: {}.").format(
-        count(len(leader.implausible), "value"), _by_cause({name: symbol(name) for name in leader.implausible})
+        count(len(odd), "value"), _by_cause({name: symbol(name) for name in odd})
     )
 
 

@@ -40,6 +40,8 @@ from psafit.report.wording import (
 
 _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 10, 8, 12
 _COVARIATES: Final = {**SWEPT, "range": "launch range", "order": "order in each session"}
+# Share of its prior below a relative scatter from which on it is told as widened.
+_WIDENED = 0.9
 _SURELY: Final = 2.576 / (2 * 1.645)  # half of a 99 % interval by the width of a 90 % one
 _SCREENED: Final = {
     "present": "bad",
@@ -78,6 +80,18 @@ def growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
     conditions = {str(g.id): figures.sweep_of(g).condition for g in experiment.groups}
     zeros = {str(g.id): int(np.count_nonzero(g.launch_range_um == 0)) for g in experiment.groups}
     return diagnosis_pictures.growth_pictures(before, after, conditions, zeros)
+
+
+def without_growth(result: Diagnosis) -> Markup | None:
+    """Groups of which no local exponent can be told."""
+    none = [g["group"] for g in result.show.get("baseline", {}).get("growth", []) if not g["at"]]
+    return words.group_ids(none) if none else None
+
+
+def scatter(result: Diagnosis) -> str | None:
+    """The relative scatter with which the baseline was fitted, where its prior finds that much."""
+    p = next((c.parameters.get("sigma_rel") for c in result.causes if not c.terms), None)
+    return percent(p["median"]) if p and known(p.get("prior_share")) > _WIDENED else None
 
 
 def drift_rows(result: Diagnosis) -> list[list[Any]]:

@@ -17,8 +17,8 @@ def declaration(term: Term) -> CauseEntry:
         title=term.title,
         equation=term.equation,
         description=term.description.strip(),
-        parameters=[_entry(p) for p in term.parameters],
-        latent=_entry(term.latent) if term.latent else None,
+        parameters=[entry(p) for p in term.parameters],
+        latent=entry(term.latent) if term.latent else None,
         symptom=SymptomEntry(
             symptom.text, symptom.sign, symptom.frequency, symptom.amplitude, list(symptom.waveforms)
         ),
@@ -29,6 +29,7 @@ def declaration(term: Term) -> CauseEntry:
     )  # fmt: skip
 
 
-def _entry(p: Parameter) -> CauseParameterEntry:
+def entry(p: Parameter) -> CauseParameterEntry:
+    """Everything a parameter declares."""
     bounds = [p.bounds.lower, p.bounds.upper]
     return CauseParameterEntry(p.name, p.symbol, p.unit, p.neutral, bounds, p.prior.describe(), p.description, p.source)
