@@ -1142,6 +1142,27 @@ def test_the_same_experiment_again_tells_what_it_can_separate(hidden):
     assert np.sqrt(np.mean(np.log(double / (1 - double)) ** 2)) < 0.6  # nats by which evidences err
 
 
+def test_where_a_cause_was_held_by_cliffs_the_others_are_looked_over(hidden):
+    """Else the one that a look had raised would lead over others that nobody looked at."""
+    search = ladder._Search(hidden.baseline.problem, FEW, 1, Memory(None), lambda *a: None)
+    search.fitted = {c.ids: c for c in hidden.candidates if len(c.terms) < 2}
+    truth, rival = (search.fitted[(id,)] for id in ("amplifier_lag", "flight_friction"))
+
+    def held(c):
+        moved = c.modes[:1].copy()
+        moved[0, 0] += 0.06
+        return settle_at(c.problem, moved)
+
+    search.fitted[rival.ids] = held(rival)
+    assert search.fitted[rival.ids].height < rival.height - 5
+    assert rival.ids not in {c.ids for c in search._finalists()}
+    search._scout()
+    assert search.fitted[rival.ids].height < rival.height - 5
+    search.fitted[truth.ids] = held(truth)
+    assert search._take(truth)
+    assert search._scout() and search.fitted[rival.ids].height > rival.height - 1
+
+
 def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
     one = settle_at(hidden.leader.problem, hidden.leader.modes[:1])
     assert one.laplace_apart == pytest.approx(one.laplace)

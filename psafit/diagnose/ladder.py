@@ -96,6 +96,9 @@ _WEIGHED = 4
 _GLANCE, _PART_DOUBT = 4, 30.0
 # A draw this far above the optimum (nats) says that the climb had not arrived.
 _HIGHER = 0.5
+# A single cause that rises by this (nats) after it was fitted was held by cliffs; others that are no further behind may
+# be, too: rises of up to 70 nats were seen.
+_CLIFF, _BEHIND_CLIFFS = 3.0, 80.0
 # A start this far (nats) below a model's optimum may lead above it.
 _WITHIN_REACH = 200.0
 # Error of Laplace's evidence (nats), as seen against importance sampling; draws over which probabilities are averaged.
@@ -277,6 +280,7 @@ class _Search:
         self._rounds: dict[Ids, int] = {}
         self._refined: set[Ids] = set()
         self._scouted: set[Ids] = set()
+        self._cliffs = False
         self._alone: dict[str, float] = {}
         self._memory, self._progress = memory, progress
 
@@ -405,6 +409,7 @@ class _Search:
         known = self.fitted.get(found.ids)
         if known is not None and found.height <= known.height + _HIGHER:
             return False
+        self._cliffs |= known is not None and len(known.terms) == 1 and found.height > known.height + _CLIFF
         self.fitted[found.ids] = found
         self.weighed.pop(found.ids, None)
         self._refined.discard(found.ids)
@@ -545,9 +550,21 @@ class _Search:
         return replace(found, beside=tuple(self._screened(found.leader)))
 
     def _scout(self) -> bool:
-        """Look for other hills of the finalists; whether one was higher."""
+        """Look for other hills of the finalists; whether one was higher.
+
+        Where cliffs have held the climb of a single cause, those of others were held, too: to look at the finalists
+        alone would crown whichever came across by luck.
+        """
+        higher = self._looked_over(self._finalists())
+        if self._cliffs:
+            alone = [c for c in self.fitted.values() if len(c.terms) == 1]
+            higher |= self._looked_over([c for c in alone if self._worth(c) > self._best() - _BEHIND_CLIFFS])
+        return higher
+
+    def _looked_over(self, candidates: Sequence[Candidate]) -> bool:
+        """Look for other hills of some models; whether one was higher."""
         higher = False
-        for c in self._finalists():
+        for c in candidates:
             if c.ids in self._scouted:
                 continue
             self._scouted.add(c.ids)
