@@ -86,7 +86,7 @@ def test_posterior_is_batched_and_bounded(problem: Problem) -> None:
 def test_known_sigma_enters_per_group(known: Experiment) -> None:
     first = known.groups[0]
     with_sigma = Group(1, first.waveform, first.file, first.frequency_hz, first.amplitude_v, first.launch_range_um,
-                       np.full(first.n_points, 0.5))  # fmt: skip
+                       sigma_um=np.full(first.n_points, 0.5))  # fmt: skip
     mixed = Experiment("t", "s", known.constants, (with_sigma, known.groups[1]), known.folder, "f")
     sigma = Problem(mixed, (1, 2)).known_sigma
     assert sigma is not None

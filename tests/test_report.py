@@ -55,7 +55,7 @@ def make_group(group_id, frequency, amplitude, measured, waveform="sine", sigma=
         np.broadcast_to(np.asarray(frequency, float), n).copy(),
         np.broadcast_to(np.asarray(amplitude, float), n).copy(),
         np.asarray(measured, float),
-        sigma,
+        sigma_um=sigma,
     )
 
 

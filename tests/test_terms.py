@@ -32,7 +32,7 @@ def rig(ids: list[str], values: list[float], seed: int, scatter: float = 0.02) -
     for id, (f, v) in enumerate(conditions, start=1):
         clean = simulate(Design.sweep(RIG, "sine", f, v), [*TRUTH, *values], terms(ids)).launch_range[0] * 1e6
         read = np.maximum(clean * (1 + scatter * rng.standard_normal(f.size)), 0.0)
-        groups.append(Group(id, "sine", f"g{id}.csv", f, v, read, None))
+        groups.append(Group(id, "sine", f"g{id}.csv", f, v, read))
     return Experiment("made up", "a simulation", RIG, tuple(groups), Path("made-up"), fingerprint(RIG, groups))
 
 
