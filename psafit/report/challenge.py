@@ -129,6 +129,7 @@ def _sentences(score: Score) -> list[Markup]:
         Markup("{} (wanted {}, found {})").format(t.what, _held(t.target), _share(t.value)) for t in missed
     )
     alarms, seen = score.false_alarms, [r for r in score.rows if r.kind != "nothing" and r.gain >= SEEN_NATS]
+    inexact = [r for r in seen if r.missed]
     return [
         Markup(
             "<strong>Asked:</strong> {} with a known truth {} diagnosed{}. Strength is what an oracle gains, in nats:"
@@ -138,9 +139,9 @@ def _sentences(score: Score) -> list[Markup]:
             Markup("Not in: {}.").format(told) if missed else _every(score)
         ),
         Markup(
-            "<strong>What goes wrong?</strong> False alarms: {} of {} with nothing hidden. Missed: {} of {} that an"
-            " oracle sees with {} nats or more."
-        ).format(alarms.k, alarms.n, sum(r.missed for r in seen), len(seen), f"{SEEN_NATS:g}"),
+            "<strong>What goes wrong?</strong> False alarms: {} of {} with nothing hidden. Of {} effects that an oracle"
+            " sees with {} nats or more {} were not named exactly; of these {} had the truth in the set."
+        ).format(alarms.k, alarms.n, len(seen), f"{SEEN_NATS:g}", len(inexact), sum(r.in_set for r in inexact)),
     ]
 
 
