@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from psafit.challenge.hide import make
 from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment, pruning
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.gain import over_groups, split, summarise, worse
@@ -1161,6 +1162,18 @@ def test_where_a_cause_was_held_by_cliffs_the_others_are_looked_over(hidden):
     search.fitted[truth.ids] = held(truth)
     assert search._take(truth)
     assert search._scout() and search.fitted[rival.ids].height > rival.height - 1
+
+
+def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
+    """Friction leads away by 400 nats; the baseline's best hill has 20 um of scatter and another contact."""
+    design = read_experiment(Path(__file__).parents[1] / "experiments" / "psa")
+    causes = ["hunt_crossley", "flight_friction"]
+    make(2886276895, tmp_path, design_of=design, kind="two", terms=causes, believed=True)
+    data = read_experiment(tmp_path / "experiment")
+    plain = Problem(data, data.ids)
+    there = plain.to_sampling(np.array([2.78e7, 4.15e4, 339.0, 0.0169, 19.5, 15.6]))
+    top = ascend(plain, there[None]).height[0]
+    assert fit(plain, (), seed=1, draws=1024, most=24).height > top - 0.5
 
 
 def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):

@@ -41,8 +41,9 @@ _TRIAL, _REST = 6, 60
 _PROMISING, _MOST_BASINS = 20.0, 3
 # Quantiles of a strength's prior at which a smaller model's optimum is a start for a larger one.
 _STRENGTHS = (0.05, 0.25, 0.5, 0.75, 0.95)
-# Scatter tried for a prediction: quantiles of each parameter's prior.
-_SCATTER = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985)
+# Scatter tried for a prediction: quantiles of each parameter's prior. The last is for a model that misses the readings
+# by far: it may fit best where they are nothing but scatter, and no climb from a small one comes there.
+_SCATTER = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985, 0.99999)
 _TAILS = (0.2, 0.8)
 # What stands for a residual or a height that is not finite: worse than any, and its square still a number.
 _WORST = 1e12
