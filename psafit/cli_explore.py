@@ -61,7 +61,7 @@ def simulate(
     """
     import numpy as np
 
-    from psafit.experiment import Group, read_plan
+    from psafit.experiment import Group, by_group, read_plan
     from psafit.files import write_atomically
     from psafit.inference import noise
     from psafit.simulate import Design
@@ -85,7 +85,7 @@ def simulate(
     model = list(theta.values())[: len(theta) - len(scatter)]
     result = simulate_batch(Design.of(plan.constants, groups), np.array(model), chosen)
     micrometres = result.launch_range[0] * 1e6
-    each = np.split(micrometres, np.cumsum([g.n_points for g in groups])[:-1])
+    each = by_group(groups, micrometres)
     rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
     for g, predicted in zip(groups, each, strict=True):
         measured = g.launch_range_um.tolist() if isinstance(g, Group) else [""] * g.n_points
@@ -145,13 +145,14 @@ def _write_readings(
     from psafit.experiment import read_experiment, write_experiment
     from psafit.files import filling
     from psafit.inference import noise
+    from psafit.inference.problem import Problem
 
     model = "+".join(["baseline", *(t.id for t in chosen)])
     drawn_from = "exact" if seed is None else f"scatter of seed {seed}"
     source = f"not measured: simulated by psafit {psafit.__version__}, {model}, {drawn_from}: {_values(theta)}"
     made = plan.with_readings(ranges_um, source)
     if seed is not None:
-        known = np.concatenate([np.zeros(g.n_points) if g.sigma_um is None else g.sigma_um for g in made.groups])
+        known = Problem(made, made.ids).known_sigma
         scatter = np.array([[theta[p.name] for p in noise.PARAMETERS]])
         drawn = noise.draw(ranges_um[None], scatter, known, np.random.default_rng(seed))[0]
         made = made.with_readings(np.maximum(drawn, 0.0))

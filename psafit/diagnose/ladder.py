@@ -557,8 +557,9 @@ class _Search:
         """
         higher = self._looked_over(self._finalists())
         if self._cliffs:
-            alone = [c for c in self.fitted.values() if len(c.terms) == 1]
-            higher |= self._looked_over([c for c in alone if self._worth(c) > self._best() - _BEHIND_CLIFFS])
+            least = self._best() - _BEHIND_CLIFFS
+            alone = [c for c in self.fitted.values() if len(c.terms) == 1 and self._worth(c) > least]
+            higher |= self._looked_over(alone)
         return higher
 
     def _looked_over(self, candidates: Sequence[Candidate]) -> bool:

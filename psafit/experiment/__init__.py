@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import numpy as np
-
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment.definition import Definition
@@ -25,9 +23,11 @@ from psafit.experiment.records import (
     Group,
     GroupId,
     Waveform,
+    by_group,
     changes_text,
     describe,
     fingerprint,
+    read_as,
     session_name,
 )
 from psafit.experiment.table import read_csv
@@ -45,6 +45,7 @@ __all__ = [
     "GroupId",
     "Plan",
     "Waveform",
+    "by_group",
     "changes_text",
     "describe",
     "fingerprint",
@@ -125,12 +126,7 @@ class Plan:
 
         It has no folder yet.
         """
-        parts = np.split(launch_range_um, np.cumsum([g.n_points for g in self.groups])[:-1])
-        told = [f.name for f in fields(Conditions)]
-        groups = tuple(
-            Group(**{k: getattr(g, k) for k in told}, launch_range_um=um)
-            for g, um in zip(self.groups, parts, strict=True)
-        )
+        groups = read_as(self.groups, launch_range_um)
         known = fingerprint(self.constants, groups)
         title = f"{self.title} (simulated)"
         return Experiment(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import as_file, files
@@ -14,7 +15,6 @@ from psafit.experiment.table import read_csv
 from psafit.experiment.text import one_line
 
 _EXAMPLE = "EXAMPLE, replace:"
-_EXAMPLE_RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit.
 _PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
     "M": (1e-6, 10.0, "kg", "grams"),
@@ -31,20 +31,20 @@ def left_from_example(title: str, source: str, constants: Constants, groups: Seq
     found = []
     if any(text.startswith(_EXAMPLE) for text in (title, source)):
         found.append(f"{DEFINITION}: title or source is still that of the example; replace it")
-    there = [g for g in groups if any(_same_readings(g, template) for template in _templates())]
+    rig, tables = _example()
+    there = [g for g in groups if any(_same_readings(g, table) for table in tables)]
     found += [one_line(f"{g.file}: group {g.id}: these readings are the example's; put in your own") for g in there]
-    if found and constants == _EXAMPLE_RIG:
+    if found and constants == rig:
         found.append(f"{DEFINITION}: all six constants are the example's; put in your rig's")
     return found
 
 
 @cache
-def _templates() -> tuple[dict[str, FloatArray], ...]:
-    """The columns of the readings that `psafit new` writes."""
-    folder = files("psafit").joinpath("templates")
-    parts = sorted(part.name for part in folder.iterdir() if part.name.endswith(".csv"))
-    with as_file(folder) as place:
-        return tuple(read_csv(place / name) for name in parts)
+def _example() -> tuple[Constants, list[dict[str, FloatArray]]]:
+    """The rig and the columns of the readings that `psafit new` writes."""
+    with as_file(files("psafit").joinpath("templates")) as place:
+        definition = tomllib.loads((place / DEFINITION).read_text("utf-8"))
+        return Constants(**definition["constants"]), [read_csv(place / g["file"]) for g in definition["group"]]
 
 
 def _same_readings(group: Group, columns: dict[str, FloatArray]) -> bool:

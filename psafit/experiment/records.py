@@ -6,7 +6,7 @@ import hashlib
 import math
 import re
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -140,6 +140,20 @@ class Group(Conditions):
     launch_range_um: FloatArray
 
 
+def by_group(groups: Iterable[Conditions], values: FloatArray) -> list[FloatArray]:
+    """Values, (n_points,), one group after the other, as one array a group."""
+    return np.split(values, np.cumsum([g.n_points for g in groups])[:-1])
+
+
+def read_as(groups: Sequence[Conditions], launch_range_um: FloatArray) -> tuple[Group, ...]:
+    """Sweeps, measured or planned, with these readings, (n_points,), one group after the other."""
+    kept = [f.name for f in fields(Conditions)]
+    return tuple(
+        Group(**{name: getattr(g, name) for name in kept}, launch_range_um=um)
+        for g, um in zip(groups, by_group(groups, launch_range_um), strict=True)
+    )
+
+
 def session_name(name: str, id: GroupId) -> str:
     """Name of what one session has for itself: `name`, and the session's id.
 
@@ -210,8 +224,7 @@ class Experiment:
 
     def with_readings(self, launch_range_um: FloatArray) -> Experiment:
         """The same with other readings, (n_points,), one group after the other."""
-        parts = np.split(launch_range_um, np.cumsum([g.n_points for g in self.groups])[:-1])
-        groups = tuple(replace(g, launch_range_um=um) for g, um in zip(self.groups, parts, strict=True))
+        groups = read_as(self.groups, launch_range_um)
         return replace(self, groups=groups, fingerprint=fingerprint(self.constants, groups))
 
 

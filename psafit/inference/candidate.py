@@ -82,7 +82,7 @@ class Candidate:
     curvature: FloatArray
     mass: FloatArray
 
-    @property
+    @cached_property
     def laplace(self) -> float:
         """Log evidence by Laplace's approximation: all modes together."""
         return float(logsumexp(self.mass))

@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import digamma, gammaln
-from scipy.stats import t as student
+from scipy.special import digamma, gammaln, stdtr
 
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, LogNormal, Parameter
@@ -102,7 +101,7 @@ def tail_score(z: FloatArray, nu: FloatArray) -> FloatArray:
 def cumulative(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:
     """Probability of a reading below the observed one; shape (n_sets, n_points)."""
     s = scale(predicted, noise, known)
-    return student.cdf((observed - predicted) / s, noise[:, 2:3])
+    return np.asarray(stdtr(noise[:, 2:3], (observed - predicted) / s))
 
 
 def draw(predicted: FloatArray, noise: FloatArray, known: FloatArray | None, rng: np.random.Generator) -> FloatArray:

@@ -142,20 +142,18 @@ def _study_ranges(
     parameters: ContactParameters, constants: Constants, step: float, total: float,
 ) -> FloatArray:  # fmt: skip
     """Launch ranges of the study's scheme, um."""
-    return 1e6 * np.array(
-        [
-            rk4_launch(
-                Point(waveform, float(f), float(v)),
-                parameters,
-                constants,
-                step,
-                total,
-                square=reading.square,
-                interpolate=reading.interpolate,
-            ).launch_range
-            for f, v in zip(frequency, amplitude, strict=True)
-        ]
+    points = [Point(waveform, float(f), float(v)) for f, v in zip(frequency, amplitude, strict=True)]
+    return np.array([_study_range(p, reading, parameters, constants, step, total) for p in points])
+
+
+def _study_range(
+    point: Point, reading: _Reading, parameters: ContactParameters, constants: Constants, step: float, total: float
+) -> float:
+    """One of them."""
+    launch = rk4_launch(
+        point, parameters, constants, step, total, square=reading.square, interpolate=reading.interpolate
     )
+    return 1e6 * launch.launch_range
 
 
 def _sweep(
@@ -274,20 +272,8 @@ def _rounding_ranges(
     )
     out = []
     for text, point, reading in cases:
-        stepped = 1e6 * np.array(
-            [
-                rk4_launch(
-                    point,
-                    ContactParameters(*map(float, corner)),
-                    constants,
-                    step,
-                    total,
-                    square=reading.square,
-                    interpolate=reading.interpolate,
-                ).launch_range
-                for corner in box
-            ]
-        )
+        corners = [ContactParameters(*map(float, corner)) for corner in box]
+        stepped = np.array([_study_range(point, reading, corner, constants, step, total) for corner in corners])
         exact = 1e6 * simulate(Design.sweep(constants, *point), box).launch_range[:, 0]
         ranges = (np.array([x.min(), x[centre], x.max()]) for x in (stepped, exact))
         out.append(RoundingRange(text, *ranges))
