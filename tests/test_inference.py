@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -376,7 +376,17 @@ def test_proposal_draws_the_density_it_claims() -> None:
     assert np.abs((counted - expected) / np.sqrt(expected + 1)).max() < 5
 
 
-def test_ctrl_c_ends_a_chain_between_steps_without_a_traceback(tmp_path: Path, capfd, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+@pytest.fixture
+def in_front() -> Iterator[object]:
+    """Ctrl-C's usual handler: a shell lets what runs in the background ignore it, these tests among them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield signal.default_int_handler
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_ends_a_chain_between_steps_without_a_traceback(  # type: ignore[no-untyped-def]
+    tmp_path: Path, capfd, monkeypatch, in_front
+) -> None:
     hills, calls = TwoHills(), []
     likelihood = hills.log_posterior
 
@@ -387,13 +397,12 @@ def test_ctrl_c_ends_a_chain_between_steps_without_a_traceback(tmp_path: Path, c
         return likelihood(u)
 
     monkeypatch.setattr(hills, "log_posterior", interrupted)
-    before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
         emcee_adaptor.sample(
             hills, hills.optimum(0.0, -1.0), seed=1, path=tmp_path / "c.h5", identity="x",
             settings=Settings(n_walkers=20, max_steps=500),
         )  # type: ignore[arg-type]  # fmt: skip
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGINT) is in_front
     assert len(calls) < 20 and capfd.readouterr() == ("", "")
 
 
