@@ -71,12 +71,12 @@ reproduce: $(STAMP)-run ## Repeat the study's own tables and say where they come
 	@$(PSAFIT) reproduce
 
 test: $(STAMP)-dev ## Run all tests, the slow ones too: [JOBS=2] [ARGS='-k name'] (plain pytest: the fast ones)
-	@$(BIN)/python -m pytest -m '' -n $(JOBS) $(ARGS)
+	@$(BIN)/python -m pytest -m '' -n $(JOBS) --dist worksteal $(ARGS)
 
 coverage: $(STAMP)-dev ## Which lines of psafit/ no test runs: [JOBS=2] (all tests; a quarter of an hour)
 	@$(BIN)/python -m coverage erase
 	@# A full disk and a Ctrl-C in mid-step meet the tracer, too: those two tests may fail, and leave a damaged file.
-	-@$(BIN)/python -m coverage run -m pytest -m '' -n $(JOBS) $(ARGS)
+	-@$(BIN)/python -m coverage run -m pytest -m '' -n $(JOBS) --dist worksteal $(ARGS)
 	-@$(BIN)/python -m coverage combine -q
 	@$(BIN)/python -m coverage report
 

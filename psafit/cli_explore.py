@@ -24,7 +24,11 @@ if TYPE_CHECKING:
     from psafit.physics.term import Term
     from psafit.watch import State
 
+    _Model = tuple[tuple[Term, ...], dict[str, float]]
+
 PICTURES = (".png", ".svg", ".pdf")
+# Tied sets that a picture shows.
+_DRAWN = 4
 
 
 @click.command(cls=Command, short_help="Simulate the launch ranges of an experiment or a plan.")
@@ -57,7 +61,8 @@ def simulate(
 
     What neither --set nor --run gives has the median of its prior; the strength of a cause must be given. With
     --readings they become an experiment that can be diagnosed: exact or, with --seed, with scatter (--set sigma_rel,
-    sigma_abs, nu) and sessions' own values drawn as the model has them.
+    sigma_abs, nu) and sessions' own values drawn as the model has them. A picture of an ambiguous diagnosis shows the
+    tied sets side by side.
     """
     import numpy as np
 
@@ -77,13 +82,17 @@ def simulate(
     groups = plan.groups
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
+    rivals: list[_Model] = []
     if run is not None:
-        own, medians, known = _model_of(run)
-        chosen, given = chosen or own, _of_sessions(plan, own, medians, known, quiet, seed is not None) | asked
+        (first, *tied), known = _models_of(run)
+        rivals = [] if ids or asked else tied
+        chosen = chosen or first[0]
+        given = _of_sessions(plan, *first, known, quiet, seed is not None) | asked
     scatter = () if seed is None else noise.PARAMETERS
     theta = _completed(plan, chosen, given, asked, scatter, seed)
     model = list(theta.values())[: len(theta) - len(scatter)]
-    result = simulate_batch(Design.of(plan.constants, groups), np.array(model), chosen)
+    design = Design.of(plan.constants, groups)
+    result = simulate_batch(design, np.array(model), chosen)
     micrometres = result.launch_range[0] * 1e6
     each = by_group(groups, micrometres)
     rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
@@ -104,7 +113,13 @@ def simulate(
     if plot is not None:
         from psafit.report.simulated import write_picture
 
-        write_picture(groups, each, plot)
+        curves = [each]
+        for terms, medians in rivals:
+            own = _completed(plan, terms, _of_sessions(plan, terms, medians, known, quiet=True), {})
+            predicted = simulate_batch(design, np.array(list(own.values())), terms).launch_range[0]
+            curves.append(by_group(groups, predicted * 1e6))
+        names = _apart([chosen, *(terms for terms, _ in rivals)]) if rivals else ["simulated"]
+        write_picture(groups, dict(zip(names, curves, strict=True)), plot)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
     write_result(
@@ -161,8 +176,11 @@ def _write_readings(
         read_experiment(folder)  # ranges may be beyond what an experiment can hold
 
 
-def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float], tuple[Group, ...]]:
-    """Causes, posterior medians and readings of a fit, or of what a diagnosis names (where it names none, its best)."""
+def _models_of(run: Path) -> tuple[list[_Model], tuple[Group, ...]]:
+    """Causes and posterior medians of a run, and its readings.
+
+    Of a diagnosis first those that it names (where it names none, its best), then those that it ties with them.
+    """
     from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
     from psafit.experiment import read_experiment
     from psafit.inference.run import load
@@ -172,13 +190,25 @@ def _model_of(run: Path) -> tuple[tuple[Term, ...], dict[str, float], tuple[Grou
     if not is_diagnosis(run):
         fitted = load(run)
         medians = {p.name: p.median for p in fitted.summary.parameters}
-        return fitted.problem.terms, medians, fitted.problem.experiment.groups
+        return [(fitted.problem.terms, medians)], fitted.problem.experiment.groups
     found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
-    best = found.causes[0]
-    terms = recorded(best.terms, found.versions, run / RESULT)
-    medians = {name: p["median"] for name, p in best.parameters.items()}
+    if not found.causes:  # somebody's own
+        raise InputError("holds no model", "repeat the diagnosis", file=run / RESULT)
+    tied = [c for c in found.causes[1:] if c.terms in found.alternatives][: _DRAWN - 1]
+    models = [
+        (recorded(c.terms, found.versions, run / RESULT), {name: p["median"] for name, p in c.parameters.items()})
+        for c in (found.causes[0], *tied)
+    ]
     # Only what sessions have for themselves asks whose readings they are.
-    return terms, medians, read_experiment(run / "experiment").groups if any(t.latent for t in terms) else ()
+    latent = any(t.latent for terms, _ in models for t in terms)
+    return models, read_experiment(run / "experiment").groups if latent else ()
+
+
+def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:
+    """What tells sets of causes apart, in words."""
+    shared = set(sets[0]).intersection(*sets[1:])
+    plain = "these alone" if shared else "the baseline"
+    return [" + ".join(t.id for t in terms if t not in shared) or plain for terms in sets]
 
 
 def _of_sessions(

@@ -20,6 +20,7 @@ from psafit.report.catalogue import model
 from psafit.report.diagnosis import write_diagnosis
 from psafit.report.diagnosis_answer import _instead
 from psafit.report.diagnosis_words import about
+from psafit.report.figures.sweep import frequency_text
 
 CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
 NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
@@ -149,7 +150,7 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
         unnamed=0.03,
         screening=[
             ScreeningResult("hysteresis", "present", 120.0, 163.4, 1.9, 118.0, 0.31, "1", 14.0, 0.64),
-            ScreeningResult("gap", "not present", 3.0, 4.4, 1.4, -1.0, 2e-7, "m", 5.0, 0.33),
+            ScreeningResult("gap", "not present", 3.0, 4.4, 1.4, -1.0, 2e-7, "m", 5.0, 0.33, 7e-7),
             ScreeningResult("swing_drag", "could not have been seen", 0.0, 0.01, 0.1, -0.2, 0.1, "1", 0.3, 0.02),
         ],
         show={
@@ -249,6 +250,10 @@ def test_first_screen_answers(page):
     assert "90 % interval: hysteresis of the stack s = 4.10 × 10⁵ (3.80 to 4.40) × 10⁵ and" in text  # sizes
     assert "1 value of what is named first" in text and "would surprise whoever knows such rigs" in text
     assert "without a name keeps" not in text
+    odd = "number 4 of group 1 (" + frequency_text(float(make_experiment().groups[0].frequency_hz[3])).replace(
+        "\xa0", " "
+    )
+    assert f"Beside the extension, 1 reading is off by more than four standard deviations of the scatter: {odd}" in text
     assert "goes from ×2.49 to ×1.29" in text
     assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text
     missed = "group 1, which the baseline misses most, and of the others the one that the extended model misses most, "
@@ -266,7 +271,7 @@ def test_record_is_shown(page):
         "could not have been seen", "not present", "runs along the sweep", "reading 4 of group 1",
         "−1.2 nats over none", "Mean log RMSE 0.912 before, 0.254 after; change −0.710 to −0.520",
         "change +310.0 to +402.0 nats", "0.900 (×2.46)", "+179.5", "42 % / 91 %", "hysteresis of the stack 80 %",
-        "12.5 ± 0.4 nats", "93 %", "−0.800 to −0.610",
+        "5.00 at 700 nm", "12.5 ± 0.4 nats", "93 %", "−0.800 to −0.610",
         "+179.5 (+150.0 to +210.0)",
         "l = 0.0750 m", "judged by the expansion only", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
         "psafit diagnose experiments/made-up --group 1", "all other sets of causes", "a discrepancy without a name",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -43,8 +44,8 @@ class CauseResult:
         log_evidence, over_baseline (nats), gain (of the log likelihood at the top), error, effective draws, pareto_k,
         method, and how the evidence changes when the priors of the strengths are half and twice as wide.
     implausible : list of str
-        Parameters whose median the prior finds surprising (outside its central 95 %), or that lie at a bound; never
-        those whose prior is uniform.
+        Parameters whose median lies where the prior has less than one chance in twenty, or at a bound; never those
+        whose prior is uniform.
     """
 
     terms: list[str]
@@ -87,6 +88,8 @@ class ScreeningResult:
         Size of a plausible effect beside the adopted model, in standard deviations of its scatter.
     inclusion : float
         Probability that it is among the causes, given that the catalogue holds the truth.
+    plausible : float
+        The strength meant there, the median of its prior, in `unit`; nan in records of earlier versions.
     """
 
     id: str
@@ -99,6 +102,7 @@ class ScreeningResult:
     unit: str
     visible: float
     inclusion: float
+    plausible: float = math.nan
 
 
 @dataclass(frozen=True)

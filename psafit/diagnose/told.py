@@ -25,6 +25,7 @@ from psafit.diagnose.verdict import Verdict
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.parameters import broadened
+from psafit.simulate.sensitivity import plausible
 from psafit.validate import without_each
 
 # Drifts of a model that are told.
@@ -99,8 +100,8 @@ def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
 
 
 def screening_of(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
-    # What could have been seen is asked of the model that is adopted: a baseline that fails has a large scatter.
     """Every cause: what it gains, and what is made of it."""
+    # What could have been seen is asked of the model that is adopted: a baseline that fails has a large scatter.
     beside = {} if verdict.verdict == "adequate" else {s.term.id: s.visible for s in ladder.beside}
     found = []
     for s in ladder.screened:
@@ -111,6 +112,7 @@ def screening_of(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
                 _word(s, ladder, verdict),
                 float(s.gain[s.best]), ladder.gain((s.term.id,)), s.chance, s.log_bayes,
                 float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
+                plausible(s.term)[0],
             )
         )  # fmt: skip
     return sorted(found, key=lambda s: -s.refit_gain)

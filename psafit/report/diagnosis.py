@@ -62,7 +62,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "verdict": {"text": result.verdict, "kind": answer.kind(result)},
         "sentences": [
             answer.examined(result, experiment) + " " + answer.adequate(result),
-            answer.wrong(result),
+            answer.wrong(result, experiment),
             answer.gained(result),
             *answer.what_next(result.next_experiment),
         ],

@@ -21,6 +21,7 @@ from psafit.physics import owner
 from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import TITLES, model, symbol
 from psafit.report.diagnosis_pictures import Shown
+from psafit.report.figures.sweep import frequency_text
 from psafit.report.wording import (
     NBSP,
     count,
@@ -88,8 +89,32 @@ def _few(p: float, n: int = 0) -> str:
     return f"at most 0.1{NBSP}%" if p <= 1e-3 else f"{100 * p:.2g}{NBSP}%" if p < 0.1 else percent(p)
 
 
-def wrong(result: Diagnosis) -> Markup:
-    """What is wrong, and why: the causes, how sure that is, how large they are."""
+def wrong(result: Diagnosis, experiment: Experiment) -> Markup:
+    """What is wrong, and why: the causes, how sure that is, how large they are; and readings that stand out."""
+    return _why(result) + _outliers(result, experiment)
+
+
+def _outliers(result: Diagnosis, experiment: Experiment) -> Markup:
+    """Readings far from the model that is adopted."""
+    which = "extended" if result.verdict != "adequate" and result.misfit.get("extended") else "baseline"
+    members = {str(g.id): g for g in experiment.groups}
+    odd = [(members[str(id)], k) for id, k in result.misfit.get(which, {}).get("odd_points", []) if str(id) in members]
+    if not odd:
+        return Markup("")
+    each = (
+        Markup("number {} of group {} ({}, {:.4g}{}V)").format(
+            k + 1, g.id, frequency_text(float(g.frequency_hz[k])), float(g.amplitude_v[k]), NBSP
+        )
+        for g, k in odd
+    )
+    of, are = ("extension" if which == "extended" else which), "is" if len(odd) == 1 else "are"
+    return Markup(" Beside the {}, {} {} off by more than four standard deviations of the scatter: {}.").format(
+        of, count(len(odd), "reading"), are, listed(each)
+    )
+
+
+def _why(result: Diagnosis) -> Markup:
+    """The causes, how sure that is, and how large they are."""
     head = Markup("<strong>What is wrong, and why?</strong> ")
     named = Markup(" + ").join(Markup("<strong>{}</strong>").format(TITLES.get(t, t)) for t in result.named)
     tied = Markup("; or ").join(_instead(result.named, ids) for ids in result.alternatives[:3])

@@ -270,7 +270,9 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             words.nats(s.chance),
             words.signed(s.log_bayes),
             words.quantity(known(s.strength), s.unit),
-            number(known(s.visible)),
+            noted(number(known(s.visible)), f"at {words.quantity(s.plausible, s.unit)}")
+            if math.isfinite(s.plausible)
+            else number(known(s.visible)),
             words.share(s.inclusion),
         ]
         for s in screening
