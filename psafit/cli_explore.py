@@ -113,12 +113,17 @@ def simulate(
     if plot is not None:
         from psafit.report.simulated import write_picture
 
-        curves = [each]
+        models = [(chosen, model)]
         for terms, medians in rivals:
             own = _completed(plan, terms, _of_sessions(plan, terms, medians, known, quiet=True), {})
-            predicted = simulate_batch(design, np.array(list(own.values())), terms).launch_range[0]
-            curves.append(by_group(groups, predicted * 1e6))
-        names = _apart([chosen, *(terms for terms, _ in rivals)]) if rivals else ["simulated"]
+            models.append((terms, list(own.values())))
+        names = _apart([terms for terms, _ in models]) if rivals else ["simulated"]
+        # Also between the conditions that were asked for.
+        designs = design, Design.of(plan.constants, [g.filled() for g in groups])
+        curves = [
+            [simulate_batch(d, np.array(values), terms).launch_range[0] * 1e6 for d in designs]
+            for terms, values in models
+        ]
         write_picture(groups, dict(zip(names, curves, strict=True)), plot)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")

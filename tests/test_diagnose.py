@@ -15,7 +15,7 @@ import pytest
 from scipy.special import logsumexp
 
 from psafit.challenge.hide import make
-from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment, pruning
+from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment, pruning, show
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.gain import over_groups, split, summarise, worse
 from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
@@ -689,6 +689,23 @@ def test_what_is_called_visible_is_what_a_refit_leaves(sound):
             visible[name, found.term.id] = found.visible
             assert found.visible == pytest.approx(np.linalg.norm(left), rel=0.05, abs=0.05), (name, found.term.id)
     assert visible["poor", "flight_friction"] < VISIBLE < visible["rich", "flight_friction"]
+
+
+def test_curves_hold_what_is_simulated_between_readings(hidden):
+    """At the readings what was fitted; between them what the simulator says there, with each cause and without."""
+    leader = hidden.leader
+    (cause,) = leader.terms
+    start = 0
+    for g, line in zip(leader.problem.experiment.groups, show.lines(leader), strict=True):
+        x, part = (g.frequency_hz if g.varied == ("frequency",) else g.amplitude_v), slice(start, start + g.n_points)
+        start = part.stop
+        assert line.group == g.id and len(line.at) > 2 * g.n_points
+        assert np.interp(x, line.at, line.um) == pytest.approx(leader.predicted[part], rel=1e-9)
+        between = simulate(
+            Design.of(leader.problem.experiment.constants, [g.filled()]), leader.values[None, :4], leader.terms
+        )
+        assert line.um == pytest.approx(between.launch_range[0] * 1e6, rel=1e-9)
+        assert line.without_um.keys() == {cause.id} and line.without_um[cause.id] != line.um
 
 
 def test_the_word_for_a_cause(hidden):

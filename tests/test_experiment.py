@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 from collections.abc import Callable
 from dataclasses import FrozenInstanceError, replace
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 
 from psafit.errors import InputError
 from psafit.experiment import (
+    Conditions,
     Constants,
     Experiment,
     Group,
@@ -99,6 +101,24 @@ def test_reads_what_is_written(tmp_path: Path) -> None:
     assert experiment.select(["late-2", 1]) == (experiment.groups[1], group)
 
 
+def test_a_sweep_is_filled_between_its_conditions() -> None:
+    """What was held stays as it was, replicates are one, and what is no sweep stays as it is."""
+    f = np.array([4000.0, 100.0, 100.0, 1000.0])
+    held = Conditions(1, "square", "a.csv", f, np.array([20.0, 20.1, 20.1, 20.0]), changed=(("l", 0.05),))
+    found = held.filled()
+    assert (found.id, found.waveform, found.changed) == (1, "square", (("l", 0.05),))
+    assert (np.diff(found.frequency_hz) > 0).all() and set(f) < set(found.frequency_hz) and found.n_points == 17
+    assert found.frequency_hz[4] == pytest.approx(math.sqrt(100 * 1000))  # even in the logarithm
+    assert found.amplitude_v.max() == 20.1 and found.amplitude_v.min() == pytest.approx(20.0, rel=1e-15)
+    still = Conditions(1, "sine", "a.csv", np.full(3, 700.0), np.array([0.0, 4.0, 8.0])).filled()
+    assert still.amplitude_v.tolist() == [x / 2 for x in range(17)] and set(still.frequency_hz) == {700.0}
+    many = Conditions(1, "sine", "a.csv", np.geomspace(100, 1e4, 400), np.full(400, 5.0))
+    assert many.filled().n_points == 400
+    for f, v in (([700.0, 800.0], [3.0, 5.0]), ([700.0, 700.0], [3.0, 3.0])):
+        one = Conditions(1, "sine", "a.csv", np.array(f), np.array(v))
+        assert one.filled() is one
+
+
 def test_records_cannot_be_changed(tmp_path: Path) -> None:
     experiment = read_experiment(write(tmp_path))
     with pytest.raises(FrozenInstanceError):
@@ -146,6 +166,14 @@ def test_sigma_is_read(tmp_path: Path) -> None:
     group = read_experiment(write(tmp_path, a=csv)).group(1)
     assert group.sigma_um is not None
     assert group.sigma_um.tolist() == [0.02]
+
+
+def test_check_tells_of_a_sweep_that_is_none(tmp_path: Path) -> None:
+    experiment = read_experiment(write(tmp_path, a="frequency_hz,amplitude_v,launch_range_um\n1200,1,0.4\n"))
+    assert experiment.warnings == ()  # it is no reason to doubt the reading
+    assert describe(experiment)["warnings"] == [
+        "a.csv: group 1: one reading is no sweep; it tells a level and no trend"
+    ]
 
 
 def test_description_is_json(tmp_path: Path) -> None:

@@ -417,7 +417,7 @@ def test_a_picture_shows_the_tied_sets(  # type: ignore[no-untyped-def]
     words = ("--run", found, "--plot", tmp_path / "x.png", "--out", file)
     assert run(monkeypatch, "simulate", known_folder, *words) == 0
     assert list(shown[0]) == ["these alone", "gap"]  # one of three sets was not fitted, the baseline is not tied
-    first, second = (np.concatenate(each) for each in shown[0].values())
+    (first, _), (second, _) = shown[0].values()
     assert first == pytest.approx(pandas.read_csv(file)["predicted_um"].to_numpy())
     assert (second != first).any()
     for more in (("--set", "k_c=2e6"), ("--terms", "hysteresis")):
@@ -642,6 +642,9 @@ def test_numbers_to_explore_are_those_of_the_curves(known: Experiment) -> None:
     assert told["measured"] == pytest.approx(group.launch_range_um[order], rel=1e-4)
     assert told["curves"][0]["middle"] == pytest.approx(2 * group.launch_range_um[order], rel=1e-4)
     assert [c["off"] for c in told["curves"]] == [False, True]
+    line = np.array([1.0, 2.0]), np.array([0.123456789, 4.0])
+    (drawn,) = figures.explorable("t", group, figures.sweep_of(group), [replace(curve, line=line)])["curves"]
+    assert drawn["line"] == [[1.0, 2.0], [0.12346, 4.0]] and told["curves"][0]["line"] is None
 
 
 # A fit that is watched -------------------------------------------------------------------------------------------

@@ -10,6 +10,8 @@ the corner. Its interval holds all corners that do nearly as well by the lines' 
 free values about the fitted one, in the expansion of the model. The gain says whether letting it drift would mend the
 misfit; the slope says which way it must drift. A parameter that must drift points at the mechanism it stands in for.
 
+*Lines.* What a model says at the readings and between them, and what it would say without each of its causes.
+
 *Sessions.* Where two sessions share conditions, the factor between their readings: no model of the rig can explain it.
 """
 
@@ -26,8 +28,9 @@ from scipy.stats import f, t
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.misfit import conditions, in_session, sweeps
-from psafit.experiment import GroupId
+from psafit.experiment import GroupId, by_group, read_as
 from psafit.inference.candidate import Candidate
+from psafit.validate import without_each
 
 # Readings of a window, and standard errors of its slope to either end of a 90 % interval.
 _WINDOW = 9
@@ -64,6 +67,45 @@ class Growth:
     lower: list[float]
     upper: list[float]
     simulated: list[float]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A model along one sweep, at the readings and between them.
+
+    Parameters
+    ----------
+    group : group id
+    at : list of float, Hz or V
+        Ascending.
+    um : list of float
+    without_um : dict of str to list of float
+        By cause: without it, all else left as it is.
+    """
+
+    group: GroupId
+    at: list[float]
+    um: list[float]
+    without_um: dict[str, list[float]]
+
+
+def lines(candidate: Candidate) -> list[Line]:
+    """A fitted model along every sweep of one variable."""
+    problem, top = candidate.problem, candidate.modes[:1]
+    groups = [g.filled() for g in problem.experiment.select(problem.group_ids)]
+    n_points = sum(g.n_points for g in groups)
+    finer = replace(problem, experiment=replace(problem.experiment, groups=read_as(groups, np.zeros(n_points))))
+    each = {id: by_group(groups, um) for id, um in without_each(finer, top, finer.group_ids).items()}
+    return [
+        Line(
+            g.id,
+            (g.amplitude_v if g.varied == ("amplitude",) else g.frequency_hz).tolist(),
+            um.tolist(),
+            {id: without[k].tolist() for id, without in each.items()},
+        )
+        for k, (g, um) in enumerate(zip(groups, by_group(groups, finer.predict(top)[0]), strict=True))
+        if len(g.varied) == 1
+    ]
 
 
 @dataclass(frozen=True)

@@ -193,6 +193,7 @@ def shown(ladder: Ladder) -> dict[str, Any]:
             "growth": [asdict(g) for g in show.growth(c)],
             "corners": [asdict(corner) for corner in show.corners(c)],
             "drift": [asdict(d) for d in drifts[name] if (d.parameter, d.variable) in told],
+            "lines": [asdict(line) for line in show.lines(c)],
             "predicted_um": c.predicted.tolist(),
             "without_um": {
                 id: ranges.tolist() for id, ranges in without_each(c.problem, c.modes[:1], c.problem.group_ids).items()

@@ -49,6 +49,7 @@ __all__ = [
     "changes_text",
     "describe",
     "fingerprint",
+    "read_as",
     "read_experiment",
     "read_plan",
     "session_name",

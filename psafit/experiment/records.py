@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.experiment.text import listed, shown
+from psafit.experiment.text import listed, one_line, shown
 from psafit.parameters import Belief
 
 Waveform = Literal["sine", "square"]
 GroupId = int | str
 
 DEFINITION = "experiment.toml"
+# A setting that drifts by less than this (relative) was meant to be held.
+_HELD = 0.02
+# Conditions of a sweep that is filled, and how many may come between two of its own.
+_FILLED, _BETWEEN = 150, 8
 CONDITION_COLUMNS = ("frequency_hz", "amplitude_v")
 REQUIRED_COLUMNS = (*CONDITION_COLUMNS, "launch_range_um")
 OPTIONAL_COLUMNS = ("sigma_um",)
@@ -116,6 +120,31 @@ class Conditions:
         """Rows in the order of the sweep, whatever the order of the file."""
         f, v = self.frequency_hz, self.amplitude_v
         return np.lexsort((f, v)) if self.swept == "amplitude" else np.lexsort((v, f))
+
+    @property
+    def varied(self) -> tuple[Literal["frequency", "amplitude"], ...]:
+        """What was not held."""
+        both: dict[Literal["frequency", "amplitude"], FloatArray]
+        both = {"frequency": self.frequency_hz, "amplitude": self.amplitude_v}
+        return tuple(name for name, x in both.items() if np.ptp(x) > _HELD * np.max(x))
+
+    def filled(self) -> Conditions:
+        """The sweep with conditions between its own, ascending, to draw a curve through; as it is if it is none."""
+        if len(self.varied) != 1:
+            return self
+        f, v = self.frequency_hz, self.amplitude_v
+        _, first = np.unique(v if self.varied == ("amplitude",) else f, return_index=True)
+        parts = min(max(_FILLED // first.size, 1), _BETWEEN)
+        place = np.arange(parts * (first.size - 1) + 1) / parts
+
+        def between(values: FloatArray) -> FloatArray:
+            ratio = float(values.min()) > 0 and np.ptp(values) > 0
+            found = np.interp(place, np.arange(values.size), np.log(values) if ratio else values)
+            found = np.exp(found) if ratio else found
+            found[::parts] = values
+            return found
+
+        return Conditions(self.id, self.waveform, self.file, between(f[first]), between(v[first]), changed=self.changed)
 
     def rig(self, constants: Constants) -> Constants:
         """The rig's constants in this sweep."""
@@ -273,10 +302,14 @@ def describe(experiment: Experiment) -> dict[str, Any]:
         "fingerprint": experiment.fingerprint,
         "constants": {f.name: getattr(experiment.constants, f.name) for f in fields(Constants)},
         "n_points": sum(group.n_points for group in experiment.groups),
-        "warnings": list(experiment.warnings),
+        "warnings": [*experiment.warnings, *map(_lone, (g for g in experiment.groups if g.n_points == 1))],
         "priors": [{"name": b.name, "prior": b.prior.describe(), "source": b.source} for b in experiment.beliefs],
         "groups": [_describe_group(group) for group in experiment.groups],
     }
+
+
+def _lone(group: Group) -> str:
+    return one_line(f"{group.file}: group {group.id}: one reading is no sweep; it tells a level and no trend")
 
 
 def _describe_group(group: Group) -> dict[str, Any]:

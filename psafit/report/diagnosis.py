@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from psafit.arrays import FloatArray
 from psafit.compare import Told, known, read_predictions
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import PAGE, Diagnosis
@@ -132,6 +133,13 @@ def _band(told: Told | None, n: int) -> tuple[figures.Band, ...]:
     return (figures.Band(figures.READING_BAND, told.lower, told.upper),) if told and told.lower.size == n else ()
 
 
+def _line(told: Mapping[str, Any] | None, gone: str | None = None) -> tuple[FloatArray, FloatArray] | None:
+    """What a record says between the readings of a group, with all causes or without one; a sweep of two is none."""
+    if told is None:
+        return None
+    return np.asarray(told["at"]), np.asarray(told["um"] if gone is None else told["without_um"][gone], dtype=float)
+
+
 def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> list[Shown]:
     """The groups of the record with the models' predictions, which the record holds one group after the other."""
     members = experiment.select(result.groups)
@@ -142,6 +150,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     unseen = _told(result.table(folder, strict["predictions"]), "extended") if strict else {}
     each = {id: np.asarray(v, dtype=float) for id, v in result.show.get("extended", {}).get("without_um", {}).items()}
     without = {id: ranges for id, ranges in each.items() if ranges.size == n}
+    lines = {model: {str(line["group"]): line for line in show.get("lines", [])} for model, show in result.show.items()}
     found, start = [], 0
     for group in members:
         part = slice(start, start + group.n_points)
@@ -154,6 +163,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
                 told[model][part],
                 _band(adopted.get(name), group.n_points) if model == last else (),
                 dashed=model == "baseline",
+                line=_line(lines[model].get(name)),
             )
             for model, look in looks.items()
         }
@@ -161,7 +171,8 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
         more = [curve for model, curve in curves.items() if model not in _LOOKS]
         if band := _band(unseen.get(name), group.n_points):
             more.append(figures.Curve("extended model without this group", "blue", unseen[name].median, band))
-        more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES)
+        finer = {id: _line(lines["extended"].get(name), id) for id in without}
+        more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES, finer)
         errors = [root_mean_square(log_ratio(c.middle, group.launch_range_um)) for c in shown]
         found.append(Shown(group, figures.sweep_of(group), shown, errors, more))
     return found

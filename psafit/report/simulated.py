@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.experiment import Conditions
+from psafit.experiment import Conditions, by_group
 from psafit.files import write_atomically
 from psafit.report import figures
 from psafit.report.page import PNG_DPI
@@ -27,16 +27,20 @@ def write_picture(
     Parameters
     ----------
     groups : sequence of Conditions
-    predicted_um : mapping of sequences of (n_points,) arrays, um
-        By the name of a model, of each group.
+    predicted_um : mapping of pairs of arrays, um
+        By the name of a model, one group after the other: at the groups' conditions, and at those of the groups
+        `filled`.
     path : Path
         Its ending says what kind of picture: .png, .svg or .pdf.
     """
-    looks = {name: (_COLORS[k % len(_COLORS)], k % 2 == 1) for k, name in enumerate(predicted_um)}
-    curves = [
-        [figures.Curve(name, color, predicted_um[name][g], dashed=dashed) for name, (color, dashed) in looks.items()]
-        for g in range(len(groups))
-    ]
+    filled = [g.filled() for g in groups]
+    curves: list[list[figures.Curve]] = [[] for _ in groups]
+    for k, (name, (at_readings, between)) in enumerate(predicted_um.items()):
+        color, dashed = _COLORS[k % len(_COLORS)], k % 2 == 1
+        parts = zip(filled, by_group(groups, at_readings), by_group(filled, between), strict=True)
+        for drawn, (g, middle, line) in zip(curves, parts, strict=True):
+            smooth = (figures.sweep_of(g).values, line) if len(g.varied) == 1 else None
+            drawn.append(figures.Curve(name, color, middle, dashed=dashed, line=smooth))
     figure = figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves)
     kind = path.suffix.lower().removeprefix(".")
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)  # equal pictures are equal bytes

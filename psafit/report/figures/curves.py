@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -52,6 +53,8 @@ class Curve:
     bands : tuple of Band
         The widest first.
     dashed : bool
+    line : pair of (n,) arrays, optional
+        Swept values, ascending, and ranges, um: the same between the readings, too.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Curve:
     middle: FloatArray
     bands: tuple[Band, ...] = ()
     dashed: bool = False
+    line: tuple[FloatArray, FloatArray] | None = None
 
 
 def curve_of(p: Prediction) -> Curve:
@@ -67,11 +71,15 @@ def curve_of(p: Prediction) -> Curve:
     return Curve("predicted median", ROLE_COLOR[p.role], p.median, bands)
 
 
-def without_curves(without: Mapping[str, FloatArray], titles: Mapping[str, str]) -> list[Curve]:
-    """Curves of a model with one cause, by identifier, taken out."""
+def without_curves(
+    without: Mapping[str, FloatArray],
+    titles: Mapping[str, str],
+    lines: Mapping[str, tuple[FloatArray, FloatArray] | None] = MappingProxyType({}),
+) -> list[Curve]:
+    """Curves of a model with one cause, by identifier, taken out; `lines` as of `Curve`."""
     looks = itertools.cycle((color, dashed) for dashed in (False, True) for color in _WITHOUT)
     return [
-        Curve(f"without: {titles.get(id, id)}", color, ranges, dashed=dashed)
+        Curve(f"without: {titles.get(id, id)}", color, ranges, dashed=dashed, line=lines.get(id))
         for (id, ranges), (color, dashed) in zip(without.items(), looks, strict=False)
         if np.isfinite(ranges).all()  # no likelihood has judged a model without one of its causes
     ]
@@ -102,7 +110,8 @@ def draw_readings(axes: Axes, x: FloatArray, measured: FloatArray, bottom: float
 def _view(group: Conditions, curves: Sequence[Curve]) -> tuple[float, float, bool]:
     """What a picture of a group shows: see `reading_range`."""
     measured = readings_of(group)
-    middles = np.concatenate([c.middle for c in curves]) if curves else measured
+    lines = [c.line[1] for c in curves if c.line is not None]
+    middles = np.concatenate([*(c.middle for c in curves), *lines]) if curves else measured
     tops = np.concatenate([c.bands[0].high if c.bands else c.middle for c in curves]) if curves else measured
     return reading_range(measured, middles, tops)
 
@@ -125,11 +134,11 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
         if single:
             axes.plot(x, curve.middle, "_", ms=11, mew=2, color=color, zorder=2)
             continue
-        at, _, line = envelope(x, curve.middle, curve.middle)
+        at, line = curve.line or envelope(x, curve.middle, curve.middle)[::2]
         look: dict[str, Any] = {"color": color, "zorder": 2 + 0.1 * place}
         if log:
             # No launch breaks the line: at the foot of the axes it would read as a small range.
-            none = at[line <= 0]
+            none = np.unique(x[curve.middle <= 0])
             if none.size:
                 axes.plot(none, np.full(none.size, bottom), "v", ms=3.0 if small else 4.5, clip_on=False, **look)
             line = np.where(line > 0, line, np.nan)
@@ -192,8 +201,11 @@ def explorable(
     """The same as numbers for the page's script, in the order of the sweep, to five digits; `more` begins hidden."""
     order = np.argsort(sweep.values, kind="stable")
 
+    def numbers(values: FloatArray) -> list[float]:
+        return [float(f"{v:.5g}") for v in values]
+
     def column(values: FloatArray) -> list[float]:
-        return [float(f"{v:.5g}") for v in values[order]]
+        return numbers(values[order])
 
     return {
         "title": title,
@@ -211,6 +223,7 @@ def explorable(
                 "dashed": c.dashed,
                 "off": c in more,
                 "middle": column(c.middle),
+                "line": None if c.line is None else [*map(numbers, c.line)],
                 "bands": [{"name": b.name, "low": column(b.low), "high": column(b.high)} for b in c.bands],
             }
             for c in (*curves, *more)

@@ -14,8 +14,6 @@ Variable = Literal["frequency", "amplitude", "order"]
 
 SWEPT: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude"}
 AXIS: Final = {"frequency": "Drive frequency (Hz)", "amplitude": "Drive amplitude (V)"}
-# A setting that drifts by less than this (relative) was meant to be held.
-_HELD = 0.02
 # Smallest part of the largest value from which on a logarithmic axis is of use.
 _DECADES = 1e-12
 NBSP = "\N{NO-BREAK SPACE}"
@@ -69,15 +67,11 @@ def sweep_of(group: Conditions) -> Sweep:
     v_text = _extent(_volts(float(v.min())), _volts(float(v.max())))
 
     rig = changes_text(group.changed, NBSP)
-
-    def varies(x: FloatArray) -> bool:
-        return bool(np.ptp(x) > _HELD * np.max(np.abs(x)))
-
-    if varies(f) and not varies(v):
+    if group.varied == ("frequency",):
         log = bool(f.max() >= 3 * f.min())
         held = _volts(float(np.median(v)))
         return Sweep("frequency", f, AXIS["frequency"], log, f"{group.waveform}, {held}{rig}", f_text)
-    if varies(v) and not varies(f):
+    if group.varied == ("amplitude",):
         log = bool(v.min() > _DECADES * v.max() and v.max() >= 5 * v.min())
         held = frequency_text(float(np.median(f)))
         return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.waveform}, {held}{rig}", v_text)

@@ -94,7 +94,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
   };
   const ends = (curves) => {
     const measured = group.measured;
-    const middles = curves.flatMap((c) => c.middle);
+    const middles = curves.flatMap((c) => [...c.middle, ...(c.line?.[1] ?? [])]);
     const tops = curves.flatMap((c) => c.bands.filter((b) => !hidden.has(b.name)).flatMap((b) => b.high));
     const top = Math.max(...measured, ...middles, 1e-9);
     const high = Math.max(top, Math.min(Math.max(0, ...tops), 3 * top));
@@ -121,11 +121,11 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     const x = scale(x0, x1, left, right, log[0]);
     const yFree = scale(y0, y1, foot, head, isLog);
     const y = (v) => Math.max(Math.min(yFree(Math.max(v, y0)), foot), head - 40);
-    const point = (values, i, k) => `${k ? "L" : "M"}${x(group.x[i]).toFixed(1)} ${y(values[i]).toFixed(1)}`;
-    const path = (values, order) => order.map((i, k) => point(values, i, k)).join("");
+    const point = (at, v, on) => `${on ? "L" : "M"}${x(at).toFixed(1)} ${y(v).toFixed(1)}`;
+    const path = (values, order) => order.map((i, k) => point(group.x[i], values[i], k)).join("");
     // No launch has no place on a logarithmic axis: it breaks a line, and stands at the foot like a reading of zero.
     const none = (v) => isLog && v === 0;
-    const broken = (values) => order.map((i, k) => (none(values[i]) ? "" : point(values, i, k && !none(values[order[k - 1]])))).join("");
+    const broken = ([at, values]) => values.map((v, i) => (none(v) ? "" : point(at[i], v, i && !none(values[i - 1])))).join("");
     const triangle = (v, size) => `M${x(v) - size} ${foot - 4}h${2 * size}l${-size} 7z`;
     const order = group.x.map((_, i) => i);
 
@@ -148,7 +148,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
       for (const [place, b] of c.bands.entries())
         if (!hidden.has(b.name)) svg(inside, "path", { d: `${path(b.high, order)}${path(b.low, [...order].reverse()).replace("M", "L")}Z`, class: band(c, place) });
     for (const c of curves) {
-      svg(inside, "path", { d: broken(c.middle), class: line(c) });
+      svg(inside, "path", { d: broken(c.line ?? [group.x, c.middle]), class: line(c) });
       order.filter((i) => none(c.middle[i])).forEach((i) => svg(picture, "path", { d: triangle(group.x[i], 3), class: `dot ${c.color}` }));
     }
     if (!hidden.has("measured"))
