@@ -16,9 +16,10 @@ from scipy.special import logsumexp
 
 from psafit.challenge.hide import make
 from psafit.diagnose import diagnose, diagnosis, ladder, next_experiment, pruning, show
+from psafit.diagnose import search as rungs
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.gain import over_groups, split, summarise, worse
-from psafit.diagnose.ladder import SIZE_WEIGHTS, climb, log_prior
+from psafit.diagnose.ladder import SIZE_WEIGHTS, log_prior
 from psafit.diagnose.leftover import Leftover, _Expansion, leftover, stretch
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.misfit import ALPHA, Statistic, _character, examine
@@ -28,6 +29,7 @@ from psafit.diagnose.record import NEAREST, UNSEEN
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import Robustness, robustness
 from psafit.diagnose.screening import PRESENT, VISIBLE, _luck, _unclear, _with_neutral, screen
+from psafit.diagnose.search import climb
 from psafit.diagnose.show import corners, drift, growth, offsets
 from psafit.diagnose.significance import lead, significance
 from psafit.diagnose.told import _cause, _word, sentences
@@ -467,11 +469,11 @@ def test_what_an_absence_costs_is_told_by_masses_not_heights(three):
 
 def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
     """Of the small models of a good large one none need be good: here the search has been held to one cause."""
-    monkeypatch.setattr(ladder, "_TANGLED", 1)
-    monkeypatch.setattr(ladder, "_WIDE", 2)
+    monkeypatch.setattr(rungs, "_TANGLED", 1)
+    monkeypatch.setattr(rungs, "_WIDE", 2)
 
     def begun():
-        search = ladder._Search(three, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
+        search = rungs._Search(three, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
         search.begin()
         return search
 
@@ -479,7 +481,7 @@ def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
     assert len(search._leader().ids) == 1
     assert search.from_above()
     assert {"amplifier_lag", "flight_friction"} <= set(search._leader().ids)
-    monkeypatch.delattr(ladder, "prune")  # what it led through is kept
+    monkeypatch.delattr(rungs, "prune")  # what it led through is kept
     again = begun()
     assert again.from_above() and again._leader().height == search._leader().height
     assert not again.from_above()
@@ -488,7 +490,7 @@ def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
 def test_an_exchange_begins_from_what_has_the_new_cause_too(monkeypatch):
     """Beside the rest of a wrong model the right cause may lead nowhere; from where it is best by itself it does."""
     whole = problem(experiment(["amplifier_lag", "flight_friction"], [4e-5, 0.05]))
-    search = ladder._Search(whole, FEW, 1, Memory(None), lambda what, done, total: None)
+    search = rungs._Search(whole, FEW, 1, Memory(None), lambda what, done, total: None)
     search.begin()
     lag = search.fitted["amplifier_lag",]
     begun: dict[tuple[str, ...], list[np.ndarray]] = {}
@@ -497,7 +499,7 @@ def test_an_exchange_begins_from_what_has_the_new_cause_too(monkeypatch):
         begun.setdefault(p.ids, []).append(starts)
         return ascend(p, starts, **options)
 
-    monkeypatch.setattr(ladder, "ascend", noting)
+    monkeypatch.setattr(rungs, "ascend", noting)
     rest = search.fitted["flight_friction",].problem
     both = replace(rest, terms=terms(["amplifier_lag", "flight_friction"]))
     search._tried(rest)
@@ -518,8 +520,8 @@ def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path
         return step
 
     for name in steps:
-        monkeypatch.setattr(ladder._Search, name, noting(name, getattr(ladder._Search, name)))
-    monkeypatch.setattr(ladder, "_TANGLED", 1)
+        monkeypatch.setattr(rungs._Search, name, noting(name, getattr(rungs._Search, name)))
+    monkeypatch.setattr(rungs, "_TANGLED", 1)
     quick = climb(three, FEW, seed=1, memory=Memory(tmp_path), thorough=False)
     by_quick, taken[:] = tuple(taken), []
     thorough = climb(three, FEW, seed=1, memory=Memory(tmp_path), others=quick.candidates[:2])
@@ -532,10 +534,10 @@ def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path
 def test_exchanges_of_many_causes_are_judged_by_climbs(tmp_path, monkeypatch):
     """The expansion promises nothing; short climbs see what belongs in a cause's place, and it is fitted."""
     whole = problem(experiment(["amplifier_lag", "flight_friction"], [4e-5, 0.05], n=60))
-    monkeypatch.setattr(ladder, "_WIDE", 1)
+    monkeypatch.setattr(rungs, "_WIDE", 1)
 
     def begun():
-        search = ladder._Search(whole, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
+        search = rungs._Search(whole, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
         search.begin()
         wrong = replace(whole, terms=terms(["stack_stiffness", "flight_friction"]))
         search.fitted = {c.ids: c for c in search.fitted.values() if c.ids in ((), ("flight_friction",))}
@@ -548,7 +550,7 @@ def test_exchanges_of_many_causes_are_judged_by_climbs(tmp_path, monkeypatch):
     search._exchange(wrong)
     assert search._leader().ids[:2] == ("amplifier_lag", "flight_friction")[: len(search._leader().ids)]
     assert search._leader().height > wrong.height + 10
-    monkeypatch.delattr(ladder, "ascend")  # climbs are kept
+    monkeypatch.delattr(rungs, "ascend")  # climbs are kept
     again = begun()
     again._exchange(again.fitted[wrong.ids])
     assert again._leader().height == search._leader().height
@@ -557,7 +559,7 @@ def test_exchanges_of_many_causes_are_judged_by_climbs(tmp_path, monkeypatch):
 def test_a_part_is_found_from_the_whole_and_what_was_concluded_from_its_old_place_forgotten():
     """The cause alone stays at its neutral value; the pair, whose second cause does little, is right."""
     whole = problem(experiment(["amplifier_lag"], [4e-5], n=40, seed=3))
-    search = ladder._Search(whole, FEW, 1, Memory(None), lambda what, done, total: None)
+    search = rungs._Search(whole, FEW, 1, Memory(None), lambda what, done, total: None)
     search.begin()
     right = search.fitted[("amplifier_lag",)]
     stuck = settle(
@@ -592,7 +594,7 @@ def test_what_acts_by_steps_is_found_a_step_away():
 
 @pytest.mark.parametrize(("ids", "values"), [((), ()), (("amplifier_lag",), (2e-5,))])
 def test_combinations_are_tried_where_a_cause_gains_something(ids, values):
-    search = ladder._Search(problem(experiment(ids, values)), FEW, 1, Memory(None), lambda what, done, total: None)
+    search = rungs._Search(problem(experiment(ids, values)), FEW, 1, Memory(None), lambda what, done, total: None)
     search.begin()
     assert search.found_something() == bool(ids)
 
@@ -603,15 +605,15 @@ def test_a_second_cause_is_looked_for_beside_every_cause_alone(tmp_path, monkeyp
     whole = problem(experiment(both, [4e-5, 0.05], n=60))
 
     def begun():
-        search = ladder._Search(whole, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
+        search = rungs._Search(whole, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
         search.begin()
         search.look_around()
         return search
 
     first = begun()
     assert first._leader().ids == both
-    assert sum(len(ids) == 2 for ids in first.fitted) <= ladder._LATE
-    monkeypatch.delattr(ladder, "screen")
+    assert sum(len(ids) == 2 for ids in first.fitted) <= rungs._LATE
+    monkeypatch.delattr(rungs, "screen")
     again = begun()
     assert again._leader().height == first._leader().height
     for one, other in zip(first._screen(()), again._screen(()), strict=True):
@@ -993,8 +995,8 @@ def test_a_search_begins_from_what_fewer_readings_led_to(monkeypatch):
     e = experiment(ids, values)
     part = replace(problem(e, ("a", "b")), terms=terms(ids))
     known = fit(part, [fit(problem(e, ("a", "b")), (), seed=1)], seed=1)
-    monkeypatch.setattr(ladder._Search, "grow", lambda self, size: False)
-    monkeypatch.setattr(ladder._Search, "refine", lambda self: False)
+    monkeypatch.setattr(rungs._Search, "grow", lambda self, size: False)
+    monkeypatch.setattr(rungs._Search, "refine", lambda self: False)
     alone, begun = (climb(problem(e), FEW, seed=1, others=others) for others in ((), (known,)))
     assert len(alone.leader.terms) == 1 and begun.leader.ids == tuple(ids)
     whole = fit(replace(problem(e), terms=terms(ids)), [alone.of(())], seed=1)
@@ -1162,7 +1164,7 @@ def test_the_same_experiment_again_tells_what_it_can_separate(hidden):
 
 def test_where_a_cause_was_held_by_cliffs_the_others_are_looked_over(hidden):
     """Else the one that a look had raised would lead over others that nobody looked at."""
-    search = ladder._Search(hidden.baseline.problem, FEW, 1, Memory(None), lambda *a: None)
+    search = rungs._Search(hidden.baseline.problem, FEW, 1, Memory(None), lambda *a: None)
     search.fitted = {c.ids: c for c in hidden.candidates if len(c.terms) < 2}
     truth, rival = (search.fitted[(id,)] for id in ("amplifier_lag", "flight_friction"))
 
@@ -1488,7 +1490,7 @@ def test_processes_search_what_one_would(jobs, tmp_path):
     work = diagnosis._Work(e, ("a",), tmp_path, 1, FEW[:2], jobs, Silent(), ())
     with pytest.MonkeyPatch.context() as patch:
         if jobs == 2:
-            patch.setattr(ladder, "fit", None)
+            patch.setattr(rungs, "fit", None)
         parts = work._parts()
     alone = [climb(Problem(e, (g,), tolerance=diagnosis._TOLERANCE), FEW[:2], seed=1).leader for g in ("b", "a")]
     assert [c.ids for c in parts] == [c.ids for c in alone]

@@ -23,7 +23,7 @@ from psafit.challenge.campaign import read_diagnosis
 from psafit.challenge.hide import Challenge, make
 from psafit.challenge.oracle import Oracle, consult
 from psafit.challenge.score import located, reported_set
-from psafit.diagnose import diagnose, diagnosis, ladder
+from psafit.diagnose import diagnose, diagnosis, ladder, search
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.misfit import examine
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
@@ -174,16 +174,17 @@ def without(rung: str, patch: pytest.MonkeyPatch) -> None:
 
         patch.setattr(diagnosis, "leftover", nothing)
     elif rung == "single causes":
-        worth = ladder._Search._evidence
-        patch.setattr(ladder._Search, "_evidence", lambda self, c: -1e6 if len(c.terms) == 1 else worth(self, c))
-        patch.setattr(ladder._Search, "found_something", lambda *a: False)
+        worth = search._Search._evidence
+        patch.setattr(search._Search, "_evidence", lambda self, c: -1e6 if len(c.terms) == 1 else worth(self, c))
+        patch.setattr(search._Search, "found_something", lambda *a: False)
     elif rung == "combinations":
-        patch.setattr(ladder._Search, "grow", lambda *a: False)
-        patch.setattr(ladder._Search, "refine", lambda *a: False)
+        patch.setattr(search._Search, "grow", lambda *a: False)
+        patch.setattr(search._Search, "refine", lambda *a: False)
     else:
-        patch.setattr(ladder, "log_prior", lambda *a: 0.0)
-        patch.setattr(ladder, "VISIBLE_EVIDENCE", 0.0)
-        patch.setattr(ladder._Search, "_evidence", lambda self, c: c.log_likelihood)
+        for module in (ladder, search):
+            patch.setattr(module, "log_prior", lambda *a: 0.0)
+            patch.setattr(module, "VISIBLE_EVIDENCE", 0.0)
+        patch.setattr(search._Search, "_evidence", lambda self, c: c.log_likelihood)
 
 
 @pytest.mark.slow

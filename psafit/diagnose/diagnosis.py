@@ -16,7 +16,7 @@ from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show, told
 from psafit.diagnose.confusable import confusable
-from psafit.diagnose.ladder import CREDIBLE, Ladder, climb
+from psafit.diagnose.ladder import CREDIBLE, Ladder
 from psafit.diagnose.leftover import leftover, stretch
 from psafit.diagnose.memory import Memory, code
 from psafit.diagnose.misfit import examine
@@ -30,6 +30,7 @@ from psafit.diagnose.record import (
 )
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
+from psafit.diagnose.search import climb
 from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psafit.diagnose.ladder import Ladder, climb
+from psafit.diagnose.ladder import Ladder
 from psafit.diagnose.memory import Memory
+from psafit.diagnose.search import climb
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.physics.term import Term
@@ -69,7 +70,7 @@ def significance(
     memory : Memory
         Repetitions already there are not run again.
     thorough : bool
-        As the search was (`psafit.diagnose.ladder.climb`).
+        As the search was (`psafit.diagnose.search.climb`).
     jobs : int
         Processes that share the repetitions, where the memory lasts.
     progress : callable
