@@ -27,7 +27,7 @@ FLOORS = (
     {"diagnose"},
     {"challenge", "compare"},
     {"report"},
-    {"api", "cli", "cli_challenge", "cli_explore", "cli_rig", "progress", "__main__"},
+    {"api", "cli", "progress", "__main__"},
 )
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 DRAWS = {"matplotlib", "cycler", "corner", "jinja2", "markupsafe"}

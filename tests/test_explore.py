@@ -24,8 +24,10 @@ from test_architecture import HEAVY
 from test_report_diagnosis import make_experiment, make_record
 
 import psafit
-from psafit import cli, cli_explore, cli_rig, watch
+from psafit import cli, watch
 from psafit.api import Diagnosed, Fitted, Rig
+from psafit.cli import exploring
+from psafit.cli import rig as of_rigs
 from psafit.compare import Estimate, Side, Told, compare, read_predictions, read_side
 from psafit.errors import InputError
 from psafit.experiment import (
@@ -376,7 +378,7 @@ def test_names_of_a_sessions_own_hold_its_id(known: Experiment) -> None:
     assert both.names[-5:-3] == ("reading_gain_z_x_2", "reading_gain_z_7")
     values = both.to_physical(both.prior_transform(np.linspace(0.3, 0.7, both.n_dim))).tolist()
     given = dict(zip(both.names, values, strict=True))
-    theta = cli_explore._completed(Plan(known.constants, experiment.groups, ()), both.terms, given, {})
+    theta = exploring._completed(Plan(known.constants, experiment.groups, ()), both.terms, given, {})
     gains = {name: z for name, z in theta.items() if "_z_" in name}
     assert list(gains) == ["reading_gain_z_7", late, "reading_gain_z_x_2"]
     assert list(gains.values()) == [given["reading_gain_z_7"], 0.0, given["reading_gain_z_x_2"]]
@@ -439,7 +441,7 @@ def test_a_session_to_come_has_no_gain_of_the_runs(known: Experiment, capsys) ->
     planned = Conditions(own.id, own.waveform, own.file, own.frequency_hz, own.amplitude_v)
     for group, kept in ((own, True), (read_again, False), (planned, False)):
         plan = Plan(known.constants, (group,), ())
-        found = cli_explore._of_sessions(plan, (gain,), medians, [own], False)
+        found = exploring._of_sessions(plan, (gain,), medians, [own], False)
         assert found == (medians if kept else {k: v for k, v in medians.items() if k != name})
         assert capsys.readouterr().err == ("" if kept else f"sessions to come, not those of the run: {name} = 0\n")
 
@@ -608,7 +610,7 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
         assert run(monkeypatch, "plan", *words) == 2
         error = capsys.readouterr().err
         assert told in error and error.count("\n") == 1 and not (tmp_path / "x").exists()
-    assert [cli_rig._unused(ids) for ids in ((1, 2), (1, 3), ("a", 1), ("next1",))] == [3, 4, "next1", "next2"]
+    assert [of_rigs._unused(ids) for ids in ((1, 2), (1, 3), ("a", 1), ("next1",))] == [3, 4, "next1", "next2"]
 
 
 def test_a_picture_of_a_plan_shows_no_readings() -> None:
@@ -795,7 +797,7 @@ def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-unty
             shutil.copy(fitted[0] / "posterior.json", running)
 
     with monkeypatch.context() as ending:
-        ending.setattr(cli_explore.time, "sleep", pause)
+        ending.setattr(exploring.time, "sleep", pause)
         # The summary is written first, then the folder is let go.
         ending.setattr(watch, "in_use", lambda folder: looks < 4)
         assert run(ending, "watch", running) == 0
@@ -806,7 +808,7 @@ def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-unty
         raise KeyboardInterrupt
 
     (running / "posterior.json").unlink()
-    monkeypatch.setattr(cli_explore.time, "sleep", stop)
+    monkeypatch.setattr(exploring.time, "sleep", stop)
     assert run(monkeypatch, "watch", running) == 0
     told = capsys.readouterr()
     assert told.err == "" and told.out.startswith("sampling")
@@ -816,7 +818,7 @@ def test_a_terminal_gets_a_table(running: Path, monkeypatch, capsys) -> None:  #
     from rich.console import Console
 
     console = Console(width=100, record=True, force_terminal=True)
-    console.print(cli_explore._table(running, watch.look(running)))
+    console.print(exploring._table(running, watch.look(running)))
     text = console.export_text()
     assert "running" in text and "R-hat" in text and "━" in text and "60 of each of 32 walkers" in text
 

@@ -9,7 +9,7 @@ import click
 from click.core import ParameterSource
 
 from psafit.challenge import DRAWN, EACH, NOTHING, PAIRS
-from psafit.cli import (
+from psafit.cli.common import (
     CHECK_FAILED,
     DONE,
     JSON,

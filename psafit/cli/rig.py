@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from psafit import plugins
-from psafit.cli import (
+from psafit.cli.common import (
     CHECK_FAILED,
     DONE,
     JSON,

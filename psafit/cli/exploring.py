@@ -12,7 +12,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import psafit
-from psafit.cli import DONE, EXPERIMENT, JSON, PLUGIN, QUIET, Command, Place, causes, escaped, shown_path, write_result
+from psafit.cli.common import (
+    DONE,
+    EXPERIMENT,
+    JSON,
+    PLUGIN,
+    QUIET,
+    Command,
+    Place,
+    causes,
+    escaped,
+    shown_path,
+    write_result,
+)
 from psafit.errors import LARGEST_SEED, InputError
 
 if TYPE_CHECKING:

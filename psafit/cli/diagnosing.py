@@ -1,0 +1,174 @@
+"""`psafit diagnose`, and how a diagnosis is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from psafit.cli.common import (
+    CHECK_FAILED,
+    DONE,
+    EXPERIMENT,
+    JSON,
+    PLUGIN,
+    QUIET,
+    SEED,
+    Command,
+    Place,
+    groups_of,
+    plugin_words,
+    refuse_run_file,
+    shown_path,
+    unresolved,
+    warn,
+    write_result,
+)
+
+if TYPE_CHECKING:
+    from psafit.diagnose.record import CauseResult, Diagnosis
+
+
+@click.command(cls=Command, short_help="Say what the simulation gets wrong, and name the cause.")
+@EXPERIMENT
+@click.option(
+    "--group",
+    "group",
+    metavar="ID[,ID...]",
+    help="Training groups of the strict gain (not used by --quick); the first group by default.",
+)
+@click.option("--quick", is_flag=True, help="The verdict alone: at most four causes, no measured gain.")
+@click.option(
+    "--nautilus", is_flag=True, help="Compute the finalists' evidence by a nested sampler, too: minutes a model."
+)
+@click.option(
+    "--searches",
+    type=click.IntRange(0, 9999),
+    metavar="N",
+    help="Repeat the whole search on N simulated baselines; 19 by default where a cause is named, 0 with --quick.",
+)
+@click.option("--out", type=Place("folder"), help="Folder; fits/<experiment>-diagnosis by default.")
+@SEED
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    metavar="N",
+    help="Processes that search side by side; one for every core by default. The result is the same.",
+)
+@click.option("--no-report", is_flag=True, help="Write the result only, no page.")
+@PLUGIN
+@QUIET
+@JSON
+def diagnose(
+    experiment: Path,
+    group: str | None,
+    quick: bool,
+    searches: int | None,
+    nautilus: bool,
+    out: Path | None,
+    seed: int,
+    jobs: int | None,
+    no_report: bool,
+    quiet: bool,
+    json_file: Path | None,
+) -> int:
+    """Say what the simulation gets wrong, name the cause, and measure what the extended model gains.
+
+    The verdict uses all groups; the gain never scores data that a choice has seen. An interrupted diagnosis goes
+    on where it stopped when the same command is repeated.
+    """
+    from psafit.files import ensure_writable, usual_folder
+    from psafit.inference.scale import read
+    from psafit.progress import watcher
+
+    data = read(experiment)
+    ids = [data.ids[0]] if group is None else groups_of(group, data)
+    folder = out or usual_folder(experiment, "diagnosis")
+    if out is None:
+        ensure_writable(folder, "--out", folder=True, inputs=[experiment])
+    refuse_run_file(json_file, folder)
+    if not quiet:
+        warn(data.warnings)
+    command = ["psafit", "diagnose", experiment, *([] if group is None else ["--group", group]), "--seed", seed]
+    command += ["--quick"] if quick else []
+    command += ["--searches", searches] if searches is not None else []
+    command += ["--nautilus"] if nautilus else []
+    command += ["--out", out] if out else []
+    command += plugin_words()
+    with watcher(quiet) as show:
+        from psafit.diagnose import diagnose as examine
+        from psafit.diagnose.record import PAGE
+
+        result = examine(
+            data,
+            ids,
+            folder,
+            quick=quick,
+            searches=searches,
+            nautilus=nautilus,
+            seed=seed,
+            jobs=jobs,
+            # Without its page a diagnosis was interrupted, however whole its record is.
+            draw_on=no_report or (folder / PAGE).exists(),
+            watcher=show,
+            command=command,
+        )
+    write_result(json_file, result)
+    try:
+        if not quiet:
+            _tell(result)
+    finally:
+        # The answer need not wait for its pictures, nor they for somebody who reads it.
+        if not no_report:
+            from psafit.report.diagnosis import write_diagnosis
+
+            page = write_diagnosis(result, data, folder)
+    if not (quiet or no_report):
+        click.echo(f"report: {shown_path(page)}")
+    return DONE if result.numerics["converged"] else CHECK_FAILED
+
+
+def _tell(result: Diagnosis) -> None:
+    """Print a diagnosis."""
+    click.echo(result.headline)
+    for sentence in result.sentences:
+        click.echo(f"  {sentence}")
+    unnamed = result.mostly_unnamed
+    if unnamed or result.verdict == "unexplained":
+        click.echo("  if a model of the catalogue had to do:")
+    for cause in result.causes[:5]:
+        words = " + ".join(cause.terms) or "no cause"
+        share = cause.evidence["share"] if unnamed else cause.probability
+        gain = f"log likelihood {cause.evidence['gain']:+.1f} nats over the baseline's"
+        click.echo(f"  {_share(share):>5} %  {words}, {gain}")
+        if cause.terms == result.named or cause.terms in result.alternatives[:1]:
+            for line in _sizes(cause):
+                click.echo(f"           {line}")
+    if not unnamed and result.tells_unnamed:
+        click.echo(f"  {_share(result.unnamed):>5} %  a discrepancy without a name")
+    for place in result.misfit["where"][:5]:
+        click.echo(f"  baseline, {place['text']}")
+    if not result.numerics["converged"]:
+        click.echo(f"  {unresolved(result.numerics['error'], result.numerics['required'])}")
+    for run in result.extension.values():
+        if not run["converged"]:
+            click.echo(f"  posterior of {' + '.join(run['terms'])}: {run['message']}")
+
+
+def _share(fraction: float) -> str:
+    """A fraction in per cent; never 0 or 100 unless it is."""
+    text = f"{100 * fraction:.1f}"
+    return "<0.1" if text == "0.0" and fraction > 0 else ">99.9" if text == "100.0" and fraction < 1 else text
+
+
+def _sizes(cause: CauseResult) -> Iterator[str]:
+    """The values of a model's own causes, as the readings tell them."""
+    from psafit.inference.identify import describe
+    from psafit.physics import owner
+
+    for name, p in cause.parameters.items():
+        if owner(name) in cause.terms and p["lower"] is not None:
+            size = describe(name, p["unit"], p["median"], (p["lower"], p["upper"]), [], "determined")
+            yield size + ("; implausible under its prior" if name in cause.implausible else "")

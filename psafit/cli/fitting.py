@@ -1,0 +1,199 @@
+"""`psafit check`, `fit`, `validate` and `reproduce`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from psafit.cli.common import (
+    CHECK_FAILED,
+    DONE,
+    EXPERIMENT,
+    JSON,
+    PLUGIN,
+    QUIET,
+    RUN,
+    SEED,
+    Command,
+    Place,
+    causes,
+    count,
+    groups_of,
+    plugin_words,
+    print_scores,
+    refuse_run_file,
+    shown_path,
+    unresolved,
+    warn,
+    write_result,
+)
+from psafit.errors import InputError
+
+
+@click.command(cls=Command)
+@EXPERIMENT
+@QUIET
+@JSON
+def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
+    """Validate an experiment folder and say what is in it."""
+    from psafit.experiment import changes_text, describe
+    from psafit.inference.scale import read
+
+    content = describe(read(experiment))
+    write_result(json_file, content)
+    if not quiet:
+        click.echo(
+            f"{content['title']}: {count(len(content['groups']), 'group')}, {count(content['n_points'], 'reading')}"
+        )
+        for group in content["groups"]:
+            spans = (
+                _span(group["frequency_hz"], "Hz"),
+                _span(group["amplitude_v"], "V"),
+                _span(group["launch_range_um"], "um"),
+            )
+            click.echo(
+                f"  group {group['id']}: {group['waveform']}, {count(group['n_points'], 'reading')}, "
+                f"{spans[0]}, {spans[1]}, launch range {spans[2]}{changes_text(group['constants'].items())}"
+            )
+        for known in content["priors"]:
+            click.echo(f"  prior of {known['name']}: {known['prior']} ({known['source']})")
+        warn(content["warnings"])
+    return DONE
+
+
+@click.command(cls=Command, short_help="Fit, sample, validate on the other groups, and report.")
+@EXPERIMENT
+@click.option("--group", "group", metavar="ID[,ID...]", help="Group or groups to fit.  [required]")
+@click.option("--terms", default="", metavar="ID[,ID...]", help="Causes to add to the baseline.")
+@click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
+@SEED
+@click.option("--starts", type=click.IntRange(1, 4096), default=32, show_default=True, help="Starts of the search.")
+@click.option("--no-report", is_flag=True, help="Stop after the posterior: no validation, no report.")
+@PLUGIN
+@QUIET
+@JSON
+def fit(
+    experiment: Path,
+    group: str | None,
+    terms: str,
+    out: Path | None,
+    seed: int,
+    starts: int,
+    no_report: bool,
+    quiet: bool,
+    json_file: Path | None,
+) -> int:
+    """Fit, sample, validate on the other groups and write the report.
+
+    An interrupted run goes on where it stopped when the same command is repeated, and one that has not
+    converged draws on.
+    """
+    from psafit.experiment.text import listed
+    from psafit.files import ensure_writable, usual_fit_folder
+    from psafit.inference.scale import read
+    from psafit.progress import watcher
+
+    data = read(experiment)
+    if group is None:
+        raise InputError("no group to fit", f"name one or more with --group: {listed(map(str, data.ids))}")
+    ids = groups_of(group, data)
+    chosen = causes(terms) if terms else ()
+    folder = out or usual_fit_folder(experiment, ids, [t.id for t in chosen])
+    if out is None:  # one that was given has been looked at
+        ensure_writable(folder, "--out", folder=True, inputs=[experiment])
+    refuse_run_file(json_file, folder)
+    if not quiet:
+        warn(data.warnings)
+    with watcher(quiet) as show:
+        from psafit.inference import run as running
+        from psafit.numerics import audit
+
+        command = ["psafit", "fit", experiment, "--group", group, "--seed", seed, "--starts", starts]
+        command += ["--terms", terms] if terms else []
+        command += ["--out", out] if out else []
+        command += plugin_words()
+        result = running.fit(data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=show, command=command)
+        numerics = audit(result)
+        if not no_report:
+            show.stage("validate")
+            from psafit.report.fit import write_report
+            from psafit.validate import validate as check_predictions
+
+            validation, predictions = check_predictions(result)
+            show.stage("report")
+            page = write_report(result, validation, predictions, numerics)
+    write_result(json_file, {"fit": result.fit, "posterior": result.summary})
+    if not quiet:
+        best = result.fit.minima[0]
+        minima = "minimum" if len(result.fit.minima) == 1 else "minima"
+        ended = f"{count(best.starts, 'climb')} ended at the best, the others were given up behind it or ended lower"
+        if not (best.starts or result.fit.n_missed):
+            ended = "a population found the best, all climbs were given up behind it or ended lower"
+        click.echo(f"{len(result.fit.minima)} {minima} from {count(result.fit.n_starts, 'start')}; {ended}")
+        if result.fit.n_missed:
+            click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
+        for p in result.summary.parameters:
+            strange = p.implausible and p.verdict != "not determined"
+            click.echo(f"  {p.text}" + ("; implausible under its prior" if strange else ""))
+        click.echo(f"posterior: {result.summary.message}")
+        if not numerics.converged:
+            click.echo(unresolved(numerics.error, numerics.required))
+        if not no_report:
+            print_scores(validation)
+            click.echo(f"report: {shown_path(page)}")
+    return DONE if result.summary.converged and numerics.converged else CHECK_FAILED
+
+
+@click.command(cls=Command)
+@RUN
+@PLUGIN
+@QUIET
+@JSON
+def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
+    """Check a run's posterior against the groups it never saw."""
+    from psafit.inference.run import load
+    from psafit.validate import validate as check_predictions
+
+    refuse_run_file(json_file, run)
+    validation, _ = check_predictions(load(run))
+    write_result(json_file, validation)
+    if not quiet:
+        print_scores(validation)
+    return DONE
+
+
+@click.command(cls=Command, short_help="Recompute the study's published results.")
+@click.argument("experiment", metavar="[EXP]", type=Place("input"), default=Path("experiments/psa"))
+@click.option("--out", type=Place("folder"), default=Path("fits/reproduction"), show_default=True)
+@QUIET
+@JSON
+def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) -> int:
+    """Recompute the study's published results, with its time step and without."""
+    refuse_run_file(json_file, out)
+    from psafit.progress import watcher
+
+    with watcher(quiet) as show:
+        show.stage("reproduce")
+        from psafit.files import portable_command
+        from psafit.inference.run import versions
+        from psafit.records import write_json
+        from psafit.report.reproduction import claims_table, write_reproduction
+        from psafit.reproduce import reproduce as recompute
+
+        result = recompute(experiment)
+        show.stage("report")
+        used = ", ".join(f"{name} {version}" for name, version in versions().items())
+        command = portable_command(["psafit", "reproduce", experiment, "--out", out])
+        page = write_reproduction(result, out / "reproduction.html", {"Command": command, "Versions": used})
+    content = result.to_dict()
+    write_json(out / "reproduction.json", content)
+    write_result(json_file, content)
+    if not quiet:
+        click.echo(claims_table(result))
+        click.echo(f"report: {shown_path(page)}")
+    return DONE
+
+
+def _span(span: list[float], unit: str) -> str:
+    return f"{span[0]:g} {unit}" if span[0] == span[1] else f"{span[0]:g}-{span[1]:g} {unit}"
