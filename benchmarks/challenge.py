@@ -21,7 +21,7 @@ from outside import OUTSIDE
 
 from psafit.challenge.campaign import load, plan, run
 from psafit.challenge.score import score
-from psafit.cli import BAD_INPUT, CHECK_FAILED, DONE
+from psafit.cli.common import BAD_INPUT, CHECK_FAILED, DONE
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import read_experiment
 from psafit.files import portable_command
