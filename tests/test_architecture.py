@@ -144,7 +144,7 @@ def test_only_the_command_line_talks() -> None:
 
 def test_the_reference_shares_no_code_with_the_fast_path() -> None:
     """Two implementations check each other only as long as neither calls the other."""
-    references = {"psafit.simulate.reference", "psafit.simulate.literal"}
+    references = {"psafit.simulate.reference", "psafit.simulate.literal", "psafit.simulate.literal_scheme"}
     shared = [
         i
         for i in INTERNAL

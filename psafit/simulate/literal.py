@@ -9,12 +9,9 @@ The causes edit a `World`; this module integrates that world literally, as the o
 
 with :math:`P_0 = M g x_0/l`. It knows no closed form of the motion and shares no code with the batch simulator.
 
-Method: Radau IIA collocation with nine stages, order 17, stiffly accurate; one scheme for stiff and for
-oscillating motion. A step is accepted once the Legendre series of its polynomial has converged to the tolerance,
-which holds inside the step as well as at its end. The right-hand side is smooth within every piece: edges and
-quarter periods of the command, kinks of the amplifier, zeros of the voltage, of its rate and of the hysteresis
-state, of the force where a pull is weakened, and of the indentation each end a piece. The last step of a piece is
-solved anew until it ends at the event itself, with no stage beyond it.
+Method: Radau IIA collocation (`psafit.simulate.literal_scheme`), piece by piece. The right-hand side is smooth within
+every piece: edges and quarter periods of the command, kinks of the amplifier, zeros of the voltage, of its rate and of
+the hysteresis state, of the force where a pull is weakened, and of the indentation each end a piece.
 
 The indentation and its rate are states of their own (at the stiffest contact d/x1 is 1e-8, and a difference would
 have lost its digits), and so is the ball's speed less ``c_c d/M``: its rate ``(F_c - c_c d')/M`` does not contain
@@ -24,28 +21,23 @@ the damping force, whose impulse over a contact cancels.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
-from numpy.polynomial import legendre
-from scipy.linalg.lapack import dgetrf, dgetrs
-from scipy.optimize import brentq, minimize_scalar
-from scipy.special import roots_jacobi
+from scipy.optimize import brentq
 
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
 from psafit.physics.term import Term, World
+from psafit.simulate.literal_scheme import EPS, TINY, Clock, Monitor, advance
 from psafit.simulate.reference import Point
 
 Outcome = Literal["launched", "no launch"]
 
 MAX_PERIODS = 3
-_MAX_STEPS = 400_000
-_EPS = float(np.finfo(float).eps)
-_TINY = 1e-290
 
 
 @dataclass(frozen=True)
@@ -129,278 +121,6 @@ def launch_in(world: World, point: Point, *, group: int = 0, rtol: float = 1e-12
     return LiteralLaunch(float(world.reading(reach, group)), when, speed, place, "launched")
 
 
-# --- the collocation scheme -------------------------------------------------------------------------
-
-_STAGES = 9
-
-
-def _collocation(stages: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nodes in (0, 1], matrix of Radau IIA, and the map from values at 0 and the nodes to Legendre coefficients."""
-    x = np.append(roots_jacobi(stages - 1, 1.0, 0.0)[0], 1.0)
-    p = legendre.legvander(x, stages)
-    integrals = np.empty((stages, stages))
-    integrals[:, 0] = x + 1.0
-    for k in range(1, stages):
-        integrals[:, k] = (p[:, k + 1] - p[:, k - 1]) / (2 * k + 1)
-    matrix = np.asarray(0.5 * np.linalg.solve(p[:, :stages].T, integrals.T).T, dtype=np.float64)
-    series = np.asarray(np.linalg.inv(legendre.legvander(np.append(-1.0, x), stages)), dtype=np.float64)
-    return (x + 1.0) / 2.0, matrix, series
-
-
-_NODES, _MATRIX, _SERIES = _collocation(_STAGES)
-_GRID = np.linspace(0.0, 1.0, 25)
-_ON_GRID = legendre.legvander(2.0 * _GRID - 1.0, _STAGES) @ _SERIES
-
-
-class _System(Protocol):
-    """First-order equations, smooth within a piece; times count from the start of the piece."""
-
-    active: list[int]  # the components that move; the others are handed on unchanged
-
-    def field(self, tau: float, y: list[float]) -> list[float]: ...
-
-    def jacobian(self, tau: float, y: list[float]) -> list[list[float]]: ...
-
-    def noise(self, size: FloatArray, h: float) -> FloatArray:
-        """Rounding errors of the components within a step: no tolerance below these can be met."""
-        ...
-
-
-@dataclass
-class _Monitor:
-    """A function of the state that keeps its sign within a piece.
-
-    Parameters
-    ----------
-    name : str
-    value : callable
-        ``value(tau, row)``.
-    sign : {-1, 0, 1}
-        What it keeps; 0: what it shows once it leaves its noise.
-    noise : float
-        Values this small have no sign.
-    clean : bool
-        The function's own equation has no kink at its zero, so that a step too long still tells where it is.
-    """
-
-    name: str
-    value: Callable[[float, list[float]], float]
-    sign: int = 0
-    noise: float = 0.0
-    clean: bool = False
-
-
-class _Step:
-    """One solved step: values at its start and at the nodes, and the Legendre series of the polynomial."""
-
-    def __init__(self, tau: float, h: float, values: FloatArray) -> None:
-        self.tau, self.h, self.values = tau, h, values
-        self.series = _SERIES @ values
-
-    def at(self, theta: float) -> list[float]:
-        """State at a fraction of the step."""
-        return np.asarray(legendre.legval(2.0 * theta - 1.0, self.series)).tolist()
-
-    def watch(self, monitor: _Monitor, theta: float) -> float:
-        return monitor.value(self.tau + theta * self.h, self.at(theta))
-
-
-def _solve(system: _System, tau: float, y: FloatArray, h: float, size: FloatArray) -> _Step | None:
-    """Solve the stages by Newton's method, with the Jacobian of each; None if it does not converge."""
-    active = system.active
-    n = len(active)
-    times = (tau + h * _NODES).tolist()
-    stages = np.tile(y, (_STAGES, 1))
-    move = np.zeros((_STAGES, n))
-    start = y[active]
-    floor = system.noise(size, h)[active]
-    factors = None
-    unit = np.ones(n)
-    previous = math.inf
-    for iteration in range(25):
-        rows = stages.tolist()
-        slopes = np.array([system.field(t, row) for t, row in zip(times, rows, strict=True)])[:, active]
-        if not np.all(np.isfinite(slopes)):
-            return None
-        if factors is None:
-            jacobian = np.array([system.jacobian(t, row) for t, row in zip(times, rows, strict=True)])
-            jacobian = jacobian[:, active][:, :, active]
-            # Every component in a unit of its own: the solution's rounding errors are then relative to each.
-            unit = np.maximum(
-                np.maximum(size[active], np.abs(stages[:, active]).max(axis=0)), h * np.abs(slopes).max(axis=0)
-            )
-            unit = np.where(unit > 0.0, unit, h * np.abs(jacobian).max(axis=0) @ unit)
-            unit = np.where(unit > _TINY, unit, 1.0)
-            blocks = -h * _MATRIX[:, None, :, None] * (jacobian * unit / unit[:, None]).transpose(1, 0, 2)[None]
-            matrix = blocks.reshape(_STAGES * n, _STAGES * n)
-            matrix.flat[:: _STAGES * n + 1] += 1.0
-            if not np.all(np.isfinite(matrix)):
-                return None
-            lu, pivots, info = dgetrf(matrix, overwrite_a=True)
-            if info != 0:
-                return None
-            factors = lu, pivots
-        residual = (h * (_MATRIX @ slopes) - move) / unit
-        change = unit * dgetrs(*factors, residual.ravel())[0].reshape(_STAGES, n)
-        move += change
-        stages[:, active] = start + move
-        scale = np.maximum(np.maximum(size[active], np.abs(stages[:, active]).max(axis=0)), _TINY)
-        norm = float((np.abs(change) / scale).max())
-        if not math.isfinite(norm):
-            return None
-        ratio = norm / previous if previous > 0.0 else 0.0
-        if norm <= 1e-15:
-            break
-        if ratio > 0.3 and np.all(np.abs(change) <= 1e-13 * scale + floor):
-            break  # rounding errors: it will not become better
-        if iteration > 3 and ratio > 2.0:
-            return None
-        if ratio > 1e-3:
-            factors = None
-        previous = norm
-    else:
-        return None
-    return _Step(tau, h, np.vstack([y, stages]))
-
-
-def _badness(system: _System, step: _Step, size: FloatArray, rtol: float) -> float:
-    """Last coefficients of the series over what is allowed: acceptable up to 1."""
-    scale = np.maximum(size, np.abs(step.values).max(axis=0))
-    allowed = rtol * scale + system.noise(scale, step.h) + _TINY
-    tail = np.maximum(np.abs(step.series[-1]), 0.03 * np.abs(step.series[-2]))
-    return float((tail / allowed)[system.active].max())
-
-
-def _first_crossing(step: _Step, monitors: list[_Monitor], fresh: bool) -> tuple[float, _Monitor] | None:
-    """Fraction of the step at which the first monitor changes its sign; 0: it starts with the wrong one."""
-    if not monitors:
-        return None
-    rows = (_ON_GRID @ step.values).tolist()
-    times = (step.tau + step.h * _GRID).tolist()
-    best: tuple[float, _Monitor] | None = None
-    for monitor in monitors:
-        g = [monitor.value(t, row) for t, row in zip(times, rows, strict=True)]
-        first = 1 if fresh else 0  # a piece often begins where a monitor is zero
-        sign = monitor.sign
-        if sign == 0:
-            clear = [i for i in range(first, len(g)) if abs(g[i]) > monitor.noise]
-            if not clear:
-                continue
-            first = clear[0]
-            sign = 1 if g[first] > 0.0 else -1
-        theta = _fall(step, monitor, [sign * value for value in g], sign, first, fresh)
-        if theta is not None and (best is None or theta < best[0]):
-            best = theta, monitor
-    return best
-
-
-def _fall(step: _Step, monitor: _Monitor, g: list[float], sign: int, first: int, fresh: bool) -> float | None:
-    """First fraction of the step, from grid point `first` on, at which `g`, the monitor with its sign, falls to 0."""
-
-    def at(theta: float) -> float:
-        return sign * step.watch(monitor, theta)
-
-    def zero(low: float, high: float) -> float:
-        if at(low) <= 0.0:
-            return low
-        return float(brentq(at, low, high, xtol=1e-16, rtol=4 * _EPS)) if at(high) < 0.0 else high
-
-    noise = monitor.noise
-    for i in range(first, len(g)):
-        if g[i] < -noise:
-            if i == first:
-                return 0.0 if fresh else float(_GRID[i])
-            return zero(float(_GRID[i - 1]), float(_GRID[i]))
-        # A dip between grid points: where the parabola through three of them falls below zero, look closely.
-        if first < i < len(g) - 1 and g[i] <= g[i - 1] and g[i] <= g[i + 1]:
-            bend = g[i - 1] - 2.0 * g[i] + g[i + 1]
-            lean = 0.5 * (g[i + 1] - g[i - 1])
-            if bend > 0.0 and g[i] - 0.6 * lean * lean / bend < -noise:
-                low, high = float(_GRID[i - 1]), float(_GRID[i + 1])
-                found = minimize_scalar(at, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
-                if found.fun < -noise:
-                    return zero(low, float(found.x))
-    return None
-
-
-def _land(system: _System, step: _Step, theta: float, monitor: _Monitor, size: FloatArray) -> _Step | None:
-    """Solve the step anew so that it ends where the monitor is zero; None if that does not converge."""
-    tau, y = step.tau, step.values[0]
-    nudge = 1e-5
-    previous = math.inf
-    h = step.h * theta
-    for _ in range(12):
-        landed = _solve(system, tau, y, h, size)
-        if landed is None:
-            return None
-        g, before = landed.watch(monitor, 1.0), landed.watch(monitor, 1.0 - nudge)
-        if g == 0.0 or g == before:
-            return landed
-        off = -g * nudge / (g - before)
-        if abs(off) <= 4 * _EPS or (abs(off) < 1e-7 and abs(off) >= 0.5 * previous):
-            return landed
-        if abs(off) > 0.5:
-            return None
-        previous = abs(off)
-        h *= 1.0 + off
-    return landed if previous < 1e-7 else None
-
-
-@dataclass
-class _Clock:
-    """What lives on from piece to piece: the step to try, the largest values so far, the steps taken."""
-
-    step: float
-    size: FloatArray
-    rtol: float
-    taken: int = 0
-
-
-def _advance(
-    system: _System, y: FloatArray, end: float, clock: _Clock, monitors: list[_Monitor]
-) -> tuple[float, FloatArray, str]:
-    """Integrate one piece up to `end` or to the first monitor's zero, whose name comes back (or "")."""
-    tau, fresh, earliest = 0.0, True, 1e-7
-    opening = 0.0
-    while tau < end:
-        h = end - tau if tau + 1.01 * clock.step >= end else clock.step
-        clock.taken += 1
-        if clock.taken > _MAX_STEPS or (tau + h == tau and h < end - tau):
-            raise ConvergenceError("time within a piece of the literal reference", reached=tau, required=end)
-        step = _solve(system, tau, y, h, clock.size)
-        if step is None:
-            clock.step = 0.2 * h
-            continue
-        badness = _badness(system, step, clock.size, clock.rtol)
-        found = _first_crossing(step, monitors, fresh)
-        if found is not None and (badness <= 1.0 or (found[1].clean and found[0] > 0.0)):
-            theta, monitor = found
-            if theta == 0.0:
-                # Wrong from the first glance on: a piece of no length, unless a closer look tells otherwise.
-                opening = opening or h
-                if h < earliest * opening:
-                    return tau, y, monitor.name
-                clock.step = h / 30.0
-                continue
-            landed = _land(system, step, theta, monitor, clock.size)
-            if landed is None:
-                clock.step = 0.5 * h * theta
-                continue
-            badness = _badness(system, landed, clock.size, clock.rtol)
-            if badness <= 1.0:
-                clock.size = np.maximum(clock.size, np.abs(landed.values).max(axis=0))
-                return tau + landed.h, landed.values[-1].copy(), monitor.name
-            h = landed.h
-        if badness > 1.0:
-            clock.step = h * max(0.1, 0.85 * badness ** (-1.0 / _STAGES))
-            continue
-        clock.size = np.maximum(clock.size, np.abs(step.values).max(axis=0))
-        tau, y, fresh = tau + h, step.values[-1].copy(), False
-        grown = h * min(5.0, 0.85 * max(badness, 1e-12) ** (-1.0 / _STAGES))
-        clock.step = max(grown, clock.step) if h < clock.step else grown  # a piece's last step was cut short
-    return end, y, ""
-
-
 # --- the drive --------------------------------------------------------------------------------------
 
 
@@ -422,7 +142,7 @@ class _Command:
         if self.sine:
             quarters = phase / (math.pi / 2)
             near = round(quarters)
-            if abs(phase - near * (math.pi / 2)) <= 4 * _EPS * max(1.0, abs(phase)):
+            if abs(phase - near * (math.pi / 2)) <= 4 * EPS * max(1.0, abs(phase)):
                 self.index, self.phase = near, near * (math.pi / 2)
             else:
                 self.index = math.floor(quarters)
@@ -489,20 +209,20 @@ class _Ramp:
         return [[(self.field(tau, [y[0] + step])[0] - self.field(tau, [y[0] - step])[0]) / (2.0 * step)]]
 
     def noise(self, size: FloatArray, h: float) -> FloatArray:
-        return 4 * _EPS * size
+        return 4 * EPS * size
 
 
 def jump(world: World, z: float, start: float, end: float, rtol: float = 1e-12) -> float:
     """Hysteresis state, m, after the voltage jumped from `start` to `end`."""
     direction = 1.0 if end > start else -1.0
-    clock = _Clock(0.1 * abs(end - start), np.array([abs(z)]), rtol)
+    clock = Clock(0.1 * abs(end - start), np.array([abs(z)]), rtol)
     y = np.array([z])
     stops = [0.0, end] if start * end < 0.0 else [end]
     for stop in stops:
         while start != stop:
             ramp = _Ramp(world, start, direction)
-            gone, y, event = _advance(
-                ramp, y, abs(stop - start), clock, [_Monitor("z", lambda tau, row: row[0], noise=1e-14 * clock.size[0])]
+            gone, y, event = advance(
+                ramp, y, abs(stop - start), clock, [Monitor("z", lambda tau, row: row[0], noise=1e-14 * clock.size[0])]
             )
             start = start + direction * gone if event else stop
             if event:
@@ -555,7 +275,7 @@ class _Drive:
         self.stack_rate = math.sqrt(world.k_s / world.m) + world.c_s / world.m
         size = np.zeros(7)
         size[_U] = volt
-        self.clock = _Clock(self.first_step, size, rtol)
+        self.clock = Clock(self.first_step, size, rtol)
         self.reach = max(abs(world.stroke(volt)), abs(world.stroke(-volt)), q * volt)
         self.active = []
 
@@ -641,36 +361,36 @@ class _Drive:
         kick = pushes / world.m * h / (1.0 + h * self.stack_rate)
         # P is a quadrature over the others, as accurate as they are.
         near = min(far, kick * h)
-        return 4 * _EPS * np.array([near, kick, near, kick, math.inf, self.volt, far])
+        return 4 * EPS * np.array([near, kick, near, kick, math.inf, self.volt, far])
 
     # what ends a piece
 
-    def monitors(self) -> list[_Monitor]:
+    def monitors(self) -> list[Monitor]:
         world, command = self.world, self.command
         found = []
         if not self.contact:
-            found.append(_Monitor("touch", lambda tau, y: y[_D], -1))
+            found.append(Monitor("touch", lambda tau, y: y[_D], -1))
         else:
-            found.append(_Monitor("end", lambda tau, y: y[_D] - self.threshold, 1))
+            found.append(Monitor("end", lambda tau, y: y[_D] - self.threshold, 1))
             if world.bond > 0.0:
-                found.append(_Monitor("zero", lambda tau, y: y[_D], -1 if self.below else 1))
+                found.append(Monitor("zero", lambda tau, y: y[_D], -1 if self.below else 1))
             if world.pull != 1.0 and not self.below:
-                found.append(_Monitor("pull", lambda tau, y: self.raw_force(y[_D], y[_W]), -1 if self.relaxed else 1))
+                found.append(Monitor("pull", lambda tau, y: self.raw_force(y[_D], y[_W]), -1 if self.relaxed else 1))
         if self.memory:
-            found.append(_Monitor("memory", lambda tau, y: y[_Z], 0, 1e-14 * max(self.clock.size[_Z], _TINY)))
+            found.append(Monitor("memory", lambda tau, y: y[_Z], 0, 1e-14 * max(self.clock.size[_Z], TINY)))
         if self.amplifier == "follow":
             return found
         noise = 1e-13 * self.volt
-        found.append(_Monitor("voltage", lambda tau, y: y[_U], 0, noise, True))
+        found.append(Monitor("voltage", lambda tau, y: y[_U], 0, noise, True))
         if self.amplifier == "lag":
-            found.append(_Monitor("turning", lambda tau, y: command.value(tau) - y[_U], 0, noise, True))
+            found.append(Monitor("turning", lambda tau, y: command.value(tau) - y[_U], 0, noise, True))
             if math.isfinite(world.slew):
                 limit = world.slew * world.lag
-                found.append(_Monitor("limit", lambda tau, y: limit - abs(command.value(tau) - y[_U]), 1, 0.0, True))
+                found.append(Monitor("limit", lambda tau, y: limit - abs(command.value(tau) - y[_U]), 1, 0.0, True))
             return found
         way = 1 if self.amplifier == "up" else -1
         behind = world.slew * world.lag
-        found.append(_Monitor("limit", lambda tau, y: way * (command.value(tau) - y[_U]) - behind, 1, 0.0, True))
+        found.append(Monitor("limit", lambda tau, y: way * (command.value(tau) - y[_U]) - behind, 1, 0.0, True))
         return found
 
     def set_amplifier(self, u: float, *, met: bool = False) -> None:
@@ -684,7 +404,7 @@ class _Drive:
         if not math.isfinite(world.slew):
             self.amplifier = "follow"
             return
-        if abs(ahead) <= 4 * _EPS * self.volt:
+        if abs(ahead) <= 4 * EPS * self.volt:
             # On the command. Its rate just after: half way to where that passes the limit, or in the quarter's middle.
             soon = 0.5 * min(command.remaining(), command.until_rate(world.slew))
             ahead = command.rate(soon)
@@ -715,7 +435,7 @@ class _Drive:
     def follow(self, y: FloatArray, tau: float) -> None:
         """Set the voltage to the command; a jump carries the hysteresis state with it."""
         u = self.command.value(tau)
-        if self.memory and tau == 0.0 and abs(u - y[_U]) > 4 * _EPS * self.volt:
+        if self.memory and tau == 0.0 and abs(u - y[_U]) > 4 * EPS * self.volt:
             y[_Z] = jump(self.world, float(y[_Z]), float(y[_U]), u, self.clock.rtol)
         y[_U] = u
 
@@ -732,7 +452,7 @@ class _Drive:
         idle = 0
         while command.time < (limit := hold if self.contact else patience):
             waiting = launch is not None and not self.contact
-            if waiting and command.time >= horizon * (1.0 - 4 * _EPS):
+            if waiting and command.time >= horizon * (1.0 - 4 * EPS):
                 break
             quarter = command.remaining()
             end = min(quarter, limit - command.time)
@@ -745,7 +465,7 @@ class _Drive:
                 self.active.append(_U)
             if self.memory:
                 self.active.append(_Z)
-            tau, y, event = _advance(self, y, end, clock, self.monitors())
+            tau, y, event = advance(self, y, end, clock, self.monitors())
             idle = idle + 1 if tau == 0.0 else 0
             if idle > 20:
                 raise ConvergenceError("pieces without a length, of the literal reference", reached=idle, required=1)
@@ -829,7 +549,7 @@ def _seated(world: World, seat: float) -> float:
         low *= 0.5
     if low == high:
         return high
-    return float(brentq(lambda d: world.elastic(d, 0.0) - seat, low, high, xtol=1e-30, rtol=4 * _EPS))
+    return float(brentq(lambda d: world.elastic(d, 0.0) - seat, low, high, xtol=1e-30, rtol=4 * EPS))
 
 
 # --- the swing ----------------------------------------------------------------------------------------
@@ -857,7 +577,7 @@ class _Swing:
         return [[0.0, 1.0], [-world.g / world.l * math.cos(self.start + x / world.l) - by_x, -by_v]]
 
     def noise(self, size: FloatArray, h: float) -> FloatArray:
-        return 4 * _EPS * size
+        return 4 * EPS * size
 
 
 def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> float:
@@ -893,14 +613,14 @@ def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> f
     angle = math.asin(start)
     system = _Swing(world, angle)
     brake = world.g * abs(start) + abs(world.deceleration(0.0, speed)) + speed * math.sqrt(world.g / length)
-    clock = _Clock(0.1 * speed / brake, np.array([0.0, speed]), rtol)
+    clock = Clock(0.1 * speed / brake, np.array([0.0, speed]), rtol)
     monitors = [
-        _Monitor("top", lambda tau, y: y[1], 1, 0.0),
-        _Monitor("horizontal", lambda tau, y: math.pi / 2 - (angle + y[0] / length), 1),
+        Monitor("top", lambda tau, y: y[1], 1, 0.0),
+        Monitor("horizontal", lambda tau, y: math.pi / 2 - (angle + y[0] / length), 1),
     ]
     y = np.array([0.0, speed])
     while True:
-        _, y, event = _advance(system, y, 1e3 * math.sqrt(length / world.g), clock, monitors)
+        _, y, event = advance(system, y, 1e3 * math.sqrt(length / world.g), clock, monitors)
         if event:
             break
         if y[1] <= 1e-14 * speed:  # a creeping end
