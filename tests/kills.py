@@ -197,6 +197,7 @@ def main() -> int:
                     faults += 1
                     print(f"{kind}, after kill {kills}: another result", flush=True)
                 shutil.rmtree(place / out, ignore_errors=True)
+                print(f"{kind}: {kills} of {given.kills} kills, {ends} runs to the end", file=sys.stderr, flush=True)
             shutil.rmtree(place / "calm")
             print(f"{kind}: {kills} kills, {ends} runs to the end, undisturbed {seconds:.0f} s", flush=True)
     finally:
