@@ -85,7 +85,7 @@ class _Lines:
             state = _state(done, total, note)
             if total is not None and done > self._first[0]:
                 pace = (now - self._first[1]) / (done - self._first[0])
-                state += f"; about {duration(pace * (total - done))} left"
+                state += f"; about {duration(pace * (total - done))} left of this"
             print(f"[{now - self._begun:5.1f} s]   {state}", file=sys.stderr, flush=True)
 
 

@@ -328,6 +328,11 @@ def _direction(error: FloatArray) -> str:
     return f"mostly too {side}" + (f" (by {_factor(bias)} on average)" if told else "")
 
 
+def drifting(validation: Validation) -> bool:
+    """Whether errors of what was fitted drift: the parameters may then stand in for what the model lacks."""
+    return any(s.role == "fit" and s.drift_p_value < LEVEL for s in validation.groups)
+
+
 def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float) -> str:
     """One plain sentence about a group, from its log errors and the scores of its band."""
     rmse, n = root_mean_square(error), error.size

@@ -377,8 +377,8 @@ def test_progress_in_a_log_says_what_is_awaited(monkeypatch, capsys) -> None:  #
     lines.update(1, 4, "of a second count")
     assert capsys.readouterr().err.splitlines() == [
         "[ 11.0 s]   step 500 of at most 40000, R-hat 1.030 (goal 1.01)", "[ 30.0 s] profile the likelihood",
-        "[ 42.0 s]   8 of 48 profiles; about 88 s left", "[600.0 s]   0 of 4 of a second count",
-        "[620.0 s]   1 of 4 of a second count; about 60 s left",
+        "[ 42.0 s]   8 of 48 profiles; about 88 s left of this", "[600.0 s]   0 of 4 of a second count",
+        "[620.0 s]   1 of 4 of a second count; about 60 s left of this",
     ]  # fmt: skip
 
 

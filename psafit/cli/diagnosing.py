@@ -138,16 +138,21 @@ def _tell(result: Diagnosis) -> None:
     unnamed = result.mostly_unnamed
     if unnamed or result.verdict == "unexplained":
         click.echo("  if a model of the catalogue had to do:")
+    rows: list[tuple[float, list[str]]] = []
     for cause in result.causes[:5]:
         words = " + ".join(cause.terms) or "no cause"
-        share = cause.evidence["share"] if unnamed else cause.probability
-        gain = f"log likelihood {cause.evidence['gain']:+.1f} nats over the baseline's"
-        click.echo(f"  {_share(share):>5} %  {words}, {gain}")
-        if cause.terms == result.named or cause.terms in result.alternatives[:1]:
-            for line in _sizes(cause):
-                click.echo(f"           {line}")
+        head = f"{words}, log likelihood {cause.evidence['gain']:+.1f} nats over the baseline's"
+        told = cause.terms == result.named or cause.terms in result.alternatives
+        sizes = _sizes(cause, whole=cause.terms == result.named) if told else ()
+        rows.append((cause.evidence["share"] if unnamed else cause.probability, [head, *sizes]))
     if not unnamed and result.tells_unnamed:
-        click.echo(f"  {_share(result.unnamed):>5} %  a discrepancy without a name")
+        rows.append((result.unnamed, ["a discrepancy without a name"]))
+    # What is named stands first, whatever its share.
+    rows[1:] = sorted(rows[1:], key=lambda row: -row[0])
+    for share, (head, *values) in rows:
+        click.echo(f"  {_share(share):>5} %  {head}")
+        for line in values:
+            click.echo(f"           {line}")
     for place in result.misfit["where"][:5]:
         click.echo(f"  baseline, {place['text']}")
     if not result.numerics["converged"]:
@@ -163,12 +168,14 @@ def _share(fraction: float) -> str:
     return "<0.1" if text == "0.0" and fraction > 0 else ">99.9" if text == "100.0" and fraction < 1 else text
 
 
-def _sizes(cause: CauseResult) -> Iterator[str]:
-    """The values of a model's own causes, as the readings tell them."""
+def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
+    """The values of a model's own causes, as the readings tell them; of the `whole` rig, if wanted."""
     from psafit.inference.identify import describe
-    from psafit.physics import owner
+    from psafit.physics import baseline, owner
 
+    plain = {p.name for p in baseline.PARAMETERS}
     for name, p in cause.parameters.items():
-        if owner(name) in cause.terms and p["lower"] is not None:
+        mine = owner(name) in cause.terms or (whole and name in plain)
+        if mine and p["lower"] is not None:
             size = describe(name, p["unit"], p["median"], (p["lower"], p["upper"]), [], "determined")
             yield size + ("; implausible under its prior" if name in cause.implausible else "")

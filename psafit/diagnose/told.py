@@ -279,4 +279,9 @@ def sentences(
             f"No sweep that the rig allows {proposal['about']}:"
             f" the best, {told['text']}, by {told['separation']:.1f} nats."
         )
+    elif proposal.get("proposals"):
+        result.append(
+            f"No sweep that the rig allows would tell much more: {proposal['proposals'][0]['text']}"
+            f" {next_experiment.promise(proposal, 0)}."
+        )
     return result

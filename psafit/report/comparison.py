@@ -138,7 +138,10 @@ def _compared(first: Side, second: Side, found: Comparison) -> Markup:
 def _better(first: Side, second: Side, found: Comparison) -> Markup:
     head = Markup("<strong>Which predicts better?</strong> ")
     if found.log_rmse is None or found.log_rmse_interval is None:
-        return head + "Nobody can tell: there is no group that both could fail at and neither has fitted."
+        return head + (
+            "Nobody can tell: there is no group that both could fail at and neither has fitted."
+            " Fit both to the same groups, and leave one out."
+        )
     low, high = found.log_rmse_interval
     winner = _winner(found.log_rmse, found.log_rmse_interval)
     clear = "no clear difference, or one below 1 % of a range"
@@ -250,7 +253,7 @@ def _parameter_row(p: ParameterPair) -> list[Any]:
         parameter(p.name, about.description if about else ""),
         *(Markup("<br>").join(_value(e)) for e in (p.first, p.second)),
         overlap,
-        " / ".join(dict.fromkeys(verdicts)) or "–",
+        " / ".join(dict.fromkeys((e.verdict if e else "") or "–" for e in (p.first, p.second))),
     ]
 
 

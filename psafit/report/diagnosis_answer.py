@@ -170,14 +170,23 @@ def _instead(named: Sequence[str], ids: Sequence[str]) -> Markup | str:
 
 
 def _implausible(result: Diagnosis) -> Markup:
+    """Values that whoever knows such rigs would not believe, of what is named first and of what does as well."""
     leader = words.listed_leader(result)
-    # The scatter is the readings', not the rig's.
-    odd = [name for name in leader.implausible if name not in _SCATTER] if leader else []
-    if not odd:
-        return Markup("")
-    return Markup(" <strong>{}</strong> of what is named first would surprise whoever knows such rigs: {}.").format(
-        count(len(odd), "value"), _by_cause({name: symbol(name) for name in odd})
-    )
+    text = Markup("")
+    if leader and (odd := _odd(leader)):
+        text = Markup(" <strong>{}</strong> of what is named first would surprise whoever knows such rigs: {}.").format(
+            count(len(odd), "value"), _by_cause({name: symbol(name) for name in odd})
+        )
+    tied = [c for ids in result.alternatives[:3] for c in result.causes if c.terms == ids and _odd(c)]
+    if tied and result.verdict == "ambiguous":
+        each = listed(Markup("{} of {}").format(listed(map(symbol, _odd(c))), model(c.terms)) for c in tied)
+        text += Markup(" {}: {}.").format("So would" if text else "Of the others these would surprise", each)
+    return text
+
+
+def _odd(cause: CauseResult) -> list[str]:
+    """Implausible values of a rig; the scatter is the readings', not the rig's."""
+    return [name for name in cause.implausible if name not in _SCATTER]
 
 
 def _sizes(result: Diagnosis) -> Markup:
@@ -257,27 +266,25 @@ def gained(result: Diagnosis) -> Markup:
 def what_next(found: Mapping[str, Any]) -> list[Markup]:
     """The best proposal in a sentence, if it is worth the work."""
     best = recommended(found)
-    about = words.about(str(found.get("about", "")))
+    about, more = words.about(str(found.get("about", ""))), Markup("<a href='#next'>More</a>")
+    head = Markup("<strong>What next?</strong> ")
+    if best is None and not found.get("proposals"):
+        return []
     if best is None:
-        if not (tells_apart(found) and found["proposals"]):
-            return []
-        return [
-            Markup("<strong>What next?</strong> No sweep that the rig allows {}: the best by {}. {}").format(
-                about, words.lead(found["proposals"][0]), Markup("<a href='#next'>More</a>")
-            )
-        ]
+        first = found["proposals"][0]
+        none = "No sweep that the rig allows {}: the best by {}. {}"
+        if tells_apart(found):
+            return [head + Markup(none).format(about, words.lead(first), more)]
+        none = "No sweep that the rig allows would tell much more: the best {}, narrower by {}. {}"
+        return [head + Markup(none).format(about, words.narrowing(first["separation"], first["error"]), more)]
     if tells_apart(found):
         what = Markup("{} with an expected lead of {}").format(about, words.lead(best))
     else:
-        known_so_far = "of which these readings tell little" if found.get("weak", True) else "which is known least"
-        what = Markup("{}, {}: it would narrow it by {}").format(
-            about, known_so_far, words.narrowing(best["separation"])
+        told = (
+            "of which these readings tell little" if found.get("weak", True) else "of which a measurement can tell most"
         )
-    return [
-        Markup("<strong>What next?</strong> Measure <em>{}</em>: that best {}. <a href='#next'>More</a>").format(
-            typeset(best["text"]), what
-        )
-    ]
+        what = Markup("{}, {}: it would narrow it by {}").format(about, told, words.narrowing(best["separation"]))
+    return [head + Markup("Measure <em>{}</em>: that best {}. {}").format(typeset(best["text"]), what, more)]
 
 
 def tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:

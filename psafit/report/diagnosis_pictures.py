@@ -36,7 +36,7 @@ _VERDICT_COLOR: Final = {
     UNSEEN: PALETTE["sky"],
 }
 # Least share of the axis that a bar takes.
-_STUB = 0.006
+_STUB = 0.02
 _HATCH: Final = {UNSEEN: "////", "as good": "...."}
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
@@ -233,12 +233,9 @@ def screening_pictures(
         return []
     names = [titles.get(s.id, s.id) for s in screening]
     present = [name for name, s in zip(names, screening, strict=True) if s.verdict in ("present", NEAREST)]
-    gains = _bars(
-        names, [s.refit_gain for s in screening], screening, named, "Gain, refitted (nats)", _nats, None
-    )  # fmt: skip
-    inclusion = _bars(
-        names, [s.inclusion for s in screening], screening, named, "Inclusion probability", percent, (0.0, 1.0)
-    )  # fmt: skip
+    shares = [np.nan if s.verdict == UNSEEN else s.inclusion for s in screening]
+    gains = _bars(names, [s.refit_gain for s in screening], screening, named, "Gain, refitted (nats)", _nats, None)
+    inclusion = _bars(names, shares, screening, named, "Inclusion probability", _chance, (0.0, 1.0))
     return [
         Picture(
             figure_data_uri(gains),
@@ -251,7 +248,8 @@ def screening_pictures(
             "Inclusion probability of each cause over all models: above one half for"
             f" {', '.join(present) if present else 'none'}.",
             "Summed over all models that contain the cause. A cause may gain much alone and yet not be needed beside"
-            " another one; one whose evidence is less than 3 nats counts with the model without it.",
+            " another one; one whose evidence is less than 3 nats counts with the model without it. A dash: could not"
+            " have been seen, so that nothing is known.",
         ),
     ]
 
@@ -260,6 +258,10 @@ def _nats(value: float) -> str:
     text = f"{value:.0f}" if abs(value) >= 100 else f"{value:.1f}"
     text = "0.0" if text == "-0.0" else text.replace("-", "\N{MINUS SIGN}")
     return text if np.isfinite(value) else "–"
+
+
+def _chance(value: float) -> str:
+    return percent(value) if np.isfinite(value) else "–"
 
 
 def _bars(

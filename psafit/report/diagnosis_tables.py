@@ -273,7 +273,7 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             noted(number(known(s.visible)), f"at {words.quantity(s.plausible, s.unit)}")
             if math.isfinite(s.plausible)
             else number(known(s.visible)),
-            words.share(s.inclusion),
+            "–" if s.verdict == UNSEEN else words.share(s.inclusion),
         ]
         for s in screening
     ]
@@ -439,7 +439,7 @@ def proposals(found: Mapping[str, Any]) -> dict[str, Any] | None:
                 words.span(p["frequency_hz"], "Hz"),
                 words.span(p["amplitude_v"], "V"),
                 listed(changed) if changed else "as it is",
-                words.lead(p) if tells else words.narrowing(p["separation"]),
+                words.lead(p) if tells else words.narrowing(p["separation"], p["error"]),
                 words.share(success),
                 _left_tied(p.get("pairs", [])),
             ]

@@ -98,9 +98,10 @@ def lead(proposal: Mapping[str, Any]) -> str:
     return typeset(f"over {0.9 * CLEAR:.0f} nats" if x > 0.9 * CLEAR else f"{x:.1f} ± {error:.1f} nats")
 
 
-def narrowing(separation: object) -> str:
-    """A fall of the log standard deviation as a share of it."""
-    return share(-math.expm1(-known(separation)))
+def narrowing(separation: object, error: object = None) -> str:
+    """A fall of the log standard deviation as a share of it, and the standard error of that."""
+    text = share(-math.expm1(-known(separation)))
+    return text if error is None else f"{text} ± {share(math.exp(-known(separation)) * known(error))}"
 
 
 def estimate(p: Mapping[str, Any]) -> tuple[str, list[float]]:

@@ -34,7 +34,7 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
-from psafit.validate import FAIR, GOOD, LEVEL, Prediction, some_draws, without_each
+from psafit.validate import FAIR, GOOD, LEVEL, Prediction, drifting, some_draws, without_each
 
 REPORT = "report.html"
 
@@ -74,6 +74,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "explorable": fit_pictures.explorable(shown),
         "extended": bool(run.fit.terms),
         "parameters": _parameter_rows(run),
+        "drifting": drifting(validation),
         "implausible": [s for s in run.summary.parameters if s.implausible],
         "minima": _minima(run),
         "marginals": fit_pictures.marginal_pictures(run, marginals),

@@ -143,6 +143,8 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
                 axes.plot(none, np.full(none.size, bottom), "v", ms=3.0 if small else 4.5, clip_on=False, **look)
             line = np.where(line > 0, line, np.nan)
         axes.plot(at, line, lw=1.6, ls=DASHES if curve.dashed else "-", **look)
+        if not measured.size:  # where a plan will read
+            axes.plot(x, np.where(curve.middle > 0, curve.middle, np.nan) if log else curve.middle, ".", ms=5, **look)
     if isinstance(group, Group) and group.sigma_um is not None:
         shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
         foot = np.minimum(group.sigma_um, measured - bottom if log else measured)
