@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from reader import HOSTILE, Reader
 
+from psafit.cli.diagnosing import _tell
 from psafit.diagnose.gain import Gain, GroupGain
 from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Constants, Experiment, Group, fingerprint
@@ -492,3 +493,22 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     record = replace(record, next_experiment=record.next_experiment | {"proposals": [best]})
     text = build(record, experiment, tmp_path).first_screen
     assert "No sweep that the rig allows tells hysteresis of the stack from" in text and "by 0.4 ± 0.1 nats" in text
+    weak = dict(best, separation=0.05, error=0.02, success=None, pairs=[])
+    record = replace(record, next_experiment={"about": "determines k_c", "proposals": [weak]})
+    text = build(record, experiment, tmp_path).first_screen
+    assert "would tell much more: the best determines kc contact stiffness, narrower by 5 % ± 2 %. More" in text
+
+
+def test_the_terminal_tells_models_by_their_probability(capsys):
+    """What is named first, the rest and what has no name by their shares; the whole rig of the one, causes of rivals."""
+    record = make_record(make_experiment())
+    named, other, nothing = record.causes
+    rival = replace(other, terms=["gap"], probability=0.02, parameters=parameters("k_c", "hysteresis_strength"))
+    told = replace(
+        record, alternatives=[["gap"]], causes=[replace(named, probability=0.1), nothing, rival], unnamed=0.3
+    )
+    _tell(told)
+    lines = capsys.readouterr().out.splitlines()
+    shares = [line.split(" %  ")[0].strip() for line in lines if " %  " in line]
+    assert shares == ["10.0", "30.0", "2.0", "<0.1"]
+    assert sum("k_c = " in line for line in lines) == 1 and sum("hysteresis_strength = " in line for line in lines) == 1

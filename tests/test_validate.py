@@ -161,6 +161,14 @@ def test_verdicts_in_words(large: int, error: float, coverage: float, uniform: f
     assert ("honest" in said) == (coverage == 0.9 and uniform == drift == 0.5)
 
 
+def test_errors_that_drift_in_what_was_fitted_put_its_values_in_doubt(checked) -> None:  # type: ignore[no-untyped-def]
+    """Of what was only predicted they say that the model fails, not that a value stands in for something."""
+    found = checked[1]
+    for role, p, doubt in (("fit", 0.001, True), ("fit", 0.5, False), ("holdout", 0.001, False)):
+        one = replace(found.groups[0], role=role, drift_p_value=p)
+        assert validate.drifting(replace(found, groups=[one])) is doubt
+
+
 def test_many_small_errors_against_few_large_ones() -> None:
     """The mean must not contradict the count."""
     said = validate.verdict(np.append(np.full(90, 0.05), np.full(10, -3.0)), 0.9, 0.5, 0.5)
