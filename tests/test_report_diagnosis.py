@@ -500,14 +500,12 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
 
 
 def test_the_terminal_tells_models_by_their_probability(capsys):
-    """What is named first, the rest and what has no name by their shares; the whole rig of the one, causes of rivals."""
+    """What is named first, the rest by their shares; the whole rig of the one, of rivals the causes."""
     record = make_record(make_experiment())
     named, other, nothing = record.causes
     rival = replace(other, terms=["gap"], probability=0.02, parameters=parameters("k_c", "hysteresis_strength"))
-    told = replace(
-        record, alternatives=[["gap"]], causes=[replace(named, probability=0.1), nothing, rival], unnamed=0.3
-    )
-    _tell(told)
+    causes = [replace(named, probability=0.1), nothing, rival]
+    _tell(replace(record, alternatives=[["gap"]], causes=causes, unnamed=0.3))
     lines = capsys.readouterr().out.splitlines()
     shares = [line.split(" %  ")[0].strip() for line in lines if " %  " in line]
     assert shares == ["10.0", "30.0", "2.0", "<0.1"]
