@@ -23,6 +23,7 @@ import pytest
 from conftest import loaded
 
 from psafit import cli, physics, plugins
+from psafit.cli import common
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment, write_experiment
 from psafit.physics import plugin
@@ -202,7 +203,7 @@ def check_psafit(words: list[str], whole: bool) -> None:
         raise AssertionError(f"psafit {' '.join(words)}: {error.format_message()}") from error
     asked = context.params.get("ids") or context.params.get("terms")
     if asked:
-        cli.causes(asked)
+        common.causes(asked)
 
 
 def made(words: list[str]) -> list[list[str]]:
