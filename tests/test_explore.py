@@ -51,6 +51,7 @@ from psafit.physics import terms
 from psafit.records import write_json
 from psafit.report import figures, simulated
 from psafit.report.comparison import write_comparison
+from psafit.report.figures import curves
 from psafit.validate import COLUMNS, prediction_rows, write_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -400,6 +401,35 @@ def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def
     assert wanted.items() <= told["parameters"].items() and "sigma_rel" not in told["parameters"]
 
 
+def test_a_ball_that_stays_behind_its_place_of_rest_reads_zero(
+    known: Experiment, tmp_path: Path, monkeypatch, capsys
+) -> None:  # type: ignore[no-untyped-def]
+    """It leaned on the tip, leaves it, and comes nowhere: as a fit has it, and as an experiment can hold it."""
+    write_experiment(known, tmp_path / "rig")
+    lean = ("--terms", "preload", "--set", "k_c=7649.9", "--set", "c_s=418.3", "--set", "c_c=5.782")
+    words = ("simulate", tmp_path / "rig", *lean, "--set", "preload_offset=2.7e-4")
+    for seed in ((), ("--seed", 1)):
+        out = tmp_path / f"readings{len(seed)}"
+        assert run(monkeypatch, *words, "--readings", out, "--out", tmp_path / "s.csv", *seed) == 0, capsys.readouterr()
+        told = pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
+        assert told.min() == 0.0 and (told > 0).any()
+        assert min(g.launch_range_um.min() for g in read_experiment(out).groups) >= 0.0
+
+
+def test_a_band_keeps_its_distance_from_a_curve_between_readings() -> None:
+    """In proportion where the curve is above zero at both readings, straight where it is not."""
+    x = np.array([1.0, 3.0, 5.0])
+    line = np.array([1.0, 2.0, 3.0, 4.0, 5.0]), np.array([10.0, 2.0, 20.0, 7.0, 0.0])
+    band = figures.Band("90 % of readings", np.array([9.0, 20.0, 0.0]), np.array([20.0, 30.0, 4.0]))
+    curve = figures.Curve("model", "blue", np.array([10.0, 20.0, 0.0]), (band,), line=line)
+    at, low, high = curves.band_of(curve, band, x)
+    assert at.tolist() == [1, 2, 3, 4, 5]
+    assert low == pytest.approx([9.0, 2.0 * 0.95, 20.0, 10.0, 0.0])
+    assert high == pytest.approx([20.0, 2.0 * 1.75, 30.0, 17.0, 4.0])
+    for one, straight in zip(curves.band_of(replace(curve, line=None), band, x), (x, band.low, band.high), strict=True):
+        assert one == pytest.approx(straight)
+
+
 def test_a_picture_shows_the_tied_sets(  # type: ignore[no-untyped-def]
     diagnosis: tuple[Path, Experiment], known_folder: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
@@ -618,7 +648,9 @@ def test_a_picture_of_a_plan_shows_no_readings() -> None:
     none = [[figures.Curve("simulated", "vermillion", np.r_[0.0, np.geomspace(0.5, 80.0, 8)])]]
     figure = figures.groups_figure(plan, [figures.sweep_of(g) for g in plan], none)
     assert [t.get_text() for t in figure.legends[0].get_texts()] == ["zero", "simulated"]
-    assert figure.axes[0].get_yscale() == "log" and len(figure.axes[0].lines) == 2  # zeros at the foot, the rest a line
+    assert (
+        figure.axes[0].get_yscale() == "log" and len(figure.axes[0].lines) == 3
+    )  # zeros at the foot, a line, what will be read
 
 
 def test_measured_and_simulated_are_told_apart(known: Experiment) -> None:

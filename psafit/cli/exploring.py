@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from psafit.experiment import Group, Plan
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
+    from psafit.simulate import Simulation
     from psafit.watch import State
 
     _Model = tuple[tuple[Term, ...], dict[str, float]]
@@ -73,8 +74,8 @@ def simulate(
 
     What neither --set nor --run gives has the median of its prior; the strength of a cause must be given. With
     --readings they become an experiment that can be diagnosed: exact or, with --seed, with scatter (--set sigma_rel,
-    sigma_abs, nu) and sessions' own values drawn as the model has them. A picture of an ambiguous diagnosis shows the
-    tied sets side by side.
+    sigma_abs, nu) and sessions' own values drawn as the model has them. A picture of a diagnosis that ties
+    several sets shows up to four of them, unless --set or --terms asks for one.
     """
     import numpy as np
 
@@ -94,19 +95,34 @@ def simulate(
     groups = plan.groups
     chosen = causes(ids) if ids else ()
     given = asked = _assignments(values)
-    rivals: list[_Model] = []
+    tied: list[_Model] = []
     if run is not None:
-        (first, *tied), known = _models_of(run)
-        rivals = [] if ids or asked else tied
+        (first, *rivals), known = _models_of(run)
+        tied = [] if ids or asked else rivals
         chosen = chosen or first[0]
         given = _of_sessions(plan, *first, known, quiet, seed is not None) | asked
     scatter = () if seed is None else noise.PARAMETERS
     theta = _completed(plan, chosen, given, asked, scatter, seed)
     model = list(theta.values())[: len(theta) - len(scatter)]
-    design = Design.of(plan.constants, groups)
-    result = simulate_batch(design, np.array(model), chosen)
-    micrometres = result.launch_range[0] * 1e6
+    result = simulate_batch(Design.of(plan.constants, groups), np.array(model), chosen)
+    micrometres = _as_read(result)
     each = by_group(groups, micrometres)
+    curves = {}
+    if plot is not None:  # of every model before anything is written: one may be refused
+        models = [(chosen, model)]
+        if tied:  # they differ by what they are, not by what a session happens to have
+            models = [
+                (
+                    terms,
+                    list(_completed(plan, terms, _of_sessions(plan, terms, medians, known, quiet=True), {}).values()),
+                )
+                for terms, medians in ((chosen, first[1]), *tied)
+            ]
+        names = _apart([terms for terms, _ in models]) if tied else ["simulated"]
+        # Also between the conditions that were asked for.
+        designs = [Design.of(plan.constants, members) for members in (groups, [g.filled() for g in groups])]
+        for name, (terms, row) in zip(names, models, strict=True):
+            curves[name] = [_as_read(simulate_batch(d, np.array(row), terms)) for d in designs]
     rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
     for g, predicted in zip(groups, each, strict=True):
         measured = g.launch_range_um.tolist() if isinstance(g, Group) else [""] * g.n_points
@@ -125,18 +141,7 @@ def simulate(
     if plot is not None:
         from psafit.report.simulated import write_picture
 
-        models = [(chosen, model)]
-        for terms, medians in rivals:
-            own = _completed(plan, terms, _of_sessions(plan, terms, medians, known, quiet=True), {})
-            models.append((terms, list(own.values())))
-        names = _apart([terms for terms, _ in models]) if rivals else ["simulated"]
-        # Also between the conditions that were asked for.
-        designs = design, Design.of(plan.constants, [g.filled() for g in groups])
-        curves = [
-            [simulate_batch(d, np.array(values), terms).launch_range[0] * 1e6 for d in designs]
-            for terms, values in models
-        ]
-        write_picture(groups, dict(zip(names, curves, strict=True)), plot)
+        write_picture(groups, curves, plot)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
     write_result(
@@ -149,6 +154,13 @@ def simulate(
         },
     )
     return DONE
+
+
+def _as_read(result: Simulation) -> FloatArray:
+    """Launch ranges, um, (n_points,); a ball that never comes beyond its place of rest reads zero."""
+    import numpy as np
+
+    return np.asarray(np.maximum(result.launch_range[0], 0.0) * 1e6)
 
 
 def _refuse_within(folder: Path, others: dict[str, Path | None]) -> None:
@@ -213,12 +225,19 @@ def _models_of(run: Path) -> tuple[list[_Model], tuple[Group, ...]]:
         raise InputError("holds no model", "repeat the diagnosis", file=run / RESULT)
     tied = [c for c in found.causes[1:] if c.terms in found.alternatives][: _DRAWN - 1]
     models = [
-        (recorded(c.terms, found.versions, run / RESULT), {name: p["median"] for name, p in c.parameters.items()})
+        (recorded(c.terms, found.versions, run / RESULT), _medians(c.parameters, run / RESULT))
         for c in (found.causes[0], *tied)
     ]
     # Only what sessions have for themselves asks whose readings they are.
     latent = any(t.latent for terms, _ in models for t in terms)
     return models, read_experiment(run / "experiment").groups if latent else ()
+
+
+def _medians(parameters: Mapping[str, Any], file: Path) -> dict[str, float]:
+    try:
+        return {name: float(p["median"]) for name, p in parameters.items()}
+    except (KeyError, TypeError, ValueError) as error:  # somebody's own
+        raise InputError("holds a parameter without a value", "repeat the diagnosis", file=file) from error
 
 
 def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:
@@ -367,10 +386,14 @@ def _compared(first: Path, second: Path, out: Path | None, json_file: Path | Non
 
 
 def _again(run: Path, experiment: Path | None) -> Iterator[Path]:
-    from psafit.diagnose.record import is_diagnosis
+    from psafit.diagnose.record import RESULT, is_diagnosis
 
     if found := is_diagnosis(run):
-        yield psafit.load_diagnosis(run, experiment).report()
+        opened = psafit.load_diagnosis(run, experiment)
+        try:
+            yield opened.report()
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:  # somebody's own diagnosis.json
+            raise InputError("holds what psafit could not have written", "diagnose again", file=run / RESULT) from error
     elif experiment is not None:
         raise InputError("--experiment is for a diagnosis", "leave it out: a fit keeps its measurements")
     if not found or (run / "fit.json").exists():

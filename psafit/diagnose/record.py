@@ -89,7 +89,8 @@ class ScreeningResult:
     inclusion : float
         Probability that it is among the causes, given that the catalogue holds the truth.
     plausible : float
-        The strength meant there, the median of its prior, in `unit`; nan in records of earlier versions.
+        The strength meant there, in `unit`: as far from neutral as the prior is in the median, on the likelier side;
+        nan in records of earlier versions.
     """
 
     id: str

@@ -129,7 +129,7 @@ class Plan:
         """
         groups = read_as(self.groups, launch_range_um)
         known = fingerprint(self.constants, groups)
-        title = f"{self.title} (simulated)"
+        title = f"{self.title.removesuffix(' (simulated)')} (simulated)"
         return Experiment(
             title, source, self.constants, groups, Path(), known, limits=self.limits, beliefs=self.beliefs
         )

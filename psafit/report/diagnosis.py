@@ -137,7 +137,8 @@ def _line(told: Mapping[str, Any] | None, gone: str | None = None) -> tuple[Floa
     """What a record says between the readings of a group, with all causes or without one; a sweep of two is none."""
     if told is None:
         return None
-    return np.asarray(told["at"]), np.asarray(told["um"] if gone is None else told["without_um"][gone], dtype=float)
+    at, um = np.asarray(told["at"]), np.asarray(told["um"] if gone is None else told["without_um"][gone], dtype=float)
+    return (at, um) if np.isfinite(um).all() else None
 
 
 def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> list[Shown]:

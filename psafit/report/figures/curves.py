@@ -92,6 +92,23 @@ def envelope(x: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArr
     return distinct, np.minimum.reduceat(low[order], first), np.maximum.reduceat(high[order], first)
 
 
+def band_of(curve: Curve, band: Band, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A band with its places, ascending; where its curve is a line, as far from it between readings as at them."""
+    at, low, high = envelope(x, band.low, band.high)
+    if curve.line is None:
+        return at, low, high
+    between, um = curve.line
+    middle = np.interp(at, between, um)
+    some = middle > 0
+    both = np.interp(between, at, some.astype(float)) == 1.0  # readings on either side that the curve reaches
+
+    def along(end: FloatArray) -> FloatArray:
+        ratio = np.interp(between, at, end / np.where(some, middle, 1.0))
+        return np.where(both, um * ratio, np.interp(between, at, end))
+
+    return between, along(low), along(high)
+
+
 def readings_of(group: Conditions) -> FloatArray:
     """Measured launch ranges, um; none of a planned group."""
     return group.launch_range_um if isinstance(group, Group) else np.empty(0)
@@ -128,7 +145,7 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
             if single:  # a band needs a width: bars instead
                 axes.vlines(x, band.low, band.high, color=color, lw=9, alpha=alpha)
                 continue
-            at, floor, ceiling = envelope(x, band.low, band.high)
+            at, floor, ceiling = band_of(curve, band, x)
             floor, ceiling = np.maximum(floor, bottom), np.maximum(ceiling, bottom)
             axes.fill_between(at, floor, ceiling, color=color, alpha=alpha, linewidth=0.0, zorder=1)
         if single:
@@ -226,7 +243,11 @@ def explorable(
                 "off": c in more,
                 "middle": column(c.middle),
                 "line": None if c.line is None else [*map(numbers, c.line)],
-                "bands": [{"name": b.name, "low": column(b.low), "high": column(b.high)} for b in c.bands],
+                "bands": [
+                    {"name": b.name, "low": column(b.low), "high": column(b.high)}
+                    | ({} if c.line is None else {"line": [*map(numbers, band_of(c, b, sweep.values)[1:])]})
+                    for b in c.bands
+                ],
             }
             for c in (*curves, *more)
         ],
