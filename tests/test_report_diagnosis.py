@@ -499,6 +499,17 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     assert "would tell much more: the best determines kc contact stiffness, narrower by 5 % ± 2 %. More" in text
 
 
+def test_no_gain_is_told_where_no_cause_was_named(undrawn, tmp_path):
+    """The training groups may name nothing by themselves: that is neither a gain of nothing nor an uncertain one."""
+    experiment = make_experiment()
+    record = make_record(experiment)
+    rows = [replaced | {"named": []} for replaced in record.gain["strict"]["groups"]]
+    strict = record.gain["strict"] | {"groups": rows, "log_rmse_after": 0.9121, "log_rmse_interval": [-1e-4, 1e-4]}
+    page = build(replace(record, gain=record.gain | {"strict": strict}), experiment, tmp_path)
+    assert "chosen on group 1 only, no cause is named and nothing changes; chosen on all other groups, the" in page.text
+    assert page.text.count("name no cause by themselves") == 1 and "includes zero" not in page.text
+
+
 def test_the_terminal_tells_models_by_their_probability(capsys):
     """What is named first, the rest by their shares; the whole rig of the one, of rivals the causes."""
     record = make_record(make_experiment())

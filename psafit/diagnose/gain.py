@@ -50,6 +50,8 @@ _DRAWS = 400
 # Models with less than this share of the best's probability are left out of the mixture.
 _NEGLIGIBLE = 0.02
 _BOOTSTRAPS = 1000
+# A change of log RMSE below this is none in the digits that are told.
+_TOLD = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +104,12 @@ class GroupGain:
     log_rmse_interval: list[float]
     elpd_interval: list[float]
     silent: str = ""
+
+
+def names_nothing(gain: Mapping[str, Any]) -> bool:
+    """Whether the groups that were seen named no cause, so that nothing was gained or lost on the others."""
+    before, after = gain["log_rmse_before"], gain["log_rmse_after"]
+    return None not in (before, after) and abs(after - before) < _TOLD and not any(g["named"] for g in gain["groups"])
 
 
 def worse(gain: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -259,6 +259,11 @@ def sentences(
     if not (measured or quick):
         result.append("No gain on data unseen: there is no group that could be held out.")
     for protocol, one in measured.items():
+        if gains.names_nothing(one):
+            result.append(
+                f"Gain on data unseen ({protocol}): none; the groups that were seen name no cause by themselves."
+            )
+            continue
         change = one["log_rmse_interval"]
         result.append(
             f"Gain on data unseen ({protocol}): mean log_rmse {one['log_rmse_before']:.3f} before,"

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from psafit.compare import known
-from psafit.diagnose.gain import worse
+from psafit.diagnose.gain import names_nothing, worse
 from psafit.diagnose.ladder import CREDIBLE
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.next_experiment import recommended, tells_apart
@@ -247,12 +247,15 @@ def gained(result: Diagnosis) -> Markup:
     parts = []
     for name, text in (("strict", "chosen on {} only"), ("nested", "chosen on all other groups")):
         one = result.gain.get(name)
-        if one:
+        chosen = Markup(text).format(words.group_ids(result.training))
+        if one and names_nothing(one):
+            parts.append(chosen + ", no cause is named and nothing changes")
+        elif one:
             parts.append(
                 Markup("{}, the typical error on unseen groups goes from ×{} to ×{}"
                     " (change of log RMSE {} to {}, 90 %)"
                 ).format(
-                    Markup(text).format(words.group_ids(result.training)),
+                    chosen,
                     factor(known(one["log_rmse_before"])), factor(known(one["log_rmse_after"])),
                     *(typeset(f"{known(x):+.2f}") for x in one["log_rmse_interval"]),
                 )

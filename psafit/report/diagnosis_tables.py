@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from psafit.compare import known
-from psafit.diagnose.gain import worse
+from psafit.diagnose.gain import names_nothing, worse
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.next_experiment import tells_apart
 from psafit.diagnose.record import NEAREST, UNSEEN, CauseResult, Diagnosis, ScreeningResult
@@ -379,6 +379,7 @@ def gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
             f" intervals: {words.share(gain['coverage_before'])} of the readings before,"
             f" {words.share(gain['coverage_after'])} after."
         ),
+        "nothing": names_nothing(gain),
         "better": change[1] < 0,
         "worse": change[0] > 0,
         "rows": [
