@@ -44,13 +44,13 @@ from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture,
 from psafit.inference.evolution import evolved
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.optimise import widened
-from psafit.inference.problem import MICRO, Problem
+from psafit.inference.problem import Problem
 from psafit.inference.run import Silent, load
 from psafit.inference.run import fit as run_fit
 from psafit.inference.store import pareto_k
 from psafit.parameters import Belief, Normal
 from psafit.physics import TERMS, informed, terms
-from psafit.simulate import Design, simulate
+from psafit.simulate import MICRO, Design, simulate
 
 RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 TRUTH = [1.5e6, 3e3, 60.0]

@@ -31,12 +31,11 @@ from psafit.experiment import (
     write_experiment,
 )
 from psafit.inference import noise as scatter_law
-from psafit.inference.problem import MICRO
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term, World
-from psafit.simulate import Design
+from psafit.simulate import MICRO, Design
 from psafit.simulate.literal import launch_in, literal_world
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of

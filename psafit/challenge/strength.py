@@ -24,10 +24,9 @@ from scipy.stats import t as student
 from psafit.arrays import FloatArray
 from psafit.challenge.answer import Scatter, sizes
 from psafit.inference.optimise import gradient
-from psafit.inference.problem import MICRO
 from psafit.physics import baseline
 from psafit.physics.term import Term
-from psafit.simulate import Design, simulate
+from psafit.simulate import MICRO, Design, simulate
 from psafit.simulate.sensitivity import Side, in_scatter, plausible, share_above
 
 # Stronger causes would surprise by themselves: of two hundred rigs one has such a strength.

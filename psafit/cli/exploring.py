@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from psafit.experiment import Group, Plan
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
-    from psafit.simulate import Simulation
     from psafit.watch import State
 
     _Model = tuple[tuple[Term, ...], dict[str, float]]
@@ -105,7 +104,7 @@ def simulate(
     theta = _completed(plan, chosen, given, asked, scatter, seed)
     model = list(theta.values())[: len(theta) - len(scatter)]
     result = simulate_batch(Design.of(plan.constants, groups), np.array(model), chosen)
-    micrometres = _as_read(result)
+    micrometres = result.read_um[0]
     each = by_group(groups, micrometres)
     curves = {}
     if plot is not None:  # of every model before anything is written: one may be refused
@@ -122,7 +121,7 @@ def simulate(
         # Also between the conditions that were asked for.
         designs = [Design.of(plan.constants, members) for members in (groups, [g.filled() for g in groups])]
         for name, (terms, row) in zip(names, models, strict=True):
-            curves[name] = [_as_read(simulate_batch(d, np.array(row), terms)) for d in designs]
+            curves[name] = [simulate_batch(d, np.array(row), terms).read_um[0] for d in designs]
     rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
     for g, predicted in zip(groups, each, strict=True):
         measured = g.launch_range_um.tolist() if isinstance(g, Group) else [""] * g.n_points
@@ -154,13 +153,6 @@ def simulate(
         },
     )
     return DONE
-
-
-def _as_read(result: Simulation) -> FloatArray:
-    """Launch ranges, um, (n_points,); a ball that never comes beyond its place of rest reads zero."""
-    import numpy as np
-
-    return np.asarray(np.maximum(result.launch_range[0], 0.0) * 1e6)
 
 
 def _refuse_within(folder: Path, others: dict[str, Path | None]) -> None:

@@ -29,7 +29,7 @@ from psafit.experiment import Conditions, Constants, Experiment, GroupId, change
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
-from psafit.inference.problem import MICRO, Problem
+from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 
@@ -307,7 +307,7 @@ class _Model:
 
     def forecast(self, design: Design) -> _Forecast:
         """What it says of a measurement."""
-        ranges = simulate(design, self.theta, self.terms).launch_range * MICRO
+        ranges = simulate(design, self.theta, self.terms).read_um
         return _Forecast(ranges, self.scatter, self.weight, self.known)
 
 

@@ -23,7 +23,7 @@ from psafit.inference import noise
 from psafit.inference.ascent import ascend
 from psafit.inference.candidate import ENOUGH, Candidate, settle
 from psafit.inference.evidence import Weighed
-from psafit.inference.problem import MICRO, Problem
+from psafit.inference.problem import Problem
 from psafit.simulate import Design, simulate
 
 # Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
@@ -153,7 +153,7 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
     rig = replace(problem.experiment.constants, **proposal.constants)
     design = Design.sweep(rig, proposal.waveform, frequency, voltage)
-    ranges = simulate(design, problem.theta(u, [NEW], rng), problem.terms).launch_range * MICRO
+    ranges = simulate(design, problem.theta(u, [NEW], rng), problem.terms).read_um
     known = None if problem.usual_sigma is None else np.full(frequency.size, problem.usual_sigma)
     readings = np.maximum(noise.draw(ranges, problem.noise_values(u), known, rng), 0.0)[0]
     waveform: Waveform = "square" if proposal.waveform == "square" else "sine"

@@ -99,12 +99,12 @@ def lines(candidate: Candidate) -> list[Line]:
     return [
         Line(
             g.id,
-            (g.amplitude_v if g.varied == ("amplitude",) else g.frequency_hz).tolist(),
+            g.along.tolist(),
             um.tolist(),
             {id: without[k].tolist() for id, without in each.items()},
         )
         for k, (g, um) in enumerate(zip(groups, by_group(groups, finer.predict(top)[0]), strict=True))
-        if len(g.varied) == 1
+        if g.along is not None
     ]
 
 

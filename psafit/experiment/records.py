@@ -128,12 +128,19 @@ class Conditions:
         both = {"frequency": self.frequency_hz, "amplitude": self.amplitude_v}
         return tuple(name for name, x in both.items() if np.ptp(x) > _HELD * np.max(x))
 
+    @property
+    def along(self) -> FloatArray | None:
+        """What a sweep of one variable goes through, Hz or V; None where both were varied or neither."""
+        if len(self.varied) != 1:
+            return None
+        return self.amplitude_v if self.varied == ("amplitude",) else self.frequency_hz
+
     def filled(self) -> Conditions:
         """The sweep with conditions between its own, ascending, to draw a curve through; as it is if it is none."""
-        if len(self.varied) != 1:
+        if self.along is None:
             return self
         f, v = self.frequency_hz, self.amplitude_v
-        _, first = np.unique(v if self.varied == ("amplitude",) else f, return_index=True)
+        _, first = np.unique(self.along, return_index=True)
         parts = min(max(_FILLED // first.size, 1), _BETWEEN)
         place = np.arange(parts * (first.size - 1) + 1) / parts
 

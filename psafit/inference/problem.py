@@ -19,8 +19,6 @@ from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 from psafit.simulate.stepper import TOLERANCE
 
-MICRO = 1e6  # um per m: measurements are in um, physics in m
-
 
 @dataclass(frozen=True)
 class Problem:
@@ -161,8 +159,6 @@ class Problem:
     ) -> FloatArray:
         """Launch ranges as they would be read, um; (n_sets, n_points).
 
-        A ball that leans on the tip may leave it behind its place of rest and never come beyond that: it reads zero.
-
         Parameters
         ----------
         u : (n_sets, n_dim) array
@@ -173,8 +169,7 @@ class Problem:
         """
         groups = self.group_ids if group_ids is None else tuple(group_ids)
         design = self.design if group_ids is None else self.design_of(groups)
-        found = simulate(design, self.theta(u, groups, rng), self.terms, tolerance=self.tolerance)
-        return np.maximum(found.launch_range, 0.0) * MICRO
+        return simulate(design, self.theta(u, groups, rng), self.terms, tolerance=self.tolerance).read_um
 
     def theta(self, u: FloatArray, groups: Sequence[GroupId], rng: np.random.Generator | None = None) -> FloatArray:
         """Physical values of `u` in the columns that the simulator takes for a design of `groups`; see `predict`."""

@@ -16,13 +16,14 @@ from psafit.arrays import FloatArray
 from psafit.diagnose.record import NEAREST, UNSEEN, ScreeningResult
 from psafit.experiment import Group
 from psafit.report import figures
+from psafit.report.diagnosis_words import share
 from psafit.report.figures.axes import label, scale_axis, scale_sweep, widened
 from psafit.report.figures.curves import DASHES
 from psafit.report.figures.groups import short, title, titled
 from psafit.report.figures.sweep import AXIS, SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
-from psafit.report.wording import count, factor, number, percent
+from psafit.report.wording import count, factor, number
 
 _MAX_SVG = 12
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
@@ -235,7 +236,7 @@ def screening_pictures(
     present = [name for name, s in zip(names, screening, strict=True) if s.verdict in ("present", NEAREST)]
     shares = [np.nan if s.verdict == UNSEEN else s.inclusion for s in screening]
     gains = _bars(names, [s.refit_gain for s in screening], screening, named, "Gain, refitted (nats)", _nats, None)
-    inclusion = _bars(names, shares, screening, named, "Inclusion probability", _chance, (0.0, 1.0))
+    inclusion = _bars(names, shares, screening, named, "Inclusion probability", share, (0.0, 1.0))
     return [
         Picture(
             figure_data_uri(gains),
@@ -258,10 +259,6 @@ def _nats(value: float) -> str:
     text = f"{value:.0f}" if abs(value) >= 100 else f"{value:.1f}"
     text = "0.0" if text == "-0.0" else text.replace("-", "\N{MINUS SIGN}")
     return text if np.isfinite(value) else "–"
-
-
-def _chance(value: float) -> str:
-    return percent(value) if np.isfinite(value) else "–"
 
 
 def _bars(

@@ -39,7 +39,7 @@ def write_picture(
         color, dashed = _COLORS[k % len(_COLORS)], k % 2 == 1
         parts = zip(filled, by_group(groups, at_readings), by_group(filled, between), strict=True)
         for drawn, (g, middle, line) in zip(curves, parts, strict=True):
-            smooth = (figures.sweep_of(g).values, line) if len(g.varied) == 1 else None
+            smooth = None if g.along is None else (g.along, line)
             drawn.append(figures.Curve(name, color, middle, dashed=dashed, line=smooth))
     figure = figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves)
     kind = path.suffix.lower().removeprefix(".")

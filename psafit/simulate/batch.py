@@ -18,6 +18,8 @@ from psafit.simulate.callbacks import address
 from psafit.simulate.design import Design
 
 PATHS = ("closed form", "stepper")
+MICRO = 1e6
+"""um per m: measurements are in um, physics in m."""
 # Which path a model takes does not depend on the rig.
 _ANY_RIG = Constants(M=1.0, m=1.0, q=1.0, l=1.0, k_s=1.0, g=1.0)
 
@@ -46,6 +48,14 @@ class Simulation:
     launched: NDArray[np.bool_]
     separation_place: FloatArray
     engine: str
+
+    @property
+    def read_um(self) -> FloatArray:
+        """Launch ranges as they would be read, um.
+
+        A ball that leans on the tip may leave it behind its place of rest and never come beyond that: it reads zero.
+        """
+        return np.maximum(self.launch_range, 0.0) * MICRO
 
 
 def launch_range(speed: ArrayLike, length: float, g: float) -> FloatArray:
