@@ -26,8 +26,8 @@ from test_report_diagnosis import make_experiment, make_record
 import psafit
 from psafit import cli, watch
 from psafit.api import Diagnosed, Fitted, Rig
-from psafit.cli import exploring
 from psafit.cli import rig as of_rigs
+from psafit.cli import simulating, watching
 from psafit.compare import Estimate, Side, Told, compare, read_predictions, read_side
 from psafit.errors import InputError
 from psafit.experiment import (
@@ -379,7 +379,7 @@ def test_names_of_a_sessions_own_hold_its_id(known: Experiment) -> None:
     assert both.names[-5:-3] == ("reading_gain_z_x_2", "reading_gain_z_7")
     values = both.to_physical(both.prior_transform(np.linspace(0.3, 0.7, both.n_dim))).tolist()
     given = dict(zip(both.names, values, strict=True))
-    theta = exploring._completed(Plan(known.constants, experiment.groups, ()), both.terms, given, {})
+    theta = simulating._completed(Plan(known.constants, experiment.groups, ()), both.terms, given, {})
     gains = {name: z for name, z in theta.items() if "_z_" in name}
     assert list(gains) == ["reading_gain_z_7", late, "reading_gain_z_x_2"]
     assert list(gains.values()) == [given["reading_gain_z_7"], 0.0, given["reading_gain_z_x_2"]]
@@ -471,7 +471,7 @@ def test_a_session_to_come_has_no_gain_of_the_runs(known: Experiment, capsys) ->
     planned = Conditions(own.id, own.waveform, own.file, own.frequency_hz, own.amplitude_v)
     for group, kept in ((own, True), (read_again, False), (planned, False)):
         plan = Plan(known.constants, (group,), ())
-        found = exploring._of_sessions(plan, (gain,), medians, [own], False)
+        found = simulating._of_sessions(plan, (gain,), medians, [own], False)
         assert found == (medians if kept else {k: v for k, v in medians.items() if k != name})
         assert capsys.readouterr().err == ("" if kept else f"sessions to come, not those of the run: {name} = 0\n")
 
@@ -829,7 +829,7 @@ def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-unty
             shutil.copy(fitted[0] / "posterior.json", running)
 
     with monkeypatch.context() as ending:
-        ending.setattr(exploring.time, "sleep", pause)
+        ending.setattr(watching.time, "sleep", pause)
         # The summary is written first, then the folder is let go.
         ending.setattr(watch, "in_use", lambda folder: looks < 4)
         assert run(ending, "watch", running) == 0
@@ -840,7 +840,7 @@ def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-unty
         raise KeyboardInterrupt
 
     (running / "posterior.json").unlink()
-    monkeypatch.setattr(exploring.time, "sleep", stop)
+    monkeypatch.setattr(watching.time, "sleep", stop)
     assert run(monkeypatch, "watch", running) == 0
     told = capsys.readouterr()
     assert told.err == "" and told.out.startswith("sampling")
@@ -850,7 +850,7 @@ def test_a_terminal_gets_a_table(running: Path, monkeypatch, capsys) -> None:  #
     from rich.console import Console
 
     console = Console(width=100, record=True, force_terminal=True)
-    console.print(exploring._table(running, watch.look(running)))
+    console.print(watching._table(running, watch.look(running)))
     text = console.export_text()
     assert "running" in text and "R-hat" in text and "━" in text and "60 of each of 32 walkers" in text
 

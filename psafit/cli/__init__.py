@@ -14,9 +14,11 @@ from psafit.cli.catalogue import terms
 from psafit.cli.challenges import challenge
 from psafit.cli.common import BAD_INPUT, CHECK_FAILED, DONE, Group, discard_output, escaped
 from psafit.cli.diagnosing import diagnose
-from psafit.cli.exploring import report, simulate, watch
 from psafit.cli.fitting import check, fit, reproduce, validate
+from psafit.cli.reporting import report
 from psafit.cli.rig import check_cause, new, plan
+from psafit.cli.simulating import simulate
+from psafit.cli.watching import watch
 from psafit.errors import InputError, PsafitError
 
 # Our matrices are small: threads of the linear algebra library only wait for each other there. Read when it is loaded.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -192,6 +192,15 @@ def refuse_run_file(json_file: Path | None, folder: Path) -> None:
     real, place = json_file.resolve(), folder.resolve()
     if real.is_relative_to(place) and (real.parent != place or real.name in RUN_FILES):
         raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
+
+
+@contextmanager
+def unwritten(file: Path, what: str) -> Iterator[None]:
+    """Refuse in one line what a record read from `file` holds that psafit could not have written there."""
+    try:
+        yield
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        raise InputError(what, "repeat the diagnosis", file=file) from error
 
 
 def write_result(json_file: Path | None, record: Any) -> None:

@@ -24,6 +24,7 @@ from psafit.cli.common import (
     Place,
     escaped,
     shown_path,
+    unwritten,
     write_result,
 )
 from psafit.errors import InputError
@@ -85,11 +86,9 @@ def plan(run: Path, out: Path, proposal: int, experiment: Path | None, quiet: bo
         raise InputError("proposes no measurement", "drive the stack in some group, and diagnose again", file=run)
     if proposal > len(offered):
         raise InputError(f"--proposal {proposal}: there are {len(offered)}", "take one of those in its report")
-    try:
+    with unwritten(run / RESULT, "holds no proposal psafit could have made"):
         sweep = planned(offered[proposal - 1], _unused(measured.ids), measured)
         text = escaped(f"{offered[proposal - 1]['text']}; it {promise(found, proposal - 1)}")
-    except (AttributeError, KeyError, TypeError, ValueError) as error:  # somebody's own diagnosis.json
-        raise InputError("holds no proposal psafit could have made", "diagnose again", file=run / RESULT) from error
     with filling(out):
         write_experiment(measured, out, [sweep])
         read_plan(out)  # a ball twice as heavy may be beyond what an experiment can hold

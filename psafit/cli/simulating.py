@@ -1,11 +1,8 @@
-"""`psafit simulate`, `report` and `watch`: thin, and lazy like the command line they hang on."""
+"""`psafit simulate`: ranges of a model at conditions measured or planned, as a table, a picture or an experiment."""
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,20 +18,17 @@ from psafit.cli.common import (
     Command,
     Place,
     causes,
-    escaped,
     shown_path,
+    unwritten,
     write_result,
 )
 from psafit.errors import LARGEST_SEED, InputError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from psafit.arrays import FloatArray
-    from psafit.experiment import Group, Plan
+    from psafit.experiment import Conditions, Group, Plan
     from psafit.parameters import Parameter
     from psafit.physics.term import Term
-    from psafit.watch import State
 
     _Model = tuple[tuple[Term, ...], dict[str, float]]
 
@@ -78,7 +72,7 @@ def simulate(
     """
     import numpy as np
 
-    from psafit.experiment import Group, by_group, read_plan
+    from psafit.experiment import read_plan
     from psafit.files import write_atomically
     from psafit.inference import noise
     from psafit.simulate import Design
@@ -105,7 +99,6 @@ def simulate(
     model = list(theta.values())[: len(theta) - len(scatter)]
     result = simulate_batch(Design.of(plan.constants, groups), np.array(model), chosen)
     micrometres = result.read_um[0]
-    each = by_group(groups, micrometres)
     curves = {}
     if plot is not None:  # of every model before anything is written: one may be refused
         models = [(chosen, model)]
@@ -122,12 +115,7 @@ def simulate(
         designs = [Design.of(plan.constants, members) for members in (groups, [g.filled() for g in groups])]
         for name, (terms, row) in zip(names, models, strict=True):
             curves[name] = [simulate_batch(d, np.array(row), terms).read_um[0] for d in designs]
-    rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
-    for g, predicted in zip(groups, each, strict=True):
-        measured = g.launch_range_um.tolist() if isinstance(g, Group) else [""] * g.n_points
-        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), measured, predicted.tolist())
-        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{y},{p!r}" for f, v, y, p in zip(*columns, strict=True)]
-    text = "\n".join(rows) + "\n"
+    text = _table(groups, micrometres)
     if out is not None:
         write_atomically(out, text.encode())
     elif not quiet and plot is None and readings is None:
@@ -153,6 +141,18 @@ def simulate(
         },
     )
     return DONE
+
+
+def _table(groups: Sequence[Conditions], predicted_um: FloatArray) -> str:
+    """The CSV of ranges, (n_points,), one group after the other, beside what was measured."""
+    from psafit.experiment import Group, by_group
+
+    rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
+    for g, predicted in zip(groups, by_group(groups, predicted_um), strict=True):
+        measured = g.launch_range_um.tolist() if isinstance(g, Group) else [""] * g.n_points
+        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), measured, predicted.tolist())
+        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{y},{p!r}" for f, v, y, p in zip(*columns, strict=True)]
+    return "\n".join(rows) + "\n"
 
 
 def _refuse_within(folder: Path, others: dict[str, Path | None]) -> None:
@@ -226,10 +226,8 @@ def _models_of(run: Path) -> tuple[list[_Model], tuple[Group, ...]]:
 
 
 def _medians(parameters: Mapping[str, Any], file: Path) -> dict[str, float]:
-    try:
+    with unwritten(file, "holds a parameter without a value"):
         return {name: float(p["median"]) for name, p in parameters.items()}
-    except (KeyError, TypeError, ValueError) as error:  # somebody's own
-        raise InputError("holds a parameter without a value", "repeat the diagnosis", file=file) from error
 
 
 def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:
@@ -332,189 +330,3 @@ def _completed(
             raise InputError(f"{name} = {value:g}{unit} is impossible", f"choose between {low:g} and {high:g}{unit}")
         theta[name] = value
     return theta
-
-
-@click.command(cls=Command)
-@click.argument("run", metavar="RUN", type=Place("input"))
-@click.argument("other", metavar="[RUN]", type=Place("input"), required=False)
-@click.option("--experiment", type=Place("input"), metavar="EXP", help="Measurements of a diagnosis that keeps none.")
-@click.option("--out", type=Place("file"), help="Page of two runs; comparison-<second>.html in the first by default.")
-@PLUGIN
-@QUIET
-@JSON
-def report(
-    run: Path, other: Path | None, experiment: Path | None, out: Path | None, quiet: bool, json_file: Path | None
-) -> int:
-    """Write the page of a run again, or of two runs side by side.
-
-    A run is a folder of psafit fit or psafit diagnose.
-    """
-    if other is not None:
-        if experiment is not None:
-            raise InputError("--experiment is of no use for two runs", "leave it out: they hold what is compared")
-        page, record = _compared(run, other, out, json_file)
-        write_result(json_file, record)
-        pages = [page]
-    else:
-        if out is not None or json_file is not None:
-            raise InputError("--out and --json are for two runs", "leave them out: the page goes into the run's folder")
-        pages = list(_again(run, experiment))
-    for page in pages if not quiet else ():
-        click.echo(f"report: {shown_path(page)}")
-    return DONE
-
-
-def _compared(first: Path, second: Path, out: Path | None, json_file: Path | None) -> tuple[Path, Any]:
-    from psafit.compare import compare, read_side, told_apart
-    from psafit.files import encodable
-    from psafit.report.comparison import write_comparison
-
-    page = out or first / f"comparison-{encodable(second.resolve().name)}.html"
-    if json_file is not None and json_file.resolve() == page.resolve():
-        raise InputError("is the page itself", "choose another place with --json", file=json_file)
-    a, b = told_apart(read_side(first), read_side(second))
-    found = compare(a, b)
-    return write_comparison(a, b, found, page), found
-
-
-def _again(run: Path, experiment: Path | None) -> Iterator[Path]:
-    from psafit.diagnose.record import RESULT, is_diagnosis
-
-    if found := is_diagnosis(run):
-        opened = psafit.load_diagnosis(run, experiment)
-        try:
-            yield opened.report()
-        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:  # somebody's own diagnosis.json
-            raise InputError("holds what psafit could not have written", "diagnose again", file=run / RESULT) from error
-    elif experiment is not None:
-        raise InputError("--experiment is for a diagnosis", "leave it out: a fit keeps its measurements")
-    if not found or (run / "fit.json").exists():
-        yield psafit.load(run).report()
-
-
-@click.command(cls=Command)
-@click.argument("run", metavar="RUN", type=Place("input"))
-@click.option("--once", is_flag=True, help="Say how far it is, and end.")
-@click.option(
-    "--every", type=click.FloatRange(0.1, 86400), default=2.0, show_default=True, help="Seconds between looks."
-)
-@QUIET
-@JSON
-def watch(run: Path, once: bool, every: float, quiet: bool, json_file: Path | None) -> int:
-    """Show how far a running fit is, until it has ended.
-
-    It only reads: nothing in the folder is changed or locked. Ctrl-C ends the watching, not the fit.
-    """
-    import sys
-
-    from psafit.watch import look
-
-    if math.isnan(every):
-        raise InputError("--every nan is no time", "give seconds")
-    state = look(run)
-    if once or state.finished:
-        if not quiet:
-            click.echo(_line(state))
-    else:
-        show = _looks if quiet else _live if sys.stdout.isatty() else _lines
-        with suppress(KeyboardInterrupt):
-            for found in show(run, state, every):
-                state = found
-    write_result(json_file, state)
-    return DONE
-
-
-def _looks(run: Path, state: State, every: float) -> Any:
-    """One state after the other, until nothing more will come."""
-    from psafit.watch import look
-
-    while True:
-        yield state
-        if state.finished:
-            return
-        time.sleep(every)
-        state = look(run, state)
-
-
-def _lines(run: Path, state: State, every: float) -> Any:
-    """A line whenever something has changed."""
-    said = ""
-    for found in _looks(run, state, every):
-        if (line := _line(found)) != said:
-            said = line
-            click.echo(line)
-        yield found
-
-
-def _live(run: Path, state: State, every: float) -> Any:
-    """A table that stays in its place."""
-    from rich.live import Live
-
-    with Live(auto_refresh=False) as live:
-        for found in _looks(run, state, every):
-            live.update(_table(run, found), refresh=True)
-            yield found
-
-
-_STAGES = {
-    "search": "searching for minima; sampling has not begun",
-    "sample": "sampling",
-    "profile": "the chain is long enough; describing the posterior",
-    "done": "done",
-    "gave up": "gave up before it converged; repeat the psafit fit command to draw on",
-}
-
-
-def _stage(state: State) -> str:
-    if state.running is False and not state.finished:
-        return "interrupted: nothing works in this folder now; repeat the psafit fit command to go on"
-    if state.stalled:
-        return "no new checkpoint for long: has it been stopped? Repeat the psafit fit command to go on"
-    if state.stage == "sample" and state.steps is None:
-        return "sampling; no checkpoint yet"
-    return _STAGES[state.stage]
-
-
-def _facts(state: State) -> list[tuple[str, str]]:
-    """What there is to tell, each with its goal and unit."""
-    from psafit.inference.store import told_r_hat
-    from psafit.progress import duration
-
-    s = state
-    facts = []
-    if s.steps is not None:
-        facts.append(("steps", f"{s.steps} of each of {s.walkers} walkers"))
-    if s.acceptance is not None:
-        facts.append(("acceptance", f"{100 * s.acceptance:.0f} %"))
-    if s.autocorrelation_times is not None and s.autocorrelation_time is not None:
-        length = f"{math.floor(s.autocorrelation_times)} autocorrelation times of {s.autocorrelation_time:.0f} steps"
-        facts.append(("length", f"{length} (goal {s.wanted_times:.0f})"))
-    if s.r_hat is not None and s.wanted_r_hat is not None:
-        facts.append(("R-hat", f"{told_r_hat(s.r_hat, s.wanted_r_hat)} (goal {s.wanted_r_hat:g})"))
-    if s.log_posterior is not None:
-        facts.append(("best log posterior", f"{s.log_posterior:.2f} (the search's {s.best_minimum:.2f})"))
-    elif s.best_minimum is not None:
-        facts.append(("best log posterior", f"{s.best_minimum:.2f}, of the search"))
-    if s.seconds_left is not None and not s.stalled:
-        # A short chain makes the autocorrelation time too short.
-        long = (s.autocorrelation_times or 0.0) >= 0.5 * (s.wanted_times or 0.0)
-        facts.append(("time left", f"{'about' if long else 'at least'} {duration(s.seconds_left)}"))
-    return facts
-
-
-def _line(state: State) -> str:
-    return "; ".join([_stage(state), *(f"{name} {text}" for name, text in _facts(state))])
-
-
-def _table(run: Path, state: State) -> Table:
-    from rich.progress_bar import ProgressBar
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table.grid(padding=(0, 2))
-    table.add_row(Text(escaped(run.name), style="bold"), Text(_stage(state)))
-    if state.autocorrelation_times is not None and state.wanted_times is not None:
-        table.add_row("", ProgressBar(total=state.wanted_times, completed=state.autocorrelation_times, width=40))
-    for name, text in _facts(state):
-        table.add_row(Text(name, style="dim"), Text(text))
-    return table
