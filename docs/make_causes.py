@@ -50,8 +50,8 @@ reference that shares no code with it.
 ## Adding a cause
 
 Write one file in `psafit/physics/` and add it to the registry in `psafit/physics/__init__.py`: one import, and its
-place in the slot's line. Nothing else changes; the contract in `tests/test_causes.py` takes it up by itself. The
-smallest cause there could be, a contact stiffer than assumed by a factor:
+place in the slot's line. Nothing else changes; the contract in `tests/physics/test_causes.py` takes it up by itself.
+The smallest cause there could be, a contact stiffer than assumed by a factor:
 
 ```python
 r\"\"\"A contact stiffer than fitted elsewhere.

@@ -1,47 +1,27 @@
-"""Shared: a small rig whose truth is known."""
+"""Shared: a small rig whose truth is known, and results that cost something.
+
+What only some fixtures need is imported by them: a single fast test does not wait for it.
+"""
 
 from __future__ import annotations
 
-import importlib.util
 import os
 from pathlib import Path
-from types import ModuleType
+from typing import TYPE_CHECKING
 
 # As the command line does: threads of the linear algebra library only wait for each other on our small matrices.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+from rigs import measure
 
-from psafit.experiment import Constants, Experiment, Group, fingerprint, write_experiment
-from psafit.simulate import Design, simulate
+from psafit.experiment import Experiment, write_experiment
 
-RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
-TRUTH = np.array([4.0e5, 9.0e3, 60.0])
+if TYPE_CHECKING:
+    from psafit.reproduce import Reproduction
 
-
-def measure(rng: np.random.Generator, relative: float = 0.05, absolute: float = 0.05) -> Experiment:
-    """Three groups drawn from the baseline, with normal scatter (um)."""
-    conditions = (
-        ("sine", np.geomspace(100, 2e4, 30), np.full(30, 20.0)),
-        ("square", np.geomspace(50, 2e4, 20), np.full(20, 15.0)),
-        ("sine", np.full(12, 1500.0), np.linspace(2, 20, 12)),
-    )
-    groups = []
-    for number, (waveform, f, v) in enumerate(conditions, 1):
-        true = simulate(Design.sweep(RIG, waveform, f, v), TRUTH).launch_range[0] * 1e6
-        read = true * (1 + relative * rng.standard_normal(f.size)) + absolute * rng.standard_normal(f.size)
-        groups.append(Group(number, waveform, f"{number}.csv", f, v, np.maximum(np.round(read, 2), 0.0)))  # type: ignore[arg-type]
-    return Experiment("A rig with known truth", "drawn", RIG, tuple(groups), Path("known"), fingerprint(RIG, groups))
-
-
-def loaded(script: Path) -> ModuleType:
-    """A script of the docs, as a module."""
-    spec = importlib.util.spec_from_file_location(script.stem, script)
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+pytest.register_assert_rewrite("campaigns", "folders")  # they assert, though they hold no tests
 
 
 @pytest.fixture(scope="session")
@@ -54,3 +34,70 @@ def known_folder(known: Experiment, tmp_path_factory: pytest.TempPathFactory) ->
     folder = tmp_path_factory.mktemp("data") / "known"
     write_experiment(known, folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def sound():
+    from truths import experiment, problem
+
+    from psafit.inference.candidate import fit
+
+    return fit(problem(experiment()), (), seed=1, draws=512, most=8)
+
+
+@pytest.fixture(scope="session")
+def hidden():
+    from truths import FEW, experiment, problem
+
+    from psafit.diagnose.search import climb
+
+    return climb(problem(experiment(["amplifier_lag"], [4e-5], n=40, seed=3)), FEW, seed=1)
+
+
+@pytest.fixture(scope="session")
+def result() -> Reproduction:
+    from psafit.reproduce import reproduce
+
+    return reproduce(Path(__file__).parents[1] / "experiments" / "psa")
+
+
+@pytest.fixture
+def sensor(tmp_path: Path) -> Path:
+    from sensors import SENSOR
+
+    file = tmp_path / "sensor_compression.py"
+    file.write_text(SENSOR)
+    return file
+
+
+@pytest.fixture(scope="session")
+def fitted(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two fits of group 1, too short to converge: nothing here hangs on that."""
+    from psafit.inference.emcee_adaptor import Settings
+    from psafit.inference.run import fit
+
+    folder = tmp_path_factory.mktemp("fits")
+    for name, seed in (("one", 1), ("other", 2)):
+        fit(known, [1], folder / name, seed=seed, n_starts=2, settings=Settings(chunk=60, max_steps=60))
+    return folder / "one", folder / "other"
+
+
+@pytest.fixture(scope="session")
+def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Experiment]:
+    """A made-up diagnosis with its predictions, beside the experiment it belongs to."""
+    from diagnoses_by_hand import make_experiment, make_record
+
+    from psafit.records import write_json
+    from psafit.validate import COLUMNS, prediction_rows, write_table
+
+    folder = tmp_path_factory.mktemp("diagnosis")
+    experiment = make_experiment()
+    record = make_record(experiment)
+    write_json(folder / "diagnosis.json", record, sealed=True)
+    rows = (
+        row
+        for g in experiment.groups
+        for row in prediction_rows(g, 1.1 * g.launch_range_um, 0.8 * g.launch_range_um, 1.3 * g.launch_range_um, "fit")
+    )
+    write_table(folder / record.predictions, COLUMNS, rows)
+    return folder, experiment

@@ -76,7 +76,7 @@ CAMPAIGN = (
 
 def prepare(folder: Path) -> None:
     """A small experiment and what comes of it: fits, diagnoses, a challenge, a campaign; claims, and a plugin."""
-    from conftest import loaded
+    from scripts import loaded
 
     from psafit.challenge.campaign import plan
     from psafit.challenge.campaign import run as run_campaign

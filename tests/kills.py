@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest import RIG, TRUTH, measure
+from rigs import RIG, TRUTH, measure
 
 from psafit.experiment import Experiment, Group, fingerprint, write_experiment
 from psafit.physics import terms

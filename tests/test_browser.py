@@ -11,11 +11,11 @@ import shutil
 from pathlib import Path
 
 import pytest
+from campaigns import result
+from diagnoses_by_hand import make_experiment, make_record
+from fits_by_hand import build, make_run, sweep_groups
 from reader import HOSTILE
-from test_challenge import result
-from test_explore import made
-from test_report import build, make_run, sweep_groups
-from test_report_diagnosis import make_experiment, make_record
+from sides import made
 
 from psafit.challenge.score import score
 from psafit.compare import compare

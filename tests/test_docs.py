@@ -20,7 +20,7 @@ from typing import NamedTuple
 import click
 import numpy as np
 import pytest
-from conftest import loaded
+from scripts import loaded
 
 from psafit import cli, physics, plugins
 from psafit.cli import common
@@ -40,7 +40,7 @@ TRANSCRIPT = "console"
 SHELL, PSAFIT = ("sh", "bash", "shell", TRANSCRIPT), ("psafit", ".venv/bin/psafit")
 # What a page may ask of a shell beside psafit and make; run as it stands.
 PLAIN = {"cat", "cp", "head", "ls", "mkdir", "mv"}
-# They take minutes and have tests of their own: test_reproduce.py, test_challenge.py.
+# They take minutes and have tests of their own: tests/reproduce, tests/challenge.
 LONG = {("reproduce",), ("challenge", "run")}
 
 

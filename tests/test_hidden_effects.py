@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import RIG
 from outside import OUTSIDE
+from rigs import RIG
 
 from psafit.challenge.answer import EXPERIMENT, Answer
 from psafit.challenge.campaign import read_diagnosis

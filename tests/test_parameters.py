@@ -79,3 +79,11 @@ def test_one_value_in_twenty_is_implausible() -> None:
     assert [most.is_implausible(x) for x in (1.0, 0.9995, 0.9, 0.7, 0.3)] == [False, False, False, True, True]
     flat = parameter(Uniform(), 0.0, 1.0)
     assert not flat.is_implausible(0.5) and not flat.is_implausible(1.0)
+
+
+def test_linear_coordinates_are_in_units_of_the_prior() -> None:
+    p = Parameter("tau", "t", "s", Bounds(0.0, 1e-2), Normal(0.0, 1e-4), "", "", neutral=0.0)
+    assert p.to_sampling(2e-4) == pytest.approx(2.0)
+    assert p.to_physical(p.sampling_bounds.upper) == 1e-2
+    u = np.linspace(0, 100, 200_001)
+    assert np.trapezoid(np.exp(p.log_prior(u)), u) == pytest.approx(1.0, rel=1e-6)

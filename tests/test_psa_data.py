@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 import pytest
-from conftest import loaded
+from scripts import loaded
 
 from psafit.experiment import Constants, Experiment, describe, read_experiment
 

@@ -20,6 +20,7 @@ from psafit.inference.ascent import heights
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
 from psafit.physics import terms
+from psafit.validate import verdict
 
 
 @pytest.fixture(scope="module")
@@ -283,3 +284,11 @@ def test_a_sweep_is_ordered_by_what_it_sweeps() -> None:
     assert other.swept == "frequency" and (np.diff(other.frequency_hz[other.in_sweep]) > 0).all()
     rows = validate.neighbours_redrawn(group, 3, rng)
     assert np.isin(np.diff(np.argsort(group.in_sweep)[rows], axis=1), [1, -11]).mean() > 0.6
+
+
+def test_one_reading_that_rules_a_group_is_told_apart():
+    off = np.full(20, 0.1)
+    assert "but for one reading" not in verdict(off, 0.9, 0.5, 0.5)
+    off[7] = -2.0
+    assert "off by ×1.58 (×1.11 but for one reading), " in verdict(off, 0.9, 0.5, 0.5)
+    assert "but for one reading" not in verdict(off[6:8], 0.9, 0.5, 0.5)  # which of two?

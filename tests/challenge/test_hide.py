@@ -1,0 +1,193 @@
+"""What is hidden stays hidden, and is what the answer says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from outside import OUTSIDE, parts
+
+from psafit.challenge import hide
+from psafit.challenge.answer import unseal
+from psafit.challenge.hide import Outside, make, simulate_literally
+from psafit.challenge.oracle import consult
+from psafit.errors import InputError
+from psafit.experiment import Experiment, read_experiment
+from psafit.physics import TERMS, term
+from psafit.simulate import Design, simulate
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_a_seed_gives_the_same_bytes_however_the_work_is_shared(known: Experiment, tmp_path: Path) -> None:
+    for name, seed, jobs in (("one", 7, 1), ("again", 7, 2), ("other", 8, 1)):
+        make(seed, tmp_path / name, design_of=known, terms=["start_phase"], jobs=jobs)
+    assert files(tmp_path / "one") == files(tmp_path / "again")
+    assert files(tmp_path / "one")["experiment/group1.csv"] != files(tmp_path / "other")["experiment/group1.csv"]
+
+
+def test_the_folder_tells_nothing(known: Experiment, lagged: Path, tmp_path: Path) -> None:
+    make(123456, tmp_path, design_of=known, kind="nothing")
+    plain, hidden = files(tmp_path / "experiment"), files(lagged / "experiment")
+    assert plain.keys() == hidden.keys() == {"experiment.toml", "group1.csv", "group2.csv", "group3.csv"}
+    assert plain["experiment.toml"] == hidden["experiment.toml"]
+    for text in plain.values():
+        assert b"123456" not in text
+    for text in hidden.values():
+        assert not any(t.id.encode() in text for t in TERMS)
+    for g in read_experiment(lagged / "experiment").groups:
+        assert np.array_equal(g.launch_range_um, np.round(g.launch_range_um, 2))
+
+
+def test_data_come_from_the_literal_reference(known: Experiment, lagged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No fast path is called where nothing but the literal reference can know the ranges, and both agree."""
+    answer = unseal(lagged)[1]
+    lag = term("amplifier_lag")
+    names = ["k_c", "c_s", "c_c", "amplifier_lag_tau"]
+    design = Design.of(known.constants, known.groups)
+    fast = simulate(design, [answer.parameters[n] for n in names], [lag]).launch_range[0] * 1e6
+    assert answer.true_um == pytest.approx(fast, rel=1e-8)
+    with monkeypatch.context() as patch:
+        patch.setattr("psafit.simulate.batch.closed_form.separation", None)
+        patch.setattr("psafit.simulate.batch.stepper.separation", None)
+        again = simulate_literally(design, answer.parameters, [lag], known.ids, points=np.array([0, 40]))
+    assert again.tolist() == [answer.true_um[0], answer.true_um[40]]
+
+
+def test_sessions_keep_what_they_have_for_themselves(known: Experiment) -> None:
+    gain = term("reading_gain")
+    values = {"k_c": 4e5, "c_s": 9e3, "c_c": 60.0, "reading_gain_spread": math.log(2)}
+    values |= {"reading_gain_z_1": 0.0, "reading_gain_z_2": 1.0, "reading_gain_z_3": -1.0}
+    design = Design.of(known.constants, known.groups)
+    points = np.array([5, 35, 60])
+    without = simulate_literally(design, values, [], known.ids, points=points)
+    with_it = simulate_literally(design, values, [gain], known.ids, points=points)
+    assert with_it == pytest.approx(without * [1.0, 2.0, 0.5])
+
+
+def test_readings_scatter_as_the_answer_says(lagged: Path) -> None:
+    experiment, answer = unseal(lagged)
+    read = np.concatenate([g.launch_range_um for g in experiment.groups])
+    true = np.array(answer.true_um)
+    relative, absolute = answer.scatter["sigma_rel"], answer.scatter["sigma_abs"]
+    assert relative is not None and absolute is not None and answer.scatter["nu"] is None
+    assert 0.01 < relative < 0.2 and 0.005 < absolute < 0.5
+    z = (read - true) / np.hypot(relative * true, absolute)
+    # Five standard errors of mean and variance.
+    assert abs(z.mean()) < 5 / math.sqrt(z.size) and abs(z.var() - 1) < 5 * math.sqrt(2 / z.size)
+
+
+def test_most_readings_of_a_truth_launch(known: Experiment, lagged: Path, tmp_path: Path) -> None:
+    made = [make(s, tmp_path / str(s), design_of=known, kind="nothing").answer for s in range(6)]
+    for answer in (unseal(lagged)[1], *made):
+        assert np.mean(np.array(answer.true_um) > 1.0) >= 0.5
+
+
+def test_a_weak_truth_that_hardly_launches_is_tried_once(
+    known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The strongest of those tried gives way to the next."""
+    nats = iter(range(99, 0, -1))
+
+    def weak(*drawn: Any) -> hide._Truth:
+        gain = float(next(nats))
+        values = {"k_c": gain, "c_s": 9e3, "c_c": 60.0, "swing_drag_coefficient": 1e-3}
+        return hide._Truth(values, {"swing_drag": gain}, {"swing_drag": 0.9}, reached=False)
+
+    def ranges(design: Design, parameters: dict[str, float], *rest: Any, jobs: int) -> Any:
+        return np.full(design.n_points, 0.0 if parameters["k_c"] == 99.0 else 10.0)
+
+    monkeypatch.setattr(hide, "_draw", weak)
+    monkeypatch.setattr(hide, "simulate_literally", ranges)
+    answer = make(1, tmp_path / "a", design_of=known, terms=["swing_drag"], strength=500.0).answer
+    assert (answer.expected_nats, answer.redraws) == ({"swing_drag": 98.0}, hide._PATIENCE)
+
+
+def test_a_drawn_design_is_one_of_similar_size(tmp_path: Path) -> None:
+    blank = hide._drawn_design(np.random.default_rng(1))
+    other = hide._drawn_design(np.random.default_rng(2))
+    for e in (blank, other):
+        assert 4 <= len(e.groups) <= 7 and 180 <= sum(g.n_points for g in e.groups) <= 350
+    assert blank.fingerprint != other.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"kind": "three"}, "no kind"),
+        ({"kind": "two", "terms": ["gap"]}, "does not fit"),
+        ({"kind": "outside"}, "no outside effect"),
+        ({"terms": ["gap"], "outside": OUTSIDE[0]}, "choose one"),
+        ({"terms": ["gap", "preload", "adhesion"]}, "at most two"),
+        ({"terms": ["gape"]}, "no cause"),
+        ({"strength": -1.0}, "nats"),
+    ],
+)
+def test_a_request_that_contradicts_itself_is_refused(
+    known: Experiment, tmp_path: Path, options: dict[str, Any], what: str
+) -> None:
+    with pytest.raises(InputError, match=what):
+        make(1, tmp_path / "x", design_of=known, **options)
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_drive_that_launches_nothing_is_told(known: Experiment, tmp_path: Path) -> None:
+    still = tuple(replace(g, amplitude_v=np.full(g.n_points, 1e-6)) for g in known.groups)
+    with pytest.raises(InputError, match="nothing launches at these conditions"):
+        make(5, tmp_path / "x", design_of=replace(known, groups=still), kind="nothing")
+    assert not (tmp_path / "x").exists()
+
+
+def test_the_least_weak_of_few_truths_will_do(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """Where most rigs launch nothing, and none shows a cause as strongly as was asked."""
+    drawn = hide._draw
+    calls: list[None] = []
+
+    def rarely(*words: Any) -> Any:
+        calls.append(None)
+        truth = drawn(*words) if len(calls) == 2 else None
+        return truth and replace(truth, reached=False)
+
+    monkeypatch.setattr(hide, "_draw", rarely)
+    made = make(5, tmp_path, design_of=known, terms=["gap"], strength=20.0)
+    assert made.answer.terms == ["gap"] and not made.answer.reached and len(calls) == hide._MOST_REDRAWS
+
+
+def test_there_are_enough_outside_effects() -> None:
+    assert len({o.name for o in OUTSIDE}) >= 6 and not {o.name for o in OUTSIDE} & {t.id for t in TERMS}
+
+
+@pytest.mark.parametrize("effect", OUTSIDE, ids=lambda o: o.name)
+def test_outside_effects_act_where_they_say(known: Experiment, tmp_path: Path, effect: Outside) -> None:
+    plain = make(11, tmp_path / "plain", design_of=known, kind="nothing").answer
+    made = make(11, tmp_path / "hidden", design_of=known, outside=effect)
+    assert made.answer.parameters == plain.parameters  # the same rig, and one thing more
+    assert made.answer.outside == effect.name and made.answer.terms == []
+    changed = np.array(made.answer.true_um) != np.array(plain.true_um)
+    assert changed.any()
+    for g, s in zip(known.groups, parts(known), strict=True):
+        inside = np.zeros(g.n_points, bool)
+        for place in made.answer.places:
+            if place.group == g.id:
+                x = {"frequency": g.frequency_hz, "amplitude": g.amplitude_v, None: np.zeros(g.n_points)}[
+                    place.variable
+                ]
+                low = -math.inf if place.lower is None else place.lower
+                inside |= (x >= low) & (x <= (math.inf if place.upper is None else place.upper))
+        # What acts everywhere names no place.
+        assert not changed[s][~inside].any() or not made.answer.places
+    assert effect.name.encode() not in b"".join(files(tmp_path / "hidden" / "experiment").values())
+    assert consult(made.experiment, made.answer, seed=1).gain > 10.0
+
+
+def test_believed_truths_have_the_scatter_that_a_diagnosis_believes_in(known: Experiment, tmp_path: Path) -> None:
+    drawn = [make(k, tmp_path / f"b{k}", design_of=known, terms=[], believed=True).answer.scatter for k in range(6)]
+    usual = make(1, tmp_path / "u", design_of=known, terms=[]).answer.scatter
+    assert usual["nu"] is None and all(2.0 <= (s["nu"] or 0.0) <= 100.0 for s in drawn)
+    assert np.std(np.log([s["sigma_rel"] or 0.0 for s in drawn])) > 0.4  # a factor of 2.5 for one standard deviation

@@ -1,0 +1,71 @@
+"""`psafit diagnose`, and what it prints."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from commands import run
+from diagnoses_by_hand import make_experiment, make_record, parameters
+
+import psafit.diagnose
+from psafit.cli.diagnosing import _tell
+from psafit.errors import InputError
+
+
+def test_a_diagnosis_without_its_page_was_interrupted(known_folder, tmp_path, monkeypatch):  # type: ignore[no-untyped-def]
+    """Chains are drawn on by the command after a finished one, and it is finished when its page is there."""
+    told = []
+
+    def examine(*args, draw_on, **options):  # type: ignore[no-untyped-def]
+        told.append(draw_on)
+        raise InputError("asked", "enough")
+
+    monkeypatch.setattr(psafit.diagnose, "diagnose", examine)
+    out = tmp_path / "found"
+    for options in ([], ["--no-report"]):
+        assert run(monkeypatch, "diagnose", known_folder, "--out", out, *options) == 2
+    out.mkdir(exist_ok=True)
+    (out / "diagnosis.html").touch()
+    assert run(monkeypatch, "diagnose", known_folder, "--out", out) == 2
+    assert told == [False, True, True]
+
+
+@pytest.mark.slow
+def test_diagnose(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    out = tmp_path / "found"
+    for bad, words in (
+        (["--group", "9"], "9"),
+        (["--group", "1,1"], "not a list of different group ids"),
+        (["--group", "1", "--json", out / "diagnosis.json"], "file of the run itself"),
+    ):
+        assert run(monkeypatch, "diagnose", known_folder, *bad, "--out", out) == 2
+        told = capsys.readouterr()
+        assert words in told.err
+        assert told.err.count("\n") == 1
+        assert not out.exists()
+    copy = tmp_path / "copy.json"
+    assert run(monkeypatch, "diagnose", known_folder, "--group", "1", "--quick", "--out", out, "--json", copy) == 0
+    told = capsys.readouterr().out
+    assert "verdict: adequate" in told
+    own = json.loads((out / "diagnosis.json").read_text())
+    assert own.pop("sha256") and json.loads(copy.read_text()) == own
+    assert (out / "diagnosis.html").exists()
+    # Once more: the fits are kept.
+    assert run(monkeypatch, "diagnose", known_folder, "--group", "1", "--quick", "--out", out, "--quiet") == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_the_terminal_tells_models_by_their_probability(capsys):
+    """What is named first, the rest by their shares; the whole rig of the one, of rivals the causes."""
+    record = make_record(make_experiment())
+    named, other, nothing = record.causes
+    rival = replace(other, terms=["gap"], probability=0.02, parameters=parameters("k_c", "hysteresis_strength"))
+    causes = [replace(named, probability=0.1), nothing, rival]
+    _tell(replace(record, alternatives=[["gap"]], causes=causes, unnamed=0.3))
+    lines = capsys.readouterr().out.splitlines()
+    shares = [line.split(" %  ")[0].strip() for line in lines if " %  " in line]
+    assert shares == ["10.0", "30.0", "2.0", "<0.1"]
+    assert sum("k_c = " in line for line in lines) == 1 and sum("hysteresis_strength = " in line for line in lines) == 1

@@ -1,0 +1,263 @@
+"""`psafit simulate`: tables, pictures and experiments."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+from commands import run
+from diagnoses_by_hand import make_record
+
+from psafit.cli import simulating
+from psafit.errors import InputError
+from psafit.experiment import (
+    Conditions,
+    Experiment,
+    Plan,
+    read_experiment,
+    read_plan,
+    session_name,
+    write_experiment,
+    writer,
+)
+from psafit.inference.problem import Problem
+from psafit.physics import terms
+from psafit.records import write_json
+
+
+def test_names_of_a_sessions_own_hold_its_id(known: Experiment) -> None:
+    """What a fit prints is what `simulate --set` takes and a sealed answer holds, whichever groups were fitted."""
+    groups = [replace(known.groups[0], id=id) for id in (7, "late show", "x_2")]
+    late = session_name("reading_gain_z", "late show")
+    experiment = replace(known, groups=tuple(groups))
+    both = Problem(experiment, ("x_2", 7), terms(["reading_gain"]))
+    assert both.names[-5:-3] == ("reading_gain_z_x_2", "reading_gain_z_7")
+    values = both.to_physical(both.prior_transform(np.linspace(0.3, 0.7, both.n_dim))).tolist()
+    given = dict(zip(both.names, values, strict=True))
+    theta = simulating._completed(Plan(known.constants, experiment.groups, ()), both.terms, given, {})
+    gains = {name: z for name, z in theta.items() if "_z_" in name}
+    assert list(gains) == ["reading_gain_z_7", late, "reading_gain_z_x_2"]
+    assert list(gains.values()) == [given["reading_gain_z_7"], 0.0, given["reading_gain_z_x_2"]]
+    assert len({session_name("z", id) for id in (1, "a-b", "a_b", "a b", "ä-b")}) == 5 and late.isidentifier()
+
+
+def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def]
+    diagnosis: tuple[Path, Experiment], known_folder: Path, tmp_path: Path, monkeypatch
+) -> None:
+    record = make_record(diagnosis[1])
+    values = {"k_c": 2e6, "hysteresis_strength": 0.2, "hysteresis_voltage": 15.0, "sigma_rel": 0.05}
+    best = replace(record.causes[0], terms=["hysteresis"], parameters={n: {"median": x} for n, x in values.items()})
+    write_json(tmp_path / "diagnosis.json", replace(record, causes=[best, *record.causes[1:]]), sealed=True)
+    words = ("--set", "c_c=40", "--quiet", "--json", tmp_path / "it.json")
+    assert run(monkeypatch, "simulate", known_folder, "--run", tmp_path, *words) == 0
+    told = json.loads((tmp_path / "it.json").read_text("utf-8"))
+    assert told["terms"] == ["hysteresis"]
+    wanted = {"k_c": 2e6, "c_c": 40.0, "hysteresis_strength": 0.2, "hysteresis_voltage": 15.0}
+    assert wanted.items() <= told["parameters"].items() and "sigma_rel" not in told["parameters"]
+
+
+def test_a_ball_that_stays_behind_its_place_of_rest_reads_zero(
+    known: Experiment, tmp_path: Path, monkeypatch, capsys
+) -> None:  # type: ignore[no-untyped-def]
+    """It leaned on the tip, leaves it, and comes nowhere: as a fit has it, and as an experiment can hold it."""
+    write_experiment(known, tmp_path / "rig")
+    lean = ("--terms", "preload", "--set", "k_c=7649.9", "--set", "c_s=418.3", "--set", "c_c=5.782")
+    words = ("simulate", tmp_path / "rig", *lean, "--set", "preload_offset=2.7e-4")
+    for seed in ((), ("--seed", 1)):
+        out = tmp_path / f"readings{len(seed)}"
+        assert run(monkeypatch, *words, "--readings", out, "--out", tmp_path / "s.csv", *seed) == 0, capsys.readouterr()
+        told = pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
+        assert told.min() == 0.0 and (told > 0).any()
+        assert min(g.launch_range_um.min() for g in read_experiment(out).groups) >= 0.0
+
+
+def test_a_session_to_come_has_no_gain_of_the_runs(known: Experiment, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Ids of other folders' groups are numbers like one's own: only a session's very readings are that session."""
+    (gain,) = terms(["reading_gain"])
+    own = known.groups[0]
+    name = session_name("reading_gain_z", own.id)
+    medians = {"k_c": 2e6, "reading_gain_spread": 0.1, name: 1.2}
+    read_again = replace(own, launch_range_um=own.launch_range_um + 1.0)
+    planned = Conditions(own.id, own.waveform, own.file, own.frequency_hz, own.amplitude_v)
+    for group, kept in ((own, True), (read_again, False), (planned, False)):
+        plan = Plan(known.constants, (group,), ())
+        found = simulating._of_sessions(plan, (gain,), medians, [own], False)
+        assert found == (medians if kept else {k: v for k, v in medians.items() if k != name})
+        assert capsys.readouterr().err == ("" if kept else f"sessions to come, not those of the run: {name} = 0\n")
+
+
+def test_simulate_draws_what_it_simulates(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    values = ["--set", "k_c=4e5", "--set", "c_s=9e3", "--set", "c_c=60"]
+    for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")):
+        file = tmp_path / f"picture{ending}"
+        assert run(monkeypatch, "simulate", known_folder, *values, "--plot", file) == 0
+        assert capsys.readouterr().out == f"picture: {file}\n"
+        first = file.read_bytes()
+        assert first.startswith(magic)
+        assert run(monkeypatch, "simulate", known_folder, *values, "--plot", file, "--out", tmp_path / "s.csv") == 0
+        assert file.read_bytes() == first and (tmp_path / "s.csv").exists()
+        capsys.readouterr()
+    for name, said in (("x.jpg", "end its name in .png or .svg or .pdf"), ("x", "no kind of picture")):
+        assert run(monkeypatch, "simulate", known_folder, *values, "--plot", tmp_path / name) == 2
+        assert said in capsys.readouterr().err and not (tmp_path / name).exists()
+
+
+def test_a_plan_needs_no_readings(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """A planned group is simulated like a measured one at the same conditions; only `simulate` takes it."""
+    folder = tmp_path / "plan"
+    shutil.copytree(known_folder, folder)
+    measured, planned = read_experiment(folder).groups[:2]
+    rows = zip(planned.frequency_hz.tolist(), planned.amplitude_v.tolist(), strict=True)
+    conditions = "".join(f"{f!r},{v!r}\n" for f, v in rows)
+    (folder / planned.file).write_text("frequency_hz,amplitude_v\n" + conditions, "utf-8")
+    told = {}
+    for place in (known_folder, folder):
+        out, picture = tmp_path / "simulated.csv", tmp_path / "picture.svg"
+        assert run(monkeypatch, "simulate", place, "--out", out, "--plot", picture) == 0
+        told[place] = pandas.read_csv(out)
+    with_readings, without = told.values()
+    assert with_readings["predicted_um"].equals(without["predicted_um"])
+    assert without["launch_range_um"].isna().equals(without["group"] == planned.id)
+    assert (without["launch_range_um"][without["group"] == measured.id] == measured.launch_range_um).all()
+    capsys.readouterr()
+    assert run(monkeypatch, "check", folder) == 2 and "missing column 'launch_range_um'" in capsys.readouterr().err
+    (folder / planned.file).write_text("frequency_hz\n100\n", "utf-8")
+    assert run(monkeypatch, "simulate", folder) == 2 and "missing column 'amplitude_v'" in capsys.readouterr().err
+
+
+def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """What is written is what was simulated; a seed scatters it as the model says, and always alike."""
+    noise = ("--set", "sigma_rel=0.04", "--set", "sigma_abs=1e-3", "--set", "nu=100")
+    exact, drawn, again = (tmp_path / name for name in ("exact", "drawn", "again"))
+    assert run(monkeypatch, "simulate", known_folder, "--readings", exact, "--out", tmp_path / "s.csv") == 0
+    for place in (drawn, again):
+        assert run(monkeypatch, "simulate", known_folder, "--readings", place, "--seed", 3, *noise) == 0
+    capsys.readouterr()
+    measured, simulated = read_experiment(known_folder), read_experiment(exact)
+    assert np.concatenate([g.launch_range_um for g in simulated.groups]) == pytest.approx(
+        pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
+    )
+    assert "simulated" in simulated.title and simulated.constants == measured.constants
+    for a, b in zip(measured.groups, simulated.groups, strict=True):
+        assert (a.id, a.waveform) == (b.id, b.waveform) and (a.frequency_hz == b.frequency_hz).all()
+    assert read_experiment(drawn).fingerprint == read_experiment(again).fingerprint != simulated.fingerprint
+    both = zip(read_experiment(drawn).groups, simulated.groups, strict=True)
+    ratio = np.concatenate([d.launch_range_um / e.launch_range_um for d, e in both])
+    assert 0.03 < (ratio - 1).std() < 0.06 and abs(ratio.mean() - 1) < 0.02
+    assert "k_c = " in read_experiment(drawn).source and "seed 3" in read_experiment(drawn).source
+    for words, said in (
+        (["--seed", 3], "--seed scatters what --readings writes"),
+        (["--readings", tmp_path / "n", "--json", tmp_path / "n" / "group1.csv"], "lies in --readings"),
+        (["--readings", tmp_path / "n" / "below", "--out", tmp_path / "n"], "lies in --readings, or that in --out"),
+        (["--readings", exact], "holds something already"),
+        (["--readings", tmp_path / "n", "--set", "nu=3"], "it is of the scatter: add --readings FOLDER --seed N"),
+        (["--readings", tmp_path / "n", "--seed", 1, "--set", "nu=300"], "nu = 300 is impossible"),
+    ):
+        assert run(monkeypatch, "simulate", known_folder, *words) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1 and not (tmp_path / "n").exists()
+
+
+def test_sessions_of_simulated_readings_have_their_own_gains(known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """With a seed as the model believes, but for those that are given; else none."""
+    words = ["simulate", known_folder, "--quiet", "--terms", "reading_gain", "--set", "reading_gain_spread=0.5"]
+    small = ("--set", "sigma_rel=0.001", "--set", "sigma_abs=0.001", "--set", "reading_gain_z_2=-1")
+    assert run(monkeypatch, *words, "--readings", tmp_path / "none") == 0
+    assert run(monkeypatch, *words, "--readings", tmp_path / "own", "--seed", 3, *small) == 0
+    pairs = zip(*(read_experiment(tmp_path / name).groups for name in ("own", "none")), strict=True)
+    gains = [float(np.median(own.launch_range_um / none.launch_range_um)) for own, none in pairs]
+    assert gains[1] == pytest.approx(np.exp(-0.5), rel=0.01)
+    assert min(abs(np.log(gains[k])) for k in (0, 2)) > 0.01 and gains[0] != pytest.approx(gains[2], rel=0.01)
+
+
+def test_a_folder_that_cannot_be_filled_is_as_it_was(  # type: ignore[no-untyped-def]
+    diagnosis: tuple[Path, Experiment], known_folder: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    folder = shutil.copytree(diagnosis[0], tmp_path / "run")
+    write_experiment(diagnosis[1], folder / "experiment")
+    write = writer.write_atomically
+    commands = (["plan", folder, "--out"], ["simulate", known_folder, "--readings"])
+    for wrong in (InputError("cannot be written (No space left on device)", "make room"), KeyboardInterrupt()):
+
+        def full(path: Path, content: bytes, wrong: BaseException = wrong) -> None:
+            if path.suffix == ".toml":
+                raise wrong
+            write(path, content)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(writer, "write_atomically", full)
+            for words in commands:
+                assert run(monkeypatch, *words, tmp_path / "deep" / "new") == 2 and not (tmp_path / "deep").exists()
+    for words in commands:
+        (tmp_path / words[0]).mkdir()
+        (tmp_path / words[0] / ".group1.csv.7.tmp").write_text("killed")
+        assert run(monkeypatch, *words, tmp_path / words[0]) == 0 and read_plan(tmp_path / words[0]).groups
+    # What an experiment cannot hold is not left there either.
+    far = ("--set", "k_c=1e9", "--readings", tmp_path / "far")
+    text = (known_folder / "experiment.toml").read_text("utf-8")
+    kite = shutil.copytree(known_folder, tmp_path / "kite")
+    (kite / "experiment.toml").write_text(text.replace("l = 0.09", "l = 9e6").replace("q = 1.2e-07", "q = 1e-3"))
+    capsys.readouterr()
+    assert run(monkeypatch, "simulate", kite, *far) == 2 and not (tmp_path / "far").exists()
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_planned_group_keeps_its_uncertainty(known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    folder = shutil.copytree(known_folder, tmp_path / "plan")
+    first = read_plan(folder).groups[0]
+    (folder / first.file).write_text("frequency_hz,amplitude_v,sigma_um\n500,20,2\n900,20,3\n", "utf-8")
+    assert run(monkeypatch, "simulate", folder, "--quiet", "--readings", tmp_path / "made", "--seed", 1) == 0
+    made = read_experiment(tmp_path / "made").groups[0].sigma_um
+    assert made is not None and made.tolist() == [2.0, 3.0]
+
+
+def test_simulate(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    values = ["--set", "k_c=4e5", "--set", "c_s=9e3", "--set", "c_c=60"]
+    assert (
+        run(monkeypatch, "simulate", known_folder, *values, "--out", tmp_path / "s.csv", "--json", tmp_path / "s.json")
+        == 0
+    )
+    rows = (tmp_path / "s.csv").read_text().splitlines()
+    assert len(rows) == 63
+    measured, predicted = map(float, rows[1].split(",")[-2:])
+    assert predicted == pytest.approx(measured, rel=0.3)
+    assert json.loads((tmp_path / "s.json").read_text())["engine"] == "closed form"
+    assert run(monkeypatch, "simulate", known_folder, "--quiet", "--json", tmp_path / "s.json") == 0  # prior medians
+    assert json.loads((tmp_path / "s.json").read_text())["parameters"]["c_s"] > 0
+    twice = ["--out", tmp_path / "t", "--json", tmp_path / "sub" / ".." / "t"]
+    assert run(monkeypatch, "simulate", known_folder, *twice) == 2 and not (tmp_path / "t").exists()
+    assert "--json and --out are the same place" in capsys.readouterr().err
+    for bad, words in (
+        (["--terms", "gap"], "no value for gap_width"),
+        ([*values, "--set", "c_x=1"], "no parameter c_x"),
+        (["--set", "K_c=1e5"], "no parameter K_c; did you mean k_c?"),
+        ([*values, "--set", "k_c=2e5"], "--set gives k_c twice"),
+        ([*values[:5], "c_c=-3"], "impossible"),
+        ([*values[:5], "c_c=nan"], "impossible"),
+        ([*values[:5], "c_c"], "not NAME=VALUE"),
+    ):
+        assert run(monkeypatch, "simulate", known_folder, *bad) == 2
+        error = capsys.readouterr().err
+        assert words in error and error.count("\n") == 1
+
+
+def test_simulate_takes_the_medians_of_a_fit(fitted: Path, known_folder: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """They predict what the run's own file of predictions says, and --set goes before them."""
+    words = ["simulate", known_folder, "--run", fitted, "--out", tmp_path / "s.csv", "--json", tmp_path / "s.json"]
+    assert run(monkeypatch, *words, "--quiet") == 0
+    told = json.loads((tmp_path / "s.json").read_text())
+    medians = {p["name"]: p["median"] for p in json.loads((fitted / "posterior.json").read_text())["parameters"]}
+    assert told["parameters"] == {name: medians[name] for name in told["parameters"]}
+    assert sorted(told["parameters"]) == ["c_c", "c_s", "k_c"]
+    here = [float(row.split(",")[-1]) for row in (tmp_path / "s.csv").read_text().splitlines()[1:]]
+    with (fitted / "predictions.csv").open(newline="") as file:
+        there = [float(row["predicted_um"]) for row in csv.DictReader(file)]
+    assert here == pytest.approx(there, rel=0.05, abs=0.05)
+    assert run(monkeypatch, *words, "--quiet", "--set", "k_c=1e6") == 0
+    assert json.loads((tmp_path / "s.json").read_text())["parameters"] == told["parameters"] | {"k_c": 1e6}

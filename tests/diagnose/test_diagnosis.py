@@ -1,0 +1,228 @@
+"""The diagnosis from beginning to end."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rigs import RIG
+from truths import FEW, experiment, few, problem
+
+from psafit.diagnose import diagnose, diagnosis
+from psafit.diagnose import search as rungs
+from psafit.diagnose.search import climb
+from psafit.diagnose.significance import lead
+from psafit.errors import InputError
+from psafit.experiment import fingerprint
+from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.problem import Problem
+from psafit.inference.run import Silent, load
+from psafit.inference.run import fit as run_fit
+from psafit.physics import TERMS
+
+
+def test_no_protocol_sees_what_it_scores(tmp_path):
+    """Readings of a group change nothing of what any protocol predicts for it, the search of all groups or no."""
+    e = experiment(["amplifier_lag"], [4e-5], groups=("a", "b"), n=12)
+    a, b = e.groups
+    groups = (a, replace(b, launch_range_um=3 * b.launch_range_um))
+    told = []
+    for name, data in (("as read", e), ("changed", replace(e, groups=groups, fingerprint=fingerprint(RIG, groups)))):
+        folder = tmp_path / name
+        folder.mkdir()
+        work = diagnosis._Work(data, ("a",), folder, 1, FEW[:2], 1, Silent(), ())
+        work._search(data.ids, work._parts())
+        measured = work._gains()
+        for scored in measured.values():
+            assert all(not set(entry["saw"]) & set(entry["scored_on"]) for entry in scored["ledger"])
+        for protocol in ("strict", "nested"):
+            with (folder / f"predictions-{protocol}.csv").open() as f:
+                rows = [row for row in csv.DictReader(f) if row["group"] == "b"]
+            assert len(rows) == 2 * 12
+            told.append([{k: v for k, v in row.items() if k != "launch_range_um"} for row in rows])
+    assert told[:2] == told[2:]
+
+
+def test_what_an_adequate_baseline_does_not_exclude_is_told_apart(tmp_path):
+    """Else the parameter of which the readings tell least is what to measure next."""
+    found = diagnose(experiment(), ["a"], tmp_path, quick=True, catalogue=FEW)
+    assert found.verdict == "adequate" and found.next_experiment["proposals"]
+    open_ = [c for c in found.causes if c.terms and c.probability >= 0.05]
+    assert found.next_experiment["about"].startswith("tells the baseline from" if open_ else "determines ")
+    assert found.confusion == {"alike": []}
+
+
+def test_the_order_in_which_groups_are_named_does_not_matter(tmp_path, monkeypatch):
+    e = experiment(n=8)
+    first = diagnose(e, ["c", "a"], tmp_path, quick=True, catalogue=FEW[:1])
+    assert first.training == ["a", "c"]
+    monkeypatch.delattr(diagnosis._Work, "all")
+    assert diagnose(e, ["a", "c"], tmp_path, quick=True, catalogue=FEW[:1]).identity == first.identity
+
+
+def test_a_diagnosis_that_makes_no_sense_is_refused(tmp_path):
+    for e, groups, seed, said in (
+        (few([0.0] * 5), ["a"], 1, "every launch range is zero"),
+        (few([50.0] * 5), ["a", "a"], 1, "named twice"),
+        (few([50.0] * 5), ["a"], -1, "seed -1"),
+    ):
+        with pytest.raises(InputError, match=said):
+            diagnose(e, groups, tmp_path / "out", quick=True, seed=seed, catalogue=FEW)
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="named twice"):
+        Problem(few([50.0]), ("a", "a"))
+
+
+def test_without_a_drive_nothing_is_proposed(tmp_path):
+    found = diagnose(few([5.0, 0.0, 4.0, 0.0, 6.0], amplitude=0.0), ["a"], tmp_path, quick=True, catalogue=FEW[:1])
+    assert found.next_experiment == {}
+
+
+def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
+    e = experiment(["amplifier_lag"], [4e-5])
+    result = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2, jobs=2)
+    stored = json.loads((tmp_path / "one" / "diagnosis.json").read_text())
+    assert stored["schema"] == 1
+    assert stored["verdict"] in ("explained", "ambiguous")
+    assert stored["named"] == ["amplifier_lag"]
+    assert set(stored["misfit"]) >= {"p_value", "where"}
+    for place in stored["misfit"]["where"]:
+        assert set(place) == {"group", "variable", "from", "to", "text"}
+    assert stored["causes"][0]["terms"] == ["amplifier_lag"]
+    assert 0 < stored["causes"][0]["probability"] <= 1
+    assert stored["misfit"]["search"]["lead"] > max(stored["misfit"]["search"]["null"])
+    # Compared with searches like itself, which have no parts of the readings to begin from.
+    plain = climb(Problem(e, e.ids, tolerance=diagnosis._TOLERANCE), FEW, seed=1)
+    assert stored["misfit"]["search"]["lead"] == pytest.approx(lead(plain), abs=1e-9)
+    assert stored["misfit"]["search"]["p_value"] == pytest.approx(1 / 3)
+    tau = stored["causes"][0]["parameters"]["amplifier_lag_tau"]
+    assert tau["lower"] < 4e-5 < tau["upper"]
+    for protocol, seen in (("strict", {"a"}), ("nested", {"b", "c"})):
+        gain = stored["gain"][protocol]
+        assert (tmp_path / "one" / gain["predictions"]).exists()
+        assert gain["log_rmse_after"] < gain["log_rmse_before"]
+        assert seen <= {g for entry in gain["ledger"] for g in entry["saw"]}
+    assert (tmp_path / "one" / stored["predictions"]).exists()
+    # What the training group names by itself is a run like any other.
+    named = {"adopted": stored["named"], "strict": stored["gain"]["strict"]["groups"][0]["named"]}
+    seen = {"adopted": ["a", "b", "c"], "strict": ["a"]}
+    assert set(stored["extension"]) == {which for which, ids in named.items() if ids} >= {"adopted"}
+    for which, told in stored["extension"].items():
+        extension = load(tmp_path / "one" / told["folder"])
+        assert extension.fit.terms == told["terms"] == named[which]
+        # Begun where the search has found these causes, and not left below that.
+        place = extension.problem.to_sampling(np.array([list(extension.fit.known[0].values())]))
+        assert list(extension.fit.known[0]) == list(extension.problem.names)
+        assert extension.fit.minima[0].log_posterior > extension.problem.log_posterior(place)[0] - 0.01
+        assert extension.fit.groups == told["groups"] == seen[which]
+        assert told["scored_on"] == [g for g in e.ids if g not in seen[which]]
+        assert told["converged"] == extension.summary.converged
+    # Again from what is kept, and once more from nothing: the same.
+    again = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2)
+    quick = diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
+    assert again.causes == result.causes
+    assert quick.causes == result.causes
+    assert quick.gain == {} and quick.extension == {} and "search" not in quick.misfit
+    # A whole answer is read back; what has lost a part is worked out.
+    with monkeypatch.context() as m:
+        m.delattr(diagnosis._Work, "all")
+        assert diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True).causes == result.causes
+        for change in ({"seed": 2}, {"catalogue": FEW[:1]}, {"quick": False}):
+            with pytest.raises(AttributeError):
+                diagnose(e, ["a"], tmp_path / "two", **{"seed": 1, "catalogue": FEW, "quick": True} | change)
+        (tmp_path / "two" / quick.predictions).unlink()
+        with pytest.raises(AttributeError):
+            diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_processes_search_what_one_would(jobs, tmp_path):
+    """Two leave nothing to search, and what they leave is what one finds."""
+    e = experiment(["amplifier_lag"], [4e-5], groups=("a", "b"), n=12)
+    work = diagnosis._Work(e, ("a",), tmp_path, 1, FEW[:2], jobs, Silent(), ())
+    with pytest.MonkeyPatch.context() as patch:
+        if jobs == 2:
+            patch.setattr(rungs, "fit", None)
+        parts = work._parts()
+    alone = [climb(Problem(e, (g,), tolerance=diagnosis._TOLERANCE), FEW[:2], seed=1).leader for g in ("b", "a")]
+    assert [c.ids for c in parts] == [c.ids for c in alone]
+    assert all(np.array_equal(c.modes, d.modes) for c, d in zip(parts, alone, strict=True))
+
+
+@pytest.mark.slow
+def test_diagnosis_of_one_group_with_the_whole_catalogue(tmp_path):
+    e = experiment(groups=("only",))
+    result = diagnose(e, ["only"], tmp_path, seed=1, quick=True)
+    assert result.verdict == "adequate"
+    assert len(result.screening) == len(TERMS)
+
+
+def test_another_rigs_diagnosis_is_not_replaced(tmp_path):
+    """Two folders called rig have one usual place for their results."""
+    (tmp_path / "diagnosis.json").write_text('{"fingerprint": "of other readings"}')
+    with pytest.raises(InputError, match="of other readings"):
+        diagnose(experiment(), ["a"], tmp_path, quick=True)
+    assert [p.name for p in tmp_path.iterdir() if p.suffix == ".json"] == ["diagnosis.json"]
+
+
+def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
+    """A chain that did not converge is drawn on by the command after a finished one, not by one that resumes."""
+    monkeypatch.setattr(diagnosis, "_STEPS", 500)
+    e = experiment(["amplifier_lag"], [4e-5], n=12, groups=("a", "b"))
+
+    def interrupted(*words):
+        raise KeyboardInterrupt
+
+    def again(**options):
+        return diagnose(e, ["a"], tmp_path, catalogue=FEW[:1], searches=0, **options).extension["adopted"]
+
+    first = again()
+    assert not first["converged"] and "after 500 steps" in first["message"]
+    with monkeypatch.context() as m:  # the command that draws on is broken off: what there was stays
+        m.setattr(diagnosis._Work, "_extend", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            again()
+    assert (tmp_path / "diagnosis.json").exists()
+    (tmp_path / "diagnosis.json").unlink()  # killed after the extension, before the end
+    assert again() == first
+    assert again(draw_on=False) == first
+    assert again()["message"] != first["message"]
+
+
+def test_a_diagnosis_lies_beside_the_fit_of_the_same_readings(tmp_path):
+    e = experiment(n=8)
+    settings = replace(Settings.of(problem(e)), max_steps=60, chunk=20)
+    fitted = run_fit(e, ["a"], tmp_path, n_starts=4, settings=settings)
+    with pytest.raises(InputError, match="already holds other files"):
+        diagnose(experiment(n=8, seed=9), ["a"], tmp_path, quick=True, catalogue=FEW)
+    found = diagnose(e, ["a"], tmp_path, quick=True, catalogue=FEW)
+    assert found.fingerprint == fitted.fit.fingerprint
+    assert load(tmp_path).summary == fitted.summary
+    assert diagnose(e, ["a"], tmp_path, quick=True, catalogue=FEW) == found
+
+
+def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
+    """Measurements of another rig, a fit, somebody's own notes: told before any work."""
+    one, other = experiment(seed=1), experiment(seed=2)
+    for name in ("experiment/experiment.toml", "fit.json", "diagnosis.json"):
+        folder = tmp_path / name.replace("/", "-")
+        (folder / name).parent.mkdir(parents=True)
+        (folder / name).write_text('{"my": "own"}')
+        with pytest.raises(InputError, match="already holds other files"):
+            diagnose(one, ["a"], folder, quick=True)
+        assert [(p, p.read_text()) for p in folder.rglob("*") if p.is_file()] == [(folder / name, '{"my": "own"}')]
+    # An interrupted one is known by its mark, and goes on for the same readings alone.
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / ".diagnosis.json.1.tmp").write_text("what a killed process left")
+    diagnosis._claim(mine, one)
+    (mine / "steps").mkdir()
+    diagnosis._claim(mine, one)
+    with pytest.raises(InputError, match="of other readings"):
+        diagnosis._claim(mine, other)
+    (mine / "diagnosis.html").mkdir()
+    with pytest.raises(InputError, match="is a folder, where a file of the diagnosis goes"):
+        diagnosis._claim(mine, one)

@@ -1,0 +1,38 @@
+"""Probabilities of models."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from truths import FEW
+
+from psafit.diagnose import ladder
+from psafit.diagnose.ladder import SIZE_WEIGHTS, log_prior
+
+
+def test_prior_probabilities_of_models_sum_to_one():
+    for n in (1, 3, 23):
+        sizes = range(min(n, len(SIZE_WEIGHTS) - 1) + 1)
+        assert sum(math.comb(n, k) * math.exp(log_prior(k, n)) for k in sizes) == pytest.approx(1)
+
+
+def test_what_was_not_fitted_counts_by_what_screening_saw(hidden):
+    """A set that screening promises more than the leader has its share, unless it adds too little to be counted."""
+    lag, other = (s for s in hidden.screened if s.term.id in ("amplifier_lag", "flight_friction"))
+    lag, other = sorted((lag, other), key=lambda s: s.term.id)
+    fitted = [SimpleNamespace(ids=()), SimpleNamespace(ids=("amplifier_lag",))]
+    evidence = {(): 0.0, ("amplifier_lag",): 20.0}
+    for worth, told in ((10.0, True), (2.0, False)):
+        screenings = {(): hidden.screened, ("amplifier_lag",): (replace(other, log_bayes=worth),)}
+        found = ladder.rank(fitted, evidence, {}, screenings, len(FEW), 4)
+        pair = tuple(s.term.id for s in hidden.screened if s.term.id in ("amplifier_lag", "flight_friction"))
+        if told:
+            price = log_prior(2, len(FEW)) - log_prior(1, len(FEW))
+            assert math.log(found.unfitted[pair] / found.probability[("amplifier_lag",)]) == pytest.approx(
+                worth + price, abs=1.5
+            )
+        else:
+            assert pair not in found.unfitted and found.probability[("amplifier_lag",)] > 0.95

@@ -1,0 +1,52 @@
+"""What a diagnosis keeps."""
+
+from __future__ import annotations
+
+import numpy as np
+from truths import FEW, experiment, problem
+
+from psafit.diagnose.memory import Memory
+from psafit.diagnose.search import climb
+from psafit.parameters import Belief, Normal
+from psafit.physics import informed
+
+
+def test_memory_is_used_checked_and_repaired(tmp_path):
+    memory = Memory(tmp_path)
+    one = problem(experiment())
+    calls = []
+
+    def make():
+        calls.append(1)
+        return {"x": np.arange(3.0)}
+
+    for _ in range(2):
+        assert memory.recall("fit", one, 1, make)["x"].tolist() == [0, 1, 2]
+    assert len(calls) == 1
+    memory.recall("fit", one, 2, make)  # another seed is another thing
+    assert len(calls) == 2
+    for path in tmp_path.glob("*.npz"):
+        path.write_bytes(path.read_bytes()[:40])
+    assert memory.recall("fit", one, 1, make)["x"].tolist() == [0, 1, 2]
+    assert len(calls) == 3
+    memory.recall("fit", one, 2, make)
+    # Whole, but not what was kept.
+    for path in tmp_path.glob("*.npz"):
+        with np.load(path) as stored:
+            kept = dict(stored)
+        np.savez(path, **{name: a + (name == "x") for name, a in kept.items()})
+    assert memory.recall("fit", one, 1, make)["x"].tolist() == [0, 1, 2]
+    assert len(calls) == 5
+
+
+def test_what_is_kept_belongs_to_the_priors_it_was_found_with(tmp_path):
+    """A prior stated after a first diagnosis: neither screenings nor evidences of the old one may be recalled."""
+    one, memory = problem(experiment(n=8)), Memory(tmp_path)
+    (wide,) = informed((Belief("amplifier_lag_tau", Normal(0.0, 4e-4), "seen"),), FEW[:1])[1]
+    found = {}
+    for term in (FEW[0], wide):
+        found[term] = climb(one, (term,), seed=1, memory=memory)
+        fresh = climb(one, (term,), seed=1)
+        assert found[term].probability == fresh.probability
+        assert found[term].screened[0].log_bayes == fresh.screened[0].log_bayes
+    assert found[FEW[0]].screened[0].log_bayes != found[wide].screened[0].log_bayes

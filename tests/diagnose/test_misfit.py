@@ -1,0 +1,143 @@
+"""Tests of misfit: what is sound is not accused, what is spoilt is found where it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rigs import RIG
+from truths import FEW, TRUTH, bump, experiment, few, problem, slip, unit
+
+from psafit.diagnose.leftover import leftover
+from psafit.diagnose.misfit import ALPHA, Statistic, _character, examine
+from psafit.experiment import Group, fingerprint
+from psafit.inference.candidate import fit
+from psafit.physics import terms
+from psafit.simulate import MICRO, Design, simulate
+
+
+def test_a_sound_model_is_not_accused(sound):
+    found = examine(sound, FEW, seed=1, n_simulated=199)
+    assert found.p_value > 0.05
+    assert not found.wrong
+    assert found.character == "none"
+    assert found.places == ()
+    assert leftover(sound).log_bayes < 0
+
+
+def test_the_level_is_kept():
+    """Of ten sound data sets at most three are accused at 5 % (four would come once in a thousand)."""
+    p = [
+        examine(fit(problem(experiment(seed=s)), (), seed=1, draws=256, most=6), FEW, seed=s, n_simulated=99).p_value
+        for s in range(100, 110)
+    ]
+    assert np.sum(np.array(p) <= 0.05) <= 3
+    assert 0.25 < np.mean(p) < 0.8
+
+
+@pytest.mark.parametrize(
+    ("spoil", "characters", "group"),
+    [(bump, {"physics", "group"}, "a"), (unit, {"physics", "group"}, "c"), (slip, {"points"}, "b")],
+)
+def test_what_is_spoilt_is_found_where_it_is(spoil, characters, group):
+    one = fit(problem(experiment(spoil=spoil, seed=3)), (), seed=1, draws=512, most=8)
+    found = examine(one, FEW, seed=1, n_simulated=199)
+    assert found.p_value < ALPHA
+    assert found.character in characters
+    if spoil is slip:
+        assert found.odd_points == (("b", 7),)
+        return
+    if found.character == "group":
+        assert found.odd_groups == (group,)
+    assert group in {p.group for p in found.places}
+    assert leftover(one).log_bayes > 3
+
+
+@pytest.mark.parametrize(
+    ("kinds", "odd", "character"),
+    [
+        (["spread"], (), "scatter"),
+        (["point"], (("b", 7),), "points"),
+        (["point", "spread"], (("b", 7),), "points"),
+        (["point", "spread"], (("b", 1), ("b", 2), ("b", 3), ("b", 4)), "scatter"),
+        (["replicate"], (), "sessions"),
+        (["replicate", "mean"], (), "physics"),
+    ],
+)
+def test_the_kind_of_what_is_wrong_is_that_of_what_stands_out(sound, kinds, odd, character):
+    beyond = [Statistic(kind, kind, None, 9.0, 3.0, 0.001, True) for kind in kinds]
+    within = Statistic("mean", "mean", None, 1.0, 0.5, 0.3, False)
+    assert _character(sound, FEW, [*beyond, within], 1, False, odd) == (character, ())
+
+
+def test_a_few_readings_do_not_clear_the_rest():
+    """One sweep that errs and two single readings: what finds nothing wrong without the sweep could find nothing."""
+    e = experiment(spoil=bump, seed=3)
+    columns = ("frequency_hz", "amplitude_v", "launch_range_um")
+    short = [replace(g, **{name: getattr(g, name)[:2] for name in columns}) for g in e.groups[1:]]
+    groups = (e.groups[0], *short)
+    few = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
+    found = examine(fit(problem(few), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=199)
+    assert found.wrong and found.character == "physics"
+
+
+def test_sessions_that_disagree_are_seen():
+    """One condition in two sessions, of which one reads a third more."""
+    e = experiment(relative=0.01)
+    twin = replace(e.groups[0], id="d", launch_range_um=(1.3 * e.groups[0].launch_range_um).round(3))
+    groups = (e.groups[0], twin)
+    e = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
+    found = examine(fit(problem(e), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=99)
+    assert found.wrong
+    assert any(s.significant and s.name == "one condition in two sessions" for s in found.statistics)
+
+
+@pytest.mark.parametrize(("jitter", "wrong"), [(0.0, False), (0.1, True)])
+def test_replicates_are_pure_error(jitter, wrong):
+    """Conditions off by a tenth without any order look like scatter, unless replicates agree to one per cent."""
+    rng = np.random.default_rng(2)
+    few = experiment(n=12, relative=1e-4)
+    groups = []
+    for g in few.groups:
+        y = g.launch_range_um * np.exp(jitter * rng.standard_normal(g.n_points))
+        rows = np.concatenate([np.arange(g.n_points), [1, 6, 10]])  # three conditions of a sweep are measured twice
+        y = y[rows] * (1 + 0.01 * rng.standard_normal(rows.size))
+        groups.append(Group(g.id, g.waveform, g.file, g.frequency_hz[rows], g.amplitude_v[rows], y.round(3)))
+    e = replace(few, groups=tuple(groups), fingerprint=fingerprint(RIG, groups))
+    found = examine(fit(problem(e), (), seed=1, draws=256, most=6), FEW, seed=1, n_simulated=199)
+    pure = next(s for s in found.statistics if s.name == "conditions against their replicates")
+    assert (pure.significant, found.wrong) == (wrong, wrong)
+    if wrong:
+        assert found.character == "physics"
+        assert found.statistics[0] == pure
+
+
+def test_places_hold_the_spoilt_stretch():
+    e = experiment(spoil=bump, seed=3)
+    one = fit(problem(e), (), seed=1, draws=512, most=8)
+    places = [p for p in examine(one, FEW, seed=1, n_simulated=199).places if p.group == "a"]
+    peak = e.group("a").frequency_hz[15]
+    assert any(p.lower <= peak <= p.upper and p.log_bias < 0 for p in places)
+
+
+def test_readings_that_scatter_less_than_any_instrument_accuse_nothing():
+    """What a simulation made, as it is or rounded, and a scatter of three in ten thousand; a cause still shows."""
+    rng = np.random.default_rng(2)
+    e = experiment(relative=0.0)
+    design = Design.of(e.constants, e.groups)
+    for ids, values in (((), ()), (("gap",), (3e-7,))):
+        true = simulate(design, [*TRUTH, *values], terms(ids)).launch_range[0] * MICRO
+        for readings in (true, true.round(2), true * (1 + 3e-4 * rng.standard_normal(true.size))):
+            one = problem(e.with_readings(readings))
+            found = examine(fit(one, (), seed=1, draws=512, most=8), (), seed=1)
+            assert found.wrong == bool(ids) and (ids or found.p_value == 1.0)
+    # A thousandth is a scatter like another.
+    one = problem(e.with_readings(true * (1 + 3e-3 * rng.standard_normal(true.size))))
+    assert examine(fit(replace(one, terms=terms(ids)), (), seed=1), (), seed=1).p_value < 1.0
+
+
+def test_what_meets_every_reading_is_not_tested():
+    for e in (few([80.0]), few([80.0, 60.0, 40.0])):
+        found = examine(fit(problem(e), (), seed=1, draws=64, most=4), FEW, seed=1, n_simulated=99)
+        assert found.p_value == 1 and not found.wrong and not any(s.significant for s in found.statistics)

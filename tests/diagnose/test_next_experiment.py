@@ -1,0 +1,139 @@
+"""Proposals of the next measurement."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rigs import RIG
+from truths import experiment, problem
+
+from psafit.diagnose import next_experiment
+from psafit.diagnose.next_experiment import determine, proposals, tell_apart
+from psafit.inference.evidence import weigh
+
+
+def test_next_experiment_separates_what_is_tied(hidden):
+    leader = hidden.leader
+    rival = hidden.of(("flight_friction",))
+    draws = [weigh(c, seed=1) for c in (leader, rival)]
+    found = tell_apart([(leader, draws[0]), (rival, draws[1])], seed=1)
+    assert found[0].separation >= found[-1].separation
+    assert found[0].separation > 3
+    assert found[0].success > 0.5
+    pair = found[0].pairs[0]
+    assert (pair.first, pair.second) == (["amplifier_lag"], ["flight_friction"]) and len(found[0].pairs) == 1
+    assert pair.separation == pytest.approx(found[0].separation, abs=3 * found[0].error)
+
+
+def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
+    """... and of a parameter that no reading depends on it promises nothing, though the readings are many."""
+    draws = weigh(sound, seed=1)
+    name, found = determine(sound, draws, seed=1)
+    assert name in sound.problem.names
+    assert found[0].separation >= found[-1].separation >= 0
+
+    monkeypatch.setattr(next_experiment.noise, "scale", lambda ranges, scatter, sigma: np.ones_like(ranges))
+    rng = np.random.default_rng(1)
+
+    def falls(told, u):
+        n = len(told)
+        return next_experiment._narrowing(next_experiment._Forecast(told, np.zeros((n, 3)), np.full(n, 1 / n)), u)[0]
+
+    # Sixteen readings of unit scatter of a quantity of unit variance leave 1/17 of it.
+    x = rng.normal(size=(400, 1))
+    assert falls(np.repeat(x, 16, axis=1), x)[0] == pytest.approx(0.5 * np.log(17), abs=0.1)
+    # Sixteen free numbers fit anything of forty draws by chance, and nothing is learnt of what is known.
+    assert max(falls(10 * rng.normal(size=(40, 16)), rng.normal(size=(40, 8)))) < 0.05
+    assert falls(x, np.ones((400, 1))) == [0.0]
+
+
+def test_nothing_is_built_for_hardly_more():
+    """A changed rig comes first where it does more than the rig as it is by a tenth, and by more than both err."""
+
+    def first(here, changed, error=0.01):
+        a = next_experiment.Proposal("as it is", "sine", [1.0], [1.0], {}, here, None, error)
+        b = replace(a, text="changed", constants={"l": 0.2}, separation=changed)
+        c = replace(b, text="less", separation=0.5 * changed)
+        found = next_experiment._worth_building([b, c, a])
+        assert sorted(p.text for p in found) == ["as it is", "changed", "less"]
+        return found[0].text
+
+    assert first(0.95, 1.0) == "as it is" and first(0.85, 1.0) == "changed"
+    assert first(0.85, 1.0, error=0.1) == "as it is" and first(1.1, 1.0) == "as it is"
+
+
+def test_luck_puts_a_measurement_first_but_is_not_told(sound, monkeypatch):
+    """Where nothing but chance tells proposals apart, the first of twelve promises no more than any other."""
+    rng = np.random.default_rng(1)
+    monkeypatch.setattr(next_experiment, "_narrowing", lambda told, u: rng.normal(size=(2, u.shape[1])))
+    draws = weigh(sound, seed=1)
+    first = [determine(sound, draws, seed=1)[1][0].separation for _ in range(5)]
+    assert abs(np.mean(first)) < 2 / np.sqrt(5)  # two standard errors; the best of twelve has 1.6
+
+
+def test_proposals_differ_and_stay_where_was_measured(sound):
+    e = experiment()
+    for low, high in ((1234.0, 1234.0), (1249.0, 1251.0), (1000.0, 1300.0)):
+        groups = (replace(g, frequency_hz=np.linspace(low, high, g.n_points)) for g in e.groups)
+        possible = proposals(replace(sound, problem=problem(replace(e, groups=tuple(groups)))))
+        assert len({p.text for p in possible}) == len(possible)
+        assert all((low <= p.design.frequency).all() and (p.design.frequency <= high).all() for p in possible)
+        swept = [p.text for p in possible if np.ptp(p.design.frequency) > 0]
+        assert bool(swept) == (high == 1300.0)
+    assert "sine, 1200 Hz, 3 to 20 V" in [p.text for p in possible]
+
+
+def test_copies_of_a_draw_do_not_judge_what_it_made():
+    """Two models of one posterior cannot be told apart, however few different draws it has."""
+    rng = np.random.default_rng(1)
+    few = np.repeat(rng.normal(100.0, 30.0, size=(12, 1)), 16, axis=1)
+    weight = rng.dirichlet(np.ones(12))
+    twin = next_experiment._Forecast(few, np.tile([0.05, 0.1, 30.0], (12, 1)), weight)
+    (separation, success, error), _ = next_experiment._apart([twin, replace(twin)], rng)
+    assert separation < 2 * error and success < 0.1
+    # What readings state for themselves is part of their scatter.
+    known = replace(twin, known=np.array([200.0]))
+    other = replace(known, ranges=few + 20.0)
+    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng)
+    assert next_experiment._apart([known, other], rng)[0][0] < 0.5 < clear[0]
+
+
+def test_a_measurement_that_settles_one_question_of_two_is_told_so():
+    """Two models that predict the same, and a third far from them: worth ln 2 against the others, and one pair tied."""
+    rng = np.random.default_rng(1)
+    near = np.repeat(rng.normal(100.0, 1.0, size=(40, 1)), 16, axis=1)
+    scatter, weight = np.tile([0.05, 0.1, 30.0], (40, 1)), np.full(40, 1 / 40)
+    one, far = (next_experiment._Forecast(x, scatter, weight) for x in (near, near + 100.0))
+    (separation, success, error), pairs = next_experiment._apart([one, replace(one), far], rng)
+    assert separation == pytest.approx(np.log(2), abs=3 * error + 0.02) and success < 0.1
+    assert abs(pairs[0, 1]) < 0.1 and pairs[0, 2] > 40 and pairs[1, 2] > 40 and (pairs == pairs.T).all()
+
+
+def test_proposals_keep_to_stated_limits(sound):
+    limits = (("frequency_hz", (300.0, 9000.0)), ("amplitude_v", (2.0, 40.0)), ("l", (RIG.l, 0.2)), ("M", (0.01, 0.02)))
+
+    def possible(limits):
+        stated = replace(sound.problem.experiment, limits=limits)
+        return proposals(replace(sound, problem=replace(sound.problem, experiment=stated)))
+
+    found = possible(limits)
+    assert {300.0, 9000.0} <= {float(f) for p in found for f in p.design.frequency}
+    assert all(p.design.frequency.min() >= 300 and p.design.frequency.max() <= 9000 for p in found)
+    assert {round(float(v), 6) for p in found for v in (p.design.amplitude.min(), p.design.amplitude.max())} <= {
+        2.0, 8.0, 20.0, 40.0,
+    }  # fmt: skip
+    # A string as long as it is is no other rig.
+    assert {tuple(p.changed.items()) for p in found} == {(), (("l", 0.2),), (("M", 0.01),), (("M", 0.02),)}
+    assert any("l = 0.2 m" in p.text for p in found)
+    assert not any(p.changed for p in possible(limits[:2]))
+    assert all(p.design.frequency.tolist() == [5.0] * 16 for p in possible((("frequency_hz", (5.0, 5.0)),)))
+
+
+def test_one_proposal_leaves_the_rig_as_it_is(sound):
+    """... though every other string tells more: it is the one that can be rehearsed with what was measured."""
+    rng = np.random.default_rng(1)
+    possible = proposals(sound)
+    kept = next_experiment._best(possible, [bool(p.changed) + rng.random() / 2 for p in possible])
+    assert [not possible[k].changed for k in kept] == [False] * 11 + [True]

@@ -1,0 +1,79 @@
+"""Verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from truths import FEW, experiment, problem
+
+from psafit.diagnose.leftover import leftover
+from psafit.diagnose.misfit import ALPHA, examine
+from psafit.diagnose.search import climb
+from psafit.diagnose.verdict import conclude
+from psafit.inference.candidate import fit
+
+
+def test_verdicts(hidden, sound):
+    # Few readings let a large scatter stand for the cause; more do not.
+    more = fit(problem(experiment(["amplifier_lag"], [4e-5], n=60)), (), seed=1, draws=2048, most=24)
+    before = examine(more, FEW, seed=1, n_simulated=199)
+    after = examine(hidden.leader, FEW, seed=1, n_simulated=199)
+    assert before.wrong
+    assert not after.wrong
+    left = leftover(hidden.leader)
+    bare = leftover(hidden.baseline)
+    found = conclude(hidden, before, after, left, bare)
+    assert found.verdict in ("explained", "ambiguous")
+    assert found.named == ("amplifier_lag",)
+    assert found.inclusion["amplifier_lag"] > 0.95
+    # The same ladder whose leader leaves structure is not an explanation.
+    spoilt = replace(after, p_value=ALPHA / 2)
+    assert conclude(hidden, before, spoilt, left, bare).verdict == "unexplained"
+    # A rival of equal probability makes a tie.
+    p = hidden.probability[("amplifier_lag",)]
+    tied = replace(hidden, probability=hidden.probability | {("amplifier_lag",): p / 2, ("flight_friction",): p / 2})
+    tie = conclude(tied, before, after, left, bare)
+    assert tie.verdict == "ambiguous"
+    assert tie.alternatives[0] == ("flight_friction",)
+    # So does one that fits as well, held back by what is plausible alone; not one that is absurd, or has more causes.
+    leader, other = hidden.of(("amplifier_lag",)), hidden.of(("flight_friction",))
+    assert leader.log_likelihood - other.log_likelihood > 4.0
+    verdicts = {}
+    for behind in (2.0, 4.0):
+        alike = replace(other, heights=other.heights + leader.log_likelihood - other.log_likelihood - behind)
+        for p in (0.02, 1e-4):
+            candidates = tuple(alike if c is other else c for c in hidden.candidates)
+            share = dict.fromkeys(hidden.probability, 0.0) | {leader.ids: 0.98 - p, other.ids: p}
+            verdicts[behind, p] = conclude(
+                replace(hidden, candidates=candidates, probability=share, unfitted={}), before, after, left, bare
+            )
+    assert {key for key, v in verdicts.items() if v.verdict == "ambiguous"} == {(2.0, 0.02)}
+    assert verdicts[2.0, 0.02].alternatives == (other.ids,) and "plausible" in verdicts[2.0, 0.02].reasons[0]
+    # Causes that share the probability take nothing from what has no name: it has a tenth before the readings.
+    doubtful = replace(left, log_bayes=np.log(9 * 1.5))
+    hopeless = replace(bare, log_evidence=-np.inf)
+    assert conclude(hidden, before, after, doubtful, hopeless).unnamed == pytest.approx(0.6)
+    assert conclude(tied, before, after, doubtful, hopeless).unnamed == pytest.approx(0.6)
+    assert conclude(tied, before, after, doubtful, hopeless).verdict == "unexplained"
+    # So does what has no name in their place: a set of causes is no likelier for being a set of causes.
+    none = replace(left, log_bayes=-50.0, log_evidence=left.log_evidence - left.log_bayes - 50.0)
+    # (What adds nothing visible is counted with the leader, but has no part in the leader's prior.)
+    worth = {ids: value + hidden.log_prior(ids) for ids, value in hidden.log_evidence.items()}
+    counted = sum(np.exp(w - worth[leader.ids]) for ids, w in worth.items() if "amplifier_lag" in ids)
+    own = hidden.probability[leader.ids] / counted
+    odds = own * np.exp(hidden.log_prior(()) - hidden.log_prior(leader.ids)) / 9
+    as_good = replace(bare, log_evidence=none.log_evidence + 50.0)
+    assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
+    better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
+    assert better.verdict == "unexplained" and "a smooth curve in its place is simpler" in better.reasons[0]
+    assert not better.remains
+    # What has no name and keeps a part beside an explanation is told with it.
+    doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
+    assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
+    assert "a discrepancy without a name keeps 20 %" in doubted.reasons[0]
+    # Nothing hidden.
+    plain = climb(sound.problem, FEW, seed=1)
+    quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)
+    assert conclude(plain, quiet, None, leftover(sound), leftover(sound)).verdict == "adequate"

@@ -1,0 +1,133 @@
+"""Evidence against plain Monte Carlo and a nested sampler."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from truths import experiment, problem, rig_with_two_hills
+
+from psafit.errors import ConvergenceError
+from psafit.inference.ascent import Ascent
+from psafit.inference.candidate import fit, hills, settle, settle_at
+from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture, _Mixture, _Pool, _sample, weigh
+from psafit.inference.nested import nested_evidence
+from psafit.physics import terms
+
+
+def test_evidence_is_that_of_plain_monte_carlo():
+    """Few, poor readings leave the prior wide enough for the mean likelihood of its draws to be the evidence."""
+    e = experiment(n=4, relative=0.3, groups=("a",))
+    one = problem(e)
+    found = weigh(fit(one, (), seed=1, draws=256, most=8), seed=1, effective=400)
+    draws = one.prior_transform(np.random.default_rng(0).uniform(size=(200_000, one.n_dim)))
+    likelihood = one.log_likelihood(draws)
+    plain = logsumexp(likelihood) - math.log(len(draws))
+    error = math.sqrt(np.exp(logsumexp(2 * likelihood) - 2 * logsumexp(likelihood)))
+    assert found.log_evidence == pytest.approx(plain, abs=4 * math.hypot(error, found.error))
+    assert error < 0.06 and found.error < 0.1
+    mean = found.weights @ found.draws
+    weights = np.exp(likelihood - logsumexp(likelihood))
+    other = weights @ draws
+    spread = np.sqrt(weights @ (draws - other) ** 2)
+    assert (np.abs(mean - other) < 6 * math.hypot(error, found.error) * spread).all()
+    assert (np.abs(draws.mean(axis=0) - other) > 0.5 * spread).any()  # not the prior's
+
+
+@pytest.mark.parametrize("place", [2.2, 2.4, 2.5, 4.9])
+def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
+    """Above 2.4 periods no reading knows how long the drive lasts, from 2.3 downwards many do."""
+    e = experiment(["repeat_impacts"], [3.4])
+    one = replace(problem(e), terms=terms(["repeat_impacts"]))
+    fitted = fit(one, [fit(problem(e), (), seed=1)], seed=1)
+    k = one.names.index("repeat_cycles")
+    scale = one.parameters[k].scale
+    u = fitted.modes[:1].copy()
+    u[0, k] = place / scale
+    found = weigh(settle(one, Ascent(u, one.log_posterior(u), one.predict(u), 0)), seed=1)
+    # Of the other parameters all places above agree, so that a line tells the share of each.
+    line = np.repeat(fitted.modes[:1], 501, axis=0)
+    line[:, k] = np.linspace(0, 5, 501) / scale
+    height = one.log_posterior(line)
+    mass = np.exp(height - height.max())
+    expected = np.interp([0.05, 0.5, 0.95], np.cumsum(mass) / mass.sum(), np.linspace(0, 5, 501))
+    assert found.quantiles(found.draws[:, k] * scale, [0.05, 0.5, 0.95]) == pytest.approx(expected, abs=0.2)
+    assert found.effective > 300
+    assert found.log_evidence == pytest.approx(weigh(fitted, seed=2).log_evidence, abs=0.2)
+
+
+def test_evidence_is_that_of_a_nested_sampler(sound):
+    """Two ways that share but the simulator: climbs, emulator and weights; and shells from the prior inwards."""
+    pytest.importorskip("nautilus")
+    ours = weigh(sound, seed=1)
+    theirs = nested_evidence(sound.problem, seed=1, n_live=150, effective=150)
+    assert ours.log_evidence == pytest.approx(theirs.log_evidence, abs=0.5)
+
+
+@pytest.mark.filterwarnings("error")
+def test_one_draw_far_above_all_others_is_no_width(sound):
+    """A first round that misses a narrow posterior but once: the emulator must still say something of other places."""
+    mixture, random = _laplace_mixture(sound), np.random.default_rng(0)
+    u = np.vstack([sound.modes[:1], mixture.draw(256, random).clip(*sound.problem.bounds.T)])
+    height = np.where(np.arange(len(u)) == 0, 0.0, -1e6)
+    found = Emulated(sound, _Pool(u, height, height, len(u)), sound.problem.predict(u), mixture, random)
+    draws = found.draw(64, random)
+    assert np.isfinite(found.log_density(draws)).sum() > 32
+    assert np.ptp(draws, axis=0).min() > 0
+
+
+def test_evidence_of_a_corner():
+    """A mode at the bounds of eight parameters: of draws around it one in three hundred lies inside."""
+    rate = np.linspace(2, 5, 8)
+    bounds, width = np.repeat([[0.0, 1.0]], rate.size, axis=0), np.ones(rate.size)
+    first = _Mixture.of([(np.zeros(rate.size), 0.3**2 * np.eye(rate.size), 1.0)])
+
+    def height(u):
+        return np.sum(np.log(rate) - rate * u, axis=1)
+
+    def adapted(found, last):
+        return last.mixture.around(found, width)
+
+    assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
+    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), 256, 12, 1e9).weighed()
+    assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
+    assert found.effective > 60
+    with pytest.raises(ConvergenceError, match="within the bounds"):
+        _drawn_inside(first, bounds + 100.0, 256, np.random.default_rng(0))
+
+
+def test_resampling_keeps_the_weighted_mean(sound):
+    found = weigh(sound, seed=1)
+    assert found.effective > 100
+    assert found.pareto_k < 0.7
+    assert found.resampled(2000).mean(axis=0) == pytest.approx(found.weights @ found.draws, abs=0.02)
+
+
+def test_hills_weigh_what_each_weighs_alone():
+    """Seven nats lower and far wider, the second hill holds most of the posterior."""
+    rig, _ = rig_with_two_hills(1)
+    found = fit(rig, (), seed=1, draws=4096, most=48)
+    leaders = hills(found)
+    alone = [weigh(settle_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
+    assert found.heights[leaders[1]] < found.height - 5 and alone[1] > alone[0] + 1
+    assert weigh(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
+
+
+@pytest.mark.slow
+def test_hills_weigh_what_the_nested_sampler_finds():
+    pytest.importorskip("nautilus")
+    rig, _ = rig_with_two_hills(1)
+    found = fit(rig, (), seed=1, draws=4096, most=48)
+    nested = nested_evidence(rig, seed=2, n_live=300)
+    assert weigh(found, seed=2).log_evidence == pytest.approx(nested.log_evidence, abs=0.5)
+
+
+def test_prior_width_survives_draws_of_hardly_any_weight():
+    """Weights far below the rest, where the other prior is far above the first, are not divided by."""
+    found = weigh(fit(problem(experiment(n=8)), (), seed=1, draws=256, most=4), seed=1)
+    weights = np.r_[1e-310, np.full(len(found.weights) - 1, 1 / (len(found.weights) - 1))]
+    factor = np.r_[700.0, np.zeros(len(weights) - 1)]
+    assert replace(found, weights=weights).mean_of(factor) == pytest.approx(0.0, abs=1e-3)

@@ -1,0 +1,359 @@
+"""The report of a diagnosis, built from a made-up record: no simulation, no search."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_record
+from reader import HOSTILE, Reader
+
+from psafit.diagnose.record import Diagnosis
+from psafit.experiment import Experiment, Group, fingerprint
+from psafit.records import plain
+from psafit.report import diagnosis_pictures
+from psafit.report.catalogue import model
+from psafit.report.diagnosis_answer import _instead
+from psafit.report.diagnosis_words import about
+from psafit.report.figures.sweep import frequency_text
+
+NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
+SECTIONS = [
+    "Measured and simulated", "What is wrong", "Causes", "Alternatives", "What remains", "Gain", "Next experiment",
+    "Numerics", "Provenance",
+]  # fmt: skip
+
+
+def quick(record: Diagnosis) -> Diagnosis:
+    return replace(record, quick=True, gain={}, next_experiment={}, ledger=record.ledger[:1])
+
+
+def adequate(record: Diagnosis) -> Diagnosis:
+    misfit = {
+        "p_value": 0.44,
+        "where": [],
+        "baseline": record.misfit["extended"] | {"odd_groups": [], "odd_points": []},
+    }
+    return replace(
+        quick(record), verdict="adequate", named=[], alternatives=[], misfit=misfit,
+        causes=[replace(record.causes[-1], probability=0.97)],
+        show={"baseline": record.show["baseline"]}, sentences=["The tests find nothing wrong with the baseline."],
+        screening=[s for s in record.screening if s.verdict != "present"],
+    )  # fmt: skip
+
+
+def doubtful(record: Diagnosis) -> Diagnosis:
+    """An adequate baseline that others could replace."""
+    found = adequate(record)
+    others = [replace(record.causes[1], probability=0.6), replace(record.causes[0], probability=0.03)]
+    return replace(found, causes=[replace(found.causes[0], probability=0.37), *others])
+
+
+def unexplained(record: Diagnosis) -> Diagnosis:
+    """No cause helps: nothing is named, and the record has no extension."""
+    misfit = {k: v for k, v in record.misfit.items() if k != "extended"}
+    return replace(
+        record, verdict="unexplained", named=[], alternatives=[], causes=record.causes[-1:], misfit=misfit,
+        show={"baseline": record.show["baseline"]}, next_experiment={
+            "about": "determines k_c", "proposals": record.next_experiment["proposals"][1:]},
+    )  # fmt: skip
+
+
+def unnamed(record: Diagnosis) -> Diagnosis:
+    """The tests find nothing, no cause helps, and yet there is something smooth, but in a group that cannot tell."""
+    left = record.misfit["leftover"]
+    groups = [*left["groups"][:-1], left["groups"][-1] | {"mean": None, "largest": None}]
+    misfit = adequate(record).misfit | {"leftover": left | {"groups": groups}}
+    return replace(unexplained(record), misfit=misfit, unnamed=0.81)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are made, but not drawn: for tests of the text."""
+    monkeypatch.setattr(diagnosis_pictures, "figure_data_uri", lambda figure, **_: "data:image/png;base64,")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Reader:
+    folder = tmp_path_factory.mktemp("secret-place")
+    experiment = make_experiment(HOSTILE)
+    return build(make_record(experiment, title=HOSTILE), experiment, folder)
+
+
+def test_sections_are_there_in_order(page):
+    assert page.headings == SECTIONS
+    targets = {attrs.get("id") for _, attrs in page.tags}
+    links = [attrs["href"] for attrs in page.all("a")]
+    assert len(links) > 8 and {link.removeprefix("#") for link in links if link.startswith("#")} <= targets
+    assert [link for link in links if not link.startswith("#")] == ["extension/report.html"]
+
+
+def test_first_screen_answers(page):
+    text = page.first_screen
+    assert text.index("ambiguous") < text.index("Examined: 42 readings of groups 1, 2 and")
+    assert "and 3 candidate causes" in text
+    assert "No: of 999 data sets made by the fitted baseline itself, none look at least as odd; below 2 % it" in text
+    assert "hysteresis of the stack (probability 61 %)" in text
+    assert "90 % interval: hysteresis of the stack s = 4.10 × 10⁵ (3.80 to 4.40) × 10⁵ and" in text  # sizes
+    assert "1 value of what is named first" in text and "would surprise whoever knows such rigs" in text
+    assert "without a name keeps" not in text
+    odd = "number 4 of group 1 (" + frequency_text(float(make_experiment().groups[0].frequency_hz[3])).replace(
+        "\xa0", " "
+    )
+    assert f"Beside the extension, 1 reading is off by more than four standard deviations of the scatter: {odd}" in text
+    assert "goes from ×2.49 to ×1.29" in text
+    assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text
+    missed = "group 1, which the baseline misses most, and of the others the one that the extended model misses most, "
+    assert f"Below, {missed}group " in text
+    assert "22,000 times" in text
+    apart = "tells hysteresis of the stack from gap at rest + slew-limited amplifier"
+    assert f"Measure sine, 20 V: that best {apart} with an expected lead of 12.5 ± 0.4 nats." in text
+
+
+def test_record_is_shown(page):
+    for expected in (
+        "10 to 20 V: predictions too small by a factor of 2.50 (8.1 standard deviations)",
+        "+151.2 ± 0.04", "−0.6 / +0.3", "2210 draws, k 0.31", "98.5 %", "1 value implausible",
+        "(3.80 to 4.40) × 10⁵ N/m", "not sampled", "90.2 nats", "0.7 nats", "×3.30", "more than ×8000",
+        "could not have been seen", "not present", "runs along the sweep", "reading 4 of group 1",
+        "−1.2 nats over none", "Mean log RMSE 0.912 before, 0.254 after; change −0.710 to −0.520",
+        "change +310.0 to +402.0 nats", "0.900 (×2.46)", "+179.5", "42 % / 91 %", "hysteresis of the stack 80 %",
+        "5.00 at 700 nm", "12.5 ± 0.4 nats", "93 %", "−0.800 to −0.610",
+        "+179.5 (+150.0 to +210.0)",
+        "l = 0.0750 m", "judged by the expansion only", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
+        "psafit diagnose experiments/made-up --group 1", "all other sets of causes", "a discrepancy without a name",
+    ):  # fmt: skip
+        assert expected in page.text.replace("3.1 × 10⁻⁷", "3.1·10⁻⁷"), expected
+    assert not re.search(r"\bum\b", page.text)
+    assert not NOT_A_NUMBER.search(page.text)
+
+
+def test_hostile_text_is_escaped(page):
+    assert page.foreign.lower().count("<script") == 1  # the numbers that the page's own script draws
+    assert page.all("script") == [{"type": "application/json"}, {}]
+    assert page.html.count("</style>") == 1
+    assert HOSTILE in page.text and f"Group {HOSTILE}" in page.text
+    allowed = {"class", "id", "href", "src", "alt", "lang", "charset", "name", "content", "scope", "role", "tabindex",
+               "aria-label", "open", "http-equiv", "type"}  # fmt: skip
+    assert {name for _, attrs in page.tags for name in attrs} <= allowed
+
+
+def test_growth_says_what_it_leaves_out():
+    for zeros, said in (
+        ({}, None),
+        ({"1": 1}, "without 1 reading of zero, which has"),
+        ({"1": 2}, "2 readings of zero"),
+    ):
+        (picture,) = diagnosis_pictures.growth_pictures(growth(0.5), [], {}, zeros)
+        assert said is None or said in picture.caption
+        assert ("logarithm" in picture.caption) == bool(zeros)
+
+
+def test_page_stands_alone(page):
+    images = page.all("img")
+    assert len(images) == 1 + 3 + 1 + 2 + 3 + 2  # first screen, groups, growth, screening, leftover, gain
+    assert all(len(i["alt"] or "") > 30 and (i["src"] or "").startswith("data:image/") for i in images)
+    assert len({i["alt"] for i in images}) == len(images)
+    assert not page.all("link") and not page.all("iframe")
+    assert not re.search(r"https?://|url\(|@import", page.foreign)
+    assert "secret-place" not in page.html
+    assert len(page.html) < 5e6
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("change", "said", "not_said"),
+    [
+        (
+            quick,
+            ["Not measured: a quick diagnosis", "None proposed"],
+            ["every other group scored", "Measured on readings"],
+        ),
+        (
+            adequate,
+            ["Is the baseline adequate? Yes", "No extension was adopted", "No other set"],
+            ["No cause of the", "Nor can they exclude"],
+        ),
+        (
+            doubtful,
+            [
+                "Is the baseline adequate? As far as these readings tell: of 999 data",
+                "Nor can they exclude gap at rest + slew-limited amplifier (60 %).",
+            ],
+            ["Yes:"],
+        ),
+        (
+            unexplained,
+            [
+                "No cause of the catalogue explains it. Of the baseline: the misf",
+                "it would narrow it by 78 %",
+                "Narrowing",
+            ],
+            ["Success", "Extended"],
+        ),
+        (
+            unnamed,
+            [
+                "but it is improbable beside a discrepancy without a name.",
+                "No cause of the catalogue explains it. A discrepancy without a name keeps 81 % of the probability.",
+                "Group 2 ×1.01 ×1.05 Group third – –",
+            ],
+            ["beside an extended model", "Of the baseline"],
+        ),
+    ],
+)
+def test_empty_parts_are_said(change, said, not_said, tmp_path):
+    experiment = make_experiment("third")
+    page = build(change(make_record(experiment)), experiment, tmp_path)
+    assert page.headings == SECTIONS
+    for text in said:
+        assert text in page.text
+    for text in not_said:
+        assert text not in page.text
+    assert not NOT_A_NUMBER.search(page.text)
+
+
+def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
+    experiment = make_experiment()
+    html = build(make_record(experiment), experiment, tmp_path).html
+    told = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)[1])
+    curves = {c["name"]: c for c in told[0]["curves"]}
+    assert "without: gap at rest" not in curves  # no number everywhere
+    out = curves["without: hysteresis of the stack"]
+    first = experiment.groups[0].launch_range_um
+    assert out["off"] and not curves["extended model"]["off"]
+    assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)
+
+
+def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_path):
+    experiment = make_experiment("a rig")
+    record = make_record(experiment)
+    sets = [["hysteresis"], ["gap", "slew_limit"], ["swing_drag"]]
+    told = dict(record.next_experiment, about="tells hysteresis from gap + slew_limit, swing_drag")
+    for p, apart in zip(told["proposals"], ((40.0, 50.0, 45.0), (0.2, 31.0, 30.0)), strict=True):
+        two = ((0, 1), (0, 2), (1, 2))
+        p["pairs"] = [
+            {"first": sets[i], "second": sets[j], "separation": x} for (i, j), x in zip(two, apart, strict=True)
+        ]
+    scores = record.gain["strict"]["groups"]
+    worse = [dict(scores[0], log_rmse_interval=[0.2, 0.4]), *scores[1:]]
+    record = replace(
+        record,
+        next_experiment=told,
+        confusion={"alike": [{"cause": "hysteresis", "other": "swing_drag", "degrees": 3.4}]},
+        gain=record.gain | {"strict": record.gain["strict"] | {"groups": worse}},
+    )
+    page = build(record, experiment, tmp_path)
+    rivals = "tells hysteresis of the stack from gap at rest + slew-limited amplifier and drag on the swing"
+    assert rivals in page.first_screen
+    assert "12.5 ± 0.4 nats 93 % none" in page.text
+    assert "1.5 ± 0.1 nats – hysteresis of the stack and gap at rest + slew-limited amplifier" in page.text
+    assert "hysteresis of the stack drag on the swing 3°" in page.text
+    assert "but worse on group" in page.first_screen and "worse than by the baseline" in page.text
+
+
+def test_one_group(tmp_path):
+    """Nothing can be held out, and a single condition has no sweep."""
+    group = Group("only one", "sine", "1.csv", [900.0, 900.0], [20.0, 20.0], [3.0, 0.0])
+    experiment = Experiment("One", "", CONSTANTS, (group,), Path("x"), fingerprint(CONSTANTS, (group,)))
+    record = make_record(experiment)
+    show = {k: {"growth": [], "drift": [], "predicted_um": [2.0, 2.5]} for k in record.show}
+    page = build(
+        replace(record, gain={}, training=["only one"], show=show, ledger=record.ledger[:1]), experiment, tmp_path
+    )  # fmt: skip
+    assert page.headings == SECTIONS
+    assert "there is no group that could be held out" in page.text
+    assert "No sweep has enough neighbouring readings" in page.text
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_record_read_back_gives_the_same_page(tmp_path):
+    """What was not a number is null in the file."""
+    experiment = make_experiment()
+    record = make_record(experiment)
+    record = replace(record, numerics=record.numerics | {"stable_step": float("nan")})
+    stored = replace(
+        record, misfit=plain(record.misfit), next_experiment=plain(record.next_experiment),
+        numerics=plain(record.numerics),
+    )  # fmt: skip
+    first, second = (build(r, experiment, tmp_path / name) for r, name in ((record, "a"), (stored, "b")))
+    assert first.html == second.html
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_adopted_model_that_is_not_listed(tmp_path):
+    """Where an unnamed discrepancy takes all the probability, the record lists the baseline alone."""
+    experiment = make_experiment()
+    record = make_record(experiment)
+    show = record.show | {"extended": record.show["extended"] | {"parameters": {"k_c": 3.21e6}}}
+    smooth = replace(
+        record, verdict="unexplained", unnamed=1.0, causes=record.causes[-1:], show=show,
+        misfit=record.misfit | {"remains": False},
+    )  # fmt: skip
+    page = build(smooth, experiment, tmp_path / "smooth")
+    assert "hysteresis of the stack, but a smooth curve in its place is more probable" in page.text
+    page = build(replace(smooth, misfit=record.misfit | {"remains": True}), experiment, tmp_path / "left")
+    assert "The best extension is hysteresis of the stack, but structure remains" in page.text
+    assert "3.21 × 10⁶ N/m" in page.text and "The adopted model is not among those listed" in page.text
+    assert not NOT_A_NUMBER.search(page.text)
+
+
+def test_the_headline_names_what_is_tied() -> None:
+    record = make_record(make_experiment())
+
+    def said(verdict: str, named: list[str], alternatives: list[list[str]]) -> str:
+        return replace(record, verdict=verdict, named=named, alternatives=alternatives).headline
+
+    assert said("adequate", [], []) == "verdict: adequate"
+    assert said("explained", ["a", "b"], []) == "verdict: explained: a + b"
+    assert said("unexplained", ["a"], [["b"]]) == "verdict: unexplained: a"
+    assert said("ambiguous", ["a"], [["b", "c"], []]) == "verdict: ambiguous: a, or b + c, or nothing"
+    assert said("ambiguous", list("abcdef"), [["x"], ["y"]]).endswith("a + b + c + d + e + f, or 2 more sets")
+
+
+def test_what_is_tied_with_the_best_extension_is_tied_with_it_by_name(undrawn, tmp_path):
+    experiment = make_experiment()
+    record = replace(make_record(experiment), verdict="unexplained")
+    text = build(record, experiment, tmp_path).first_screen
+    leader, other = model(record.named), model(record.alternatives[0])
+    assert f"Not to be told apart from {leader}: {other}; or " in text and "apart from it" not in text
+
+
+def test_large_sets_are_told_by_what_differs():
+    named = ["hysteresis", "gap", "slew_limit"]
+    leans = "ball leans on the tip"
+    assert _instead(named, ["hysteresis", "gap", "preload"]) == f"{leans} in the place of slew-limited amplifier"
+    assert _instead(named, ["hysteresis", "gap"]) == "these without slew-limited amplifier"
+    assert _instead(named, [*named, "preload"]) == "these and ball leans on the tip"
+    assert _instead(named, ["preload", "gap"]) == model(["preload", "gap"])
+    assert _instead(["gap"], ["preload"]) == model(["preload"])
+    shared = about("tells hysteresis + gap from hysteresis + preload, hysteresis + slew_limit")
+    assert "tells gap at rest from ball leans on the tip and slew-limited amplifier (beside what they share)" in shared
+    assert "share" not in about("tells hysteresis from hysteresis + preload")
+
+
+def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
+    experiment = make_experiment("a rig")
+    record = make_record(experiment)
+    best = dict(record.next_experiment["proposals"][0], separation=0.36, error=0.05, success=0.0)
+    record = replace(record, next_experiment=record.next_experiment | {"proposals": [best]})
+    text = build(record, experiment, tmp_path).first_screen
+    assert "No sweep that the rig allows tells hysteresis of the stack from" in text and "by 0.4 ± 0.1 nats" in text
+    weak = dict(best, separation=0.05, error=0.02, success=None, pairs=[])
+    record = replace(record, next_experiment={"about": "determines k_c", "proposals": [weak]})
+    text = build(record, experiment, tmp_path).first_screen
+    assert "would tell much more: the best determines kc contact stiffness, narrower by 5 % ± 2 %. More" in text
+
+
+def test_no_gain_is_told_where_no_cause_was_named(undrawn, tmp_path):
+    """The training groups may name nothing by themselves: that is neither a gain of nothing nor an uncertain one."""
+    experiment = make_experiment()
+    record = make_record(experiment)
+    rows = [replaced | {"named": []} for replaced in record.gain["strict"]["groups"]]
+    strict = record.gain["strict"] | {"groups": rows, "log_rmse_after": 0.9121, "log_rmse_interval": [-1e-4, 1e-4]}
+    page = build(replace(record, gain=record.gain | {"strict": strict}), experiment, tmp_path)
+    assert "chosen on group 1 only, no cause is named and nothing changes; chosen on all other groups, the" in page.text
+    assert page.text.count("name no cause by themselves") == 1 and "includes zero" not in page.text

@@ -1,0 +1,210 @@
+"""The report of a fit, built from made-up results: no simulation, no sampling."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from fits_by_hand import build, make_group, make_numerics, make_predictions, make_run, make_validation, sweep_groups
+from reader import HOSTILE, Reader
+
+from psafit.inference.run import Run
+from psafit.records import plain
+from psafit.report import figures, fit, wording
+from psafit.report.fit import write_report
+from psafit.report.fit_pictures import _middle
+from psafit.validate import score, verdict
+
+
+@dataclass(frozen=True)
+class Page:
+    run: Run
+    html: str
+    reader: Reader
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Page:
+    folder = tmp_path_factory.mktemp("secret-place") / "hold-out"
+    run = make_run(folder, title=HOSTILE, source=HOSTILE)
+    html = build(run).read_text("utf-8")
+    return Page(run, html, Reader(html))
+
+
+@pytest.fixture(scope="module")
+def unhappy_page(tmp_path_factory) -> Page:
+    """Not converged, every group fitted, one of a single reading, one of zeros only."""
+    groups = (
+        make_group(4, [1.0, 10.0, 90.0], 5.0, [40.0, 41.0, 40.5]),
+        make_group("one", 1000.0, 5.0, [3.0]),
+        make_group("nil", 1000.0, [1.0, 2.0], [0.0, 0.0]),
+    )
+    run = make_run(tmp_path_factory.mktemp("run"), groups, (4, "one", "nil"), converged=False)
+    html = build(run).read_text("utf-8")
+    return Page(run, html, Reader(html))
+
+
+def test_sections_are_there_in_order(page):
+    assert page.reader.headings == [
+        "Parameters", "Minima found", "Measured against predicted", "Residuals", "Validation", "Posterior",
+        "Chains and the sampler’s health", "Priors and their sources", "Numerics", "Provenance",
+    ]  # fmt: skip
+    targets = {attrs.get("id") for _, attrs in page.reader.tags}
+    links = [attrs["href"] for attrs in page.reader.all("a")]
+    assert len(links) > 9 and {link.removeprefix("#") for link in links} <= targets
+
+
+def test_units_are_given(page):
+    for unit in ("N/m", "N s/m", "µm", "nats", "Hz", "V"):
+        assert unit in page.reader.text
+    assert not re.search(r"\bum\b", page.reader.text)
+
+
+def test_hostile_text_is_escaped(page):
+    assert page.reader.foreign.lower().count("<script") == 1  # the numbers that the page's own script draws
+    assert page.reader.all("script") == [{"type": "application/json"}, {}]
+    assert page.html.count("</style>") == 1
+    assert HOSTILE in page.reader.text
+    allowed = {"class", "id", "href", "src", "alt", "lang", "charset", "name", "content", "scope", "role", "tabindex",
+               "aria-label", "http-equiv", "type"}  # fmt: skip
+    assert {name for _, attrs in page.reader.tags for name in attrs} <= allowed
+    assert "[[Fit Statistics]] <made up>" in page.reader.text
+
+
+def test_images_are_inside_and_described(page, unhappy_page):
+    for one in (page, unhappy_page):
+        images = one.reader.all("img")
+        assert len(images) > 15
+        for image in images:
+            assert len(image["alt"] or "") > 30
+            assert (image["src"] or "").startswith("data:image/")
+        assert len({image["alt"] for image in images}) == len(images)
+
+
+def test_nothing_is_fetched_from_elsewhere(page):
+    assert not page.reader.all("link") and not page.reader.all("iframe")
+    for _, attrs in page.reader.tags:
+        for name in ("src", "href"):
+            if name in attrs:
+                assert attrs[name].startswith(("data:", "#"))
+    assert not re.search(r"https?://|url\(|@import", page.reader.foreign)
+    assert "default-src 'none'" in page.html
+
+
+def test_no_path_of_the_machine(page):
+    assert "secret-place" not in page.html
+    assert "psafit fit experiments/made-up --group 1 --seed 7" in page.reader.text
+
+
+def test_page_is_small(page):
+    assert len(page.html) < 5e6
+
+
+def test_scores_agree_with_the_record(page):
+    validation = make_validation(page.run, make_predictions(page.run))
+    record = json.loads(json.dumps(plain(validation)))
+    cells = [" ".join(re.sub(r"<[^>]*>", " ", row).split()) for row in re.findall(r"<tr>(.*?)</tr>", page.html, re.S)]
+    for s in record["groups"]:
+        row = next(c for c in cells if c.startswith(f"Group {s['group']} ") and "nats" not in c and "µm" in c)
+        assert f" {s['n_points']} {s['log_rmse']:.3f} ×{np.exp(s['log_rmse']):.2f} " in row
+        assert f"{s['crps_um']:.2f} µm" in row
+        assert s["verdict"] in page.reader.text
+    assert f"{record['holdout_log_rmse']:.3f}" in page.reader.text
+    assert f"factor of {np.exp(record['holdout_log_rmse']):.2f} off" in page.reader.text
+
+
+def test_parameters_agree_with_the_record(page):
+    for entry, s in zip(page.run.fit.parameters, page.run.summary.parameters, strict=True):
+        assert entry.description in page.reader.text
+        assert " ".join(wording.typeset(s.text.removeprefix(s.name)).split()) in page.reader.text
+        assert f"R-hat {s.r_hat:.4f}; autocorrelation" in page.reader.text
+        assert f"{s.ess_bulk:.0f} / {s.ess_tail:.0f}" in page.reader.text
+        assert entry.source in page.reader.text
+        row = next(r for r in re.findall(r"<tr>(.*?)</tr>", page.html, re.S) if f"{s.r_hat:.4f}" in r)
+        assert ("implausible under the prior" in row) == s.implausible
+        assert ("no lower limit" in row) == (s.verdict == "bounded above")
+    assert "Implausible: cs comes out where the prior" in page.reader.text
+
+
+def test_first_screen_says_what_it_must(page):
+    text = page.reader.first_screen
+    assert "8 readings of group 1 (sine, 20 V, 100 Hz to 10 kHz)" in text
+    assert "groups amps and grid_3" in text
+    assert "Not determined: cc has only an upper limit" in text
+    assert "not converged" not in text
+    assert "Below, fitted group 1 and, of the two the fit never saw, the worse, group amps." in text
+
+
+def test_the_group_that_stands_for_the_unseen_is_told_by_its_rank():
+    words = [_middle(n) for n in (1, 2, 3, 4)]
+    assert words[:2] == ["the one the fit never saw", "of the two the fit never saw, the worse"]
+    assert words[2].endswith("the one of median score") and words[3].endswith("the worse of the two of middle score")
+
+
+def test_not_converged_is_said_first(unhappy_page):
+    summary = unhappy_page.html[: unhappy_page.html.index('<h2 id="parameters"')]
+    notice = summary[summary.index('class="notice bad"') :]
+    assert "not converged after 90 steps" in notice and "repeat the command to draw on" in notice
+
+
+def test_without_held_out_group(unhappy_page):
+    text = unhappy_page.reader.text
+    assert "nothing is left to test the prediction on" in text
+    assert "No group was held out." in text
+    assert "not seen by the fit" not in " ".join(image["alt"] for image in unhappy_page.reader.all("img"))
+    assert "Fit of groups 4, one and nil: Made-up rig" in text
+
+
+def test_numerics_are_shown(page):
+    numerics = make_numerics(page.run)
+    text = page.reader.text
+    assert f"step of {1e6 * numerics.stable_step:.4g} µs" in text
+    assert "the two methods agree to 3.1 × 10⁻⁷" in text.replace("\N{NO-BREAK SPACE}", " ")
+    shown = fit.told_numerics(replace(numerics, stable_step=0.5e-6))
+    assert (shown["limit_us"], shown["ratio"], shown["stable"]) == ("0.5", "2", False)
+
+
+def test_unconverged_numerics_are_a_warning(page, tmp_path):
+    run = make_run(tmp_path)
+    predictions = make_predictions(run)
+    numerics = replace(make_numerics(run), engine="stepper", tolerance=1e-5, error=2e-3, converged=False)
+    written = write_report(run, make_validation(run, predictions), predictions, numerics).read_text("utf-8")
+    assert "The predictions are not converged" in written and "(used)" in written
+
+
+def test_causes_are_named(page):
+    run = replace(page.run, fit=replace(page.run.fit, terms=["hysteresis"]))
+    fitted = [fit.Shown(score(p), p, figures.sweep_of(p.group)) for p in make_predictions(run)]
+    assert "extended by hysteresis" in fit._what_was_fitted(run, fitted)
+
+
+def test_thresholds_are_those_of_the_verdict():
+    for limit, below, above in ((fit.GOOD, "predicted well", "roughly"), (fit.FAIR, "roughly followed", "missed")):
+        for error, words in ((limit - 1e-9, below), (limit + 1e-9, above)):
+            assert verdict(np.full(50, error), 0.9, 0.5, 0.5).startswith(words)
+
+
+def test_groups_that_cannot_tell_are_not_told_of(tmp_path):
+    loud, silent = sweep_groups()[0], make_group("off", [100.0, 300.0, 900.0], 0.0, [0.0, 0.1, 0.0])
+    run = make_run(tmp_path, (loud, silent, replace(loud, id=3)))
+    validation = make_validation(run, make_predictions(run))
+    assert "predicts group 3: typically" in fit._what_it_predicts(validation)
+    run = make_run(tmp_path, (loud, silent))
+    validation = make_validation(run, make_predictions(run))
+    assert validation.holdout_log_rmse is None
+    assert "no group that could tell, so nothing is left" in fit._what_it_predicts(validation)
+    assert len(fit._tiles(validation)) == 2
+
+
+def test_very_many_groups(tmp_path):
+    groups = [make_group(i, [100.0, 300.0, 1000.0], 5.0, [2.0, 2.5, 3.0 + i]) for i in range(60)]
+    run = make_run(tmp_path, groups, (0, 1, 2))
+    predictions = make_predictions(run)
+    scores = make_validation(run, predictions).groups
+    shown = [fit.Shown(s, p, figures.sweep_of(p.group)) for s, p in zip(scores, predictions, strict=True)]
+    kept = fit.fit_pictures.pictured(shown)
+    assert len(kept) <= 25 and any(g.score.role == "fit" for g in kept)
+    assert "the 57 other groups: typically" in fit._what_it_predicts(make_validation(run, predictions))

@@ -1,0 +1,91 @@
+"""Effects of causes, and their likeness."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psafit.experiment import Constants, read_experiment
+from psafit.physics import TERMS, term
+from psafit.simulate import Design, simulate
+from psafit.simulate.sensitivity import REFERENCE, alike, derivatives, effect, in_scatter, plausible, share_of
+
+ROOT = Path(__file__).parents[2]
+PSA = read_experiment(ROOT / "experiments" / "psa")
+RIG: Constants = PSA.constants
+SIX = Design.of(RIG, PSA.groups)
+
+
+def test_derivatives_of_a_known_law() -> None:
+    """A factor on the stroke is one on the range, d ln L/d ln r_q = 1, but for the pendulum's curvature."""
+    slopes = derivatives(SIX, REFERENCE, [term("stroke_tolerance")])
+    np.testing.assert_allclose(slopes[3], 1.0, rtol=1e-5)
+    neutral = derivatives(SIX, REFERENCE, [term("stroke_tolerance")], [[1.0]])[:3]
+    np.testing.assert_allclose(neutral, derivatives(SIX, REFERENCE), rtol=1e-9)
+    with pytest.raises(ValueError, match="every session"):
+        derivatives(SIX, REFERENCE, [term("reading_gain")])
+
+
+def test_plausible_strengths() -> None:
+    half_normal = term("gap")  # sd 1 um: half of the mass within 0.674 um
+    assert plausible(half_normal)[0] == pytest.approx(0.6745e-6, rel=1e-3)
+    assert plausible(half_normal, 0.6827)[0] == pytest.approx(1e-6, rel=1e-3)
+    lean_to_one_side = term("modal_mass")  # log-normal about 0.3, neutral 1: below
+    assert plausible(lean_to_one_side)[0] == pytest.approx(0.3, rel=0.02)
+    assert plausible(lean_to_one_side, side=1)[0] == pytest.approx(3.0)  # the bound
+    strength, other = plausible(term("hysteresis"))
+    assert strength == pytest.approx(0.1686, rel=1e-3) and other == pytest.approx(30, rel=1e-3)
+
+
+def test_effects_where_nothing_is_launched() -> None:
+    """A gap wider than the stroke: no launch, whose logarithm is not finite, but whose size in scatter is."""
+    found = effect(term("gap"), Design.sweep(RIG, "sine", [1200.0, 1200.0], [1.0, 0.0]), values=[1e-5])
+    assert found.launch_range.tolist() == [[0.0, 0.0]] and found.neutral[0] > 0 and found.neutral[1] == 0
+    assert found.log_change[0, 0] == -math.inf and math.isnan(found.log_change[0, 1])
+    assert found.deviation[0].tolist() == [-in_scatter(found.neutral[0]), 0.0]
+    assert derivatives(Design.sweep(RIG, "sine", 1200.0, 0.0)).tolist() == [[0.0], [0.0], [0.0]]
+
+
+def test_scatter_coordinate() -> None:
+    L, h = np.array([0.0, 1e-7, 1e-6, 1e-4]), 1e-11
+    slope = (in_scatter(L + h) - in_scatter(L - h)) / (2 * h)
+    np.testing.assert_allclose(slope, 1 / np.hypot(0.3e-6, 0.05 * L), rtol=1e-6)
+
+
+def test_alike() -> None:
+    """Angles against the definition, and what must come out: two of a kind, and causes a refit takes in."""
+    found = alike(TERMS, SIX)
+    at = {id: i for i, id in enumerate(found.ids)}
+    seen = [i for i, s in enumerate(found.status) if s == "visible"]
+    angles = found.angle[np.ix_(seen, seen)]
+    np.testing.assert_allclose(angles, angles.T, atol=1e-9)
+    np.testing.assert_allclose(np.diag(angles), 0.0, atol=1e-9)
+    assert ((angles >= 0) & (angles <= 90)).all()
+    unseen = [i for i in at.values() if i not in seen]
+    assert np.isnan(found.angle[unseen]).all() and np.isnan(found.angle[:, unseen]).all()
+    assert (found.after <= found.before).all() and (found.after[seen] >= 1).all()
+    # A ball that must first overcome a lean, or a friction, loses the same launches.
+    assert found.angle[at["preload"], at["flight_friction"]] < 5
+    assert found.status[at["stack_stiffness"]] == "absorbed" and found.status[at["separation_height"]] == "idle"
+
+    one = Design.of(RIG, PSA.groups[:1])
+    chosen = [term("gap"), term("no_tension"), term("reading_gain")]
+    found = alike(chosen, one)
+    slopes = derivatives(one) * (size := simulate(one, REFERENCE).launch_range) / np.hypot(0.3e-6, 0.05 * size)
+    rest = []
+    for cause in chosen[:2]:
+        shift = effect(cause, one).deviation[0]
+        rest.append(shift - slopes.T @ np.linalg.lstsq(slopes.T, shift, rcond=None)[0])
+    cosine = abs(rest[0] @ rest[1]) / np.prod(np.linalg.norm(rest, axis=1))
+    assert found.angle[0, 1] == pytest.approx(np.degrees(np.arccos(cosine)), abs=1e-4)
+    np.testing.assert_allclose(found.after[:2], np.linalg.norm(rest, axis=1), rtol=1e-5)
+    assert found.status[2] == "absorbed"  # the gain of a single session is the baseline's to imitate
+    assert alike(chosen, one, gain=True).after[2] < 0.05
+
+
+def test_share_is_the_prior_closer_to_neutral() -> None:
+    for t in TERMS:
+        assert share_of(t, float(plausible(t, 0.5)[0])) == pytest.approx(0.5, abs=0.01)

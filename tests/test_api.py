@@ -1,0 +1,116 @@
+"""The notebook."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from diagnoses_by_hand import make_record
+from reader import HOSTILE
+from test_architecture import HEAVY
+
+import psafit
+from psafit.api import Diagnosed, Rig
+from psafit.errors import InputError
+from psafit.experiment import Experiment
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_import_is_light() -> None:
+    heavy = (*HEAVY, "numpy", "jinja2", "rich", "click", "pydantic")
+    code = f"import sys, psafit; psafit.open, psafit.load; print(*[m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
+def test_a_rig_in_a_notebook(known: Experiment, known_folder: Path) -> None:
+    rig = psafit.open(known_folder)
+    assert isinstance(rig, Rig) and rig.experiment.fingerprint == known.fingerprint
+    assert list(rig.data.columns) == ["group", "waveform", "frequency_hz", "amplitude_v", "launch_range_um"]
+    assert len(rig.data) == 62
+    assert "A rig with known truth" in repr(rig) and "1500" in repr(rig)
+    axes = rig.plot("3")
+    assert axes.get_xlabel() == "Drive amplitude (V)" and axes.get_ylabel() == "Launch range (µm)"
+    with pytest.raises(InputError, match="there is no group"):
+        rig.plot(9)
+
+
+def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> None:
+    from matplotlib.figure import Figure
+
+    one = psafit.load(fitted[0])
+    assert list(one.parameters.index[:3]) == ["k_c", "c_s", "c_c"]
+    assert (one.parameters["lower_90"] < one.parameters["median"]).all()
+    assert list(one.scores["role"]) == ["fit", "holdout", "holdout"] and len(one.predictions) == 62
+    assert "fitted to group 1 of A rig with known truth" in " ".join(repr(one).split()) and "not converged" in repr(one)
+    told = next(line for line in repr(one).splitlines() if line.startswith("c_c "))
+    assert told.count("c_c") == 1 and re.search(r"\d\.\d{4}$", told)  # named once; R-hat to four decimals
+    html = one._repr_html_()
+    assert html.count("<table") == 2 and "k_c" in html and "N s/m" in html
+    ax = Figure().subplots()
+    assert one.plot(ax=ax) is ax and one.plot(2, ax=ax) is ax
+    with pytest.raises(InputError, match="there is no group"):
+        one.plot(9, ax)
+    assert one.report() == fitted[0] / "report.html"
+
+
+def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    from psafit import api
+
+    asked: list[Path] = []
+
+    def told(experiment, ids, folder, **options):  # type: ignore[no-untyped-def]
+        asked.append(folder)
+        raise InputError("enough", "stop")
+
+    monkeypatch.setattr(api, "fit", told)
+    monkeypatch.setattr(api, "diagnose", told)
+    rig = Rig(known)
+    for ask in (lambda: rig.fit(1, quiet=True), lambda: rig.fit([1, 2], terms=["preload", "gap"], quiet=True),
+                lambda: rig.diagnose(quick=True, quiet=True)):  # fmt: skip
+        with pytest.raises(InputError, match="enough"):
+            ask()
+    assert [p.name for p in asked] == ["known-group1", "known-group1-2-gap-preload", "known-diagnosis"]
+
+
+def test_the_notebook_refuses_what_the_command_line_refuses(known_folder: Path, tmp_path: Path) -> None:
+    rig = psafit.open(known_folder)
+    for ask, said in (
+        (lambda: rig.fit(1, out=tmp_path / "x", starts=0, quiet=True), "0 starts"),
+        (lambda: rig.fit(1, out=tmp_path / "x", seed=-1, quiet=True), "seed -1"),
+        (lambda: rig.fit([1, 1], out=tmp_path / "x", quiet=True), "named twice"),
+        (lambda: rig.fit(1, out=known_folder, quiet=True), "lies in the input"),
+        (lambda: rig.diagnose(1, out=known_folder / "in", quiet=True), "lies in the input"),
+    ):
+        with pytest.raises(InputError, match=said):
+            ask()
+    assert not (tmp_path / "x").exists() and not (known_folder / "in").exists()
+
+
+def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
+    from matplotlib.figure import Figure
+
+    folder, experiment = diagnosis
+    found = Diagnosed(make_record(experiment), experiment, folder)
+    assert found.verdict == "ambiguous" and found.named == ["hysteresis"]
+    assert found.causes.loc["hysteresis", "probability"] == 0.61
+    assert (found.causes.index[-1], found.causes["probability"].iloc[-1]) == ("a discrepancy without a name", 0.03)
+    few = Diagnosed(replace(found.record, unnamed=1e-4), experiment, folder)
+    assert few.causes.index[-1] == "baseline"
+    assert "ambiguous (hysteresis)" in repr(found) and "baseline" in found._repr_html_()
+    ax = Figure().subplots()
+    assert found.plot(ax=ax) is ax and found.plot(2, ax=ax) is ax
+    assert found.report() == folder / "diagnosis.html"
+    with pytest.raises(InputError, match=r"holds a diagnosis, not a fit; read it with psafit\.load_diagnosis"):
+        psafit.load(folder)
+
+
+def test_what_others_wrote_is_escaped(known: Experiment) -> None:
+    groups = (replace(known.groups[0], id=HOSTILE),)
+    html = Rig(replace(known, title=HOSTILE, groups=groups))._repr_html_()
+    assert "<script" not in html and html.count("&lt;script&gt;") == 2

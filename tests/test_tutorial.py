@@ -1,0 +1,69 @@
+"""The pages about rigs and causes of one's own: their Python runs, their commands print what they quote."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from sensors import TUTORIAL
+
+from psafit.experiment import Experiment
+from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.run import fit
+
+ROOT = Path(__file__).parents[1]
+QUICK = Settings(n_walkers=24, chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300)
+
+
+def blocks(name: str, kind: str = "python") -> list[str]:
+    return re.findall(rf"```{kind}\n(.*?)```", (ROOT / "docs" / name).read_text("utf-8"), flags=re.DOTALL)
+
+
+def test_the_page_s_python_reads_a_plugin(sensor: Path, tmp_path: Path) -> None:
+    (code,) = blocks("own-causes.md")[1:]
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "sensor_kappa" in done.stdout, done.stderr
+
+
+def test_what_the_pages_say_of_files(
+    known: Experiment, known_folder: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:  # type: ignore[no-untyped-def]
+    """docs/elsewhere.md, on a run of a small rig in the place of the study's."""
+    from psafit.validate import validate
+
+    monkeypatch.chdir(tmp_path)
+    validation, _ = validate(fit(known, [1], Path("fits/psa-group1"), n_starts=4, settings=QUICK))
+    Path("experiments").mkdir()
+    Path("experiments/psa").symlink_to(known_folder)
+    for code in blocks("elsewhere.md"):
+        exec(code, {})
+    said = capsys.readouterr().out
+    assert "elpd_loo" in said and "overdamped with probability" in said
+    recomputed, scores = re.findall(r"\{1: [^}]*\}", said)
+    assert recomputed == scores
+    predicted = re.findall(r"^(\d) (\w+) log_rmse ([\d.]+)", said, flags=re.MULTILINE)
+    for (group, role, size), s in zip(predicted, validation.groups, strict=True):
+        assert (group, role) == (str(s.group), s.role) and float(size) == pytest.approx(s.log_rmse, abs=0.02)
+
+
+def test_the_pages_show_commands_that_have_said_something() -> None:
+    for page in TUTORIAL.PAGES:
+        found = TUTORIAL.BLOCK.findall(page.read_text("utf-8"))
+        assert len(found) == len(blocks(page.name, "console"))
+        assert all(told for command, told in found if "--measure" not in command)
+
+
+@pytest.mark.slow
+def test_the_pages_quote_what_the_commands_print(tmp_path: Path) -> None:
+    """Those that take seconds; numbers may differ in their last digits from machine to machine."""
+
+    def plain(text: str) -> str:
+        return re.sub(r"\d+(\.\d+)?e[+-]\d+", "#", text)
+
+    TUTORIAL.prepare(tmp_path)
+    for page in TUTORIAL.PAGES:
+        written = page.read_text("utf-8")
+        assert plain(TUTORIAL.fill(written, tmp_path, quick=True)) == plain(written), "run python docs/make_tutorial.py"
