@@ -1,0 +1,42 @@
+"""The developer's page says of the floors what their test holds; changelog and citation know the version."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from conftest import loaded
+
+import psafit
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+FLOORS = loaded(DOCS / "make_floors.py")
+
+
+def test_the_page_lists_the_floors() -> None:
+    page = (DOCS / "developer.md").read_text("utf-8")
+    rows = re.findall(r"^\| (\d+) \| (`[^|]*) \|", page, flags=re.MULTILINE)
+    assert [(int(k), sorted(re.findall(r"`(\w+)`", names))) for k, names in rows] == list(enumerate(FLOORS.floors()))
+
+
+def test_the_picture_shows_the_floors() -> None:
+    assert FLOORS.PICTURE.read_text("utf-8") == FLOORS.picture(), "run python docs/make_floors.py"
+
+
+def test_the_changelog_begins_with_what_is_unreleased() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    first, *releases = re.findall(r"^## \[(.+?)\]", text, flags=re.MULTILINE)
+    assert first == "Unreleased" and "Unreleased" not in releases
+    assert re.search(rf"^## \[{re.escape(releases[0])}\] - \d{{4}}-\d\d-\d\d$", text, flags=re.MULTILINE)
+    assert releases[0] == psafit.__version__
+
+
+def test_the_citation_is_of_the_latest_release() -> None:
+    text = (ROOT / "CITATION.cff").read_text("utf-8")
+    version, date = (
+        re.search(rf"^{key}: \"?([^\"\n]+)", text, flags=re.MULTILINE) for key in ("version", "date-released")
+    )
+    assert version and date
+    assert f"## [{version[1]}] - {date[1]}\n" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+    assert version[1] == psafit.__version__
