@@ -106,6 +106,7 @@ class Rig(_Shown):
         self,
         groups: GroupId | Sequence[GroupId] | None = None,
         *,
+        causes: str | Sequence[str] | None = None,
         quick: bool = False,
         out: str | Path | None = None,
         seed: int = 1,
@@ -118,6 +119,8 @@ class Rig(_Shown):
         ----------
         groups : group id or sequence of group ids, optional
             Training groups of the strict gain; the first group by default.
+        causes : str or sequence of str, optional
+            Candidate causes; all of the catalogue by default. The answer names those that were left out.
         quick : bool
             The verdict alone.
         out : path-like, optional
@@ -133,10 +136,13 @@ class Rig(_Shown):
         Diagnosed
         """
         ids = [self.experiment.ids[0]] if groups is None else _listed(groups)
+        candidates = None if causes is None else catalogue([causes] if isinstance(causes, str) else causes)
         folder = Path(out) if out else usual_folder(self.experiment.folder, "diagnosis")
         ensure_writable(folder, "out", folder=True, inputs=[self.experiment.folder])
         with watcher(quiet) as show:
-            record = diagnose(self.experiment, ids, folder, quick=quick, seed=seed, jobs=jobs, watcher=show)
+            record = diagnose(
+                self.experiment, ids, folder, quick=quick, seed=seed, catalogue=candidates, jobs=jobs, watcher=show
+            )
         return Diagnosed(record, self.experiment, folder)
 
     def plot(self, group: GroupId, ax: Axes | None = None) -> Axes:
@@ -297,7 +303,8 @@ class Diagnosed(_Shown):
 
     def _told(self) -> tuple[str, list[pd.DataFrame]]:
         named = f" ({' + '.join(self.named)})" if self.named else ""
-        return " ".join([f"{self.verdict}{named}.", *self.record.sentences]), [self.causes]
+        restricted = [self.record.restricted] if self.record.left_out else []
+        return " ".join([f"{self.verdict}{named}.", *restricted, *self.record.sentences]), [self.causes]
 
 
 def _listed(given: GroupId | Sequence[GroupId]) -> list[GroupId]:

@@ -139,13 +139,13 @@ def groups_of(text: str, experiment: Experiment) -> list[GroupId]:
     return ids
 
 
-def causes(text: str) -> tuple[Term, ...]:
-    """The causes that ``--terms`` names."""
+def causes(text: str, option: str = "--terms") -> tuple[Term, ...]:
+    """Return the causes that an option names."""
     from psafit.physics import terms as catalogue
 
     ids = [part.strip() for part in text.split(",")]
     if not all(ids):
-        raise InputError(f"--terms {text!r} is not a list of causes", "write for example --terms amplifier_lag,gap")
+        raise InputError(f"{option} {text!r} is not a list of causes", f"write for example {option} amplifier_lag,gap")
     return catalogue(ids)
 
 

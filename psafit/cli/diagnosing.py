@@ -18,6 +18,7 @@ from psafit.cli.common import (
     SEED,
     Command,
     Place,
+    causes,
     groups_of,
     plugin_words,
     refuse_run_file,
@@ -38,6 +39,12 @@ if TYPE_CHECKING:
     "group",
     metavar="ID[,ID...]",
     help="Training groups of the strict gain (not used by --quick); the first group by default.",
+)
+@click.option(
+    "--causes",
+    "candidates",
+    metavar="ID[,ID...]",
+    help="Look at these causes only (psafit terms lists them); the answer says so. All by default.",
 )
 @click.option("--quick", is_flag=True, help="The verdict alone: at most four causes, no measured gain.")
 @click.option(
@@ -64,6 +71,7 @@ if TYPE_CHECKING:
 def diagnose(
     experiment: Path,
     group: str | None,
+    candidates: str | None,
     quick: bool,
     searches: int | None,
     nautilus: bool,
@@ -85,6 +93,7 @@ def diagnose(
 
     data = read(experiment)
     ids = [data.ids[0]] if group is None else groups_of(group, data)
+    catalogue = None if candidates is None else causes(candidates, "--causes")
     folder = out or usual_folder(experiment, "diagnosis")
     if out is None:
         ensure_writable(folder, "--out", folder=True, inputs=[experiment])
@@ -92,6 +101,7 @@ def diagnose(
     if not quiet:
         warn(data.warnings)
     command = ["psafit", "diagnose", experiment, *([] if group is None else ["--group", group]), "--seed", seed]
+    command += [] if candidates is None else ["--causes", candidates]
     command += ["--quick"] if quick else []
     command += ["--searches", searches] if searches is not None else []
     command += ["--nautilus"] if nautilus else []
@@ -109,6 +119,7 @@ def diagnose(
             searches=searches,
             nautilus=nautilus,
             seed=seed,
+            catalogue=catalogue,
             jobs=jobs,
             # Without its page a diagnosis was interrupted, however whole its record is.
             draw_on=no_report or (folder / PAGE).exists(),
@@ -133,6 +144,8 @@ def diagnose(
 def _tell(result: Diagnosis) -> None:
     """Print a diagnosis."""
     click.echo(result.headline)
+    if result.left_out:
+        click.echo(f"  {result.restricted}")
     for sentence in result.sentences:
         click.echo(f"  {sentence}")
     unnamed = result.mostly_unnamed

@@ -31,13 +31,14 @@ from psafit.diagnose.record import (
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
 from psafit.diagnose.search import climb
+from psafit.diagnose.settings import Settings
 from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import digest, portable_command, refuse_foreign, sha256, sole, write_atomically
 from psafit.inference.candidate import Candidate
-from psafit.inference.emcee_adaptor import Settings
+from psafit.inference import emcee_adaptor
 from psafit.inference.evidence import Weighed
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem
@@ -49,17 +50,6 @@ from psafit.records import SCHEMA, read_content, read_json, write_json
 from psafit.validate import predictive, validate, write_predictions
 from psafit.workers import ahead, cores
 
-_DRAWS = 400
-# Error of a simulator's step that a search admits: its ranges are then good to a millionth (see docs/numerics.md).
-_TOLERANCE = 1e-4
-# Steps of the sampler for the extension; where they do not suffice, the result says so, and the same command draws on.
-_STEPS = 750
-_SIMULATED_QUICK, _SIMULATED = 199, 499
-# Searches on simulated baselines: enough for a p-value of one in twenty.
-_SEARCHES = 19
-# Tied models, the most probable first, that a proposed measurement is rehearsed with.
-_REHEARSED = 4
-
 
 def diagnose(
     experiment: Experiment,
@@ -70,7 +60,8 @@ def diagnose(
     searches: int | None = None,
     nautilus: bool = False,
     seed: int = 1,
-    catalogue: Sequence[Term] = TERMS,
+    catalogue: Sequence[Term] | None = None,
+    settings: Settings | None = None,
     jobs: int | None = None,
     draw_on: bool = True,
     watcher: Watcher | None = None,
@@ -89,12 +80,14 @@ def diagnose(
         The verdict alone: sets of at most four causes, no measured gain, no proposals beyond the tied causes.
     searches : int, optional
         Repetitions of the whole search on readings simulated from the fitted baseline (`psafit.diagnose.significance`);
-        19 where a cause is named, none with `quick`.
+        by default as many as the settings say where a cause is named, none with `quick`.
     nautilus : bool
         Whether to compute the evidence of what the verdict rests on by a nested sampler, too.
     seed : int
-    catalogue : sequence of Term
-        Candidate causes.
+    catalogue : sequence of Term, optional
+        Candidate causes; all of the catalogue by default. The answer names those that were left out.
+    settings : Settings, optional
+        How much work goes into each part; `Settings.usual(quick)` by default.
     jobs : int, optional
         Processes that search side by side where several searches are needed; one for every core by default. The result
         does not depend on it.
@@ -121,10 +114,13 @@ def diagnose(
     check_seed(seed)
     if nautilus:
         require()
-    everything = Problem(experiment, experiment.ids, tuple(catalogue))
+    everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
     asked: list[Any] = [code(), versions(), experiment.title, experiment.limits, experiment.fingerprint]
-    asked += [training, seed, quick, searches, nautilus]
+    settings = settings or Settings.usual(quick)
+    looked_at = {t.id for t in catalogue}
+    left_out = [t.id for t in TERMS if t.id not in looked_at]
+    asked += [training, seed, quick, searches, nautilus, asdict(settings), left_out]
     asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = digest(asked)
     with sole(folder):
@@ -135,7 +131,9 @@ def diagnose(
         shown, n_jobs = watcher or Silent(), jobs or cores()
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
         drawing = held is not None
-        work = _Work(experiment, training, folder, seed, catalogue, n_jobs, shown, command, drawing, not quick)
+        work = _Work(
+            experiment, training, folder, seed, catalogue, n_jobs, shown, command, drawing, not quick, settings, left_out
+        )  # fmt: skip
         return work.all(quick, searches, nautilus, identity)
 
 
@@ -199,6 +197,8 @@ class _Work:
     command: Sequence[object]
     drawing: bool = False
     thorough: bool = True
+    settings: Settings = field(default_factory=Settings)
+    left_out: Sequence[str] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     _ladders: dict[tuple[GroupId, ...], Ladder] = field(default_factory=dict)
 
@@ -211,7 +211,7 @@ class _Work:
             ladder = self._search(experiment.ids, parts)
         leader = ladder.leader
         with self._stage("tests"):
-            n_simulated = _SIMULATED_QUICK if quick else _SIMULATED
+            n_simulated = self.settings.simulated
             before = examine(ladder.baseline, self.catalogue, seed=self.seed, n_simulated=n_simulated)
             after = examine(leader, self.catalogue, seed=self.seed, n_simulated=n_simulated) if leader.terms else None
             # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
@@ -232,10 +232,11 @@ class _Work:
             for name in (RESULT, PAGE):
                 (self.folder / name).unlink(missing_ok=True)
         numerics = asdict(refine(adopted.problem, adopted.modes[:1], experiment.fingerprint))
-        write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(_DRAWS), self.seed))
+        write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed))
         with self._stage("next experiment"):
-            proposal = _next(ladder, verdict, self.seed, None if quick else self.watcher)
-            confusion = {} if quick else _confusion(ladder, verdict, self.seed, self.watcher)
+            most = self.settings.rehearsed
+            proposal = _next(ladder, verdict, self.seed, most, None if quick else self.watcher)
+            confusion = {} if quick else _confusion(ladder, verdict, self.seed, most, self.watcher)
             confusion["alike"] = [asdict(pair) for pair in confusable(adopted, self.catalogue)]
         ledger: list[dict[str, Any]] = [
             {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
@@ -254,11 +255,11 @@ class _Work:
                 what, unseen = f"posterior of the extension ({which})", extension[which]["scored_on"]
                 ledger.append({"choice": what, "saw": list(groups), "scored_on": unseen})
         if searches is None:
-            searches = 0 if quick or not verdict.named else _SEARCHES
+            searches = self.settings.searches if verdict.named else 0
         if searches and self.catalogue:
             with self._stage("significance"):
                 # A search like those of simulated readings, which have no parts to begin from; it is read back.
-                fixed = experiment, self.catalogue, self.seed, self._memory
+                fixed = experiment, self.catalogue, self.seed, self._memory, self.settings.tolerance
                 alike = _climbed(*fixed, experiment.ids) if parts else ladder
                 misfit["search"] = asdict(
                     significance(
@@ -305,6 +306,8 @@ class _Work:
             seconds=self.seconds,
             confusion=confusion,
             identity=identity,
+            left_out=list(self.left_out),
+            settings=self.settings,
         )
         write_json(self.folder / RESULT, result, sealed=True)
         return result
@@ -334,7 +337,7 @@ class _Work:
             # The longest first: that of all groups, which is read back below, and goes on from what these lead to.
             seens = [seen for splits in reversed(protocols.values()) for seen, _ in splits]
             wanted = dict.fromkeys([self.experiment.ids, *seens])
-            fixed = self.experiment, self.catalogue, self.seed, self._memory
+            fixed = self.experiment, self.catalogue, self.seed, self._memory, self.settings.tolerance
             ahead(
                 _climbed, [(*fixed, seen) for seen in wanted], self.jobs,
                 lambda k, n: self.watcher.update(k, n, f"searches; {self._memory.count('fit')} models fitted so far"),
@@ -356,6 +359,7 @@ class _Work:
             self.catalogue,
             self.seed,
             self._memory,
+            self.settings.tolerance,
             groups,
             progress=progress,
             others=others,
@@ -379,7 +383,7 @@ class _Work:
         """Fit causes to groups like any run, sample their posterior, and validate it."""
         terms = tuple(t for t in self.catalogue if t.id in ids)
         problem = Problem(self.experiment, tuple(groups), terms)
-        settings = Settings.of(problem)
+        settings = emcee_adaptor.Settings.of(problem)
         # A diagnosis repeated in its folder with other groups, priors or another seed is another run.
         about = [versions(), list(groups), self.seed, *(t.determinants for t in terms)]
         about += [p.signature for p in problem.parameters]
@@ -402,7 +406,7 @@ class _Work:
                 terms=terms,
                 seed=self.seed,
                 known=known,
-                settings=replace(settings, max_steps=_STEPS),
+                settings=replace(settings, max_steps=self.settings.steps),
                 watcher=self.watcher,
                 command=self.command,
             )
@@ -437,13 +441,14 @@ def _climbed(
     catalogue: Sequence[Term],
     seed: int,
     memory: Memory,
+    tolerance: float,
     groups: tuple[GroupId, ...],
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     others: Sequence[Candidate] = (),
     thorough: bool = True,
 ) -> Ladder:
     """The ladder of what some groups say."""
-    problem = Problem(experiment, groups, tolerance=_TOLERANCE)
+    problem = Problem(experiment, groups, tolerance=tolerance)
     return climb(problem, catalogue, seed=seed, memory=memory, progress=progress, others=others, thorough=thorough)
 
 
@@ -476,26 +481,25 @@ def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[
     return [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals[:most]]
 
 
-def _confusion(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher) -> dict[str, Any]:
+def _confusion(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watcher) -> dict[str, Any]:
     """Whether tied models could be told apart by the same conditions, measured again."""
     if not (verdict.named and verdict.alternatives):
         return {}
-    tied = _tied(ladder, verdict, seed, _REHEARSED)
+    tied = _tied(ladder, verdict, seed, most)
     if len(tied) < 2:
         return {}
     prior = [ladder.log_prior(c.ids) for c, _ in tied]
     return asdict(repeat(tied, prior, seed=seed, progress=lambda k, n: watcher.update(k, n, "experiments repeated")))
 
 
-def _next(ladder: Ladder, verdict: Verdict, seed: int, watcher: Watcher | None) -> dict[str, Any]:
+def _next(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watcher | None) -> dict[str, Any]:
     """Proposals for the verdict at hand: against the best rival, or for a weakly determined parameter.
 
     With a watcher the best is rehearsed, and the best that leaves the rig as it is.
     """
     if not any((g.amplitude_v > 0).any() for g in ladder.leader.problem.experiment.groups):
         return {}
-    # Draws of a model that was not weighed are dear: a quick proposal looks at two.
-    tied = _tied(ladder, verdict, seed, 2 if watcher is None else _REHEARSED)
+    tied = _tied(ladder, verdict, seed, most)
     if len(tied) == 1:
         name, found = next_experiment.determine(*tied[0], seed=seed)
         weak = next_experiment.is_weak(*tied[0], name)

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from psafit.diagnose.settings import Settings
 from psafit.errors import InputError
 from psafit.experiment import GroupId
+from psafit.experiment.text import listed
 from psafit.files import sha256
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
@@ -152,6 +154,10 @@ class Diagnosis:
         again in simulation (`psafit.diagnose.rehearsal.Rehearsal`). Empty where nothing is tied, and after `--quick`.
     identity : str
         SHA-256 of all that determines the result.
+    left_out : list of str
+        Causes of the catalogue that the diagnosis was asked not to look at.
+    settings : Settings
+        How much work went into each part.
     """
 
     schema: int
@@ -182,6 +188,20 @@ class Diagnosis:
     files: dict[str, str] = field(default_factory=dict)
     confusion: dict[str, Any] = field(default_factory=dict)
     identity: str = ""
+    left_out: list[str] = field(default_factory=list)
+    settings: Settings = field(default_factory=Settings)
+
+    @property
+    def restricted(self) -> str:
+        """Return the sentence that says to which causes the diagnosis was restricted; empty where to none."""
+        if not self.left_out:
+            return ""
+        looked_at = listed([s.id for s in self.screening])
+        return (
+            f"Only {looked_at} {'was' if len(self.screening) == 1 else 'were'} looked at, as asked:"
+            f" the verdict says nothing of the catalogue's {len(self.left_out)} other"
+            f" cause{'' if len(self.left_out) == 1 else 's'}."
+        )
 
     @property
     def headline(self) -> str:
@@ -193,7 +213,8 @@ class Diagnosis:
         words = [" + ".join(ids) or "nothing" for ids in told]
         if more := len(sets) - len(told):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
-        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "")
+        restricted = f" (of {len(self.screening)} causes that were looked at)" if self.left_out else ""
+        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + restricted
 
     def table(self, folder: Path, name: str) -> Path:
         """A table of predictions, refused where somebody has changed it."""

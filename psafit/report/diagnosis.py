@@ -67,7 +67,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
             answer.gained(result),
             *answer.what_next(result.next_experiment),
         ],
-        "own_sentences": result.sentences,
+        "own_sentences": [result.restricted, *result.sentences] if result.left_out else result.sentences,
         "tiles": answer.tiles(result, shown),
         "summary": diagnosis_pictures.summary_picture(pictured),
         "explorable": diagnosis_pictures.explorable(shown),

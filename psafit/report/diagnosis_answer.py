@@ -91,7 +91,7 @@ def _few(p: float, n: int = 0) -> str:
 
 def wrong(result: Diagnosis, experiment: Experiment) -> Markup:
     """What is wrong, and why: the causes, how sure that is, how large they are; and readings that stand out."""
-    return _why(result) + _outliers(result, experiment)
+    return _why(result) + _outliers(result, experiment) + Markup(" {}").format(result.restricted)
 
 
 def _outliers(result: Diagnosis, experiment: Experiment) -> Markup:
@@ -147,7 +147,7 @@ def _why(result: Diagnosis) -> Markup:
     if not result.named:
         what = Markup(" Of the baseline: {}.").format(words.character(result.misfit.get("baseline", {})))
         odd = known(result.misfit.get("p_value")) < ALPHA
-        return head + "No cause of the catalogue explains it." + (what if odd else "") + _unnamed(result)
+        return head + f"No cause {'that was looked at' if result.left_out else 'of the catalogue'} explains it." + (what if odd else "") + _unnamed(result)
     also = Markup(" Not to be told apart from {}: {}.").format(model(result.named), tied) if result.alternatives else ""
     # Nothing may be left beside the causes, and yet something smooth in their place be likelier than so many of them.
     simpler = any("a smooth curve in its place is simpler" in told for told in result.sentences)

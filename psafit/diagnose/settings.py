@@ -1,0 +1,40 @@
+"""How much work a diagnosis puts into each of its parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Options of `psafit.diagnose.diagnose`; they belong to the identity of a result.
+
+    Parameters
+    ----------
+    tolerance : float
+        Error of a simulator's step that the search admits. At the default, ranges are good to a millionth
+        (docs/numerics.md).
+    simulated : int
+        Data sets drawn from a fitted model to calibrate the tests of misfit: the least p value is one over one more.
+    draws : int
+        Posterior draws behind each predictive interval.
+    rehearsed : int
+        Tied models, the most probable first, with which a proposed measurement is simulated. A quick diagnosis takes
+        two: draws of a model that was not sampled yet are expensive.
+    searches : int
+        Searches repeated on simulated baselines where a cause is named; 19 allow a p value of one in twenty.
+    steps : int
+        Most steps of the chain for an adopted extension. A chain that needs more is continued by the same command.
+    """
+
+    tolerance: float = 1e-4
+    simulated: int = 499
+    draws: int = 400
+    rehearsed: int = 4
+    searches: int = 19
+    steps: int = 750
+
+    @classmethod
+    def usual(cls, quick: bool) -> Settings:
+        """Return the defaults; a quick diagnosis simulates fewer data sets and repeats no search."""
+        return replace(cls(), simulated=199, searches=0, rehearsed=2) if quick else cls()
