@@ -38,11 +38,12 @@ STAMP  := $(VENV)/.installed
 INSTALL = $(PIP) install --no-compile --require-hashes -r
 COMPILE = $(BIN)/python -m compileall -qq -j 0 -x /tests/ $(VENV)/lib || :
 PSAFIT := $(BIN)/psafit
+PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 # A value as one shell word, whatever it holds: quoted, spaced, or empty.
 quoted  = '$(subst ','\'',$(1))'
 option  = $(if $(strip $(2)),$(1) $(call quoted,$(2)))
 
-.PHONY: help setup fit validate diagnose sbc reproduce test coverage fuzz kills lint types bench challenge docs docs-figures lock clean
+.PHONY: help setup fit validate diagnose sbc reproduce test test-slow test-all coverage fuzz kills lint types bench challenge docs docs-figures lock clean
 
 help: ## List the targets
 	@echo 'make TARGET [NAME=value ...]'
@@ -70,8 +71,14 @@ sbc: $(STAMP)-run ## Simulation-based calibration of the posteriors, with rank p
 reproduce: $(STAMP)-run ## Repeat the study's own tables and say where they come out otherwise
 	@$(PSAFIT) reproduce
 
-test: $(STAMP)-dev ## Run all tests, the slow ones too: [JOBS=2] [ARGS='-k name'] (plain pytest: the fast ones)
-	@$(BIN)/python -m pytest -m '' -n $(JOBS) --dist worksteal $(ARGS)
+test: $(STAMP)-dev ## Run the tests but those marked slow, five minutes on two cores: [JOBS=2] [ARGS='-k name']
+	@$(PYTEST) $(ARGS)
+
+test-slow: $(STAMP)-dev ## Run the tests marked slow, whole fits, diagnoses and campaigns: [JOBS=2] [ARGS='-k name']
+	@$(PYTEST) -m slow $(ARGS)
+
+test-all: $(STAMP)-dev ## Run all tests: [JOBS=2] [ARGS='-k name']
+	@$(PYTEST) -m '' $(ARGS)
 
 coverage: $(STAMP)-dev ## Which lines of psafit/ no test runs: [JOBS=2] (all tests; a quarter of an hour)
 	@$(BIN)/python -m coverage erase

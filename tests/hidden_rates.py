@@ -15,17 +15,16 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.special import betaln
 from scipy.stats import binomtest
-from test_hidden_effects import RIGHT, SINGLES, answer_to, hide_one, is_right, tries
+from test_hidden_effects import FAST, RIGHT, SLOW, Asked, answer_to, hide_one, is_right, tries
 
 
-def is_found(kind: str, seed: int) -> bool:
+def is_found(kind: str, asked: Asked, seed: int) -> bool:
     """Whether one data set of a kind is answered rightly; what was said of it is printed."""
     rng = np.random.default_rng(seed)
-    causes = [str(name) for name in rng.choice(SINGLES, size=2, replace=False)]
     begun = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
-        hidden = hide_one(kind, causes, rng, Path(name))
-        said = answer_to(hidden, Path(name) / "diagnosis")
+        hidden = hide_one(kind, rng, Path(name), asked.readings)
+        said = answer_to(hidden, Path(name) / "diagnosis", asked.causes)
         answer, right = hidden.made.answer, is_right(hidden.made.answer, said)
     truth = answer.outside or " + ".join(answer.terms) or "nothing"
     print(
@@ -43,12 +42,14 @@ def main() -> None:
     parser.add_argument("--each", type=int, default=20, help="data sets of every kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--slow", action="store_true", help="as the slow test hides: more readings, all causes")
     given = parser.parse_args()
-    asked = [(kind, 1000 * given.seed + n) for n in range(given.each) for kind in RIGHT]
-    found = Parallel(given.jobs)(delayed(is_found)(kind, seed) for kind, seed in asked)
+    wanted = [(kind, 1000 * given.seed + n) for n in range(given.each) for kind in RIGHT]
+    which = SLOW if given.slow else FAST
+    found = Parallel(given.jobs)(delayed(is_found)(kind, which, seed) for kind, seed in wanted)
     chance = 0.0
     for kind, assumed in RIGHT.items():
-        right = [good for (of, _), good in zip(asked, found, strict=True) if of == kind]
+        right = [good for (of, _), good in zip(wanted, found, strict=True) if of == kind]
         low, high = binomtest(sum(right), len(right)).proportion_ci()
         # Not the rate found, which may be 1, but what it leaves open (Jeffreys' prior).
         a, b = sum(right) + 0.5, len(right) - sum(right) + 0.5
