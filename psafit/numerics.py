@@ -21,9 +21,6 @@ from psafit.simulate.stepper import TOLERANCE
 # The finest run stands for the truth of a model without closed form; its own error is a hundredth of the next one's.
 _FINEST = 1e-10
 _TOLERANCES = (1e-2, 1e-3, 1e-4, TOLERANCE, 1e-6, 1e-7)
-# Predictions agree to this, relative, or to this part of the fitted relative scatter, whichever is more: what neither a
-# reading nor a sum over some hundred of them can tell.
-REQUIRED, _OF_SCATTER = 1e-5, 1e-3
 # Ranges below this, m, are not told from zero by any reading; their relative error says nothing.
 _FLOOR = 1e-9
 # The fixed step the study took, s: a round microsecond, as many would.
@@ -52,7 +49,9 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
     return result
 
 
-def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
+def refine(
+    problem: Problem, u: FloatArray, identity: str, *, required: float = 1e-5, of_scatter: float = 1e-3
+) -> Numerics:
     """Refine the predictions of any fit over all of its experiment.
 
     Parameters
@@ -62,6 +61,9 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
         Sampling coordinates, the best fit first.
     identity : str
         Of the result they belong to.
+    required, of_scatter : float
+        Relative error that converged predictions may have, and the same as a part of the fitted relative scatter; the
+        larger counts. At the defaults neither a reading nor a sum over some hundred of them shows it.
     """
     experiment, terms = problem.experiment, problem.terms
     theta = problem.theta(u, experiment.ids)
@@ -80,7 +82,7 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
     used = 0.0 if exact else next(r.worst for r in refinement if r.tolerance == problem.tolerance)
     finest = refinement[-1].worst
     reached = finest if exact else used
-    required = max(REQUIRED, _OF_SCATTER * float(problem.noise_values(u[:1])[0, 0]))
+    allowed = max(required, of_scatter * float(problem.noise_values(u[:1])[0, 0]))
 
     rigs = [rig_of(c, theta[:1], terms, len(experiment.groups)) for c in design.rigs]
     eigenvalues = np.concatenate([np.linalg.eigvals(contact_matrix_of(rig)) for rig in rigs]).astype(complex)
@@ -94,8 +96,8 @@ def refine(problem: Problem, u: FloatArray, identity: str) -> Numerics:
         n_points=design.n_points,
         refinement=refinement,
         error=reached,
-        required=required,
-        converged=reached <= required,
+        required=allowed,
+        converged=reached <= allowed,
         fastest_rate=float(np.abs(eigenvalues).max()),
         stable_step=float(step),
         common_step=COMMON_STEP,

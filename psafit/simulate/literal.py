@@ -82,6 +82,7 @@ def literal_launch(
     *,
     group: int = 0,
     rtol: float = 1e-12,
+    most_steps: int = 400_000,
 ) -> LiteralLaunch:
     """Integrate the model extended by some causes, from rest to the reading of the launch range.
 
@@ -98,6 +99,8 @@ def literal_launch(
         Number of the session.
     rtol : float
         Bound on the last coefficients of every step's Legendre series, relative to the largest value so far.
+    most_steps : int
+        Steps, repeated ones included, after which the integration until separation gives up.
 
     Returns
     -------
@@ -106,14 +109,16 @@ def literal_launch(
     Raises
     ------
     ConvergenceError
-        If the integration needs more than 400,000 steps, or steps below the resolution of time.
+        If the integration needs more steps, or steps below the resolution of time.
     """
-    return launch_in(literal_world(theta, terms, constants), point, group=group, rtol=rtol)
+    return launch_in(literal_world(theta, terms, constants), point, group=group, rtol=rtol, most_steps=most_steps)
 
 
-def launch_in(world: World, point: Point, *, group: int = 0, rtol: float = 1e-12) -> LiteralLaunch:
+def launch_in(
+    world: World, point: Point, *, group: int = 0, rtol: float = 1e-12, most_steps: int = 400_000
+) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
-    separation = None if point.amplitude == 0.0 else _Drive(world, point, rtol).run()
+    separation = None if point.amplitude == 0.0 else _Drive(world, point, rtol, most_steps).run()
     if separation is None:
         return LiteralLaunch(float(world.reading(0.0, group)), math.nan, math.nan, math.nan, "no launch")
     when, speed, place = separation
@@ -245,7 +250,7 @@ class _Drive:
 
     active: list[int]
 
-    def __init__(self, world: World, point: Point, rtol: float) -> None:
+    def __init__(self, world: World, point: Point, rtol: float, most_steps: int) -> None:
         self.world = world
         self.command = _Command(point, world.phase)
         self.seat = world.M * world.g * world.lean / world.l
@@ -275,7 +280,7 @@ class _Drive:
         self.stack_rate = math.sqrt(world.k_s / world.m) + world.c_s / world.m
         size = np.zeros(7)
         size[_U] = volt
-        self.clock = Clock(self.first_step, size, rtol)
+        self.clock = Clock(self.first_step, size, rtol, most_steps=most_steps)
         self.reach = max(abs(world.stroke(volt)), abs(world.stroke(-volt)), q * volt)
         self.active = []
 

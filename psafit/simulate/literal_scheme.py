@@ -21,7 +21,6 @@ from scipy.special import roots_jacobi
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 
-_MAX_STEPS = 400_000
 EPS = float(np.finfo(float).eps)
 TINY = 1e-290
 
@@ -246,12 +245,13 @@ def _land(system: System, step: _Step, theta: float, monitor: Monitor, size: Flo
 
 @dataclass
 class Clock:
-    """What lives on from piece to piece: the step to try, the largest values so far, the steps taken."""
+    """What lives on from piece to piece: the step to try, the largest values so far, the steps taken and allowed."""
 
     step: float
     size: FloatArray
     rtol: float
     taken: int = 0
+    most_steps: int = 400_000
 
 
 def advance(
@@ -263,7 +263,7 @@ def advance(
     while tau < end:
         h = end - tau if tau + 1.01 * clock.step >= end else clock.step
         clock.taken += 1
-        if clock.taken > _MAX_STEPS or (tau + h == tau and h < end - tau):
+        if clock.taken > clock.most_steps or (tau + h == tau and h < end - tau):
             raise ConvergenceError("time within a piece of the literal reference", reached=tau, required=end)
         step = _solve(system, tau, y, h, clock.size)
         if step is None:

@@ -232,7 +232,6 @@ _X1, _V1, _D, _W, _J = range(5)
 # SciPy controls Radau's fifth-order steps by a third-order estimate, so they are far better than
 # they are asked to be.
 _RTOL = {DOP853: 1e-13, Radau: 1e-11}
-_MAX_STEPS = 400_000
 # An explicit method that needs more steps than this, each at its stability limit, is handed to an
 # implicit one.
 _PATIENCE = 4_000
@@ -300,7 +299,13 @@ class _Piece:
         return np.asarray(solver.y)
 
 
-def tight_launch(point: Point, parameters: ContactParameters, constants: Constants, total: float = 0.08) -> Launch:
+def tight_launch(
+    point: Point,
+    parameters: ContactParameters,
+    constants: Constants,
+    total: float = 0.08,
+    most_steps: int = 400_000,
+) -> Launch:
     """Integrate Eq. (12) adaptively; measured against `mp_launch`, errors stay below 1e-11.
 
     Dormand-Prince 8(5,3), handed over to Radau IIA once the fast rate of the stack makes explicit
@@ -317,6 +322,8 @@ def tight_launch(point: Point, parameters: ContactParameters, constants: Constan
     constants : Constants
     total : float, s
         Contact time after which the ball counts as not launched.
+    most_steps : int
+        Steps after which the integration gives up.
 
     Returns
     -------
@@ -325,7 +332,7 @@ def tight_launch(point: Point, parameters: ContactParameters, constants: Constan
     Raises
     ------
     ConvergenceError
-        If the integration needs more than 400,000 steps, or the integrator gives up.
+        If the integration needs more steps, or the integrator gives up.
     """
     if point.amplitude == 0.0:
         return Launch(0.0, math.nan, math.nan, "no separation")
@@ -343,7 +350,7 @@ def tight_launch(point: Point, parameters: ContactParameters, constants: Constan
             before = solver.y.copy()
             message = solver.step()
             n_steps += 1
-            if message is not None or n_steps > _MAX_STEPS:
+            if message is not None or n_steps > most_steps:
                 raise ConvergenceError("time reached by the tight integration", reached=solver.t, required=total)
             found = _first_zero(piece, kind, solver, before, size)
             if found is not None:
