@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +40,76 @@ class InputError(PsafitError):
         # A hostile file name or cell must not break the promise of one line.
         text = f"{place}{what}; {remedy}"
         super().__init__(printable(text))
+
+    @property
+    def faults(self) -> tuple[InputError, ...]:
+        """Each fault by itself."""
+        return (self,)
+
+
+class InputErrors(InputError):
+    """Several faults of one input, a line each; `what`, `remedy`, `file` and `line` are those of the first.
+
+    Parameters
+    ----------
+    faults : sequence of InputError
+        Those that are named.
+    more : int
+        How many were found beside them.
+    """
+
+    def __init__(self, faults: Sequence[InputError], more: int = 0) -> None:
+        first = faults[0]
+        super().__init__(first.what, first.remedy, file=first.file, line=first.line)
+        self._faults = tuple(faults)
+        self.more = more
+        self.args = ("\n".join([*map(str, faults), *([f"and {more} more"] if more else [])]),)
+
+    @property
+    def faults(self) -> tuple[InputError, ...]:
+        """Those that are named, each by itself."""
+        return self._faults
+
+
+class Faults:
+    """Collects faults that do not depend on each other, to raise them together.
+
+    Parameters
+    ----------
+    most : int
+        Faults that are named; all others are counted.
+    """
+
+    def __init__(self, most: int = 10) -> None:
+        self.most = most
+        self._found: list[InputError] = []
+        self._more = 0
+
+    def __len__(self) -> int:
+        return len(self._found) + self._more
+
+    def add(self, fault: InputError, more: int = 0) -> None:
+        """Keep a fault, or those that it consists of; `more` were found beside it."""
+        self._found += fault.faults
+        self._more += more + (fault.more if isinstance(fault, InputErrors) else 0)
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep a fault that ends the block."""
+        try:
+            yield
+        except InputError as fault:
+            self.add(fault)
+
+    def end(self) -> None:
+        """Raise what was kept, if anything, in the order of the lines of each file."""
+        if not self._found:
+            return
+        files = list(dict.fromkeys(fault.file for fault in self._found))
+        found = sorted(self._found, key=lambda fault: (files.index(fault.file), fault.line or 0))
+        if len(self) == 1:
+            raise found[0]
+        raise InputErrors(found[: self.most], len(self) - len(found[: self.most]))
 
 
 def printable(text: str) -> str:

@@ -29,16 +29,6 @@ for _library in ("OPENBLAS", "MKL"):
 _LONGEST_WORD = 300
 
 
-def _check_threads() -> None:
-    """Numba reads its setting at import, and ends in a traceback where that is no number of threads."""
-    try:
-        usable = int(os.environ.get("NUMBA_NUM_THREADS") or 1) > 0
-    except ValueError:
-        usable = True  # Numba warns of it, and takes its default
-    if not usable:
-        raise InputError("NUMBA_NUM_THREADS is no positive number of threads", "set it to one or more, or not at all")
-
-
 def main() -> None:
     """Run the command; turn what psafit raises on purpose into one line and an exit code."""
     os.environ["MPLBACKEND"] = "agg"  # no window is ever opened
@@ -46,7 +36,6 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # a terminal may know fewer letters than a title has
             stream.reconfigure(errors="backslashreplace")
     try:
-        _check_threads()
         code = commands.main(standalone_mode=False, prog_name="psafit")
         if sys.stdout is not None:  # nobody's, where it was closed
             sys.stdout.flush()  # a full disk is told of here, not at the interpreter's end
@@ -60,7 +49,8 @@ def main() -> None:
         _say(f"{where}: {ended} {where} --help")
         code = BAD_INPUT
     except InputError as error:
-        _say(f"psafit: {error}")
+        for line in str(error).split("\n"):
+            _say(f"psafit: {line}")
         code = BAD_INPUT
     except PsafitError as error:
         _say(f"psafit: {error}")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.experiment.definition import Definition
+from psafit.experiment.definition import DeclaredGroup, Definition
 from psafit.experiment.plausible import left_from_example, suspicious_constants, suspicious_readings
 from psafit.experiment.records import (
     CONSTANT_UNITS,
@@ -73,14 +73,12 @@ def read_experiment(folder: str | Path) -> Experiment:
     Raises
     ------
     InputError
-        On anything unusable: one line with file, line where there is one, and remedy.
+        On anything unusable: a line for each fault with file, line where there is one, and remedy.
     """
     folder = Path(folder)
-    definition = _definition(folder)
-    title = definition.text("title", folder.resolve().name)
-    source = definition.text("source", "")
-    constants = definition.constants()
-    groups = tuple(Group(d.id, d.waveform, d.file, changed=d.changed, **read_csv(d.path)) for d in definition.groups())
+    plan, source = _read(folder, planned=False)
+    title, constants = plan.title, plan.constants
+    groups = tuple(g for g in plan.groups if isinstance(g, Group))
     rigs = dict.fromkeys([constants, *(g.rig(constants) for g in groups)])
     warnings = () if source else (f"{DEFINITION}: no source; say where the measurements come from",)
     return Experiment(
@@ -90,8 +88,8 @@ def read_experiment(folder: str | Path) -> Experiment:
         groups=groups,
         folder=folder,
         fingerprint=fingerprint(constants, groups),
-        limits=definition.limits(),
-        beliefs=definition.beliefs(),
+        limits=plan.limits,
+        beliefs=plan.beliefs,
         warnings=(
             *warnings,
             *left_from_example(title, source, constants, groups),
@@ -152,18 +150,44 @@ def read_plan(folder: str | Path) -> Plan:
     InputError
         On anything unusable.
     """
-    folder = Path(folder)
+    return _read(Path(folder), planned=True)[0]
+
+
+def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
+    """What an experiment folder holds, and its source; all faults that do not follow from each other, at once."""
     definition = _definition(folder)
-    title = definition.text("title", folder.resolve().name)
-    constants = definition.constants()
+    faults = definition.faults
+    data = definition.data
+    with faults.kept():
+        definition.known_keys(data, ("title", "source", "constants", "group", "prior", "limits"))
+    with faults.kept():
+        constants = definition.constants()
+    if not isinstance(data.get("constants"), dict) or "group" not in data:
+        faults.end()  # what else there is, if anything, is in the wrong table, or misspelt
+    with faults.kept():
+        title = definition.text("title", folder.resolve().name)
+    with faults.kept():
+        source = definition.text("source", "")
+    with faults.kept():
+        limits = definition.limits()
+    with faults.kept():
+        beliefs = definition.beliefs()
     groups = []
-    for declared in definition.groups():
-        columns = read_csv(declared.path, planned=True)
-        kind = Group if "launch_range_um" in columns else Conditions
-        names = {f.name for f in fields(kind)}
-        held = {name: column for name, column in columns.items() if name in names}
-        groups.append(kind(declared.id, declared.waveform, declared.file, changed=declared.changed, **held))
-    return Plan(constants, tuple(groups), definition.beliefs(), definition.limits(), title)
+    with faults.kept():
+        for declared in definition.groups(faults):
+            with faults.kept():
+                groups.append(_sweep(declared, planned=planned))
+    faults.end()
+    return Plan(constants, tuple(groups), beliefs, limits, title), source
+
+
+def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:
+    """A declared group with the columns of its file: a `Group` where there are readings."""
+    columns = read_csv(declared.path, planned=planned)
+    kind = Group if "launch_range_um" in columns else Conditions
+    names = {f.name for f in fields(kind)}
+    held = {name: column for name, column in columns.items() if name in names}
+    return kind(declared.id, declared.waveform, declared.file, changed=declared.changed, **held)
 
 
 def _definition(folder: Path) -> Definition:
@@ -178,6 +202,4 @@ def _definition(folder: Path) -> Definition:
         raise InputError("this is a file", "give the folder that holds it", file=folder)
     if not is_folder:
         raise InputError("no such experiment folder", f"give a folder that holds {DEFINITION}", file=folder)
-    definition = Definition(folder)
-    definition.known_keys(definition.data, ("title", "source", "constants", "group", "prior", "limits"))
-    return definition
+    return Definition(folder)

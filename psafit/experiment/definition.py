@@ -9,17 +9,18 @@ import stat
 import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any
+from typing import Any, get_args
 
-from psafit.errors import InputError
+from psafit.errors import Faults, InputError
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId, Waveform
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
-from psafit.experiment.text import listed, one_line, read_text, shown, unreadable
+from psafit.experiment.text import listed, meant, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_TOML_BYTES = 1024 * 1024
 MAX_ID = 999_999_999
 _GROUP_KEYS = ("id", "waveform", "file")
+_WAVEFORMS: tuple[Waveform, ...] = get_args(Waveform)
 _CONSTANTS = tuple(f.name for f in fields(Constants))
 # Hard limits of each constant, SI: far beyond any rig; a wrong unit is only warned of.
 LIMITS = {
@@ -34,6 +35,7 @@ _PRIOR = 'write for example [prior.k_c] with median, factor (a value that may be
 _LIMITED = "write for example under [limits]: frequency_hz = [100, 20000], or l = [0.06, 0.12]"
 _HEADER = re.compile(r"\s*(\[\[?)([^\[\]#]+)\]")
 _KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*[\w-]+)*)\s*=""")
+_COMMA = re.compile(r"""(?:^|[{,])\s*([\w."'-]+)\s*=\s*([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)\s*(?=$|[,}#])""")
 _ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,31}")
 
 
@@ -70,7 +72,9 @@ def _key_lines(text: str) -> dict[tuple[str | int, ...], int]:
 
 
 @dataclass(frozen=True)
-class _DeclaredGroup:
+class DeclaredGroup:
+    """A group as it is declared, its file not read yet."""
+
     id: GroupId
     waveform: Waveform
     file: str
@@ -79,10 +83,15 @@ class _DeclaredGroup:
 
 
 class Definition:
-    """`experiment.toml`, parsed, with the line of each key."""
+    """`experiment.toml`, parsed, with the line of each key.
+
+    Each method raises all faults of its part at once. `faults` holds those of the text itself that do not keep the rest
+    from being read.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.faults = Faults()
         self.file = folder / DEFINITION
         try:
             exists = stat.S_ISREG(self.file.stat().st_mode)
@@ -96,24 +105,43 @@ class Definition:
                 "give the folder that holds it, or begin one with psafit new",
                 file=self.file,
             )
-        text = read_text(self.file, MAX_TOML_BYTES)
+        text = read_text(self.file, MAX_TOML_BYTES, "plain text (UTF-8)")
         try:
-            self.data = tomllib.loads(text)
+            self.data, text = self._parsed(text)
         except RecursionError as error:
             raise InputError(
                 "nested too deeply", "use [constants] and [[group]] tables alone", file=self.file
             ) from error
-        except ValueError as error:  # syntax, or a number of thousands of digits
-            place = re.search(r" \((?:at line (\d+), column \d+|at end of document)\)$", str(error))
-            message = str(error)[: place.start()] if place else str(error)
-            line = text.count("\n") + 1 if place else None
-            raise InputError(
-                f"not valid TOML: {message}",
-                "correct the syntax (text in quotes, one key = value a line)",
-                file=self.file,
-                line=int(place[1]) if place and place[1] else line,
-            ) from error
         self.lines = _key_lines(text)
+
+    def _parsed(self, text: str) -> tuple[dict[str, Any], str]:
+        """The content, and the text it was read from: decimal commas are kept as faults, and read as points."""
+        while True:
+            try:
+                return tomllib.loads(text), text
+            except ValueError as error:  # syntax, or a number of thousands of digits
+                place = re.search(r" \((?:at line (\d+), column \d+|at end of document)\)$", str(error))
+                message = str(error)[: place.start()] if place else str(error)
+                line = int(place[1]) if place and place[1] else text.count("\n") + 1 if place else None
+                rows = text.split("\n")
+                found = _COMMA.search(rows[line - 1].rstrip("\r")) if line else None
+                if line is None or found is None:
+                    remedy = "correct the syntax (text in quotes, one key = value a line)"
+                    self.faults.add(InputError(f"not valid TOML: {message}", remedy, file=self.file, line=line))
+                    self.faults.end()
+                    raise
+                name, whole, part = found.groups()
+                self.faults.add(
+                    InputError(
+                        f"not valid TOML: {shown(f'{name} = {whole},{part}')} has a decimal comma",
+                        f"write a decimal point: {name[:40]} = {whole[:20]}.{part[:20]}",
+                        file=self.file,
+                        line=line,
+                    )
+                )
+                row = rows[line - 1]
+                rows[line - 1] = f"{row[: found.end(2)]}.{row[found.start(3) :]}"
+                text = "\n".join(rows)
 
     def error(self, what: str, remedy: str, *path: str | int) -> InputError:
         """Error at the line of `path`, or of the nearest table around it."""
@@ -124,19 +152,32 @@ class Definition:
             path = path[:-1]
         return self.lines.get(path)
 
-    def known_keys(self, table: dict[str, Any], known: tuple[str, ...], *path: str | int) -> None:
-        """Refuse keys that mean nothing: a typo must not pass silently."""
+    def unknown_keys(
+        self, table: dict[str, Any], known: tuple[str, ...], *path: str | int
+    ) -> tuple[list[InputError], set[str]]:
+        """Faults of keys that mean nothing, since no typo may pass, and the known keys that they may stand for."""
+        found, stands_for = [], set()
         for key in table:
             if key not in known:
                 near = difflib.get_close_matches(key[:40], known, n=1)
+                stands_for |= set(near)
                 remedy = f"did you mean {near[0]}?" if near else f"known keys: {listed(known)}"
                 if path == ("constants",):  # where none may be left out
                     missing = [name for name in known if name not in table]
                     if missing and not set(near) & set(missing):
                         remedy += f"; {listed(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+                        stands_for |= set(missing)
                     if key in _GROUP_KEYS:
                         remedy = "is a [[group]] line missing above it?"
-                raise self.error(f"unknown key {shown(key)}", remedy, *path, key)
+                found.append(self.error(f"unknown key {shown(key)}", remedy, *path, key))
+        return found, stands_for
+
+    def known_keys(self, table: dict[str, Any], known: tuple[str, ...], *path: str | int) -> None:
+        """Refuse keys that mean nothing."""
+        faults = Faults()
+        for fault in self.unknown_keys(table, known, *path)[0]:
+            faults.add(fault)
+        faults.end()
 
     def text(self, key: str, default: str) -> str:
         """One-line text of a top-level key."""
@@ -151,11 +192,23 @@ class Definition:
         table = self.data.get("constants")
         if not isinstance(table, dict):
             raise self.error("no [constants] table", remedy, "constants")
-        self.known_keys(table, _CONSTANTS, "constants")
+        if any(key in table for key in _GROUP_KEYS):  # all that follows is in the wrong table
+            raise self.unknown_keys({k: v for k, v in table.items() if k in _GROUP_KEYS}, (), "constants")[0][0]
+        faults = Faults()
+        unknown, stands_for = self.unknown_keys(table, _CONSTANTS, "constants")
+        for fault in unknown:
+            faults.add(fault)
+        missing = [name for name in _CONSTANTS if name not in table and name not in stands_for]
+        if missing:
+            what = f"constant {missing[0]} is" if len(missing) == 1 else f"constants {listed(missing)} are"
+            faults.add(self.error(f"{what} missing", remedy, "constants"))
+        values = {}
         for name in _CONSTANTS:
-            if name not in table:
-                raise self.error(f"constant {name} is missing", remedy, "constants")
-        return Constants(**{name: self._constant(name, table[name], "constants") for name in _CONSTANTS})
+            with faults.kept():
+                if name in table:
+                    values[name] = self._constant(name, table[name], "constants")
+        faults.end()
+        return Constants(**values)
 
     def _constant(self, name: str, value: object, *path: str | int) -> float:
         def error(what: str, remedy: str) -> InputError:
@@ -176,14 +229,24 @@ class Definition:
         table = self.data.get("limits", {})
         if not isinstance(table, dict):
             raise self.error("limits is no table", _LIMITED, "limits")
-        self.known_keys(table, (*CONDITION_COLUMNS, *_CONSTANTS), "limits")
-        return tuple((name, self._limit(name, ends)) for name, ends in table.items())
+        known = (*CONDITION_COLUMNS, *_CONSTANTS)
+        faults = Faults()
+        with faults.kept():
+            self.known_keys(table, known, "limits")
+        found = []
+        for name, ends in table.items():
+            with faults.kept():
+                if name in known:
+                    found.append((name, self._limit(name, ends)))
+        faults.end()
+        return tuple(found)
 
     def _limit(self, name: str, ends: object) -> tuple[float, float]:
         place = ("limits", name)
         numbers = [_number(end) for end in ends] if isinstance(ends, list) else []
         if len(numbers) != 2:
-            raise self.error(f"limits of {name} are not two numbers", _LIMITED, *place)
+            commas = "write decimal points, not commas; " if len(numbers) == 4 else ""
+            raise self.error(f"limits of {name} are not two numbers", commas + _LIMITED, *place)
         hard = (COLUMN_LIMITS | LIMITS)[name]
         low, high = (math.nan if x is None else x for x in numbers)
         if not (0 < low <= high < math.inf and hard[0] <= low and high <= hard[1]):
@@ -198,7 +261,12 @@ class Definition:
         tables = self.data.get("prior", {})
         if not isinstance(tables, dict):
             raise self.error("prior is no table", _PRIOR, "prior")
-        return tuple(self._belief(name, table) for name, table in tables.items())
+        faults, found = Faults(), []
+        for name, table in tables.items():
+            with faults.kept():
+                found.append(self._belief(name, table))
+        faults.end()
+        return tuple(found)
 
     def _belief(self, name: str, table: object) -> Belief:
         place = ("prior", name)
@@ -211,7 +279,11 @@ class Definition:
         source = table.get("source")
         if not isinstance(source, str) or not one_line(source):
             raise self.error(f"prior of {shown(name)} has no source", 'write source = "how it is known"', *place)
-        numbers = {key: self._belief_number(name, key, table[key]) for key in sorted(given)}
+        numbers, faults = {}, Faults()
+        for key in sorted(given):
+            with faults.kept():
+                numbers[key] = self._belief_number(name, key, table[key])
+        faults.end()
         prior = LogNormal(**numbers) if "median" in numbers else Normal(**numbers)
         return Belief(name, prior, one_line(source), self.file, self._line(*place))
 
@@ -223,8 +295,8 @@ class Definition:
             raise self.error(f"prior of {shown(name)}: {key} is not {what}", _PRIOR, "prior", name, key)
         return number
 
-    def groups(self) -> list[_DeclaredGroup]:
-        """The declared groups, in order; their tables are not read yet."""
+    def groups(self, faults: Faults) -> list[DeclaredGroup]:
+        """The declared groups, in order; their tables are not read yet. A group with a fault is left out."""
         tables = self.data.get("group", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.error(
@@ -234,63 +306,77 @@ class Definition:
             )
         if not tables:
             raise self.error("no groups", "add a [[group]] with id, waveform and file for each sweep", "group")
-        declared = [self._group(i, table) for i, table in enumerate(tables)]
+        declared: list[DeclaredGroup] = []
         names: set[str] = set()
         files: dict[Path, GroupId] = {}
-        for i, group in enumerate(declared):
-            if str(group.id) in names:
-                raise self.error(
-                    f"group id {group.id} is used twice",
-                    "give each group its own id",
-                    "group",
-                    i,
-                    "id",
-                )
-            names.add(str(group.id))
-            real = group.path.resolve()
-            if real in files:
-                raise self.error(
-                    f"groups {files[real]} and {group.id} read the same file {shown(group.file)}",
-                    "give each group its own file, or its readings count twice",
-                    "group",
-                    i,
-                    "file",
-                )
-            files[real] = group.id
+        for i, table in enumerate(tables):
+            with faults.kept():
+                group = self._group(i, table)
+                if str(group.id) in names:
+                    raise self.error(
+                        f"group id {group.id} is used twice", "give each group its own id", "group", i, "id"
+                    )
+                names.add(str(group.id))
+                real = group.path.resolve()
+                if real in files:
+                    raise self.error(
+                        f"groups {files[real]} and {group.id} read the same file {shown(group.file)}",
+                        "give each group its own file, or its readings count twice",
+                        "group",
+                        i,
+                        "file",
+                    )
+                files[real] = group.id
+                declared.append(group)
         return declared
 
-    def _group(self, i: int, table: dict[str, Any]) -> _DeclaredGroup:
-        self.known_keys(table, (*_GROUP_KEYS, "constants"), "group", i)
-        for key in _GROUP_KEYS:
-            if key not in table:
-                raise self.error(f"group number {i + 1} has no {key}", f"give {listed(_GROUP_KEYS)}", "group", i)
-        group_id, waveform, file = (table[key] for key in _GROUP_KEYS)
-        valid_int = type(group_id) is int and 0 <= group_id <= MAX_ID
-        if not valid_int and not (isinstance(group_id, str) and _ID.fullmatch(group_id)):
-            raise self.error(
-                f"group id {shown(_value_text(group_id))} cannot be used",
-                f"use an integer from 0 to {MAX_ID}, or up to 32 letters, digits, _ or - that do not begin with -",
-                "group",
-                i,
-                "id",
-            )
-        if waveform not in ("sine", "square"):
-            raise self.error(
-                f"group {group_id}: unknown waveform {shown(_value_text(waveform))}",
-                'write "sine" or "square"',
-                "group",
-                i,
-                "waveform",
-            )
-        if not isinstance(file, str) or not file.strip():
-            raise self.error(
-                f"group {group_id}: file is not a file name",
-                'write file = "name.csv"',
-                "group",
-                i,
-                "file",
-            )
-        return _DeclaredGroup(group_id, waveform, file, self._path(i, group_id, file), self._changed(i, table))
+    def _group(self, i: int, table: dict[str, Any]) -> DeclaredGroup:
+        faults = Faults()
+        unknown, stands_for = self.unknown_keys(table, (*_GROUP_KEYS, "constants"), "group", i)
+        for fault in unknown:
+            faults.add(fault)
+        missing = [key for key in _GROUP_KEYS if key not in table and key not in stands_for]
+        if missing:
+            what = f"group number {i + 1} has no {', no '.join(missing)}"
+            faults.add(self.error(what, f"give {listed(_GROUP_KEYS)}", "group", i))
+        called = f"group {_value_text(table['id'])[:40]}" if "id" in table else f"group number {i + 1}"
+        if "id" in table:
+            with faults.kept():
+                group_id = self._id(i, table["id"])
+        if "waveform" in table:
+            with faults.kept():
+                waveform = self._waveform(i, called, table["waveform"])
+        if "file" in table:
+            with faults.kept():
+                file, path = self._path(i, called, table["file"])
+        with faults.kept():
+            changed = self._changed(i, table)
+        faults.end()
+        return DeclaredGroup(group_id, waveform, file, path, changed)
+
+    def _id(self, i: int, value: object) -> GroupId:
+        if type(value) is int and 0 <= value <= MAX_ID:
+            return value
+        if isinstance(value, str) and _ID.fullmatch(value):
+            return value
+        raise self.error(
+            f"group id {shown(_value_text(value))} cannot be used",
+            f"use an integer from 0 to {MAX_ID}, or up to 32 letters, digits, _ or - that do not begin with -",
+            "group",
+            i,
+            "id",
+        )
+
+    def _waveform(self, i: int, called: str, value: object) -> Waveform:
+        """The waveform, whatever capitals and blanks it is written with."""
+        name = value.strip().lower() if isinstance(value, str) else ""
+        for known in _WAVEFORMS:
+            if name == known:
+                return known
+        near = meant(name, _WAVEFORMS)
+        remedy = near if near.startswith("did") else "write " + " or ".join(f'"{known}"' for known in _WAVEFORMS)
+        what = f"{called}: unknown waveform {shown(_value_text(value))}"
+        raise self.error(what, remedy, "group", i, "waveform")
 
     def _changed(self, i: int, table: dict[str, Any]) -> tuple[tuple[str, float], ...]:
         """The constants that were others in one group."""
@@ -298,12 +384,24 @@ class Definition:
         changed = table.get("constants", {})
         if not isinstance(changed, dict):
             raise self.error("constants is no table", "write for example constants = { l = 0.06 }", *place)
-        self.known_keys(changed, _CONSTANTS, *place)
-        return tuple((name, self._constant(name, changed[name], *place)) for name in _CONSTANTS if name in changed)
+        faults, found = Faults(), []
+        with faults.kept():
+            self.known_keys(changed, _CONSTANTS, *place)
+        for name in _CONSTANTS:
+            with faults.kept():
+                if name in changed:
+                    found.append((name, self._constant(name, changed[name], *place)))
+        faults.end()
+        return tuple(found)
 
-    def _path(self, i: int, group_id: GroupId, file: str) -> Path:
+    def _path(self, i: int, called: str, file: object) -> tuple[str, Path]:
+        """Name and place of a group's file."""
+        if not isinstance(file, str) or not file.strip():
+            what, remedy = f"{called}: file is not a file name", 'write file = "name.csv"'
+            raise self.error(what, remedy, "group", i, "file")
+
         def error(what: str, remedy: str) -> InputError:
-            return self.error(f"group {group_id}: {shown(file)} {what}", remedy, "group", i, "file")
+            return self.error(f"{called}: {shown(file)} {what}", remedy, "group", i, "file")
 
         absolute = PurePosixPath(file).is_absolute() or PureWindowsPath(file).anchor != ""
         path = self.folder / file
@@ -324,7 +422,7 @@ class Definition:
             raise error("is a directory", "name the CSV file itself")
         if not is_file:
             raise error("is not a regular file", "name a CSV file")
-        return path
+        return file, path
 
 
 def _number(value: object) -> float | None:

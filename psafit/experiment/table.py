@@ -5,17 +5,19 @@ from __future__ import annotations
 import csv
 import difflib
 import io
+import itertools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.errors import InputError
+from psafit.errors import Faults, InputError
 from psafit.experiment.records import CONDITION_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS
-from psafit.experiment.text import read_text, shown
+from psafit.experiment.text import listed, read_text, shown
 
 MAX_ROWS = 1_000_000
 MAX_CSV_BYTES = 128 * 1024 * 1024
@@ -35,54 +37,165 @@ _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _HEADER_REMEDY = f"the first line must read {','.join(REQUIRED_COLUMNS)} (and {OPTIONAL_COLUMNS[0]} if known)"
 
 
-def read_csv(file: Path, *, planned: bool = False) -> dict[str, FloatArray]:
-    """Read the columns of one CSV file, checked cell by cell; a planned one may lack readings."""
+def read_csv(file: Path, *, planned: bool = False, scatter_um: float = 1.0) -> dict[str, FloatArray]:
+    """Read the columns of one CSV file, checked cell by cell.
+
+    Rows without any content are left out: blank lines, and empty cells at the end, as spreadsheets leave them.
+
+    Parameters
+    ----------
+    file : Path
+    planned : bool
+        Whether it may lack readings.
+    scatter_um : float
+        A range at most so far below zero is put down to scatter about zero. It is what the prior of a fit holds the
+        absolute scatter to, with 98 %.
+
+    Raises
+    ------
+    InputError
+        With every fault of the file.
+    """
+    rows = _rows(file)
+    line, cells = next(rows, (1, InputError("the file is empty", _HEADER_REMEDY, file=file, line=1)))
+    if isinstance(cells, InputError):
+        raise cells
+    names = _header(cells, CONDITION_COLUMNS if planned else REQUIRED_COLUMNS, file, line)
+    columns: list[list[float]] = [[] for _ in names]
+    faults = _RowFaults(file, scatter_um)
+    empty: list[int] = []  # lines of rows of empty cells, a fault where readings follow
+    n_rows = 0
+    for line, cells in rows:
+        if not isinstance(cells, InputError) and not any(map(str.strip, cells)):
+            empty.append(line)
+            continue
+        for gap in empty:
+            faults.add("", "the row is empty", "enter its values, or delete it", gap)
+        empty, n_rows = [], n_rows + 1
+        if n_rows > MAX_ROWS:
+            faults.add("", f"more than {MAX_ROWS} rows", "split the file into several groups", line)
+            break
+        if isinstance(cells, InputError):
+            faults.add("", cells.what, cells.remedy, line)
+        elif len(cells) != len(names):
+            faults.add("", *_miscounted(cells, names), line)
+        else:
+            values = dict.fromkeys(names, math.nan)
+            for name, column, cell in zip(names, columns, map(str.strip, cells), strict=True):
+                try:
+                    values[name] = _number(cell, name)
+                    column.append(values[name])
+                except _Fault as fault:
+                    faults.add(name, fault.what, fault.remedy, line)
+            if values.get("launch_range_um", 0.0) < 0:
+                faults.below.append((line, cells[names.index("launch_range_um")].strip(), values))
+    faults.end(n_rows)
+    if not n_rows:
+        raise InputError("no readings below the header", "add one row a measurement", file=file, line=1)
+    return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
+
+
+def _rows(file: Path) -> Iterator[tuple[int, list[str] | InputError]]:
+    """Rows of a CSV file that have any cells, with the line where each begins: a quoted cell may span lines."""
     text = read_text(file, MAX_CSV_BYTES)
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    names: list[str] = []
-    columns: list[list[float]] = []
     while True:
-        line = reader.line_num + 1  # where the row begins: a quoted cell may span lines
+        line = reader.line_num + 1
         try:
             cells = next(reader)
         except StopIteration:
-            break
+            return
         except csv.Error as error:
-            raise InputError(
-                f"not valid CSV ({error})",
-                "write plain numbers, without quotes",
-                file=file,
-                line=line,
-            ) from error
-        if not cells:  # blank line, as editors leave at the end
+            row = "".join(itertools.islice(io.StringIO(text, newline=""), line - 1, reader.line_num))
+            what, remedy = _unparsed(row, error)
+            yield line, InputError(what, remedy, file=file, line=line)
             continue
-        if not names:
-            names = _header(cells, CONDITION_COLUMNS if planned else REQUIRED_COLUMNS, file, line)
-            columns = [[] for _ in names]
-            continue
-        if len(cells) != len(names):
-            raise InputError(
-                f"{len(cells)} cell{'s' * (len(cells) != 1)} in the row, {len(names)} in the header",
-                "separate cells by commas, not by semicolons or tabs"
-                if _other_separator(cells)
-                else "give one cell a column: decimal points, no thousands separators, no comments",
-                file=file,
-                line=line,
-            )
-        if len(columns[0]) == MAX_ROWS:
-            raise InputError(
-                f"more than {MAX_ROWS} rows",
-                "split the file into several groups",
-                file=file,
-                line=line,
-            )
-        for name, column, cell in zip(names, columns, cells, strict=True):
-            column.append(_number(cell.strip(), name, file, line))
-    if not names:
-        raise InputError("the file is empty", _HEADER_REMEDY, file=file, line=1)
-    if not columns[0]:
-        raise InputError("no readings below the header", "add one row a measurement", file=file, line=1)
-    return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
+        if len(cells) > 1 or any(map(str.strip, cells)):
+            yield line, cells
+
+
+def _unparsed(row: str, error: csv.Error) -> tuple[str, str]:
+    """What is wrong with a row that is no CSV, and the remedy."""
+    if '"' not in row:  # nothing else than a cell's length ends the reading
+        lengths = [len(cell) for cell in row.rstrip("\r\n").split(",")]
+        longest = max(lengths)
+        what = f"not valid CSV: cell {lengths.index(longest) + 1} of the row has {longest} characters"
+        return what, "write one number a cell; line ends may be missing"
+    if "field limit" in str(error) or "unexpected end" in str(error):
+        what = f"not valid CSV: a quoted cell begins that does not end within {len(row)} characters"
+        return what, "close the quotes, or write plain numbers, without quotes"
+    return f"not valid CSV ({error})", "write plain numbers, without quotes"
+
+
+class _Fault(Exception):
+    """What is wrong with one cell, wherever it stands."""
+
+    def __init__(self, what: str, remedy: str) -> None:
+        self.what, self.remedy = what, remedy
+
+
+@dataclass
+class _RowFaults:
+    """Faults of the rows of a file: of each kind the first few, and how many there are."""
+
+    file: Path
+    scatter_um: float
+    most: int = 10
+    below: list[tuple[int, str, dict[str, float]]] = field(
+        default_factory=list
+    )  # ranges: line, cell, values of the row
+    _kinds: dict[tuple[str, str], tuple[list[InputError], list[int]]] = field(default_factory=dict)
+
+    def add(self, column: str, what: str, remedy: str, line: int) -> None:
+        """Keep a fault; those of one column with one remedy are of a kind."""
+        found, count = self._kinds.setdefault((column, remedy), ([], [0]))
+        count[0] += 1
+        if len(found) < self.most:
+            found.append(InputError(f"{column} {what}".strip(), remedy, file=self.file, line=line))
+
+    def end(self, n_rows: int) -> None:
+        """Raise what was found; a fault that all rows have, once."""
+        turned = n_rows > 2 and 2 * len(self.below) > n_rows
+        for line, cell, values in [] if turned else self.below:
+            reach = max(self.scatter_um, 3 * values.get("sigma_um", 0.0))
+            if -values["launch_range_um"] <= reach:
+                what = f"{shown(cell)} is negative, by no more than scatter"
+                remedy = "enter 0, which is an ordinary reading, and keep the row: deleting it would select by outcome"
+            else:
+                what = f"{shown(cell)} is negative, by more than scatter (about {reach:g} um)"
+                remedy = "correct its sign or its value, or see if this is another quantity's column"
+            self.add("launch_range_um", what, remedy, line)
+        faults = Faults(self.most)
+        if turned:
+            line, cell, _ = self.below[0]
+            what = f"launch_range_um {shown(cell)} is negative, as {len(self.below)} of {n_rows} ranges are"
+            remedy = "turn the sign if it is counted the other way, or see if this is another quantity's column"
+            faults.add(InputError(what, remedy, file=self.file, line=line))
+        for found, (count,) in self._kinds.values():
+            if count == n_rows > 2:
+                first = found[0]
+                faults.add(
+                    InputError(f"{first.what}, as in all {n_rows} rows", first.remedy, file=self.file, line=first.line)
+                )
+                continue
+            for fault in found[:-1]:
+                faults.add(fault)
+            faults.add(found[-1], more=count - len(found))
+        faults.end()
+
+
+def _miscounted(cells: list[str], names: list[str]) -> tuple[str, str]:
+    """What is wrong with a row that has more cells, or fewer, than there are columns, and the remedy."""
+    what = f"{len(cells)} cell{'s' * (len(cells) != 1)} in the row, {len(names)} in the header"
+    beyond = cells[len(names) :]
+    if _other_separator(cells):
+        return what, "separate cells by commas, not by semicolons or tabs"
+    if beyond and not any(map(str.strip, beyond)):
+        return (
+            f"{what}: the row ends with {'a comma' if len(beyond) == 1 else 'commas'}",
+            "delete what follows the last value",
+        )
+    return what, "give one cell a column: decimal points, no thousands separators, no comments, no row numbers"
 
 
 def _other_separator(cells: list[str]) -> str:
@@ -93,57 +206,78 @@ def _other_separator(cells: list[str]) -> str:
 
 def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> list[str]:
     names = [cell.strip() for cell in cells]
-    if separator := _other_separator(names):
-        raise InputError(
-            f"columns are separated by {separator}",
-            "separate them with commas, and write decimal points",
-            file=file,
-            line=line,
-        )
     known = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
+    faults = Faults()
+
+    def add(what: str, remedy: str) -> None:
+        faults.add(InputError(what, remedy, file=file, line=line))
+
+    if separator := _other_separator(names):
+        add(f"columns are separated by {separator}", "separate them with commas, and write decimal points")
+        faults.end()
+    if all(_NUMBER.fullmatch(name) for name in names):
+        add(f"unknown column {shown(names[0])}: the file begins with numbers, without a header", _HEADER_REMEDY)
+        faults.end()
+    if not names[-1]:
+        add("the header ends with a comma", "delete it, and the last comma of each row")
+        while names and not names[-1]:
+            del names[-1]
+    if names and not names[0]:
+        add(
+            "the first column has no name: an index, as pandas writes it",
+            "delete the column; from pandas, to_csv(..., index=False)",
+        )
+        del names[0]
+    meant = set()
+    strange = []
+    for name in dict.fromkeys(n for n in names if n not in known):
+        if near := difflib.get_close_matches(name[:40], known, n=1):
+            unit = near[0].rpartition("_")[2]
+            meant.add(near[0])
+            add(
+                f"unknown column {shown(name)}",
+                f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?",
+            )
+        else:
+            strange.append(shown(name))
+    missing = [shown(n) for n in needed if n not in names and n not in meant]
     for what, wrong in (
-        ("unknown column", [n for n in names if n not in known]),
-        ("missing column", [n for n in needed if n not in names]),
-        ("repeated column", [n for n in known if names.count(n) > 1]),
+        ("unknown column", strange),
+        ("missing column", missing if len(missing) > len(strange) else []),  # else one is the other, misnamed
+        ("repeated column", [shown(n) for n in known if names.count(n) > 1]),
     ):
         if wrong:
             remedy = _HEADER_REMEDY
-            if what == "unknown column" and (near := difflib.get_close_matches(wrong[0][:40], known, n=1)):
-                unit = near[0].rpartition("_")[2]
-                remedy = f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?"
-            if what == "missing column" and wrong == ["launch_range_um"]:
+            if what == "missing column" and wrong == [shown("launch_range_um")]:
                 remedy += "; without readings it is a plan, which psafit simulate takes"
-            raise InputError(f"{what} {shown(wrong[0])}", remedy, file=file, line=line)
+            add(f"{what}{'s' * (len(wrong) > 1)} {listed(wrong[:5])}{', ...' * (len(wrong) > 5)}", remedy)
+    faults.end()
     return names
 
 
-def _number(cell: str, name: str, file: Path, line: int) -> float:
-    def error(what: str, remedy: str) -> InputError:
-        return InputError(f"{name} {what}", remedy, file=file, line=line)
-
+def _number(cell: str, name: str) -> float:
+    """The value of a cell within the limits of its column; a range may be below zero, for whoever sees all of them."""
     if _NUMBER.fullmatch(cell):  # float() alone would take "1_000", "nan" and other digits
         value = float(cell) + 0.0  # no negative zero: it would change the fingerprint
         if not math.isfinite(value):
-            raise error(f"{shown(cell)} is too large", "correct the reading or delete the row")
+            raise _Fault(f"{shown(cell)} is too large", "correct the value")
         if name in ("frequency_hz", "sigma_um") and value <= 0:
-            raise error(f"{shown(cell)} is not positive", "correct the value or delete the row")
-        if value < 0:
-            raise error(f"{shown(cell)} is negative", "correct the value or delete the row")
+            raise _Fault(f"{shown(cell)} is not positive", "correct the value")
+        if name == "amplitude_v" and value < 0:
+            raise _Fault(f"{shown(cell)} is negative", "correct the value: an amplitude, zero to peak, has no sign")
         low, high = LIMITS[name]
-        if not low <= value <= high:
-            raise error(
-                f"{shown(cell)} is beyond the limits {low:g} to {high:g}", "correct the value or delete the row"
-            )
+        if not low <= value <= high and not -high <= value < 0:
+            raise _Fault(f"{shown(cell)} is beyond the limits {low:g} to {high:g}", "correct the value or its unit")
         return value
     if not cell:
-        raise error("is empty", "enter the value or delete the row")
+        raise _Fault("is empty", "enter the value, or delete the row if nothing was read")
     if _NOT_FINITE.fullmatch(cell):
-        raise error(f"{shown(cell)} is not finite", "enter the value or delete the row")
+        raise _Fault(f"{shown(cell)} is not finite", "enter the value, or delete the row if nothing was read")
     if _THOUSANDS.fullmatch(cell):
-        raise error(
+        raise _Fault(
             f"{shown(cell)} has a thousands separator",
             "write the digits alone, with a decimal point if one is meant",
         )
     if "," in cell:
-        raise error(f"{shown(cell)} has a comma", "write a decimal point")
-    raise error(f"{shown(cell)} is not a number", "write the number alone, without a unit")
+        raise _Fault(f"{shown(cell)} has a comma", "write a decimal point")
+    raise _Fault(f"{shown(cell)} is not a number", "write the number alone, without a unit")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import difflib
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from psafit.errors import InputError, printable
 
 def shown(text: str) -> str:
     """Quote a value from a file, shortened: an error stays one readable line."""
-    return repr(text if len(text) <= 40 else text[:37] + "...")
+    return repr(text) if len(text) <= 40 else f"{text[:37] + '...'!r} ({len(text)} characters)"
 
 
 def listed(names: Iterable[str]) -> str:
@@ -40,8 +41,42 @@ def unreadable(file: Path, error: Exception, remedy: str = "check its permission
     return InputError(f"cannot be read ({reason})", remedy, file=file)
 
 
-def read_text(file: Path, limit: int) -> str:
-    """Read UTF-8 with or without a byte order mark, and no more than `limit` bytes."""
+def _signed(raw: bytes) -> str:
+    """What a file is that begins so and is no text, with its article; empty where nobody knows."""
+    kinds = {
+        b"PK\x03\x04": "a zip file, such as a workbook (.xlsx, .ods)",
+        b"\xd0\xcf\x11\xe0": "an old workbook (.xls)",
+        b"\x1f\x8b": "a compressed file (gzip)",
+        b"BZh": "a compressed file (bzip2)",
+        b"\xfd7zXZ": "a compressed file (xz)",
+        b"\x89HDF": "an HDF5 file",
+        b"MATLAB": "a MATLAB file",
+        b"PAR1": "a Parquet file",
+        b"%PDF-": "a PDF file",
+    }
+    return next((kind for start, kind in kinds.items() if raw.startswith(start)), "")
+
+
+def _wide(raw: bytes) -> bool:
+    """Whether bytes look like UTF-16: by their mark, or since every other byte of the first letters is NUL."""
+    marked = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    first = raw[:8]
+    return marked or (len(first) == 8 and any(not any(first[k::2]) and all(first[1 - k :: 2]) for k in (0, 1)))
+
+
+def read_text(file: Path, limit: int, form: str = "CSV (UTF-8)") -> str:
+    """Read UTF-8 with or without a byte order mark, and no more than `limit` bytes.
+
+    What DOS programs put at the end of a text, Ctrl-Z, is left out. NUL bytes are refused, at the end, too: a recorder
+    that loses power leaves them where readings should be.
+
+    Parameters
+    ----------
+    file : Path
+    limit : int
+    form : str
+        What the file should be, for a message.
+    """
     try:
         with file.open("rb") as stream:
             raw = stream.read(limit + 1)
@@ -49,13 +84,25 @@ def read_text(file: Path, limit: int) -> str:
         raise unreadable(file, error) from error
     if len(raw) > limit:
         raise InputError(f"larger than {limit // 1024**2} MiB", "split it, or keep measurements only", file=file)
+    if kind := _signed(raw):
+        raise InputError(f"{kind}, not text", f"save what it holds as {form}", file=file, line=1)
+    if _wide(raw):
+        raise InputError("not UTF-8 text but UTF-16", f"save it as {form}", file=file, line=1)
     raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
-        return raw.decode("utf-8")
+        text = raw.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(
-            "not UTF-8 text",
-            "save it as UTF-8",
-            file=file,
-            line=raw.count(b"\n", 0, error.start) + 1,
-        ) from error
+        what = "binary data, not UTF-8 text" if b"\0" in raw else "not UTF-8 text"
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise InputError(what, f"save it as {form}", file=file, line=line) from error
+    bare = text.rstrip("\r\n\x1a")
+    if "\x1a" in text[len(bare) :]:
+        text = bare
+    for mark, name in (("\0", "NUL byte"), ("\x1a", "Ctrl-Z (0x1A), the DOS mark of a file's end")):
+        if (at := text.find(mark)) >= 0:
+            line = len(re.findall(r"\r\n|\r|\n", text[:at])) + 1
+            ends = not text[at:].strip(mark + " \t\r\n")
+            what = f"ends in {text.count(mark)} NUL bytes" if ends else f"holds a {name}"
+            remedy = f"check that nothing was lost {'before them' if ends else 'around it'}, and delete "
+            raise InputError(what, remedy + ("them" if ends else "it"), file=file, line=line)
+    return text
