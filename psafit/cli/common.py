@@ -124,6 +124,44 @@ def warn(warnings: Iterable[str]) -> None:
         click.echo(f"warning: {warning}", err=True)
 
 
+def costly(
+    experiment: Experiment,
+    ids: Iterable[GroupId],
+    terms: Iterable[Term] = (),
+    *,
+    minutes: float = 10.0,
+    rest: str = "",
+) -> list[str]:
+    """A line that says what a fit to some groups takes, if that is much; nothing else.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    ids : iterable of group ids
+    terms : iterable of Term
+    minutes : float
+        Up to which nothing is said, unless more than half of the machine's memory is needed.
+    rest : str
+        What else is to be said then.
+    """
+    from psafit.experiment.text import listed, one_line
+    from psafit.inference.cost import cost, machine_memory
+    from psafit.inference.problem import Problem
+    from psafit.progress import duration
+
+    groups = tuple(group.id for group in experiment.select(ids))
+    problem = Problem(experiment, groups, tuple(terms))
+    found, there = cost(problem), machine_memory()
+    scarce = found.memory > 0.5 * there
+    if found.seconds < 60 * minutes and not scarce:
+        return []
+    fitted = f"a fit to group{'s' * (len(groups) > 1)} {listed(map(str, groups))} ({problem.observed.size} readings)"
+    size = f"{found.memory / 1e9:.1f} GB of memory{f', of {there / 1e9:.1f} GB,' if scarce else ''}"
+    return [
+        one_line(f"{fitted} takes about {duration(found.seconds)} and {size} on this machine, with fewer less{rest}")
+    ]
+
+
 def discard_output() -> None:
     """Let the interpreter end without complaint about output that nobody takes."""
     with suppress(OSError, AttributeError):  # no descriptor where somebody has replaced or closed it

@@ -19,6 +19,7 @@ from psafit.cli.common import (
     Command,
     Place,
     causes,
+    costly,
     groups_of,
     plugin_words,
     refuse_run_file,
@@ -99,7 +100,9 @@ def diagnose(
         ensure_writable(folder, "--out", folder=True, inputs=[experiment])
     refuse_run_file(json_file, folder)
     if not quiet:
-        warn(data.warnings)
+        done = (folder / "diagnosis.json").exists()
+        rest = "; a diagnosis takes that at least, without --quick many times that"
+        warn([*data.warnings, *([] if done else costly(data, data.ids, rest=rest))])
     command = ["psafit", "diagnose", experiment, *([] if group is None else ["--group", group]), "--seed", seed]
     command += [] if candidates is None else ["--causes", candidates]
     command += ["--quick"] if quick else []

@@ -18,6 +18,7 @@ from psafit.cli.common import (
     Command,
     Place,
     causes,
+    costly,
     count,
     groups_of,
     plugin_words,
@@ -40,7 +41,10 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     from psafit.experiment import changes_text, describe
     from psafit.inference.scale import read
 
-    content = describe(read(experiment))
+    data = read(experiment)
+    content = describe(data)
+    largest = max(data.groups, key=lambda group: group.n_points)
+    content["warnings"] += costly(data, [largest.id])
     write_result(json_file, content)
     if not quiet:
         click.echo(
@@ -104,7 +108,8 @@ def fit(
         ensure_writable(folder, "--out", folder=True, inputs=[experiment])
     refuse_run_file(json_file, folder)
     if not quiet:
-        warn(data.warnings)
+        done = (folder / "posterior.json").exists()
+        warn([*data.warnings, *([] if done else costly(data, ids, chosen))])
     with watcher(quiet) as show:
         from psafit.inference import run as running
         from psafit.numerics import audit

@@ -41,7 +41,7 @@ from psafit.inference.candidate import Candidate
 from psafit.inference import emcee_adaptor
 from psafit.inference.evidence import Weighed
 from psafit.inference.nested import nested_evidence, require
-from psafit.inference.problem import Problem
+from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import Silent, Watcher, fit, load, versions
 from psafit.numerics import refine
 from psafit.physics import TERMS
@@ -107,10 +107,7 @@ def diagnose(
         raise InputError("no training group", "give at least one group id")
     Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
     training = tuple(g for g in experiment.ids if g in training)  # however they were named, the same work
-    if not any(g.launch_range_um.any() for g in experiment.groups):
-        raise InputError(
-            "every launch range is zero", "measure where the ball is launched: nothing can be explained here"
-        )
+    refuse_still(experiment.groups if quick else experiment.select(training))
     check_seed(seed)
     if nautilus:
         require()

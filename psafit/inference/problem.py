@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,13 +11,30 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.experiment import Experiment, GroupId, session_name
+from psafit.experiment import Experiment, Group, GroupId, session_name
+from psafit.experiment.text import listed
 from psafit.inference import noise
 from psafit.parameters import Parameter
 from psafit.physics import baseline, informed
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 from psafit.simulate.stepper import TOLERANCE
+
+
+def refuse_still(groups: Iterable[Group]) -> None:
+    """Refuse groups in which the ball was never launched.
+
+    Raises
+    ------
+    InputError
+        If every reading is zero: any model does for that which is weak enough.
+    """
+    groups = tuple(groups)
+    if not any(group.launch_range_um.any() for group in groups):
+        where = f" of group{'s' * (len(groups) > 1)} {listed(str(group.id) for group in groups)}"
+        raise InputError(
+            f"every launch range{where} is zero", "choose other groups, or measure where the ball is launched"
+        )
 
 
 @dataclass(frozen=True)

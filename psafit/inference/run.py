@@ -36,7 +36,7 @@ from psafit.files import (
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.candidate import built_up
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
-from psafit.inference.problem import Problem
+from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.scale import read
 from psafit.parameters import SHARES
 from psafit.physics import plugin_versions, recorded, signatures
@@ -204,12 +204,13 @@ def fit(
     Raises
     ------
     InputError
-        If a group is unknown, or the folder belongs to another run or cannot be written.
+        If a group is unknown, every reading is zero, or the folder belongs to another run or cannot be written.
     """
     check_seed(seed)
     if n_starts < 1:
         raise InputError(f"{n_starts} starts are none", "give a number from 1 on")
     problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
+    refuse_still(experiment.select(group_ids))
     places = _places(problem, known)
     settings = settings or emcee_adaptor.Settings.of(problem)
     watcher = watcher or Silent()

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from psafit.arrays import FloatArray
+from psafit.errors import Faults
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.experiment.text import one_line
 from psafit.inference.candidate import thinned
@@ -35,7 +36,11 @@ _APART = math.log(30.0)
 def read(folder: str | Path) -> Experiment:
     """Read an experiment folder, its warnings extended by `with_scale`; refuse knowledge of what is no parameter."""
     experiment = read_experiment(folder)
-    informed(experiment.beliefs, ())
+    faults = Faults()
+    for belief in experiment.beliefs:
+        with faults.kept():
+            informed([belief], ())
+    faults.end()
     return with_scale(experiment)
 
 

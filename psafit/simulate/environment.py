@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
 
@@ -44,7 +43,8 @@ def check_numba(most_threads: int = 10_000) -> None:
         raise InputError(what, f"write for example +avx2,-avx512f, {_AGAIN}")
     if _whole("NUMBA_DISABLE_JIT"):
         raise InputError("NUMBA_DISABLE_JIT is set: psafit runs compiled only", "set it to 0, or do not set it")
-    numba = importlib.import_module("numba")
+    import numba
+
     if numba.config.DISABLE_JIT:  # by a program, or by the file .numba_config.yaml
         what = "Numba is told not to compile (its DISABLE_JIT): psafit runs compiled only"
         raise InputError(what, "remove that from the program or from .numba_config.yaml, and start again")

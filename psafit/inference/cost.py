@@ -1,0 +1,92 @@
+"""What a fit takes on this machine: measured on some of its readings, before it begins."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from psafit.inference import emcee_adaptor, optimise
+from psafit.inference.candidate import thinned
+from psafit.inference.problem import Problem
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a fit takes.
+
+    Parameters
+    ----------
+    seconds : float
+    memory : float
+        Of its arrays at most, bytes.
+    """
+
+    seconds: float
+    memory: float
+
+
+def cost(
+    problem: Problem,
+    *,
+    steps: int = 1500,
+    climbed: int = 12_000,
+    judged: int = 1024,
+    sample: int = 500,
+    draws: int = 64,
+) -> Cost:
+    """Estimate what a fit takes: both grow in proportion to the readings, and some of them are enough to measure it.
+
+    The likelihood is timed where the walkers of the sampler will be: at the best of some draws of the prior, in batches
+    of half the walkers. It is evaluated by every walker in every step, and by the climbs of the search. Memory is
+    largest where the search judges its draws.
+
+    Parameters
+    ----------
+    problem : Problem
+    steps : int
+        Of the chain until it has converged: 1000 to 2000 of the baseline, as a rule.
+    climbed : int
+        Parameter sets that climbs, population and profiles simulate: 8000 to 16,000 of the baseline, as a rule.
+    judged : int
+        Draws of the prior that the search judges at once.
+    sample : int
+        Readings on which it is measured, about.
+    draws : int
+        Of the prior.
+    """
+    n = problem.observed.size
+    some = replace(problem, experiment=thinned(problem.experiment, max(n // sample, 1)))
+    more = n / some.observed.size
+    walkers = emcee_adaptor.Settings.of(problem).n_walkers
+    u = some.prior_transform(np.random.default_rng(0).random((draws, problem.n_dim)))
+    height = some.log_posterior(u)  # compiles, too
+    best = u[np.argsort(-np.where(np.isfinite(height), height, -np.inf), kind="stable")[: walkers // 2]]
+    each = min(_timed(lambda: some.log_posterior(best)) for _ in range(3)) / len(best)
+    search = _timed(lambda: optimise.starts_of(some, 0, 1, draws)) / draws
+    tracemalloc.start()
+    try:
+        optimise.starts_of(some, 0, 1, draws)
+        peak = tracemalloc.get_traced_memory()[1] / draws
+    finally:
+        tracemalloc.stop()
+    return Cost(more * (each * (walkers * steps + climbed) + search * judged), more * peak * judged)
+
+
+def machine_memory() -> float:
+    """Of this machine, bytes; infinite where it does not say."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):
+        return math.inf
+
+
+def _timed(work: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    work()
+    return time.perf_counter() - begun
