@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import difflib
 import io
-import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -57,19 +56,22 @@ def read_csv(file: Path, *, planned: bool = False, scatter_um: float = 1.0) -> d
         With every fault of the file.
     """
     rows = _rows(file)
-    line, cells = next(rows, (1, InputError("the file is empty", _HEADER_REMEDY, file=file, line=1)))
+    empty: list[int] = []  # lines of rows of empty cells, a fault where readings stand on both sides
+    line, cells = next(
+        (row for row in rows if not _is_empty(row[1])),
+        (1, InputError("the file is empty", _HEADER_REMEDY, file=file, line=1)),
+    )
     if isinstance(cells, InputError):
         raise cells
     names = _header(cells, CONDITION_COLUMNS if planned else REQUIRED_COLUMNS, file, line)
     columns: list[list[float]] = [[] for _ in names]
     faults = _RowFaults(file, scatter_um)
-    empty: list[int] = []  # lines of rows of empty cells, a fault where readings follow
     n_rows = 0
     for line, cells in rows:
-        if not isinstance(cells, InputError) and not any(map(str.strip, cells)):
+        if _is_empty(cells):
             empty.append(line)
             continue
-        for gap in empty:
+        for gap in empty if n_rows else []:
             faults.add("", "the row is empty", "enter its values, or delete it", gap)
         empty, n_rows = [], n_rows + 1
         if n_rows > MAX_ROWS:
@@ -95,19 +97,30 @@ def read_csv(file: Path, *, planned: bool = False, scatter_um: float = 1.0) -> d
     return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
 
 
+def _is_empty(cells: list[str] | InputError) -> bool:
+    return not isinstance(cells, InputError) and not any(map(str.strip, cells))
+
+
 def _rows(file: Path) -> Iterator[tuple[int, list[str] | InputError]]:
     """Rows of a CSV file that have any cells, with the line where each begins: a quoted cell may span lines."""
     text = read_text(file, MAX_CSV_BYTES)
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    row: list[str] = []  # the lines of one
+
+    def lines() -> Iterator[str]:
+        for text_line in io.StringIO(text, newline=""):
+            row.append(text_line)
+            yield text_line
+
+    reader = csv.reader(lines(), strict=True)
     while True:
+        row.clear()
         line = reader.line_num + 1
         try:
             cells = next(reader)
         except StopIteration:
             return
         except csv.Error as error:
-            row = "".join(itertools.islice(io.StringIO(text, newline=""), line - 1, reader.line_num))
-            what, remedy = _unparsed(row, error)
+            what, remedy = _unparsed("".join(row), error)
             yield line, InputError(what, remedy, file=file, line=line)
             continue
         if len(cells) > 1 or any(map(str.strip, cells)):

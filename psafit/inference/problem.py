@@ -31,9 +31,9 @@ def refuse_still(groups: Iterable[Group]) -> None:
     """
     groups = tuple(groups)
     if not any(group.launch_range_um.any() for group in groups):
-        where = f" of group{'s' * (len(groups) > 1)} {listed(str(group.id) for group in groups)}"
+        where = f"group{'s' * (len(groups) > 1)} {listed(str(group.id) for group in groups)}"
         raise InputError(
-            f"every launch range{where} is zero", "choose other groups, or measure where the ball is launched"
+            f"every launch range is zero in {where}", "choose other groups, or measure where the ball is launched"
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from typing import Any
 
 from psafit.errors import InputError
 
@@ -45,7 +46,8 @@ def check_numba(most_threads: int = 10_000) -> None:
         raise InputError("NUMBA_DISABLE_JIT is set: psafit runs compiled only", "set it to 0, or do not set it")
     import numba
 
-    if numba.config.DISABLE_JIT:  # by a program, or by the file .numba_config.yaml
+    config: Any = numba.config
+    if config.DISABLE_JIT:  # by a program, or by the file .numba_config.yaml
         what = "Numba is told not to compile (its DISABLE_JIT): psafit runs compiled only"
         raise InputError(what, "remove that from the program or from .numba_config.yaml, and start again")
     given = [name for name in os.environ if name.startswith("NUMBA_THREADING_LAYER")]
