@@ -71,14 +71,14 @@ FUZZ = settings(
 
 
 def check_outcome(folder: Path, *files: str) -> None:
-    """Either a checked experiment, or one line that names the file."""
+    """Either a checked experiment, or lines that name the file."""
     refused: InputError | None = None
     try:
         experiment = read_experiment(folder)
     except InputError as error:
         refused = error
     if refused is not None:
-        assert str(refused).isprintable()
+        assert all(line.isprintable() for line in str(refused).split("\n"))
         assert any(name in str(refused) for name in files)
         assert refused.remedy
         return

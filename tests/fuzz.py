@@ -2,7 +2,7 @@
 
 Each case runs one command in a process of its own, in a copy of a small folder of which one file, or the command
 line, was spoilt. Whatever it meets, psafit must end within a time limit with exit code 0, 1 or 2; where it refuses,
-with one line on standard error, no traceback, and nothing left behind. A case is determined by the seed and its
+with a line on standard error for each fault, no traceback, and nothing left behind. A case is determined by the seed and its
 number: ``python tests/fuzz.py --seed S --only N`` repeats it.
 """
 
@@ -411,11 +411,11 @@ def fault(result: dict[str, Any]) -> str:
         return ""
     if code != 2:
         return f"exit code {code}"
-    if len(lines) != 1:
+    if not 1 <= len(lines) <= 11 or (len(lines) > 1 and not all(line.startswith("psafit: ") for line in lines)):
         return f"{len(lines)} lines of error"
-    if len(lines[0]) > 1200:
-        return f"a line of {len(lines[0])} characters"
-    if any(ord(c) < 32 or 0x202A <= ord(c) <= 0x202E for c in lines[0]):
+    if (longest := max(map(len, lines))) > 1200:
+        return f"a line of {longest} characters"
+    if any(ord(c) < 32 or 0x202A <= ord(c) <= 0x202E for line in lines for c in line):
         return "control characters on the terminal"
     return f"left behind {', '.join(result['left'][:3])}" if result["left"] else ""
 

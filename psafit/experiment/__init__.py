@@ -160,10 +160,12 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
     data = definition.data
     with faults.kept():
         definition.known_keys(data, ("title", "source", "constants", "group", "prior", "limits"))
+    if not {"constants", "group"} <= data.keys():
+        faults.end()  # one of them, misspelt
     with faults.kept():
         constants = definition.constants()
     if not isinstance(data.get("constants"), dict) or "group" not in data:
-        faults.end()  # what else there is, if anything, is in the wrong table, or misspelt
+        faults.end()  # what else there is, if anything, is in the wrong table
     with faults.kept():
         title = definition.text("title", folder.resolve().name)
     with faults.kept():

@@ -127,6 +127,8 @@ class Definition:
                 found = _COMMA.search(rows[line - 1].rstrip("\r")) if line else None
                 if line is None or found is None:
                     remedy = "correct the syntax (text in quotes, one key = value a line)"
+                    if line and re.search(r"\d,\d", rows[line - 1]):
+                        remedy = "correct the syntax, and write decimal points, not commas"
                     self.faults.add(InputError(f"not valid TOML: {message}", remedy, file=self.file, line=line))
                     self.faults.end()
                     raise

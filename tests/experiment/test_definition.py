@@ -94,7 +94,7 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
     "unknown table": (TOML + "[extra]\n", 21, "unknown key 'extra'"),
     "plural groups": (TOML.replace("[[group]]", "[[groups]]"), 12, "did you mean group?"),
     "unknown group key": (TOML + "sigma = 1\n", 21, "unknown key 'sigma'"),
-    "group key typo": (TOML.replace("waveform", "wavform"), 14, "did you mean waveform?"),
+    "group key typo": (TOML.replace("waveform", "wavform", 1), 14, "did you mean waveform?"),
     "extra constant": (TOML.replace("g = ", "k_c = 1e5\ng = "), 10, "unknown key 'k_c'"),
     "constant of another name": (TOML.replace("l = 0.09", "lenght = 0.09"), 8, "M, m, q, l, k_s, g; l is missing"),
     "constant typo": (TOML.replace("k_s", "ks"), 9, "did you mean k_s?"),

@@ -119,8 +119,8 @@ def test_too_many_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_csv_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table, "MAX_CSV_BYTES", 10)
-    assert "larger than" in refusal(write(tmp_path)).what
+    monkeypatch.setattr(table, "MAX_CSV_BYTES", len(CSV))
+    assert "larger than" in refusal(write(tmp_path, b=CSV + "1200,20,1\n")).what
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads everything")

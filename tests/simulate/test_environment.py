@@ -1,0 +1,73 @@
+"""Settings of Numba that psafit cannot run with end in one line, from the command line and from Python."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import psafit
+
+from psafit.errors import InputError
+from psafit.simulate.environment import check_numba
+
+REFUSED = {
+    "NUMBA_DISABLE_JIT": ("1", "-1"),
+    "NUMBA_NUM_THREADS": ("0", "-2", "100000"),
+    "NUMBA_FUNCTION_CACHE_SIZE": ("-1",),
+    "NUMBA_CPU_FEATURES": ("avx2", "+avx2,", "+avx2 -x"),
+    "NUMBA_THREADING_LAYER": ("none such",),
+    "NUMBA_THREADING_LAYER_PRIORITY": ("omp",),
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in REFUSED.items() for value in values])
+def test_a_setting_that_breaks_numba_is_refused(known_folder: Path, name: str, value: str) -> None:
+    done = psafit("check", known_folder, cwd=known_folder, **{name: value})
+    assert done.returncode == 2 and done.stderr.startswith(f"psafit: {name}") and done.stderr.count("\n") == 1
+    assert "do not set it" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("NUMBA_DISABLE_JIT", "0"),
+        ("NUMBA_NUM_THREADS", "1"),
+        ("NUMBA_FUNCTION_CACHE_SIZE", "0"),
+        ("NUMBA_CPU_FEATURES", "+avx2,-avx512f"),
+    ],
+)
+def test_other_settings_are_left_alone(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
+    monkeypatch.setenv(name, value)
+    check_numba()
+
+
+def test_from_python_the_setting_can_be_taken_back(known_folder: Path) -> None:
+    """Where it is found before Numba has read it."""
+    program = """
+import os, sys, psafit
+from psafit.errors import InputError
+try:
+    psafit.open(sys.argv[1])
+except InputError as error:
+    print(error)
+del os.environ["NUMBA_DISABLE_JIT"]
+print(len(psafit.open(sys.argv[1]).data))
+"""
+    words, environment = [sys.executable, "-c", program, str(known_folder)], os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, env=environment)
+    assert done.returncode == 0 and done.stdout.split("\n")[1] == "62" and "NUMBA_DISABLE_JIT" in done.stdout
+
+
+def test_a_program_that_has_switched_compilation_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    import numba
+
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
+    with pytest.raises(InputError, match=r"DISABLE_JIT.*numba_config"):
+        check_numba()
+
+
+def test_help_needs_no_numba(tmp_path: Path) -> None:
+    assert psafit("--help", cwd=tmp_path, NUMBA_DISABLE_JIT="1").returncode == 0
