@@ -2,8 +2,8 @@
 
 Each case runs one command in a process of its own, in a copy of a small folder of which one file, or the command
 line, was spoilt. Whatever it meets, psafit must end within a time limit with exit code 0, 1 or 2; where it refuses,
-with a line on standard error for each fault, no traceback, and nothing left behind. A case is determined by the seed and its
-number: ``python tests/fuzz.py --seed S --only N`` repeats it.
+with a line on standard error for each fault, no traceback, and nothing left behind. A case is determined by the seed
+and its number: ``python tests/fuzz.py --seed S --only N`` repeats it.
 """
 
 from __future__ import annotations
