@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import importlib.util
 import os
 import pkgutil
@@ -15,7 +14,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -315,19 +314,20 @@ def thinned(experiment: Experiment) -> Experiment:
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to follow a page in: few readings, short chains, few candidates."""
     from psafit import api, diagnose
-    from psafit.diagnose import diagnosis
+    from psafit.diagnose.settings import Settings as Effort
     from psafit.inference.emcee_adaptor import Settings
     from psafit.physics import terms
 
     write_experiment(thinned(read_experiment(ROOT / "experiments" / "psa")), tmp_path / "experiments" / "psa")
     short = Settings(chunk=50, autocorrelation_times=1.0, effective_samples=1.0, r_hat=100.0)
     monkeypatch.setattr(Settings, "of", classmethod(lambda cls, problem: short))
-    few = functools.partial(diagnose.diagnose, catalogue=terms(["preload", "reading_gain"]))
+    whole, effort = diagnose.diagnose, Effort(simulated=49, searches=1)
+
+    def few(*given: Any, **options: Any) -> Any:
+        return whole(*given, **options | {"catalogue": terms(["preload", "reading_gain"]), "settings": effort})
+
     for module in (diagnose, api):
         monkeypatch.setattr(module, "diagnose", few)
-    monkeypatch.setattr(diagnosis, "_SIMULATED", 49)
-    monkeypatch.setattr(diagnosis, "_SIMULATED_QUICK", 49)
-    monkeypatch.setattr(diagnosis, "_SEARCHES", 1)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

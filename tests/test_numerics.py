@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from rigs import rig
 
-from psafit import numerics
 from psafit.inference.problem import Problem
 from psafit.numerics import refine
 from psafit.physics import terms
 
 
-def test_an_audit_is_of_the_steps_that_were_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_audit_is_of_the_steps_that_were_taken() -> None:
     """At the problem's own tolerance, and not converged where its error is more than would do."""
     model = Problem(rig(["hertz_exponent"], [1.5], seed=1), (1,), terms(["hertz_exponent"]), tolerance=1e-3)
     u = model.prior_transform(np.full((1, model.n_dim), 0.5))
@@ -23,6 +22,4 @@ def test_an_audit_is_of_the_steps_that_were_taken(monkeypatch: pytest.MonkeyPatc
     error = np.abs(model.predict(u, model.experiment.ids) / exact - 1).max()
     assert told.engine == "stepper" and told.tolerance == 1e-3 and told.converged
     assert told.error == pytest.approx(error, rel=0.05) and told.error > 1e-9
-    monkeypatch.setattr(numerics, "REQUIRED", 0.5 * error)
-    monkeypatch.setattr(numerics, "_OF_SCATTER", 0.0)
-    assert not refine(model, u, "me").converged
+    assert not refine(model, u, "me", required=0.5 * error, of_scatter=0.0).converged

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import pytest
 from commands import run
 from diagnoses_by_hand import make_experiment, make_record
 
-from psafit import cli
+from psafit import cli, numerics
 from psafit.experiment import read_experiment
 from psafit.inference.emcee_adaptor import Settings
 from psafit.report.reproduction import claims_table
@@ -56,8 +57,8 @@ def test_what_has_not_converged_ends_with_one(known_folder: Path, tmp_path: Path
     assert run(monkeypatch, *words) == 1
     said = capsys.readouterr().out
     assert "repeat the command" in said and "simulation" not in said
-    monkeypatch.setattr("psafit.numerics.REQUIRED", 0.0)
-    monkeypatch.setattr("psafit.numerics._OF_SCATTER", 0.0)
+    strict = functools.partial(numerics.refine, required=0.0, of_scatter=0.0)
+    monkeypatch.setattr(numerics, "refine", strict)
     assert run(monkeypatch, *words) == 1 and "the simulation has not converged" in capsys.readouterr().out
 
 

@@ -14,6 +14,7 @@ from truths import FEW, experiment, few, problem
 from psafit.diagnose import diagnose, diagnosis
 from psafit.diagnose import search as rungs
 from psafit.diagnose.search import climb
+from psafit.diagnose.settings import Settings as Effort
 from psafit.diagnose.significance import lead
 from psafit.errors import InputError
 from psafit.experiment import fingerprint
@@ -82,8 +83,9 @@ def test_without_a_drive_nothing_is_proposed(tmp_path):
 
 
 def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
-    e = experiment(["amplifier_lag"], [4e-5])
-    result = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2, jobs=2)
+    e = experiment(["amplifier_lag"], [4e-5], n=12)
+    asked = {"seed": 1, "catalogue": FEW, "settings": Effort(simulated=99, searches=2, steps=60)}
+    result = diagnose(e, ["a"], tmp_path / "one", jobs=2, **asked)
     stored = json.loads((tmp_path / "one" / "diagnosis.json").read_text())
     assert stored["schema"] == 1
     assert stored["verdict"] in ("explained", "ambiguous")
@@ -95,7 +97,7 @@ def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
     assert 0 < stored["causes"][0]["probability"] <= 1
     assert stored["misfit"]["search"]["lead"] > max(stored["misfit"]["search"]["null"])
     # Compared with searches like itself, which have no parts of the readings to begin from.
-    plain = climb(Problem(e, e.ids, tolerance=diagnosis._TOLERANCE), FEW, seed=1)
+    plain = climb(Problem(e, e.ids, tolerance=Effort().tolerance), FEW, seed=1)
     assert stored["misfit"]["search"]["lead"] == pytest.approx(lead(plain), abs=1e-9)
     assert stored["misfit"]["search"]["p_value"] == pytest.approx(1 / 3)
     tau = stored["causes"][0]["parameters"]["amplifier_lag_tau"]
@@ -121,21 +123,22 @@ def test_diagnosis_from_beginning_to_end(tmp_path, monkeypatch):
         assert told["scored_on"] == [g for g in e.ids if g not in seen[which]]
         assert told["converged"] == extension.summary.converged
     # Again from what is kept, and once more from nothing: the same.
-    again = diagnose(e, ["a"], tmp_path / "one", seed=1, catalogue=FEW, searches=2)
-    quick = diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
+    again = diagnose(e, ["a"], tmp_path / "one", draw_on=False, **asked)
+    asked["quick"] = True
+    quick = diagnose(e, ["a"], tmp_path / "two", **asked)
     assert again.causes == result.causes
     assert quick.causes == result.causes
     assert quick.gain == {} and quick.extension == {} and "search" not in quick.misfit
     # A whole answer is read back; what has lost a part is worked out.
     with monkeypatch.context() as m:
         m.delattr(diagnosis._Work, "all")
-        assert diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True).causes == result.causes
-        for change in ({"seed": 2}, {"catalogue": FEW[:1]}, {"quick": False}):
+        assert diagnose(e, ["a"], tmp_path / "two", **asked).causes == result.causes
+        for change in ({"seed": 2}, {"catalogue": FEW[:1]}, {"quick": False}, {"settings": None}):
             with pytest.raises(AttributeError):
-                diagnose(e, ["a"], tmp_path / "two", **{"seed": 1, "catalogue": FEW, "quick": True} | change)
+                diagnose(e, ["a"], tmp_path / "two", **asked | change)
         (tmp_path / "two" / quick.predictions).unlink()
         with pytest.raises(AttributeError):
-            diagnose(e, ["a"], tmp_path / "two", seed=1, catalogue=FEW, quick=True)
+            diagnose(e, ["a"], tmp_path / "two", **asked)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -147,9 +150,23 @@ def test_processes_search_what_one_would(jobs, tmp_path):
         if jobs == 2:
             patch.setattr(rungs, "fit", None)
         parts = work._parts()
-    alone = [climb(Problem(e, (g,), tolerance=diagnosis._TOLERANCE), FEW[:2], seed=1).leader for g in ("b", "a")]
+    alone = [climb(Problem(e, (g,), tolerance=Effort().tolerance), FEW[:2], seed=1).leader for g in ("b", "a")]
     assert [c.ids for c in parts] == [c.ids for c in alone]
     assert all(np.array_equal(c.modes, d.modes) for c, d in zip(parts, alone, strict=True))
+
+
+def test_only_the_causes_asked_for_are_looked_at(tmp_path):
+    """The record, its headline and its sentence say so; without a restriction they say nothing."""
+    found = diagnose(experiment(n=8), ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
+    assert [s.id for s in found.screening] and {s.id for s in found.screening} == {t.id for t in FEW[:2]}
+    assert found.left_out == [t.id for t in TERMS if t not in FEW[:2]]
+    assert found.headline.endswith("(of 2 causes that were looked at)")
+    assert found.restricted.startswith("Only ") and f"{len(TERMS) - 2} other causes" in found.restricted
+    assert replace(found, left_out=[]).restricted == "" and "looked at" not in replace(found, left_out=[]).headline
+    assert (
+        diagnose(experiment(n=8), ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
+        == found
+    )  # read back
 
 
 @pytest.mark.slow
@@ -170,17 +187,17 @@ def test_another_rigs_diagnosis_is_not_replaced(tmp_path):
 
 def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
     """A chain that did not converge is drawn on by the command after a finished one, not by one that resumes."""
-    monkeypatch.setattr(diagnosis, "_STEPS", 500)
+    asked = {"catalogue": FEW[:1], "settings": Effort(simulated=99, searches=0, steps=60)}
     e = experiment(["amplifier_lag"], [4e-5], n=12, groups=("a", "b"))
 
     def interrupted(*words):
         raise KeyboardInterrupt
 
     def again(**options):
-        return diagnose(e, ["a"], tmp_path, catalogue=FEW[:1], searches=0, **options).extension["adopted"]
+        return diagnose(e, ["a"], tmp_path, **asked, **options).extension["adopted"]
 
     first = again()
-    assert not first["converged"] and "after 500 steps" in first["message"]
+    assert not first["converged"] and "after 60 steps" in first["message"]
     with monkeypatch.context() as m:  # the command that draws on is broken off: what there was stays
         m.setattr(diagnosis._Work, "_extend", interrupted)
         with pytest.raises(KeyboardInterrupt):
