@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from conftest import loaded
+from scripts import loaded
 
 import psafit
 

@@ -37,8 +37,8 @@ from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import digest, portable_command, refuse_foreign, sha256, sole, write_atomically
-from psafit.inference.candidate import Candidate
 from psafit.inference import emcee_adaptor
+from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem, refuse_still
@@ -129,7 +129,8 @@ def diagnose(
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
         drawing = held is not None
         work = _Work(
-            experiment, training, folder, seed, catalogue, n_jobs, shown, command, drawing, not quick, settings, left_out
+            experiment, training, folder, seed, catalogue, n_jobs, shown, command,
+            drawing=drawing, thorough=not quick, settings=settings, left_out=left_out,
         )  # fmt: skip
         return work.all(quick, searches, nautilus, identity)
 
@@ -229,7 +230,9 @@ class _Work:
             for name in (RESULT, PAGE):
                 (self.folder / name).unlink(missing_ok=True)
         numerics = asdict(refine(adopted.problem, adopted.modes[:1], experiment.fingerprint))
-        write_predictions(self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed))
+        write_predictions(
+            self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed)
+        )
         with self._stage("next experiment"):
             most = self.settings.rehearsed
             proposal = _next(ladder, verdict, self.seed, most, None if quick else self.watcher)

@@ -147,7 +147,12 @@ def _why(result: Diagnosis) -> Markup:
     if not result.named:
         what = Markup(" Of the baseline: {}.").format(words.character(result.misfit.get("baseline", {})))
         odd = known(result.misfit.get("p_value")) < ALPHA
-        return head + f"No cause {'that was looked at' if result.left_out else 'of the catalogue'} explains it." + (what if odd else "") + _unnamed(result)
+        return (
+            head
+            + f"No cause {'that was looked at' if result.left_out else 'of the catalogue'} explains it."
+            + (what if odd else "")
+            + _unnamed(result)
+        )
     also = Markup(" Not to be told apart from {}: {}.").format(model(result.named), tied) if result.alternatives else ""
     # Nothing may be left beside the causes, and yet something smooth in their place be likelier than so many of them.
     simpler = any("a smooth curve in its place is simpler" in told for told in result.sentences)
