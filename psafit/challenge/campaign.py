@@ -472,7 +472,8 @@ def _reach(scheduler: str) -> None:
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line
     try:
-        client: Any = Client(scheduler, timeout=_ANSWER_S)  # type: ignore[no-untyped-call]
+        # As the default, a client that fails would stay the one whose locks xarray takes to write a file.
+        client: Any = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)  # type: ignore[no-untyped-call]
         client.close()
     except Exception as error:  # an address may be wrong in many ways, each with an error of its own
         reason = " ".join(str(error).split())[:200]

@@ -121,6 +121,14 @@ def test_a_cluster_without_dask_is_refused_before_anything_is_written(
     assert not (tmp_path / "x").exists()
 
 
+def test_a_scheduler_that_does_not_answer_leaves_no_client_behind(known: Experiment, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    with pytest.raises(InputError, match="no Dask scheduler answers at foo://bar"):
+        run(plan(4, **SMALL), tmp_path / "x", design_of=known, diagnose=deaf, scheduler="foo://bar")
+    with pytest.raises(ValueError, match="No client"):
+        distributed.default_client()
+
+
 def test_another_campaign_or_a_damaged_result_is_refused(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     specs = given(plan(4, **{**SMALL, "nothing": 1}))
     run(specs, tmp_path, design_of=known, diagnose=deaf, jobs=1)
