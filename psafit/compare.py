@@ -18,7 +18,7 @@ from psafit.diagnose.gain import changes, interval
 from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
 from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
-from psafit.files import encodable
+from psafit.files import encodable, read_error
 from psafit.inference.identify import supported
 from psafit.inference.run import load
 from psafit.records import read_json
@@ -250,10 +250,9 @@ def read_predictions(path: Path, model: str | None = None) -> list[Told]:
             )
             for id, rows in table.groupby("group", sort=False)
         ]
-    except FileNotFoundError as error:
-        raise InputError("is missing", "run psafit diagnose again", file=path) from error
     except (OSError, ValueError, KeyError) as error:
-        raise InputError("does not hold predictions", "run psafit diagnose again", file=path) from error
+        what = "is missing" if isinstance(error, FileNotFoundError) else "does not hold predictions"
+        raise read_error(error, path, what, "run psafit diagnose again") from error
 
 
 def compare(first: Side, second: Side) -> Comparison:

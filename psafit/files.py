@@ -15,8 +15,71 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from psafit.errors import InputError
 
+_BUSY = "wait until the process that holds it open has ended, then repeat the command"
+_REMEDIES = {
+    errno.EACCES: "check its permissions",
+    errno.EPERM: "check its permissions",
+    errno.EAGAIN: _BUSY,
+    errno.EBUSY: _BUSY,
+    errno.EDEADLK: _BUSY,
+    errno.ETXTBSY: _BUSY,
+    errno.ENOLCK: "set HDF5_USE_FILE_LOCKING=FALSE: this file system keeps no locks",
+    errno.EISDIR: "move the folder of this name elsewhere",
+    errno.ENOTDIR: "give a path that leads through folders",
+    errno.ENOSPC: "make room, or write elsewhere",
+    errno.EDQUOT: "make room, or write elsewhere",
+    errno.EROFS: "write elsewhere",
+    errno.EMFILE: "close other programs, then repeat the command",
+    errno.ENFILE: "close other programs, then repeat the command",
+}
 _TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 _ELSEWHERE = "choose a place that can be written and has room"
+
+
+class Refused(InputError):
+    """The system does not let a file be read: nothing is known of its content."""
+
+
+def remedy_of(error: OSError) -> str:
+    """What to do about an error of the operating system."""
+    return _REMEDIES.get(error.errno or 0, "check the disk and the connection to it, then repeat the command")
+
+
+def read_error(error: Exception, path: Path, what: str, remedy: str) -> InputError:
+    """Turn an exception raised while a file was read into one line.
+
+    Parameters
+    ----------
+    error : Exception
+    path : Path
+        The file.
+    what, remedy : str
+        What is wrong with the content and what to do then. Where the operating system refused the file, its own reason
+        and remedy take their place.
+
+    Returns
+    -------
+    InputError
+        A `Refused` where the system refused.
+    """
+    # Libraries raise OSError for damaged content, too, but then without a number of the system's.
+    if isinstance(error, OSError) and error.errno and not isinstance(error, FileNotFoundError):
+        return Refused(f"cannot be read ({os.strerror(error.errno)})", remedy_of(error), file=path)
+    return InputError(what, remedy, file=path)
+
+
+def read_bytes(path: Path, missing: str) -> bytes:
+    """Read a whole file; `missing` is what to do where there is none.
+
+    Raises
+    ------
+    InputError
+        If it is missing or the system refuses it.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise read_error(error, path, "is missing", missing) from error
 
 
 @contextmanager
@@ -173,10 +236,8 @@ def sha256(path: Path) -> str:
     try:
         with path.open("rb") as f:
             return hashlib.file_digest(f, "sha256").hexdigest()
-    except FileNotFoundError as error:
-        raise InputError("is missing", "give the folder of a finished run of psafit fit", file=path) from error
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", "check its permissions", file=path) from error
+        raise read_error(error, path, "is missing", "give the folder of a finished run of psafit fit") from error
 
 
 def ensure_writable(path: Path, option: str, *, folder: bool = False, inputs: Iterable[Path] = ()) -> None:

@@ -20,10 +20,11 @@ import numpy as np
 
 from psafit.errors import InputError
 from psafit.experiment import GroupId
-from psafit.files import digest, encodable, write_atomically
+from psafit.files import digest, encodable, read_bytes, write_atomically
 
 SCHEMA = 1
 Record = TypeVar("Record")
+_ANEW = "run psafit fit again with another --out"
 
 
 @dataclass(frozen=True)
@@ -416,13 +417,11 @@ def write_json(path: Path, record: Any, *, sealed: bool = False) -> None:
 
 def read_content(path: Path, *, remedy: str | None = None) -> Any:
     """What a JSON file holds; `InputError` where it is missing or damaged."""
+    raw = read_bytes(path, remedy or "give the folder of a finished run of psafit fit")
     try:
-        return json.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError as error:
-        usual = "give the folder of a finished run of psafit fit"
-        raise InputError("is missing", remedy or usual, file=path) from error
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError("is damaged: not readable as JSON", remedy or "run psafit fit again", file=path) from error
+        return json.loads(raw.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError("is damaged: not readable as JSON", remedy or _ANEW, file=path) from error
 
 
 def read_json(path: Path, kind: type[Record], *, sealed: bool = False, remedy: str | None = None) -> Record:
@@ -431,8 +430,8 @@ def read_json(path: Path, kind: type[Record], *, sealed: bool = False, remedy: s
     `remedy` says what to do then, where that is not to run the fit again.
     """
 
-    def refused(what: str, usual: str = "run psafit fit again with this version") -> InputError:
-        return InputError(what, remedy or usual, file=path)
+    def refused(what: str) -> InputError:
+        return InputError(what, remedy or _ANEW, file=path)
 
     content = read_content(path, remedy=remedy)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
@@ -446,5 +445,5 @@ def read_json(path: Path, kind: type[Record], *, sealed: bool = False, remedy: s
         place = ".".join(str(part) for part in first["loc"])
         raise refused(f"does not hold what a {kind.__name__} holds ({place}: {first['msg']})") from error
     if sealed and content.get("sha256") != _seal(content):
-        raise refused("was changed after psafit wrote it", "remove the folder and run psafit fit again")
+        raise refused("was changed after psafit wrote it")
     return record

@@ -17,10 +17,11 @@ import h5py
 import numpy as np
 
 from psafit.errors import InputError
-from psafit.files import in_use
+from psafit.files import Refused, in_use, read_error
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.run import MARKER
+from psafit.inference.store import REBUILD
 from psafit.records import Fit, PosteriorSummary, read_json
 
 Stage = Literal["search", "sample", "profile", "done", "gave up"]
@@ -124,7 +125,7 @@ def _seen(folder: Path, before: State | None, running: bool) -> State:
     chain = folder / "chain.h5"
     if ended.exists():
         try:
-            summary = read_json(ended, PosteriorSummary, sealed=True)
+            summary = read_json(ended, PosteriorSummary, sealed=True, remedy=REBUILD)
         except InputError:
             if ended.exists():  # else it has just been taken away, since the chain goes on
                 raise
@@ -173,7 +174,10 @@ def _read(path: Path, n_parameters: int) -> tuple[int, emcee.backends.Backend] |
             backend.chain, backend.log_prob = group["chain"][:n:every], group["log_prob"][:n:every]
             backend.accepted, backend.iteration = group["accepted"][:] / every, len(backend.chain)
             backend.initialized = True
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError):  # as h5py says: not there, not yet, or foreign
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:  # as h5py says: not there, not yet, or
+        refused = read_error(error, path, "", "")  # foreign, or the system does not let us look
+        if isinstance(refused, Refused):
+            raise refused from error
         return None
     sound = n and np.isfinite(backend.log_prob).all() and np.isfinite(backend.chain).all()
     return (every, backend) if sound else None

@@ -12,7 +12,7 @@ import numpy as np
 
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment
-from psafit.files import write_atomically
+from psafit.files import read_bytes, write_atomically
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 from psafit.records import read_json, write_json
@@ -131,13 +131,10 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
     """
     remedy = "make the challenge again with psafit challenge make"
     answer_file, commitment = folder / ANSWER, folder / COMMITMENT
-    try:
-        words = commitment.read_text("utf-8").split()
-        digest = hashlib.sha256(answer_file.read_bytes()).hexdigest()
-    except FileNotFoundError as error:
-        raise InputError("is missing", "give a folder that psafit challenge make wrote", file=error.filename) from error
-    except (OSError, ValueError) as error:
-        raise InputError("cannot be read", remedy, file=commitment) from error
+    missing = "give a folder that psafit challenge make wrote"
+    # What is no text is no commitment either.
+    words = read_bytes(commitment, missing).decode("utf-8", "replace").split()
+    digest = hashlib.sha256(read_bytes(answer_file, missing)).hexdigest()
     if words != [digest, ANSWER]:
         raise InputError("is not the answer that was committed to", remedy, file=answer_file)
     answer = read_json(answer_file, Answer, remedy=remedy)

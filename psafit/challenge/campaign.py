@@ -57,7 +57,7 @@ SEEN_NATS = 25.0
 # For a scheduler to answer.
 _ANSWER_S = 20
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
-_AGAIN = "remove it, and run the campaign again"
+_AGAIN = "move it elsewhere, and run the campaign again"
 
 
 @dataclass(frozen=True)

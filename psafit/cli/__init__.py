@@ -20,6 +20,7 @@ from psafit.cli.rig import check_cause, new, plan
 from psafit.cli.simulating import simulate
 from psafit.cli.watching import watch
 from psafit.errors import InputError, PsafitError
+from psafit.files import remedy_of
 
 # Our matrices are small: threads of the linear algebra library only wait for each other there. Read when it is loaded.
 for _library in ("OPENBLAS", "MKL"):
@@ -71,7 +72,7 @@ def main() -> None:
         elif isinstance(error, OSError):
             discard_output()
             where = f"{error.filename}: " if error.filename else ""
-            _say(f"psafit: {where}{error.strerror or error}; make room, or write elsewhere")
+            _say(f"psafit: {where}{error.strerror or error}; {remedy_of(error)}")
         else:
             raise
         code = BAD_INPUT

@@ -36,7 +36,7 @@ from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
-from psafit.files import digest, portable_command, refuse_foreign, sha256, sole, write_atomically
+from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
 from psafit.inference import emcee_adaptor
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
@@ -140,6 +140,8 @@ def _claim(folder: Path, experiment: Experiment) -> None:
     marker, another = folder / MARKER, "choose another --out, or remove it"
     try:
         held = read_content(folder / RESULT)
+    except Refused:
+        raise
     except InputError:  # none, or none that anybody can use
         held = None
     record = held if isinstance(held, dict) else {}
@@ -163,6 +165,8 @@ def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
     """Whether a folder holds a fit of the same readings, beside which a diagnosis may lie."""
     try:
         fitted = load(folder).problem.experiment
+    except Refused:
+        raise
     except InputError:
         return False
     return all(getattr(fitted, name) == getattr(experiment, name) for name in ("fingerprint", "title", "beliefs"))
@@ -172,6 +176,8 @@ def _held(folder: Path, identity: str) -> Diagnosis | None:
     """What the same command has found before, unless some of it is gone."""
     try:
         held = read_json(folder / RESULT, Diagnosis, sealed=True)
+    except Refused:
+        raise
     except InputError:
         return None
     parts = [held.predictions, *(gain["predictions"] for gain in held.gain.values())]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psafit.files import digest, sha256, write_atomically
+from psafit.files import digest, read_bytes, sha256, write_atomically
 from psafit.inference.problem import Problem
 
 _SEAL = "sha256"
@@ -32,7 +33,8 @@ def code() -> str:
 class Memory:
     """Arrays by what determines them, in a folder; without a folder nothing is kept.
 
-    A file that cannot be read, was changed, or was worked out by other code, is worked out anew.
+    A file that is damaged, was changed, or was worked out by other code, is worked out anew. One that the system
+    refuses is not: hours of work may be in it.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -69,14 +71,14 @@ class Memory:
         ]  # fmt: skip
         key = digest(determinants)[:24]
         path = self._folder / f"{kind}-{key}.npz"
-        try:
-            # From memory: np.load leaves a damaged file open.
-            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
-                found = dict(stored)
-            if bytes(found.pop(_SEAL)) == _sealed(found):
-                return found
-        except Exception:  # a damaged archive raises what zipfile and zlib please
-            pass
+        if path.exists():
+            raw = read_bytes(path, "repeat the diagnosis")
+            with suppress(Exception):  # a damaged archive raises what zipfile and zlib please
+                # From memory: np.load leaves a damaged file open.
+                with np.load(io.BytesIO(raw), allow_pickle=False) as stored:
+                    found = dict(stored)
+                if bytes(found.pop(_SEAL)) == _sealed(found):
+                    return found
         made = {name: np.asarray(a) for name, a in make().items()}
         buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, **made, **{_SEAL: np.frombuffer(_sealed(made), np.uint8)})

@@ -29,7 +29,7 @@ from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.files import replacing, reserve
+from psafit.files import read_error, replacing, reserve
 from psafit.inference import store
 from psafit.inference.candidate import settle_at
 from psafit.inference.evidence import Emulated, emulate, student_log_density
@@ -408,12 +408,11 @@ def _resume(backend: emcee.backends.Backend, path: Path, identity: str, shape: t
         if not (np.isfinite(backend.chain).all() and np.isfinite(backend.log_prob).all()):
             raise ValueError("values that are not finite")
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError) as error:
-        raise InputError(
-            "not a chain written by psafit, or damaged", "remove it or choose another --out", file=path
-        ) from error
+        what = "not a chain written by psafit, or damaged"
+        raise read_error(error, path, what, "choose another --out, or move it elsewhere to draw anew") from error
     if found != identity:
         raise InputError(
             "belongs to another run (other data, groups, terms, seed or version)",
-            "choose another --out, or remove the file to start over",
+            "choose another --out, or move it elsewhere to draw anew",
             file=path,
         )

@@ -68,7 +68,7 @@ _ALIKE = 5.0
 MARKER = ".psafit-run"
 # What posterior.json vouches for.
 _SIGNED = ("fit.json", "posterior.nc")
-_AGAIN = "remove the folder and run psafit fit again"
+_ANEW = "run psafit fit again with another --out"
 LIBRARIES = ("numpy", "scipy", "numba", "lmfit", "emcee", "arviz", "h5py", "pandas")
 
 
@@ -353,12 +353,16 @@ def load(folder: Path) -> Run:
         raise InputError(
             "holds an interrupted run", "repeat the command that began it: it goes on where it stopped", file=folder
         )
-    summary = read_json(folder / "posterior.json", PosteriorSummary, sealed=True)
+    summary = read_json(folder / "posterior.json", PosteriorSummary, sealed=True, remedy=store.REBUILD)
     if summary.identity != record.identity:
-        raise InputError("belongs to another run than fit.json", _AGAIN, file=folder / "posterior.json")
+        raise InputError("belongs to another run than fit.json", store.REBUILD, file=folder / "posterior.json")
     for name in _SIGNED:
+        if not (folder / name).exists():
+            raise InputError("is missing", store.REBUILD, file=folder / name)
         if sha256(folder / name) != summary.files.get(name):
-            raise InputError("was changed after the fit", _AGAIN, file=folder / name)
+            if name == "posterior.nc":  # who holds it open for writing has marked it so: then that is said
+                store.read(folder / name, tuple(p.name for p in record.parameters))
+            raise InputError("was changed after the fit", store.REBUILD, file=folder / name)
     experiment = read(folder / "experiment")
     chosen = recorded(record.terms, record.versions, folder / "fit.json")
     problem = Problem(experiment, tuple(record.groups), chosen)
@@ -366,10 +370,11 @@ def load(folder: Path) -> Run:
     expected = _determinants(problem, record.seed, record.n_starts, record.sampler, record.known, found["version"])
     if differing := _differing(expected, found):
         if "data" in differing:
-            raise InputError("was changed after the fit", _AGAIN, file=folder / "experiment")
-        raise InputError(f"is of another version of psafit ({differing} differ)", _AGAIN, file=folder / "fit.json")
+            kept = "put the files back that were fitted, or give another --out"
+            raise InputError("was changed after the fit", kept, file=folder / "experiment")
+        raise InputError(f"is of another version of psafit ({differing} differ)", _ANEW, file=folder / "fit.json")
     if _identity(found) != record.identity or [p.name for p in summary.parameters] != list(problem.names):
-        raise InputError("contradicts itself", _AGAIN, file=folder / "fit.json")
+        raise InputError("contradicts itself", _ANEW, file=folder / "fit.json")
     return Run(folder, problem, record, summary, store.read(folder / "posterior.nc", problem.names))
 
 

@@ -17,7 +17,10 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.files import replacing, reserve
+from psafit.files import read_error, replacing, reserve
+
+REBUILD = "remove posterior.json and repeat the command that made it: psafit rebuilds both from chain.h5"
+"""What to do about a posterior that is not as it was written: the chain is kept elsewhere."""
 
 HDF5_FRAME = 1 << 18
 """Bytes that a file of ours needs beside its arrays, at most."""
@@ -90,11 +93,11 @@ def write(
 
 
 def read(path: Path, names: tuple[str, ...]) -> Draws:
-    """Read the draws back; `InputError` where the file is missing, damaged or of another model."""
+    """Read the draws back; `InputError` where the file is missing, damaged, of another model, or refused."""
     import xarray as xr
 
     if not path.exists():
-        raise InputError("is missing", "give the folder of a finished run of psafit fit", file=path)
+        raise InputError("is missing", REBUILD, file=path)
     try:
         with xr.open_datatree(path, engine="h5netcdf") as tree:
             posterior = tree["posterior"]
@@ -102,11 +105,10 @@ def read(path: Path, names: tuple[str, ...]) -> Draws:
             lp = np.asarray(tree["sample_stats"]["lp"].values, dtype=float)
             identity = str(tree.attrs["psafit_identity"])
     except Exception as error:  # whatever a foreign or damaged HDF5 file raises on its way through three libraries
-        raise InputError(
-            "is not a posterior written by psafit for this model, or damaged", "run psafit fit again", file=path
-        ) from error
+        what = "is not a posterior written by psafit for this model, or damaged"
+        raise read_error(error, path, what, REBUILD) from error
     if values.ndim != 3 or values.size == 0 or not np.isfinite(values).all():
-        raise InputError("holds no usable draws", "run psafit fit again", file=path)
+        raise InputError("holds no usable draws", REBUILD, file=path)
     return Draws(names, values, lp, identity)
 
 

@@ -21,6 +21,7 @@ from typing import Any
 
 from psafit import plugins
 from psafit.errors import InputError
+from psafit.files import read_error
 from psafit.physics import baseline
 from psafit.physics.term import Term
 
@@ -131,9 +132,8 @@ def _bytes(file: Path) -> bytes:
         if not file.is_file():  # a pipe would wait for ever
             raise InputError("no such plugin file", "give the Python file of a cause", file=file)
         return file.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be read ({reason})", "check its permissions", file=file) from error
+    except (OSError, ValueError) as error:  # a NUL in its name
+        raise read_error(error, file, f"cannot be read ({error})", "give the Python file of a cause") from error
 
 
 def _digest(source: bytes) -> str:

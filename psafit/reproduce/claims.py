@@ -13,6 +13,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
+from psafit.files import read_error
 from psafit.physics import baseline
 from psafit.reproduce.records import (
     NOT_REPRODUCED,
@@ -176,9 +177,10 @@ def read_published(folder: str | Path) -> dict[str, Any]:
     remedy = "see experiments/psa/published.toml for the form"
     try:
         data = tomllib.loads(file.read_text("utf-8"))
-    except FileNotFoundError:
-        raise InputError("there are no published claims", "add this file to reproduce a study", file=file) from None
-    except (OSError, ValueError, RecursionError) as error:  # also of digits or nesting without end
+    except OSError as error:
+        remedy = "add this file to reproduce a study"
+        raise read_error(error, file, "there are no published claims", remedy) from None
+    except (ValueError, RecursionError) as error:  # also of digits or nesting without end
         raise InputError(f"cannot be read: {error}", remedy, file=file) from None
     numbers: tuple[tuple[str, tuple[str, ...]], ...] = (
         ("parameters", ContactParameters._fields),
