@@ -8,6 +8,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -295,7 +296,7 @@ def filling(folder: Path) -> Iterator[None]:
         yield
     except BaseException:
         for path in folder.iterdir() if folder.is_dir() else ():
-            path.unlink()
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         for place in missing:
             with suppress(OSError):
                 place.rmdir()

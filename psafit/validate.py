@@ -33,6 +33,7 @@ from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.inference.run import Run
 from psafit.records import GroupScore, Validation, write_json
+from psafit.text import fixed
 
 OFFSET_UM = 0.3
 COLUMNS = (
@@ -350,9 +351,9 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     too_narrow = coverage < 0.9 - slack
     drifts = drift_p_value < LEVEL
     if too_narrow:
-        parts.append(f"its 90 % band holds only {100 * coverage:.0f} % of the readings")
+        parts.append(f"its 90 % band holds only {fixed(coverage, per_cent=True)} % of the readings")
     elif coverage > 0.9 + slack and pit_p_value < LEVEL:
-        parts.append(f"its 90 % band is too wide ({100 * coverage:.0f} % of the readings inside)")
+        parts.append(f"its 90 % band is too wide ({fixed(coverage, per_cent=True)} % of the readings inside)")
     elif pit_p_value < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
     elif not drifts:

@@ -131,10 +131,10 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
     """
     remedy = "make the challenge again with psafit challenge make"
     answer_file, commitment = folder / ANSWER, folder / COMMITMENT
-    missing = "give a folder that psafit challenge make wrote"
+    where = "give a folder that psafit challenge make wrote"
     # What is no text is no commitment either.
-    words = read_bytes(commitment, missing).decode("utf-8", "replace").split()
-    digest = hashlib.sha256(read_bytes(answer_file, missing)).hexdigest()
+    words = read_bytes(commitment, where).decode("utf-8", "replace").split()
+    digest = hashlib.sha256(read_bytes(answer_file, where)).hexdigest()
     if words != [digest, ANSWER]:
         raise InputError("is not the answer that was committed to", remedy, file=answer_file)
     answer = read_json(answer_file, Answer, remedy=remedy)

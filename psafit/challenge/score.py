@@ -18,6 +18,7 @@ from scipy.stats import beta
 
 from psafit.challenge.answer import Place
 from psafit.challenge.campaign import PRIOR, SEEN_NATS, Result
+from psafit.text import fixed
 
 Ids = frozenset[str]
 
@@ -219,7 +220,7 @@ class Score:
 
 def percent(share: float | None) -> str:
     """A share in whole per cent; a dash for none."""
-    return "-" if share is None else f"{100 * share:.0f} %"
+    return "-" if share is None else f"{fixed(share, per_cent=True)} %"
 
 
 def rate(hits: Iterable[bool], confidence: float = 0.95) -> Rate:

@@ -22,6 +22,7 @@ from psafit.cli.common import (
     write_result,
 )
 from psafit.errors import LARGEST_SEED, InputError
+from psafit.text import fixed
 
 if TYPE_CHECKING:
     from psafit.experiment import Experiment
@@ -225,7 +226,7 @@ def score(folder: Path, diagnosis: Path | None, out: Path | None, quiet: bool, j
                 click.echo(t.text)
         else:
             row = found.rows[0]
-            click.echo(f"hidden: {row.truth}, {row.gain:.1f} nats; verdict {row.verdict}, named {row.named}")
+            click.echo(f"hidden: {row.truth}, {fixed(row.gain, 1)} nats; verdict {row.verdict}, named {row.named}")
             click.echo(f"truth {'in' if row.in_set else 'not in'} the reported set")
         if page is not None:
             click.echo(f"page: {shown_path(page)}")

@@ -28,6 +28,7 @@ from psafit.cli.common import (
     warn,
     write_result,
 )
+from psafit.text import fixed
 
 if TYPE_CHECKING:
     from psafit.diagnose.record import CauseResult, Diagnosis
@@ -157,7 +158,7 @@ def _tell(result: Diagnosis) -> None:
     rows: list[tuple[float, list[str]]] = []
     for cause in result.causes[:5]:
         words = " + ".join(cause.terms) or "no cause"
-        head = f"{words}, log likelihood {cause.evidence['gain']:+.1f} nats over the baseline's"
+        head = f"{words}, log likelihood {fixed(cause.evidence['gain'], 1, sign=True)} nats over the baseline's"
         told = cause.terms == result.named or cause.terms in result.alternatives
         sizes = _sizes(cause, whole=cause.terms == result.named) if told else ()
         rows.append((cause.evidence["share"] if unnamed else cause.probability, [head, *sizes]))
@@ -180,7 +181,7 @@ def _tell(result: Diagnosis) -> None:
 
 def _share(fraction: float) -> str:
     """A fraction in per cent; never 0 or 100 unless it is."""
-    text = f"{100 * fraction:.1f}"
+    text = fixed(fraction, 1, per_cent=True)
     return "<0.1" if text == "0.0" and fraction > 0 else ">99.9" if text == "100.0" and fraction < 1 else text
 
 

@@ -20,6 +20,7 @@ from psafit.cli.common import (
     write_result,
 )
 from psafit.errors import InputError
+from psafit.text import fixed
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -120,16 +121,16 @@ def _facts(state: State) -> list[tuple[str, str]]:
     if s.steps is not None:
         facts.append(("steps", f"{s.steps} of each of {s.walkers} walkers"))
     if s.acceptance is not None:
-        facts.append(("acceptance", f"{100 * s.acceptance:.0f} %"))
+        facts.append(("acceptance", f"{fixed(s.acceptance, per_cent=True)} %"))
     if s.autocorrelation_times is not None and s.autocorrelation_time is not None:
         length = f"{math.floor(s.autocorrelation_times)} autocorrelation times of {s.autocorrelation_time:.0f} steps"
         facts.append(("length", f"{length} (goal {s.wanted_times:.0f})"))
     if s.r_hat is not None and s.wanted_r_hat is not None:
         facts.append(("R-hat", f"{told_r_hat(s.r_hat, s.wanted_r_hat)} (goal {s.wanted_r_hat:g})"))
-    if s.log_posterior is not None:
-        facts.append(("best log posterior", f"{s.log_posterior:.2f} (the search's {s.best_minimum:.2f})"))
+    if s.log_posterior is not None and s.best_minimum is not None:
+        facts.append(("best log posterior", f"{fixed(s.log_posterior, 2)} (the search's {fixed(s.best_minimum, 2)})"))
     elif s.best_minimum is not None:
-        facts.append(("best log posterior", f"{s.best_minimum:.2f}, of the search"))
+        facts.append(("best log posterior", f"{fixed(s.best_minimum, 2)}, of the search"))
     if s.seconds_left is not None and not s.stalled:
         # A short chain makes the autocorrelation time too short.
         long = (s.autocorrelation_times or 0.0) >= 0.5 * (s.wanted_times or 0.0)

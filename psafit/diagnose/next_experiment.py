@@ -32,6 +32,7 @@ from psafit.inference.evidence import Weighed
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
+from psafit.text import fixed, significant
 
 _Item = TypeVar("_Item")
 
@@ -381,10 +382,12 @@ def planned(proposal: Mapping[str, Any], id: GroupId, measured: Experiment) -> C
     """
     f, v = map(_settable, (proposal["frequency_hz"], proposal["amplitude_v"]))
     usual = Problem(measured, measured.ids).usual_sigma
+    taken = {g.file.casefold() for g in measured.groups}
+    names = itertools.chain(["planned.csv"], (f"planned{k}.csv" for k in itertools.count(2)))
     return Conditions(
         id,
         proposal["waveform"],
-        "planned.csv",
+        next(name for name in names if name not in taken),
         f,
         v,
         changed=tuple(proposal["constants"].items()),
@@ -401,9 +404,9 @@ def promise(found: Mapping[str, Any], which: int) -> str:
     """What one of the proposals in a result file is expected to do, in words."""
     one = found["proposals"][which]
     does = (
-        f"{found['about']}, by {one['separation']:.2g} +- {one['error']:.1g} nats on average"
+        f"{found['about']}, by {significant(one['separation'], 2)} +- {significant(one['error'], 1)} nats on average"
         if tells_apart(found)
-        else f"{found['about']}: narrower by {-100 * math.expm1(-one['separation']):.0f} %"
+        else f"{found['about']}: narrower by {fixed(-math.expm1(-one['separation']), per_cent=True)} %"
     )
     return does + ("" if recommended(found) else ", hardly worth the measurement")
 

@@ -26,6 +26,7 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.parameters import broadened
 from psafit.simulate.sensitivity import plausible
+from psafit.text import fixed, significant
 from psafit.validate import without_each
 
 # Drifts of a model that are told.
@@ -234,22 +235,23 @@ def sentences(
         result.append(f"Not to be told apart from {words_of(verdict.named)}: {others}.")
     if firm and verdict.named:
         if firm.of_one_group:
-            gain = ladder.gain(ladder.leader.ids)
+            gain, most = ladder.gain(ladder.leader.ids), max(g for _, g in firm.groups)
+            without = "–" if firm.without is None else fixed(firm.without)
             result.append(
-                f"Of their gain of {gain:.0f} nats group {firm.strongest} gives {max(g for _, g in firm.groups):.0f};"
-                f" without it they gain {firm.without:.0f}."
+                f"Of their gain of {fixed(gain)} nats group {firm.strongest} gives {fixed(most)};"
+                f" without it they gain {without}."
             )
         if firm.over_smooth < 0:
             result.append(
                 f"A smooth discrepancy without a name, in the place of these causes, has"
-                f" {-firm.over_smooth:.0f} nats more evidence than they."
+                f" {fixed(-firm.over_smooth)} nats more evidence than they."
             )
     if search:
         n, most = len(search["null"]), max(search["null"])
-        none = f"none led by more than {most:.0f} nats" if most > 0 else "none put a model with causes first"
+        none = f"none led by more than {fixed(most)} nats" if most > 0 else "none put a model with causes first"
+        p = f"p {'<=' if search['p_value'] <= 1 / (n + 1) else '='} {significant(search['p_value'], 2)}"
         result.append(
-            f"Of {n} searches on simulated baselines {none}; this one leads by"
-            f" {search['lead']:.0f} (p {'<=' if search['p_value'] <= 1 / (n + 1) else '='} {search['p_value']:.2g})."
+            f"Of {n} searches on simulated baselines {none}; this one leads by {fixed(search['lead'])} ({p})."
         )
     if unseen := [s.id for s in screening if s.verdict == UNSEEN]:
         result.append(
@@ -264,10 +266,10 @@ def sentences(
                 f"Gain on data unseen ({protocol}): none; the groups that were seen name no cause by themselves."
             )
             continue
-        change = one["log_rmse_interval"]
+        change = " to ".join(fixed(x, 3, sign=True) for x in one["log_rmse_interval"])
         result.append(
             f"Gain on data unseen ({protocol}): mean log_rmse {one['log_rmse_before']:.3f} before,"
-            f" {one['log_rmse_after']:.3f} after (change {change[0]:+.3f} to {change[1]:+.3f}, 90 %)."
+            f" {one['log_rmse_after']:.3f} after (change {change}, 90 %)."
         )
         if worse := gains.worse(one):
             told = ", ".join(f"{g['group']} ({g['log_rmse_before']:.3f} to {g['log_rmse_after']:.3f})" for g in worse)
@@ -282,7 +284,7 @@ def sentences(
         told = proposal["proposals"][0]
         result.append(
             f"No sweep that the rig allows {proposal['about']}:"
-            f" the best, {told['text']}, by {told['separation']:.1f} nats."
+            f" the best, {told['text']}, by {fixed(told['separation'], 1)} nats."
         )
     elif proposal.get("proposals"):
         result.append(

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from psafit.diagnose.ladder import CREDIBLE, Ids, Ladder
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
+from psafit.text import fixed, significant
 
 UNNAMED = 0.1
 """Prior probability that something is wrong which no cause of the catalogue describes."""
@@ -82,8 +83,8 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     reasons = []
     if not before.wrong and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         reasons.append(
-            f"The tests find nothing wrong with the baseline (family-wise p = {before.p_value:.2g}), and it keeps"
-            f" {100 * nothing:.3g} % of what the catalogue's models have together."
+            f"The tests find nothing wrong with the baseline (family-wise p = {significant(before.p_value, 2)}), and"
+            f" it keeps {significant(nothing, per_cent=True)} % of what the catalogue's models have together."
         )
         return Verdict("adequate", (), (), probability, unnamed, inclusion, tuple(reasons))
 
@@ -91,12 +92,12 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     if not best:
         # Something is wrong, and no cause helps.
         reasons.append(
-            f"The tests find the baseline wrong (family-wise p = {before.p_value:.2g}), but no cause is more probable"
-            " than it."
+            f"The tests find the baseline wrong (family-wise p = {significant(before.p_value, 2)}), but no cause is"
+            " more probable than it."
             if before.wrong
             else "A discrepancy without a name is more probable than any cause."
             if mostly_unnamed
-            else f"No model leads: the baseline has {100 * nothing:.1f} %, every set of causes less."
+            else f"No model leads: the baseline has {fixed(nothing, 1, per_cent=True)} %, every set of causes less."
         )
         return Verdict("unexplained", (), (), probability, unnamed, inclusion, tuple(reasons))
     alternatives = ladder.rivals(best)
@@ -108,8 +109,8 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         what = "structure remains" if remains else "a smooth curve in its place is simpler"
         reasons.append(
             f"{' + '.join(named)} {how} {what}"
-            + (f" (family-wise p = {after.p_value:.2g})" if residual and after else "")
-            + (f"; an unnamed discrepancy has probability {unnamed:.2f}" if mostly_unnamed else "")
+            + (f" (family-wise p = {significant(after.p_value, 2)})" if residual and after else "")
+            + (f"; an unnamed discrepancy has probability {fixed(unnamed, 2)}" if mostly_unnamed else "")
             + "."
         )
         return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, tuple(reasons), remains)
@@ -120,13 +121,13 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
             + (
                 " about equally well; only what is plausible beforehand speaks for the first."
                 if only
-                else f", and none of them has the {100 * CREDIBLE:.0f} % that naming it alone takes."
+                else f", and none of them has the {fixed(CREDIBLE, per_cent=True)} % that naming it alone takes."
             )
         )
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
     what = " + ".join(named)
     kept = unnamed >= 1 - CREDIBLE
-    left_over = f"the tests find nothing left, but a discrepancy without a name keeps {100 * unnamed:.0f} %"
+    left_over = f"the tests find nothing left, but a discrepancy without a name keeps {fixed(unnamed, per_cent=True)} %"
     reasons.append(
         f"{what} explains the misfit, {left_over if kept else 'nothing is left of it'}, and no other set does as well."
         if before.wrong

@@ -1,19 +1,32 @@
-"""Write an experiment folder that `read_experiment` reads back to the same numbers."""
+"""Write an experiment folder that `read_experiment` reads back to the same numbers.
+
+What the experiment's own folder still holds unchanged is copied byte for byte: whoever wrote it knows it by its file
+names, its comments and the way its numbers are written.
+"""
 
 from __future__ import annotations
 
+import codecs
 import json
+import os
+import tomllib
 from collections.abc import Sequence
 from dataclasses import fields
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
+import numpy as np
+
+from psafit.errors import InputError
+from psafit.experiment.definition import Definition
 from psafit.experiment.records import (
     DEFINITION,
     OPTIONAL_COLUMNS,
     REQUIRED_COLUMNS,
     Conditions,
     Experiment,
+    Group,
 )
+from psafit.experiment.table import read_csv
 from psafit.files import write_atomically
 
 
@@ -33,23 +46,93 @@ def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Con
     InputError
         If the folder cannot be written.
     """
+    groups = [*experiment.groups, *planned]
+    names = _names(groups)
+    written = [_block(group, name) for group, name in zip(groups, names, strict=True)]
+    head = _kept_definition(experiment) if names == [g.file for g in groups] else None
+    if head is None:
+        head = _definition(experiment)
+    else:
+        written = written[len(experiment.groups) :]
+    for group, name in zip(groups, names, strict=True):
+        content = _kept_table(experiment.folder / group.file, group) if isinstance(group, Group) else None
+        write_atomically(folder / name, _table(group).encode() if content is None else content)
+    write_atomically(folder / DEFINITION, "".join([head, *written]).encode())
+
+
+def _names(groups: Sequence[Conditions]) -> list[str]:
+    """Where each group's file goes: the names it has, if they can stand side by side in a folder."""
+    names = [os.path.normpath(g.file).replace(os.sep, "/") if g.file else "" for g in groups]
+    usable = (
+        not PurePosixPath(n).is_absolute() and n.partition("/")[0] not in ("", ".", "..", DEFINITION) for n in names
+    )
+    if all(usable) and len({n.casefold() for n in names}) == len(names):
+        return names
+    return [f"group{number}.csv" for number in range(1, len(groups) + 1)]
+
+
+def _kept_table(file: Path, group: Group) -> bytes | None:
+    """A group's file as somebody wrote it; None where there is none that holds these numbers."""
+    try:
+        raw, columns = file.read_bytes(), read_csv(file)
+    except (InputError, OSError, ValueError):
+        return None
+    mine = {n: column for n in _COLUMNS if (column := getattr(group, n)) is not None}
+    same = mine.keys() == columns.keys() and all(np.array_equal(mine[n], columns[n]) for n in mine)
+    return raw if same else None
+
+
+def _kept_definition(experiment: Experiment) -> str | None:
+    """The definition as somebody wrote it, ready for more groups; None where there is none that says the same."""
+    try:
+        found = Definition(experiment.folder)
+        text = found.file.read_bytes().removeprefix(codecs.BOM_UTF8).decode("utf-8")
+        declared = [(g.id, g.waveform, g.file, g.changed) for g in found.groups()]
+        same = (
+            tomllib.loads(text) == found.data
+            and found.constants() == experiment.constants
+            and found.limits() == experiment.limits
+            and found.beliefs() == experiment.beliefs
+            and found.text("title", experiment.title) == experiment.title
+            and found.text("source", "") == experiment.source
+            and declared == [(g.id, g.waveform, g.file, g.changed) for g in experiment.groups]
+        )
+        # Without a title it would be called after the new folder.
+        text = text if "title" in found.data else f"title = {_quoted(experiment.title)}\n{text}"
+        tomllib.loads(f"{text}\n[[group]]\n")  # groups in an array of another form take no more behind them
+    except (InputError, OSError, ValueError):
+        return None
+    return (text if text.endswith("\n") else text + "\n") if same else None
+
+
+def _definition(experiment: Experiment) -> str:
+    """The definition without its groups."""
     lines = [f"title = {_quoted(experiment.title)}", f"source = {_quoted(experiment.source)}", "", "[constants]"]
-    lines += [f"{f.name} = {getattr(experiment.constants, f.name)!r}" for f in fields(experiment.constants)]
+    lines += [f"{f.name} = {_number(getattr(experiment.constants, f.name))}" for f in fields(experiment.constants)]
     if experiment.limits:
-        lines += ["", "[limits]", *(f"{name} = [{low!r}, {high!r}]" for name, (low, high) in experiment.limits)]
+        lines += ["", "[limits]"]
+        lines += [f"{name} = [{_number(low)}, {_number(high)}]" for name, (low, high) in experiment.limits]
     for belief in experiment.beliefs:
-        numbers = [f"{f.name} = {getattr(belief.prior, f.name)!r}" for f in fields(belief.prior) if f.init]
+        numbers = [f"{f.name} = {_number(getattr(belief.prior, f.name))}" for f in fields(belief.prior) if f.init]
         lines += ["", f"[prior.{_quoted(belief.name)}]", *numbers, f"source = {_quoted(belief.source)}"]
-    for number, group in enumerate([*experiment.groups, *planned], 1):
-        name = group.file if group in planned else f"group{number}.csv"
-        write_atomically(folder / name, _table(group).encode())
-        group_id = group.id if isinstance(group.id, int) else _quoted(group.id)
-        lines += [
-            "", "[[group]]", f"id = {group_id}", f"waveform = {_quoted(group.waveform)}", f"file = {_quoted(name)}",
-        ]  # fmt: skip
-        if group.changed:
-            lines.append(f"constants = {{ {', '.join(f'{name} = {value!r}' for name, value in group.changed)} }}")
-    write_atomically(folder / DEFINITION, ("\n".join(lines) + "\n").encode())
+    return "\n".join(lines) + "\n"
+
+
+def _block(group: Conditions, file: str) -> str:
+    """A group's part of the definition."""
+    group_id = group.id if isinstance(group.id, int) else _quoted(group.id)
+    lines = [
+        "", "[[group]]", f"id = {group_id}", f"waveform = {_quoted(group.waveform)}", f"file = {_quoted(file)}",
+    ]  # fmt: skip
+    if group.changed:
+        changed = ", ".join(f"{name} = {_number(value)}" for name, value in group.changed)
+        lines.append(f"constants = {{ {changed} }}")
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float) -> str:
+    """A number as people write it: whole ones without a point."""
+    return repr(float(value)).removesuffix(".0")
 
 
 def _quoted(text: str) -> str:
@@ -57,8 +140,11 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
+_COLUMNS = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
+
+
 def _table(group: Conditions) -> str:
-    names = [n for n in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if getattr(group, n, None) is not None]
+    names = [n for n in _COLUMNS if getattr(group, n, None) is not None]
     columns = [getattr(group, n).tolist() for n in names]
-    rows = (",".join(repr(x) for x in row) for row in zip(*columns, strict=True))
+    rows = (",".join(map(_number, row)) for row in zip(*columns, strict=True))
     return "\n".join([",".join(names), *rows]) + "\n"

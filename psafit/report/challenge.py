@@ -15,6 +15,7 @@ from psafit.report.figures.axes import label as tick
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
 from psafit.report.wording import NBSP, count, percent
+from psafit.text import fixed
 
 
 def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | None = None) -> Path:
@@ -95,7 +96,11 @@ def _share(share: float | None) -> str:
 
 
 def _interval(r: Rate) -> str:
-    return "–" if r.lower is None or r.upper is None else f"{100 * r.lower:.0f} to {100 * r.upper:.0f}{NBSP}%"
+    return (
+        "–"
+        if r.lower is None or r.upper is None
+        else f"{fixed(r.lower, per_cent=True)} to {fixed(r.upper, per_cent=True)}{NBSP}%"
+    )
 
 
 def _beside(r: Rate) -> str:

@@ -27,6 +27,7 @@ from psafit.report.wording import (
     typeset,
     with_unit,
 )
+from psafit.text import fixed
 
 _LOOKS: Final = (("blue", False), ("vermillion", True))
 _MAX_SVG = 8
@@ -185,7 +186,7 @@ def _what_differs(found: Comparison) -> Markup:
 
 
 def _signed(x: float) -> str:
-    return typeset(f"{round(x, 3) + 0.0:+.3f}")
+    return typeset(fixed(x, 3, sign=True))
 
 
 def _tiles(found: Comparison) -> list[dict[str, str]]:
@@ -287,7 +288,7 @@ def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
     elpd = "–"
     if g.elpd_change is not None and g.elpd_interval is not None:
         low, high = g.elpd_interval
-        elpd = typeset(f"{g.elpd_change:+.1f} ({low:+.1f} to {high:+.1f})")
+        elpd = typeset("{} ({} to {})".format(*(fixed(x, 1, sign=True) for x in (g.elpd_change, low, high))))
     low, high = g.log_rmse_interval
     winner = _winner(g.log_rmse, g.log_rmse_interval)
     better: Any = "no clear difference" if winner is None else {"text": names[winner], "kind": "good"}

@@ -35,6 +35,7 @@ from psafit.report.wording import (
     typeset,
     with_unit,
 )
+from psafit.text import fixed, significant
 
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
 # Probability of a discrepancy without a name from which on the first screen tells it.
@@ -86,7 +87,9 @@ def _few(p: float, n: int = 0) -> str:
         return "–"
     if n and p <= 1 / (n + 1):
         return "none"
-    return f"at most 0.1{NBSP}%" if p <= 1e-3 else f"{100 * p:.2g}{NBSP}%" if p < 0.1 else percent(p)
+    return (
+        f"at most 0.1{NBSP}%" if p <= 1e-3 else f"{significant(p, 2, per_cent=True)}{NBSP}%" if p < 0.1 else percent(p)
+    )
 
 
 def wrong(result: Diagnosis, experiment: Experiment) -> Markup:
@@ -262,7 +265,7 @@ def gained(result: Diagnosis) -> Markup:
                 ).format(
                     chosen,
                     factor(known(one["log_rmse_before"])), factor(known(one["log_rmse_after"])),
-                    *(typeset(f"{known(x):+.2f}") for x in one["log_rmse_interval"]),
+                    *(typeset(fixed(known(x), 2, sign=True)) for x in one["log_rmse_interval"]),
                 )
             )  # fmt: skip
             if lost := worse(one):

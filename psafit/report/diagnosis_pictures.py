@@ -24,6 +24,7 @@ from psafit.report.figures.sweep import AXIS, SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
 from psafit.report.wording import count, factor, number
+from psafit.text import fixed
 
 _MAX_SVG = 12
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
@@ -213,7 +214,7 @@ def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: s
 
 
 def _extent(values: Sequence[float]) -> str:
-    low, high = (f"{round(x, 2) + 0.0:.2f}".replace("-", "\N{MINUS SIGN}") for x in (min(values), max(values)))
+    low, high = (fixed(x, 2).replace("-", "\N{MINUS SIGN}") for x in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"
 
 
@@ -256,8 +257,7 @@ def screening_pictures(
 
 
 def _nats(value: float) -> str:
-    text = f"{value:.0f}" if abs(value) >= 100 else f"{value:.1f}"
-    text = "0.0" if text == "-0.0" else text.replace("-", "\N{MINUS SIGN}")
+    text = fixed(value, 0 if abs(value) >= 100 else 1).replace("-", "\N{MINUS SIGN}")
     return text if np.isfinite(value) else "–"
 
 

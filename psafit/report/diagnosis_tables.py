@@ -37,6 +37,7 @@ from psafit.report.wording import (
     typeset,
     with_unit,
 )
+from psafit.text import fixed, significant
 
 _MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 10, 8, 12
 _COVARIATES: Final = {**SWEPT, "range": "launch range", "order": "order in each session"}
@@ -130,7 +131,7 @@ def corner_rows(result: Diagnosis) -> list[list[Any]]:
             ends = [c["lower"], c["upper"]]
         text = number(c[at], ends[1] - ends[0] if ends else None)
         text += f" ({interval(*ends)})" if ends else ""
-        below, above = (f"{round(x, 2) + 0.0:.2f}".replace("-", "\N{MINUS SIGN}") for x in c[exponents])
+        below, above = (fixed(x, 2).replace("-", "\N{MINUS SIGN}") for x in c[exponents])
         return [with_unit(text, unit), f"{below} → {above}"]
 
     rows = []
@@ -210,7 +211,7 @@ def _method(evidence: Mapping[str, Any]) -> str:
         text += f"; by nautilus {words.signed(other)}"
     if evidence.get("pareto_k") is not None:
         k = known(evidence["pareto_k"])
-        text += typeset(f", k {k:.2f}") + (" (the error is a guess)" if k > TRUSTED else "")
+        text += typeset(f", k {fixed(k, 2)}") + (" (the error is a guess)" if k > TRUSTED else "")
     return text
 
 
@@ -256,7 +257,7 @@ def _at_prior(share: float) -> str:
         return "–"
     if share <= 0.0006:
         return f"under 0.1{NBSP}%"
-    return f"over 99.9{NBSP}%" if share >= 0.9994 else f"{100 * share:.1f}{NBSP}%"
+    return f"over 99.9{NBSP}%" if share >= 0.9994 else f"{fixed(share, 1, per_cent=True)}{NBSP}%"
 
 
 def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
@@ -325,7 +326,7 @@ def tests(tests: Mapping[str, Any]) -> dict[str, Any] | None:
                 str(s["name"]),
                 "all" if s.get("group") is None else Markup("group {}").format(s["group"]),
                 _LOOKS_AT.get(s["kind"], s["kind"]),
-                typeset(f"{known(s['excess']):.2f}"),
+                typeset(fixed(known(s["excess"]), 2)),
                 p_value(known(s["p_value"])),
                 {"text": "significant", "kind": "bad"} if s["significant"] else "no",
             ]
@@ -348,7 +349,7 @@ def leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any] | None
         "amplitude": percent(known(left["amplitude"])),
         "level": percent(known(left["level"])),
         "reach": factor(known(left["reach"])),
-        "sigma_rel": f"{100 * known(left['sigma_rel']):.1f}{NBSP}%",
+        "sigma_rel": f"{fixed(known(left['sigma_rel']), 1, per_cent=True)}{NBSP}%",
         "rows": [
             [
                 Markup("Group {}").format(g["group"]),
@@ -371,12 +372,12 @@ def gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
         "name": name,
         "text": _PROTOCOLS[name],
         "sentence": (
-            f"Mean log RMSE {before:.3f} before, {after:.3f} after; change {typeset(f'{change[0]:+.3f}')} to"
-            f" {typeset(f'{change[1]:+.3f}')} (90 % interval), that is a typical factor of ×{factor(before)} before and"
-            f" ×{factor(after)} after. Log predictive density, summed over the unseen readings:"
-            f" {words.nats(gain['elpd_before'])} nats before, {words.nats(gain['elpd_after'])} nats after; change"
-            f" {words.signed(elpd[0])} to {words.signed(elpd[1])} nats (90 % interval). Inside their 90 % predictive"
-            f" intervals: {words.share(gain['coverage_before'])} of the readings before,"
+            f"Mean log RMSE {before:.3f} before, {after:.3f} after; change {typeset(fixed(change[0], 3, sign=True))} to"
+            f" {typeset(fixed(change[1], 3, sign=True))} (90 % interval), that is a typical factor of"
+            f" ×{factor(before)} before and ×{factor(after)} after. Log predictive density, summed over the unseen"
+            f" readings: {words.nats(gain['elpd_before'])} nats before, {words.nats(gain['elpd_after'])} nats after;"
+            f" change {words.signed(elpd[0])} to {words.signed(elpd[1])} nats (90 % interval). Inside their 90 %"
+            f" predictive intervals: {words.share(gain['coverage_before'])} of the readings before,"
             f" {words.share(gain['coverage_after'])} after."
         ),
         "nothing": names_nothing(gain),
@@ -393,7 +394,7 @@ def gain(name: str, gain: Mapping[str, Any]) -> dict[str, Any]:
                 model(g["named"]),
                 f"{known(g['log_rmse_before']):.3f} (×{factor(known(g['log_rmse_before']))})",
                 f"{known(g['log_rmse_after']):.3f} (×{factor(known(g['log_rmse_after']))})",
-                " to ".join(typeset(f"{known(x):+.3f}") for x in g["log_rmse_interval"]),
+                " to ".join(typeset(fixed(known(x), 3, sign=True)) for x in g["log_rmse_interval"]),
                 f"{words.signed(known(g['elpd_after']) - known(g['elpd_before']))}"
                 f" ({' to '.join(words.signed(x) for x in g['elpd_interval'])})",
                 f"{words.share(g['coverage_before'])} / {words.share(g['coverage_after'])}",
@@ -470,7 +471,7 @@ def search(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "n": n,
         "lead": words.nats(found["lead"]),
         "most": words.nats(max(found["null"])),
-        "p": f"{'≤' if p <= 1 / (n + 1) else '='} {p:.2g}",
+        "p": f"{'≤' if p <= 1 / (n + 1) else '='} {significant(p, 2)}",
     }
 
 

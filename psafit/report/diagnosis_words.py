@@ -26,6 +26,7 @@ from psafit.report.wording import (
     typeset,
     with_unit,
 )
+from psafit.text import fixed, significant
 
 
 def nats(value: object) -> str:
@@ -33,8 +34,7 @@ def nats(value: object) -> str:
     x = known(value)
     if not math.isfinite(x):
         return "–"
-    text = f"{x:.1f}" if abs(x) < 1e5 else f"{x:.3g}"
-    return typeset("0.0" if text == "-0.0" else text)
+    return typeset(fixed(x, 1) if abs(x) < 1e5 else significant(x))
 
 
 def signed(value: object) -> str:
@@ -95,7 +95,7 @@ def character(tests: Mapping[str, Any]) -> str:
 def lead(proposal: Mapping[str, Any]) -> str:
     """An expected separation with its error; single log ratios count up to a limit."""
     x, error = known(proposal["separation"]), known(proposal["error"])
-    return typeset(f"over {0.9 * CLEAR:.0f} nats" if x > 0.9 * CLEAR else f"{x:.1f} ± {error:.1f} nats")
+    return typeset(f"over {0.9 * CLEAR:.0f} nats" if x > 0.9 * CLEAR else f"{fixed(x, 1)} ± {fixed(error, 1)} nats")
 
 
 def narrowing(separation: object, error: object = None) -> str:

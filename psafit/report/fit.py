@@ -34,6 +34,7 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
+from psafit.text import fixed
 from psafit.validate import FAIR, GOOD, LEVEL, Prediction, drifting, some_draws, without_each
 
 REPORT = "report.html"
@@ -318,7 +319,7 @@ def _minima(run: Run) -> dict[str, Any]:
         [
             f"{rank}",
             f"{m.starts} of {fit.n_starts}",
-            f"{m.log_posterior:.2f}".replace("-", "\N{MINUS SIGN}"),
+            fixed(m.log_posterior, 2).replace("-", "\N{MINUS SIGN}"),
             f"{best.log_posterior - m.log_posterior:.2f}",
             *(number(m.values[e.name]) for e in fit.parameters),
         ]
@@ -372,7 +373,7 @@ def _score_row(s: GroupScore) -> list[Any]:
         percent(s.coverage_50),
         percent(s.coverage_90),
         f"{s.crps_um:.2f} µm",
-        f"{s.elpd_per_point:.2f}".replace("-", "\N{MINUS SIGN}"),
+        fixed(s.elpd_per_point, 2).replace("-", "\N{MINUS SIGN}"),
         p_value(s.pit_p_value),
         p_value(s.drift_p_value),
     ]

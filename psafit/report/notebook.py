@@ -17,6 +17,7 @@ from psafit.report import diagnosis_pictures, figures, fit_pictures
 from psafit.report.diagnosis import shown_groups
 from psafit.report.figures.groups import title
 from psafit.report.style import figure_style
+from psafit.text import significant
 from psafit.validate import Prediction
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Axes", "html", "plot_diagnosis", "plot_fit", "plot_group", "text"]
 
-_FORMAT: dict[str, Any] = {"float_format": "{:.3g}".format, "na_rep": "-"}
+_FORMAT: dict[str, Any] = {"float_format": significant, "na_rep": "-"}
 
 
 def text(headline: str, tables: Sequence[pd.DataFrame]) -> str:

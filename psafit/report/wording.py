@@ -10,6 +10,7 @@ from typing import Final
 from markupsafe import Markup, escape
 
 from psafit.report.figures.axes import SUPERSCRIPT, power_of_ten
+from psafit.text import fixed
 
 _GREEK: Final = {
     "alpha": "α",
@@ -138,7 +139,7 @@ def interval(low: float, high: float, spread: float | None = None) -> str:
 def exact(value: float) -> str:
     """A number that somebody chose, without the digits of a measurement: 0.01, 1000, 10⁹."""
     if value == 0 or 1e-3 <= abs(value) < 1e5:
-        return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
+        return f"{value + 0.0:.6g}".replace("-", "\N{MINUS SIGN}")
     mantissa, exponent = f"{value:.5e}".split("e")
     head = f"{float(mantissa):g}".replace("-", "\N{MINUS SIGN}")
     return power_of_ten(int(exponent)) if head == "1" else f"{head}{TIMES}{power_of_ten(int(exponent))}"
@@ -155,7 +156,7 @@ def percent(fraction: float) -> str:
     >>> percent(0.005).replace(NBSP, " ")
     'under 1 %'
     """
-    text = f"{100 * fraction:.0f}"
+    text = fixed(fraction, per_cent=True).replace("-", "\N{MINUS SIGN}")
     if text == "0" and fraction > 0:
         text = "under 1"
     elif text == "100" and fraction < 1:
@@ -167,7 +168,7 @@ def p_value(p: float) -> str:
     """A probability with the digits that a thousand simulated groups support."""
     if not math.isfinite(p):
         return "–"
-    return "≤ 0.001" if p <= 1e-3 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+    return "≤ 0.001" if p <= 1e-3 else fixed(p, 3 if p < 0.1 else 2)
 
 
 def factor(log_error: float) -> str:

@@ -1,0 +1,61 @@
+"""Numbers as text: rounded half away from zero, and zero without a sign.
+
+What is rounded is the decimal number that a float prints as. So 0.925 is 0.93 as a fraction and 93 in per cent;
+Python's own formats round the binary numbers beside it, to 0.93 and 92.
+"""
+
+from __future__ import annotations
+
+import math
+from decimal import ROUND_HALF_UP, Context, Decimal
+
+# Exact for every float there is: the largest has 309 digits before the point.
+_EXACT = Context(prec=400, rounding=ROUND_HALF_UP)
+
+
+def fixed(value: float, digits: int = 0, *, sign: bool = False, per_cent: bool = False) -> str:
+    """Format a number with so many digits behind the point.
+
+    Parameters
+    ----------
+    value : float
+    digits : int
+    sign : bool
+        Whether a positive number has its sign, too.
+    per_cent : bool
+        Whether a hundred times the number is meant.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> fixed(0.925, 2), fixed(0.925, per_cent=True), fixed(-0.004, 2), fixed(0.12, 1, sign=True)
+    ('0.93', '93', '0.00', '+0.1')
+    """
+    if not math.isfinite(value):
+        return f"{value:+f}" if sign else f"{value:f}"
+    number = _decimal(value, per_cent).quantize(Decimal(1).scaleb(-digits), context=_EXACT)
+    # "z": no negative zero, also of a number that only rounds to it.
+    return f"{number:+zf}".replace("+", "" if not sign or not number else "+")
+
+
+def significant(value: float, digits: int = 3, *, per_cent: bool = False) -> str:
+    """Format a number with so many significant digits, as Python's ``g`` does.
+
+    Examples
+    --------
+    >>> significant(0.0125, 2), significant(0.0125, 2, per_cent=True), significant(-0.0), significant(1234567.0)
+    ('0.013', '1.3', '0', '1.23e+06')
+    """
+    if not math.isfinite(value):
+        return f"{value:g}"
+    number = _decimal(value, per_cent)
+    if number:
+        number = number.quantize(Decimal(1).scaleb(number.adjusted() - digits + 1), context=_EXACT)
+    return f"{float(number) + 0.0:.{digits}g}"
+
+
+def _decimal(value: float, per_cent: bool) -> Decimal:
+    return Decimal(repr(float(value))) * (100 if per_cent else 1)
