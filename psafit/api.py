@@ -7,7 +7,7 @@ and return it. ``import psafit`` loads none of this before it is asked for.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -15,11 +15,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from psafit.compare import known
 from psafit.diagnose import diagnose
-from psafit.diagnose.record import RESULT, Diagnosis
+from psafit.diagnose.record import RESULT, CauseResult, Diagnosis
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
 from psafit.files import ensure_writable, usual_fit_folder, usual_folder
+from psafit.inference.identify import describe
 from psafit.inference.run import Run, fit
 from psafit.inference.scale import read
 from psafit.physics import terms as catalogue
@@ -27,6 +29,7 @@ from psafit.progress import watcher
 from psafit.records import Validation, read_json
 from psafit.report import notebook
 from psafit.report.notebook import Axes
+from psafit.text import significant
 from psafit.validate import COLUMNS, Prediction, prediction_rows, validate
 
 
@@ -290,6 +293,40 @@ class Diagnosed(_Shown):
             rows.append(["a discrepancy without a name", self.record.unnamed, math.nan, math.nan])
         return pd.DataFrame(rows, columns=["model", "probability", "gain", "evidence"]).set_index("model")
 
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """Those of the named model, of the baseline where none is named: see `parameters_of`."""
+        return self.parameters_of(self.named)
+
+    def parameters_of(self, model: str | Sequence[str]) -> pd.DataFrame:
+        """Posterior medians and central 90 % intervals of a model; NaN for the ends where it was not sampled.
+
+        Parameters
+        ----------
+        model : str or sequence of str
+            Its causes, as `causes` lists it: "gap + preload" or ["gap", "preload"]; "baseline" or nothing for none.
+
+        Raises
+        ------
+        InputError
+            If it is not among the models of the record.
+        """
+        found = self._model(model)
+        rows = [
+            [name, known(p["median"]), known(p["lower"]), known(p["upper"]), p["unit"], name in found.implausible]
+            for name, p in found.parameters.items()
+        ]
+        columns = ["parameter", "median", "lower_90", "upper_90", "unit", "implausible"]
+        return pd.DataFrame(rows, columns=columns).set_index("parameter")
+
+    def _model(self, model: str | Sequence[str]) -> CauseResult:
+        ids = [id.strip() for id in model.split("+")] if isinstance(model, str) else list(model)
+        wanted = set(ids) - {"baseline", ""}
+        found = next((c for c in self.record.causes if set(c.terms) == wanted), None)
+        if found is None:
+            raise InputError(f"no model {' + '.join(ids) or 'baseline'}", "choose one of `causes`")
+        return found
+
     def plot(self, group: GroupId | None = None, ax: Axes | None = None) -> Axes:
         """Draw a group's readings and both models; without a group, how far off they are in each."""
         chosen = None if group is None else self.experiment.group(group)
@@ -304,7 +341,25 @@ class Diagnosed(_Shown):
     def _told(self) -> tuple[str, list[pd.DataFrame]]:
         named = f" ({' + '.join(self.named)})" if self.named else ""
         restricted = [self.record.restricted] if self.record.left_out else []
-        return " ".join([f"{self.verdict}{named}.", *restricted, *self.record.sentences]), [self.causes]
+        tables = [self.causes]
+        if any(set(c.terms) == set(self.named) for c in self.record.causes):
+            name, column = " + ".join(self.named) or "baseline", "what the readings say"
+            rows = list(_sizes(self._model(self.named)))
+            tables.append(
+                pd.DataFrame(rows, columns=[f"parameter of {name}", column]).set_index(f"parameter of {name}")
+            )
+        return " ".join([f"{self.verdict}{named}.", *restricted, *self.record.sentences]), tables
+
+
+def _sizes(cause: CauseResult) -> Iterator[tuple[str, str]]:
+    """Each parameter of a model, and its value with its interval and unit as the terminal prints it."""
+    for name, p in cause.parameters.items():
+        if p["lower"] is None:
+            unit = "" if p["unit"] == "1" else f" {p['unit']}"
+            size = f"{significant(known(p['median']))}{unit} (not sampled)"
+        else:
+            size = describe("", p["unit"], p["median"], (p["lower"], p["upper"]), [], "determined").removeprefix(" = ")
+        yield name, size + ("; implausible under its prior" if name in cause.implausible else "")
 
 
 def _listed(given: GroupId | Sequence[GroupId]) -> list[GroupId]:

@@ -27,6 +27,18 @@ Record = TypeVar("Record")
 _ANEW = "run psafit fit again with another --out"
 
 
+class Brief:
+    """A record that prints as what it is and how much it holds, not as all of it."""
+
+    _told: typing.ClassVar[tuple[str, ...]] = ()
+
+    def __repr__(self) -> str:
+        told = [f"{name}={getattr(self, name)!r}" for name in self._told]
+        held = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in self._told}  # type: ignore[arg-type]
+        sizes = [f"{name}: {len(x)}" for name, x in held.items() if isinstance(x, list | tuple | dict)]
+        return f"{type(self).__name__}({', '.join([*told, *sizes])})"
+
+
 @dataclass(frozen=True)
 class ParameterEntry:
     """A parameter as a result names it: see `psafit.parameters.Parameter`."""
@@ -114,8 +126,8 @@ class MinimumEntry:
     starts: int
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(frozen=True, repr=False)
+class Fit(Brief):
     """`fit.json`: what was fitted to what, and the optimum that lmfit found.
 
     Parameters
@@ -152,6 +164,8 @@ class Fit:
         Values, by parameter, at which the search was told to begin, too: where a diagnosis had found these causes.
     """
 
+    _told = ("title", "groups", "terms", "engine", "seed")
+
     identity: str
     title: str
     source: str
@@ -182,8 +196,8 @@ class ProfilePoint:
     drop: float
 
 
-@dataclass(frozen=True)
-class ParameterSummary:
+@dataclass(frozen=True, repr=False)
+class ParameterSummary(Brief):
     """What the data say of one parameter.
 
     Parameters
@@ -209,6 +223,8 @@ class ParameterSummary:
         Of the median; see `psafit.parameters.Parameter.is_implausible`.
     """
 
+    _told = ("text", "verdict", "r_hat")
+
     name: str
     median: float
     lower: float
@@ -226,12 +242,14 @@ class ParameterSummary:
     implausible: bool
 
 
-@dataclass(frozen=True)
-class PosteriorSummary:
+@dataclass(frozen=True, repr=False)
+class PosteriorSummary(Brief):
     """`posterior.json`: the sampler's health and the parameter table; the draws are in `posterior.nc`.
 
     `files` holds the SHA-256 of what it belongs to, `fit.json` and `posterior.nc`.
     """
+
+    _told = ("converged", "message")
 
     identity: str
     converged: bool
@@ -352,12 +370,14 @@ class GroupScore:
     verdict: str
 
 
-@dataclass(frozen=True)
-class Validation:
+@dataclass(frozen=True, repr=False)
+class Validation(Brief):
     """`validation.json`: the posterior predictive against every group; the table is in `predictions.csv`.
 
     `holdout_log_rmse` is the mean over the informative groups that were held out, None without any.
     """
+
+    _told = ("holdout_log_rmse", "n_draws", "seed")
 
     identity: str
     n_draws: int

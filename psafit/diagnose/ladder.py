@@ -98,19 +98,20 @@ class Ladder:
         return log_prior(len(ids), len(self.screened))
 
     def rivals(self, named: Ids) -> tuple[Ids, ...]:
-        """Sets that do as well as the named one, best first.
+        """Sets that do as well as the named one: the most probable ones, down to the last that must be listed.
 
-        Fitted or not, those needed beside it for 95 % of the probability; and those of no more causes that fit as
-        well, which only what is plausible beforehand holds back.
+        Those are the sets needed beside it for 95 % of the probability, fitted or not; and those of no more causes
+        that fit as well, which only what is plausible beforehand holds back.
         """
         share = self.probability | self.unfitted
-        held, found = share[named], []
+        order = [ids for ids in sorted(share, key=lambda ids: -share[ids]) if ids != named and share[ids] > 0]
         alike = self._fitting_alike(named)
-        for ids, p in sorted(share.items(), key=lambda item: -item[1]):
-            if ids != named and p > 0 and (held < CREDIBLE or ids in alike):
-                found.append(ids)
-                held += p
-        return tuple(found)
+        held, cut = share[named], 0
+        for k, ids in enumerate(order, 1):
+            if held < CREDIBLE or ids in alike:
+                cut = k
+            held += share[ids]
+        return tuple(order[:cut])
 
     def _fitting_alike(self, named: Ids) -> set[Ids]:
         """Fitted sets of no more causes that Akaike's criterion does not put behind a set at odds of 19.

@@ -12,6 +12,7 @@ from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.experiment.text import listed
 from psafit.files import sha256
+from psafit.records import Brief
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
 # Names of causes in a headline.
@@ -29,8 +30,8 @@ def is_diagnosis(folder: Path) -> bool:
     return found
 
 
-@dataclass(frozen=True)
-class CauseResult:
+@dataclass(frozen=True, repr=False)
+class CauseResult(Brief):
     """One model of the ladder.
 
     Parameters
@@ -49,6 +50,8 @@ class CauseResult:
         Parameters whose median lies where the prior has less than one chance in twenty, or at a bound; never those
         whose prior is uniform.
     """
+
+    _told = ("terms", "probability")
 
     terms: list[str]
     probability: float
@@ -108,8 +111,8 @@ class ScreeningResult:
     plausible: float = math.nan
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Brief):
     """`diagnosis.json`.
 
     Parameters
@@ -159,6 +162,8 @@ class Diagnosis:
     settings : Settings
         How much work went into each part.
     """
+
+    _told = ("verdict", "named", "title", "quick")
 
     schema: int
     verdict: str

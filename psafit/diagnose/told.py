@@ -36,9 +36,10 @@ _SHOWN, _LEAST = 12, 1e-4
 
 
 def causes_of(ladder: Ladder, verdict: Verdict) -> list[CauseResult]:
-    """The models of the record, the most probable first; the leader and the baseline in any case."""
+    """The models of the record, the most probable first; leader, alternatives and baseline in any case."""
     shown = [c for c in ladder.candidates if ladder.probability[c.ids] >= _LEAST][:_SHOWN]
-    for always in (ladder.leader, ladder.baseline):
+    tied = [c for c in ladder.candidates if c.ids in verdict.alternatives]
+    for always in (ladder.leader, ladder.baseline, *tied):
         if always not in shown:
             shown.append(always)
     # What the verdict names comes first.

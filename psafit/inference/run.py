@@ -42,6 +42,7 @@ from psafit.parameters import SHARES
 from psafit.physics import plugin_versions, recorded, signatures
 from psafit.physics.term import Term
 from psafit.records import (
+    Brief,
     Fit,
     MinimumEntry,
     ParameterEntry,
@@ -92,9 +93,11 @@ class Silent:
         """Do nothing."""
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Brief):
     """A finished run, as its folder holds it."""
+
+    _told = ("folder", "fit", "summary")
 
     folder: Path
     problem: Problem
