@@ -1,0 +1,246 @@
+"""How far long work is, how long the whole of it still takes, and a file that says so to others.
+
+Work is planned as stages, each with a share of it. What the stages so far have taken, by what their shares were, is the
+pace; the pace and the shares to come give the time left. Before a stage has been measured nothing is said.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from psafit.errors import InputError
+from psafit.records import read_json, write_json
+
+PROGRESS = "progress.json"
+"""In the folder of work under way or interrupted; removed at its end."""
+
+
+class Watcher(Protocol):
+    """Whoever shows the progress of a run."""
+
+    def stage(self, name: str) -> None:
+        """Begin a stage."""
+
+    def update(self, done: float, total: float | None, note: str = "") -> None:
+        """Report how far the stage is; `total` is None where nobody can know."""
+
+    def part(self, name: str, fraction: float | None = None) -> None:
+        """Report which part of the whole this is, and how much of that is done where the stage's counts do not say."""
+
+    def whole(self, seconds: float | None) -> None:
+        """Report the time left of the whole; None where nothing is known of it."""
+
+
+class Silent:
+    """A watcher that shows nothing."""
+
+    def stage(self, name: str) -> None:
+        """Do nothing."""
+
+    def update(self, done: float, total: float | None, note: str = "") -> None:
+        """Do nothing."""
+
+    def part(self, name: str, fraction: float | None = None) -> None:
+        """Do nothing."""
+
+    def whole(self, seconds: float | None) -> None:
+        """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """`progress.json`: how far work is.
+
+    Parameters
+    ----------
+    kind : {"fit", "diagnosis"}
+    identity : str
+        SHA-256 of all that determines the result.
+    stage : str
+    done, total : float, optional
+        Counts of the stage.
+    note : str
+        What is counted.
+    seconds : dict
+        Spent on each part of the plan, earlier sessions included.
+    left : float, optional, s
+        Of the whole; None where nothing is known of it.
+    written : float
+        Seconds since the epoch.
+    """
+
+    kind: str
+    identity: str
+    stage: str
+    done: float | None
+    total: float | None
+    note: str
+    seconds: dict[str, float]
+    left: float | None
+    written: float
+
+
+def progress_of(folder: Path) -> Progress | None:
+    """What work under way or interrupted in a folder has said of itself; None where there is nothing to read."""
+    try:
+        return read_json(folder / PROGRESS, Progress)
+    except InputError:
+        return None
+
+
+class Forecast:
+    """Time left of a plan.
+
+    Parameters
+    ----------
+    plan : mapping of str to float
+        Share of each part, in the order in which they come; of what is skipped nothing is counted.
+    earlier : mapping of str to float, s
+        Spent on parts by earlier sessions of the same work.
+    """
+
+    def __init__(self, plan: Mapping[str, float], earlier: Mapping[str, float] | None = None) -> None:
+        self._plan = dict(plan)
+        self._earlier = dict(earlier or {})
+        self._spent = dict(self._earlier)
+        self._worked = {name: self._plan[name] for name in self._spent if name in self._plan}
+        self._part: str | None = None
+        self._begun = 0.0
+        self._fraction: float | None = None
+        self._first: tuple[float, float] | None = None  # fraction and time of the first count of this session
+
+    def begin(self, part: str, now: float) -> None:
+        """Begin a part; the one before it is done."""
+        if self._part is not None:
+            self._spent = self.seconds(now)
+            done = 1.0 - (self._first[0] if self._first and self._part not in self._earlier else 0.0)
+            self._worked[self._part] = self._plan.get(self._part, 0.0) * done
+        self._part, self._begun, self._fraction, self._first = part, now, None, None
+
+    def reach(self, fraction: float, now: float) -> None:
+        """Say how much of the part is done."""
+        self._first = self._first or (fraction, now)
+        self._fraction = max(fraction, self._fraction or 0.0)  # some read back what others have counted
+
+    def seconds(self, now: float) -> dict[str, float]:
+        """Time spent on each part so far."""
+        if self._part is None:
+            return dict(self._spent)
+        return self._spent | {self._part: self._spent.get(self._part, 0.0) + now - self._begun}
+
+    def left(self, now: float) -> float | None:
+        """Seconds until all is done; None before anything has been measured."""
+        names = list(self._plan)
+        if self._part not in names:
+            return None
+        place = names.index(self._part)
+        before = [n for n in names[:place] if n in self._spent]
+        took, worked = sum(self._spent[n] for n in before), sum(self._worked[n] for n in before)
+        spent, own = self.seconds(now)[self._part], None
+        # A session that goes on where another stopped has not drawn what it finds; what that took may be on record.
+        first, since = (0.0, now - spent) if self._part in self._earlier else self._first or (0.0, now)
+        if self._fraction is not None and self._fraction > first and now > since:
+            own = (now - since) * (1 - self._fraction) / (self._fraction - first)
+            took, worked = took + now - since, worked + self._plan[self._part] * (self._fraction - first)
+        if not (took > 0 and worked > 0):
+            return None
+        pace = took / worked
+        if own is None:
+            own = max(pace * self._plan[self._part] - spent, 0.0)
+        return own + pace * sum(self._plan[n] for n in names[place + 1 :])
+
+
+class Reporter:
+    """A watcher that passes on what it hears, adds the time left of the whole, and keeps `progress.json`.
+
+    Parameters
+    ----------
+    inner : Watcher
+        Who shows it.
+    folder : Path
+        Of the work.
+    kind, identity : str
+        See `Progress`.
+    plan : mapping of str to float
+        See `Forecast`.
+    counted : collection of str
+        Stages whose counts run once from nought to the end.
+    every : float, s
+        Least time between writes of the file.
+    """
+
+    def __init__(
+        self,
+        inner: Watcher,
+        folder: Path,
+        kind: str,
+        identity: str,
+        plan: Mapping[str, float],
+        counted: Collection[str] = (),
+        every: float = 2.0,
+    ) -> None:
+        self._inner, self._file = inner, folder / PROGRESS
+        self._kind, self._identity, self._counted, self._every = kind, identity, counted, every
+        self._plan = plan
+        before = progress_of(folder)
+        same = before is not None and (before.kind, before.identity) == (kind, identity)
+        self._forecast = Forecast(plan, before.seconds if before and same else None)
+        self._stage = ""
+        self._counts: tuple[float | None, float | None, str] = None, None, ""
+        self._written = -every
+
+    def stage(self, name: str) -> None:
+        """Begin a stage, and the part of the plan that has its name."""
+        self._inner.stage(name)
+        self._stage, self._counts = name, (None, None, "")
+        if name in self._plan:
+            self.part(name)
+        self._say(at_once=True)
+
+    def part(self, name: str, fraction: float | None = None) -> None:
+        """Begin a part of the plan, or say how much of it is done."""
+        now = time.monotonic()
+        if fraction is None:
+            self._forecast.begin(name, now)
+        else:
+            self._forecast.reach(fraction, now)
+
+    def update(self, done: float, total: float | None, note: str = "") -> None:
+        """Report how far the stage is."""
+        self._counts = done, total, note
+        if total and self._stage in self._counted:
+            self._forecast.reach(done / total, time.monotonic())
+        self._say()
+        self._inner.update(done, total, note)
+
+    def whole(self, seconds: float | None) -> None:
+        """Pass on what somebody else knows of the whole."""
+        self._inner.whole(seconds)
+
+    def _say(self, *, at_once: bool = False) -> None:
+        now = time.monotonic()
+        left = self._forecast.left(now)
+        self._inner.whole(left)
+        if at_once or now - self._written >= self._every:
+            self._written = now
+            seconds = {name: round(s, 3) for name, s in self._forecast.seconds(now).items()}
+            record = Progress(self._kind, self._identity, self._stage, *self._counts, seconds, left, time.time())
+            with suppress(InputError):  # a full disk ends the work where its result is written, not here
+                write_json(self._file, record)
+
+
+@contextmanager
+def reporting(
+    watcher: Watcher, folder: Path, kind: str, identity: str, plan: Mapping[str, float], counted: Collection[str] = ()
+) -> Iterator[Watcher]:
+    """Report work to a watcher and in its folder; what is part of larger work reports as that."""
+    if isinstance(watcher, Reporter):
+        yield watcher
+        return
+    yield Reporter(watcher, folder, kind, identity, plan, counted)
+    (folder / PROGRESS).unlink(missing_ok=True)
