@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column
 
-from psafit.inference.run import Silent, Watcher
+from psafit.inference.forecast import Silent, Watcher
 
 TITLES = {
     "search": "search for minima (lmfit)",
@@ -38,37 +38,52 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{minutes:.0f} min" if minutes < 100 else f"{hours:.0f} h"
 
 
-def _state(done: float, total: float | None, note: str) -> str:
+def counted(done: float, total: float | None, note: str) -> str:
+    """How far a stage is, in words."""
     return note if total is None or total <= 1 else f"{done:.0f} of {total:.0f} {note}"
 
 
-class _Bars:
+def _left(seconds: float | None) -> str:
+    return "" if seconds is None else f"about {duration(seconds)} left in all"
+
+
+class _Bars(Silent):
     def __init__(self, bars: Progress) -> None:
         self._bars = bars
         self._task: TaskID | None = None
+        self._whole = ""
 
     def stage(self, name: str) -> None:
         self.finish()
-        self._task = self._bars.add_task(TITLES[name], total=None, note="")
+        self._task = self._bars.add_task(TITLES[name], total=None, note="", whole=self._whole)
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
         if self._task is not None:
-            self._bars.update(self._task, completed=done, total=total, note=_state(done, total, note))
+            self._bars.update(self._task, completed=done, total=total, note=counted(done, total, note))
+
+    def whole(self, seconds: float | None) -> None:
+        self._whole = _left(seconds)
+        if self._task is not None:
+            self._bars.update(self._task, whole=self._whole)
 
     def finish(self) -> None:
         if self._task is not None:
             task = self._bars.tasks[self._task]
             total = task.total or 1.0
-            self._bars.update(self._task, completed=total, total=total)
+            self._bars.update(self._task, completed=total, total=total, whole="")
 
 
-class _Lines:
+class _Lines(Silent):
     """For logs: a line when a stage begins, and a sign of life every ten seconds."""
 
     def __init__(self) -> None:
         self._begun = self._said = time.monotonic()
         self._first: tuple[float, float] | None = None  # what was done when, where the count began
         self._last = 0.0
+        self._whole: float | None = None
+
+    def whole(self, seconds: float | None) -> None:
+        self._whole = seconds
 
     def stage(self, name: str) -> None:
         self._said = time.monotonic()
@@ -82,10 +97,12 @@ class _Lines:
         self._last = done
         if now - self._said > 10:
             self._said = now
-            state = _state(done, total, note)
+            state = counted(done, total, note)
             if total is not None and done > self._first[0]:
                 pace = (now - self._first[1]) / (done - self._first[0])
                 state += f"; about {duration(pace * (total - done))} left of this"
+            if self._whole is not None:
+                state += f", {_left(self._whole)}" if "left of this" in state else f"; {_left(self._whole)}"
             print(f"[{now - self._begun:5.1f} s]   {state}", file=sys.stderr, flush=True)
 
 
@@ -101,6 +118,7 @@ def watcher(quiet: bool) -> Iterator[Watcher]:
             BarColumn(bar_width=16),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
+            TextColumn("{task.fields[whole]}"),
             TextColumn("{task.fields[note]}", style="dim"),
         )
         with Progress(*columns, console=Console(stderr=True)) as bars:

@@ -1,4 +1,4 @@
-"""How far a running fit has come, from the files it leaves behind; nothing is written and no file is locked.
+"""How far a running fit or diagnosis has come, from the files it leaves behind; nothing is written, no file is locked.
 
 The checkpoint is replaced in one step, so whatever is opened is whole. It may yet be gone, or be another program's
 half-written file: then there is no chain to tell of.
@@ -16,10 +16,13 @@ import emcee
 import h5py
 import numpy as np
 
+from psafit.diagnose.record import MARKER as DIAGNOSED
+from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
 from psafit.files import Refused, in_use, read_error
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.forecast import Progress, progress_of
 from psafit.inference.run import MARKER
 from psafit.inference.store import REBUILD
 from psafit.records import Fit, PosteriorSummary, read_json
@@ -28,7 +31,7 @@ Stage = Literal["search", "sample", "profile", "done", "gave up"]
 
 # Of a longer chain, fewer steps are looked at: about a second's work.
 _VALUES = 2_000_000
-_FOREIGN = "give a folder that psafit fit writes to"
+_FOREIGN = "give a folder that psafit fit or psafit diagnose writes to"
 # Without a checkpoint for so many times the usual wait, the run has probably been stopped.
 _PATIENCE, _LEAST_PATIENCE = 10.0, 60.0
 
@@ -57,6 +60,8 @@ class State:
         When the last checkpoint was, seconds since the epoch.
     running : bool, optional
         Whether a process works in the folder; None where the system cannot tell.
+    whole_left : float, optional, s
+        Of all stages, as the run itself reckons.
     """
 
     stage: Stage
@@ -74,6 +79,7 @@ class State:
     seconds_left: float | None = None
     written: float | None = None
     running: bool | None = None
+    whole_left: float | None = None
 
     @property
     def finished(self) -> bool:
@@ -89,27 +95,88 @@ class State:
         return time.time() - self.written > max(_PATIENCE * usual, _LEAST_PATIENCE)
 
 
-def look(folder: Path, before: State | None = None) -> State:
-    """How far the run in a folder is.
+@dataclass(frozen=True)
+class DiagnosisState:
+    """A diagnosis as its folder shows it; None where there is nothing to tell.
+
+    Parameters
+    ----------
+    stage : str
+        "done", or the stage that it is in; empty where an earlier version has left nothing but its steps.
+    done, total : float, optional
+        Counts of the stage.
+    note : str
+        What is counted.
+    models : int
+        Fitted so far, and kept.
+    seconds : float, optional
+        Spent so far, interruptions left out.
+    whole_left : float, optional, s
+        Of all stages.
+    written : float, optional
+        When that was said, seconds since the epoch.
+    headline : str
+        The verdict of a finished one.
+    running : bool, optional
+        Whether a process works in the folder; None where the system cannot tell.
+    """
+
+    stage: str
+    done: float | None = None
+    total: float | None = None
+    note: str = ""
+    models: int = 0
+    seconds: float | None = None
+    whole_left: float | None = None
+    written: float | None = None
+    headline: str = ""
+    running: bool | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing more will come by itself."""
+        return self.stage == "done"
+
+
+def look(folder: Path, before: State | DiagnosisState | None = None) -> State | DiagnosisState:
+    """How far the fit or the diagnosis in a folder is; where both are, the one that is under way, else the fit.
 
     Parameters
     ----------
     folder : Path
-    before : State, optional
+    before : State or DiagnosisState, optional
         What the last look has shown: the pace is measured from there, and an old checkpoint is not read again.
 
     Returns
     -------
-    State
+    State or DiagnosisState
 
     Raises
     ------
     InputError
-        If no fit has been there.
+        If neither has been there.
     """
-    running = in_use(folder)
-    seen = _seen(folder, before, bool(running))
-    return seen if seen.running == running else replace(seen, running=running)
+    running, under_way = in_use(folder), progress_of(folder)
+    fitted = (folder / "fit.json").exists() or (folder / MARKER).exists()
+    diagnosed = any((folder / name).exists() for name in (RESULT, DIAGNOSED, "steps"))
+    if diagnosed and (not fitted or (under_way is not None and under_way.kind == "diagnosis")):
+        return replace(_diagnosis(folder, under_way), running=running)
+    seen = _seen(folder, before if isinstance(before, State) else None, bool(running))
+    left = under_way.left if under_way is not None and running and not seen.finished else None
+    same = (seen.running, seen.whole_left) == (running, left)
+    return seen if same else replace(seen, running=running, whole_left=left)
+
+
+def _diagnosis(folder: Path, under_way: Progress | None) -> DiagnosisState:
+    models = sum(1 for _ in (folder / "steps").glob("fit-*.npz"))
+    if under_way is None and (folder / RESULT).exists():
+        record = read_json(folder / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
+        return DiagnosisState("done", models=models, seconds=sum(record.seconds.values()), headline=record.headline)
+    if under_way is None:
+        return DiagnosisState("", models=models)
+    p = under_way
+    spent = sum(p.seconds.values())
+    return DiagnosisState(p.stage, p.done, p.total, p.note, models, spent, p.left, p.written)
 
 
 def _seen(folder: Path, before: State | None, running: bool) -> State:
@@ -117,8 +184,6 @@ def _seen(folder: Path, before: State | None, running: bool) -> State:
         if (folder / MARKER).exists():
             return State("search")
         what = "is not a run folder" if folder.is_dir() else "is no folder"
-        if (folder / "diagnosis.json").exists() or (folder / "steps").is_dir():
-            what = "is a diagnosis, which draws no chain that could be watched"
         raise InputError(what, _FOREIGN, file=folder)
     record = read_json(folder / "fit.json", Fit, sealed=True)
     ended = folder / "posterior.json"

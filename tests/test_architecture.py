@@ -23,9 +23,9 @@ FLOORS = (
     {"physics"},
     {"simulate"},
     {"inference"},
-    {"validate", "numerics", "reproduce", "watch"},
+    {"validate", "numerics", "reproduce"},
     {"diagnose"},
-    {"challenge", "compare"},
+    {"challenge", "compare", "watch"},
     {"report"},
     {"api", "cli", "progress", "__main__"},
 )

@@ -29,6 +29,7 @@ RUN_FILES = (
     "predictions.csv",
     "numerics.json",
     "report.html",
+    "progress.json",
     "diagnosis.json",
     "diagnosis.html",
     "predictions-diagnosis.csv",

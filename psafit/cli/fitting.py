@@ -112,23 +112,27 @@ def fit(
         warn([*data.warnings, *([] if done else costly(data, ids, chosen))])
     with watcher(quiet) as show:
         from psafit.inference import run as running
+        from psafit.inference.forecast import COUNTED, FIT, PAGE, reporting
         from psafit.numerics import audit
 
         command = ["psafit", "fit", experiment, "--group", group, "--seed", seed, "--starts", starts]
         command += ["--terms", terms] if terms else []
         command += ["--out", out] if out else []
         command += plugin_words()
-        result = running.fit(data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=show, command=command)
-        numerics = audit(result)
-        if not no_report:
-            show.stage("validate")
-            from psafit.report.fit import write_report
-            from psafit.validate import drifting
-            from psafit.validate import validate as check_predictions
+        with reporting(show, folder, "fit", "", FIT if no_report else FIT | PAGE, COUNTED) as whole:
+            result = running.fit(
+                data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=whole, command=command
+            )
+            numerics = audit(result)
+            if not no_report:
+                whole.stage("validate")
+                from psafit.report.fit import write_report
+                from psafit.validate import drifting
+                from psafit.validate import validate as check_predictions
 
-            validation, predictions = check_predictions(result)
-            show.stage("report")
-            page = write_report(result, validation, predictions, numerics)
+                validation, predictions = check_predictions(result)
+                whole.stage("report")
+                page = write_report(result, validation, predictions, numerics)
     write_result(json_file, {"fit": result.fit, "posterior": result.summary})
     if not quiet:
         best = result.fit.minima[0]

@@ -1,4 +1,4 @@
-"""`psafit watch`: how far a running fit is."""
+"""`psafit watch`: how far a running fit or diagnosis is."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from psafit.text import fixed
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from psafit.watch import State
+    from psafit.watch import DiagnosisState, State
 
 
 @click.command(cls=Command)
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 @QUIET
 @JSON
 def watch(run: Path, once: bool, every: float, quiet: bool, json_file: Path | None) -> int:
-    """Show how far a running fit is, until it has ended.
+    """Show how far a running fit or diagnosis is, until it has ended.
 
-    It only reads: nothing in the folder is changed or locked. Ctrl-C ends the watching, not the fit.
+    It only reads: nothing in the folder is changed or locked. Ctrl-C ends the watching, not the work.
     """
     import sys
 
@@ -60,7 +60,7 @@ def watch(run: Path, once: bool, every: float, quiet: bool, json_file: Path | No
     return DONE
 
 
-def _looks(run: Path, state: State, every: float) -> Any:
+def _looks(run: Path, state: State | DiagnosisState, every: float) -> Any:
     """One state after the other, until nothing more will come."""
     from psafit.watch import look
 
@@ -72,7 +72,7 @@ def _looks(run: Path, state: State, every: float) -> Any:
         state = look(run, state)
 
 
-def _lines(run: Path, state: State, every: float) -> Any:
+def _lines(run: Path, state: State | DiagnosisState, every: float) -> Any:
     """A line whenever something has changed."""
     said = ""
     for found in _looks(run, state, every):
@@ -82,7 +82,7 @@ def _lines(run: Path, state: State, every: float) -> Any:
         yield found
 
 
-def _live(run: Path, state: State, every: float) -> Any:
+def _live(run: Path, state: State | DiagnosisState, every: float) -> Any:
     """A table that stays in its place."""
     from rich.live import Live
 
@@ -101,6 +101,39 @@ _STAGES = {
 }
 
 
+def _told(state: State | DiagnosisState) -> tuple[str, list[tuple[str, str]]]:
+    """What it does, and the facts to tell of it, each with its goal and unit."""
+    from psafit.watch import State
+
+    return (_stage(state), _facts(state)) if isinstance(state, State) else (_doing(state), _counts(state))
+
+
+def _doing(state: DiagnosisState) -> str:
+    """What a diagnosis does."""
+    from psafit.progress import TITLES
+
+    if state.finished:
+        return f"done; {state.headline}"
+    if state.running is False:
+        return "interrupted: nothing works in this folder now; repeat the psafit diagnose command to go on"
+    return TITLES.get(state.stage, "under way")
+
+
+def _counts(state: DiagnosisState) -> list[tuple[str, str]]:
+    """How far it is."""
+    from psafit.progress import counted, duration
+
+    facts = []
+    if not state.finished and state.done is not None and (text := counted(state.done, state.total, state.note)):
+        facts.append(("stage", text))
+    facts.append(("models fitted", f"{state.models}"))
+    if state.seconds is not None:
+        facts.append(("time spent", duration(state.seconds)))
+    if state.whole_left is not None and state.running is not False:
+        facts.append(("time left", f"about {duration(state.whole_left)} in all"))
+    return facts
+
+
 def _stage(state: State) -> str:
     if state.running is False and not state.finished:
         return "interrupted: nothing works in this folder now; repeat the psafit fit command to go on"
@@ -112,7 +145,7 @@ def _stage(state: State) -> str:
 
 
 def _facts(state: State) -> list[tuple[str, str]]:
-    """What there is to tell, each with its goal and unit."""
+    """How far a fit is, each with its goal and unit."""
     from psafit.inference.store import told_r_hat
     from psafit.progress import duration
 
@@ -135,22 +168,27 @@ def _facts(state: State) -> list[tuple[str, str]]:
         # A short chain makes the autocorrelation time too short.
         long = (s.autocorrelation_times or 0.0) >= 0.5 * (s.wanted_times or 0.0)
         facts.append(("time left", f"{'about' if long else 'at least'} {duration(s.seconds_left)}"))
+    if s.whole_left is not None:
+        facts.append(("time left of the whole", f"about {duration(s.whole_left)}"))
     return facts
 
 
-def _line(state: State) -> str:
-    return "; ".join([_stage(state), *(f"{name} {text}" for name, text in _facts(state))])
+def _line(state: State | DiagnosisState) -> str:
+    stage, facts = _told(state)
+    return escaped("; ".join([stage, *(f"{name} {text}" for name, text in facts)]))
 
 
-def _table(run: Path, state: State) -> Table:
+def _table(run: Path, state: State | DiagnosisState) -> Table:
     from rich.progress_bar import ProgressBar
     from rich.table import Table
     from rich.text import Text
 
     table = Table.grid(padding=(0, 2))
-    table.add_row(Text(escaped(run.name), style="bold"), Text(_stage(state)))
-    if state.autocorrelation_times is not None and state.wanted_times is not None:
-        table.add_row("", ProgressBar(total=state.wanted_times, completed=state.autocorrelation_times, width=40))
-    for name, text in _facts(state):
-        table.add_row(Text(name, style="dim"), Text(text))
+    stage, facts = _told(state)
+    table.add_row(Text(escaped(run.name), style="bold"), Text(escaped(stage)))
+    done, total = getattr(state, "autocorrelation_times", None), getattr(state, "wanted_times", None)
+    if done is not None and total is not None:
+        table.add_row("", ProgressBar(total=total, completed=done, width=40))
+    for name, text in facts:
+        table.add_row(Text(name, style="dim"), Text(escaped(text)))
     return table

@@ -40,9 +40,10 @@ from psafit.files import Refused, digest, portable_command, refuse_foreign, sha2
 from psafit.inference import emcee_adaptor
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
+from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem, refuse_still
-from psafit.inference.run import Silent, Watcher, fit, load, versions
+from psafit.inference.run import fit, load, versions
 from psafit.numerics import refine
 from psafit.physics import TERMS
 from psafit.physics.term import Term
@@ -128,22 +129,50 @@ def diagnose(
         shown, n_jobs = watcher or Silent(), jobs or cores()
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
         drawing = held is not None
-        work = _Work(
-            experiment, training, folder, seed, catalogue, n_jobs, shown, command,
-            drawing=drawing, thorough=not quick, settings=settings, left_out=left_out,
-        )  # fmt: skip
-        return work.all(quick, searches, nautilus, identity)
+        repeats = (settings.searches if searches is None else searches) if catalogue else 0
+        plan = _plan(experiment, training, quick, repeats, nautilus, n_jobs)
+        with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
+            work = _Work(
+                experiment, training, folder, seed, catalogue, n_jobs, shown, command,
+                drawing=drawing, thorough=not quick, settings=settings, left_out=left_out,
+            )  # fmt: skip
+            return work.all(quick, searches, nautilus, identity)
+
+
+def _plan(
+    experiment: Experiment, training: tuple[GroupId, ...], quick: bool, repeats: int, nautilus: bool, jobs: int
+) -> dict[str, float]:
+    """Shares of a diagnosis' parts, in units of one search over all groups: see `psafit.inference.forecast.DIAGNOSIS`.
+
+    It takes for granted that causes are named: without, the repeated searches and the samplers fall away.
+    """
+    protocols = _protocols(experiment, training)
+    seens = {seen for splits in protocols.values() for seen, _ in splits} | {experiment.ids}
+    parts = 0.0 if quick or not protocols["nested"] else len(seens) / min(jobs, len(seens))
+    number = {
+        "parts": parts,
+        "causes": 1.0 if not parts else DIAGNOSIS["causes"],
+        "tests": DIAGNOSIS["tests"],
+        "next experiment": DIAGNOSIS["next experiment"] * (1 if quick else 3),
+        "adopted extension": 0.0 if quick else DIAGNOSIS["extension"],
+        "strict extension": 0.0 if quick or not protocols["strict"] else DIAGNOSIS["extension"],
+        "significance": DIAGNOSIS["null"] * repeats / min(jobs, max(repeats, 1)) + (1.0 if parts and repeats else 0.0),
+        "nautilus": DIAGNOSIS["nautilus"] if nautilus else 0.0,
+    }
+    return {name: share for name, share in number.items() if share}
 
 
 def _claim(folder: Path, experiment: Experiment) -> None:
     """Make a folder ours, or see that it is: nobody's files are replaced, nor the diagnosis of another rig."""
     marker, another = folder / MARKER, "choose another --out, or remove it"
-    try:
-        held = read_content(folder / RESULT)
-    except Refused:
-        raise
-    except InputError:  # none, or none that anybody can use
-        held = None
+    held = None
+    if (folder / RESULT).is_file():
+        try:
+            held = read_content(folder / RESULT)
+        except Refused:
+            raise
+        except InputError:  # nobody can use it
+            pass
     record = held if isinstance(held, dict) else {}
     fitted = (folder / "fit.json").exists()
     if not (fitted and _is_fit_of(experiment, folder)):
@@ -256,6 +285,7 @@ class _Work:
             runs["strict"] = (tuple(measured["strict"]["groups"][0]["named"]), self.training)
         for which, (ids, groups) in runs.items():
             if ids:
+                self.watcher.part(f"{which} extension")
                 with self._timed(f"{which} extension"):
                     extension[which] = self._extend(ids, groups)
                 what, unseen = f"posterior of the extension ({which})", extension[which]["scored_on"]
@@ -346,9 +376,18 @@ class _Work:
             fixed = self.experiment, self.catalogue, self.seed, self._memory, self.settings.tolerance
             ahead(
                 _climbed, [(*fixed, seen) for seen in wanted], self.jobs,
-                lambda k, n: self.watcher.update(k, n, f"searches; {self._memory.count('fit')} models fitted so far"),
+                self._searched,
             )  # fmt: skip
-            return tuple(self._search(seen).leader for seen, _ in protocols["nested"])
+            found = []
+            for k, (seen, _) in enumerate(protocols["nested"], 1):
+                found.append(self._search(seen).leader)
+                self.watcher.part("parts", k / len(protocols["nested"]))
+            return tuple(found)
+
+    def _searched(self, done: int, total: int) -> None:
+        """Report searches that run side by side."""
+        self.watcher.part("parts", done / total)
+        self.watcher.update(done, total, f"searches; {self._memory.count('fit')} models fitted so far")
 
     def _search(self, groups: tuple[GroupId, ...], others: Sequence[Candidate] = ()) -> Ladder:
         """The ladder of what some groups say."""

@@ -16,6 +16,19 @@ from typing import Protocol
 from psafit.errors import InputError
 from psafit.records import read_json, write_json
 
+FIT = {"search": 1.0, "sample": 10.0, "profile": 8.0}
+PAGE = {"validate": 0.3, "report": 3.0}
+DIAGNOSIS = {
+    "causes": 0.5,
+    "tests": 0.02,
+    "next experiment": 0.01,
+    "extension": 0.1,
+    "null": 0.3,
+    "nautilus": 0.5,
+}
+COUNTED = ("sample", "profile", "significance")
+"""Stages whose counts run from nought to the end."""
+
 PROGRESS = "progress.json"
 """In the folder of work under way or interrupted; removed at its end."""
 
@@ -169,7 +182,7 @@ class Reporter:
     plan : mapping of str to float
         See `Forecast`.
     counted : collection of str
-        Stages whose counts run once from nought to the end.
+        Stages whose counts say how much of them is done.
     every : float, s
         Least time between writes of the file.
     """

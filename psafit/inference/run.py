@@ -15,7 +15,7 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from psafit.files import (
 )
 from psafit.inference import emcee_adaptor, identify, store
 from psafit.inference.candidate import built_up
+from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
 from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.scale import read
@@ -71,26 +72,6 @@ MARKER = ".psafit-run"
 _SIGNED = ("fit.json", "posterior.nc")
 _ANEW = "run psafit fit again with another --out"
 LIBRARIES = ("numpy", "scipy", "numba", "lmfit", "emcee", "arviz", "h5py", "pandas")
-
-
-class Watcher(Protocol):
-    """Whoever shows the progress of a run."""
-
-    def stage(self, name: str) -> None:
-        """Begin a stage."""
-
-    def update(self, done: float, total: float | None, note: str = "") -> None:
-        """Report how far the stage is; `total` is None where nobody can know."""
-
-
-class Silent:
-    """A watcher that shows nothing."""
-
-    def stage(self, name: str) -> None:
-        """Do nothing."""
-
-    def update(self, done: float, total: float | None, note: str = "") -> None:
-        """Do nothing."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -219,7 +200,9 @@ def fit(
     watcher = watcher or Silent()
     determinants = _determinants(problem, seed, n_starts, _sampler(settings), places)
     with sole(folder):
-        return _fitted(problem, folder, determinants, seed, n_starts, places, settings, watcher, command)
+        record = _claim(folder, determinants)
+        with reporting(watcher, folder, "fit", _identity(determinants), FIT, COUNTED) as watcher:
+            return _fitted(problem, folder, record, determinants, seed, n_starts, places, settings, watcher, command)
 
 
 def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
@@ -242,6 +225,7 @@ def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict
 def _fitted(
     problem: Problem,
     folder: Path,
+    record: Fit | None,
     determinants: Mapping[str, Any],
     seed: int,
     n_starts: int,
@@ -252,7 +236,6 @@ def _fitted(
 ) -> Run:
     """What `fit` does once it knows what it is asked for."""
     identity = _identity(determinants)
-    record = _claim(folder, determinants)
     if record is None:
         write_experiment(problem.experiment, folder / "experiment")
         watcher.stage("search")
