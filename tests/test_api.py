@@ -114,3 +114,37 @@ def test_what_others_wrote_is_escaped(known: Experiment) -> None:
     groups = (replace(known.groups[0], id=HOSTILE),)
     html = Rig(replace(known, title=HOSTILE, groups=groups))._repr_html_()
     assert "<script" not in html and html.count("&lt;script&gt;") == 2
+
+
+def test_parameters_of_a_diagnosis(diagnosis: tuple[Path, Experiment]) -> None:
+    folder, experiment = diagnosis
+    found = Diagnosed(make_record(experiment), experiment, folder)
+    table = found.parameters
+    assert list(table.columns) == ["median", "lower_90", "upper_90", "unit", "implausible"]
+    cause = found.record.causes[0]
+    assert list(table.index) == list(cause.parameters) and table["implausible"].sum() == len(cause.implausible) == 1
+    assert table["median"].tolist() == [p["median"] for p in cause.parameters.values()]
+    for model in ("slew_limit + gap", ["gap", "slew_limit"]):
+        assert list(found.parameters_of(model).index) == list(found.record.causes[1].parameters)
+    assert found.parameters_of("baseline").equals(found.parameters_of([]))
+    assert found.parameters_of("baseline")["lower_90"].isna().all()  # it was not sampled
+    with pytest.raises(InputError, match="no model preload; choose one"):
+        found.parameters_of("preload")
+
+
+def test_a_diagnosis_prints_the_values_of_what_it_names(diagnosis: tuple[Path, Experiment]) -> None:
+    folder, experiment = diagnosis
+    found = Diagnosed(make_record(experiment), experiment, folder)
+    cause = found.record.causes[0]
+    text = repr(found)
+    assert "parameter of hysteresis" in text and "90 %: " in text and "implausible under its prior" in text
+    assert all(name in text for name in cause.parameters) and "parameter of hysteresis" in found._repr_html_()
+    told = repr(found.record)
+    assert told.startswith("Diagnosis(verdict='ambiguous', named=['hysteresis']") and "causes: 3" in told
+    assert len(told) < 1000
+
+
+def test_a_baseline_that_was_not_sampled_has_values_too(diagnosis: tuple[Path, Experiment]) -> None:
+    folder, experiment = diagnosis
+    found = Diagnosed(replace(make_record(experiment), named=[], verdict="adequate"), experiment, folder)
+    assert "parameter of baseline" in repr(found) and "(not sampled)" in repr(found)

@@ -27,7 +27,9 @@ from psafit.experiment import Experiment
 from psafit.files import sole
 from psafit.inference import emcee_adaptor
 from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.forecast import Reporter, Silent, progress_of, reporting
 from psafit.inference.run import load
+from psafit.records import write_json
 
 SHORT = Settings(chunk=60, max_steps=60)
 
@@ -139,14 +141,56 @@ def test_before_the_chain(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch
     assert capsys.readouterr().out.startswith("interrupted: nothing works in this folder now")
 
 
-def test_a_foreign_folder_is_one_line(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Under way, interrupted, and finished."""
+    file = tmp_path / "w.json"
+    assert run(monkeypatch, "watch", diagnosis[0], "--json", file) == 0
+    assert capsys.readouterr().out.startswith("done; verdict: ambiguous: hysteresis, or gap + slew_limit")
+    assert json.loads(file.read_text())["stage"] == "done"
+    folder = tmp_path / "run"
+    (folder / "steps").mkdir(parents=True)
+    assert run(monkeypatch, "watch", folder, "--once") == 0
+    assert capsys.readouterr().out.startswith(
+        "interrupted: nothing works in this folder now; repeat the psafit diagnose"
+    )
+    plan = {"causes": 1.0, "tests": 0.5, "significance": 3.0}
+    (folder / "steps" / "fit-ab.npz").write_bytes(b"")
+    shutil.copy(diagnosis[0] / "diagnosis.json", folder)  # of an earlier answer
+    with sole(folder), pytest.raises(KeyboardInterrupt), reporting(Silent(), folder, "diagnosis", "a", plan) as watcher:
+        watcher.stage("causes")
+        assert run(monkeypatch, "watch", folder, "--once") == 0
+        line = capsys.readouterr().out
+        assert "search the causes, on all groups; models fitted 1; time spent" in line and "time left" not in line
+        watcher.stage("tests")
+        watcher.stage("significance")
+        before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in folder.rglob("*") if p.is_file()}
+        assert run(monkeypatch, "watch", folder, "--once") == 0
+        assert "repeat the search where nothing is hidden; models" in (line := capsys.readouterr().out)
+        assert "time left about" in line and "in all" in line and line.count("\n") == 1
+        assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in before} == before
+        state = watch.look(folder)
+        assert isinstance(state, watch.DiagnosisState) and state.running and state.whole_left is not None
+        raise KeyboardInterrupt
+    assert run(monkeypatch, "watch", folder, "--once") == 0
+    assert capsys.readouterr().out.startswith("interrupted")
+
+
+def test_the_whole_of_a_fit_is_told_beside_its_stage(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    Reporter(Silent(), running, "fit", "a", {"search": 1.0, "sample": 2.0}).stage("search")
+    record = replace(progress_of(running), left=3600.0)  # type: ignore[type-var]
+    write_json(running / "progress.json", record)
+    assert watch.look(running).whole_left == 3600.0
+    assert run(monkeypatch, "watch", running, "--once") == 0
+    assert "time left of the whole about 60 min" in capsys.readouterr().out
+
+
+def test_a_foreign_folder_is_one_line(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / "damaged").mkdir()
     (tmp_path / "damaged" / "fit.json").write_text("{")
     for folder, said in (
         (tmp_path, "is not a run folder"),
         (tmp_path / "none", "is no folder"),
         (tmp_path / "damaged", "is damaged"),
-        (diagnosis[0], "is a diagnosis, which draws no chain"),
     ):
         assert run(monkeypatch, "watch", folder, "--once") == 2
         error = capsys.readouterr().err

@@ -36,3 +36,18 @@ def test_what_was_not_fitted_counts_by_what_screening_saw(hidden):
             )
         else:
             assert pair not in found.unfitted and found.probability[("amplifier_lag",)] > 0.95
+
+
+@pytest.mark.parametrize("best", [0.96, 0.5])
+def test_no_set_more_probable_than_a_listed_one_is_left_out(best):
+    """Sets of no more causes that fit as well are listed however improbable; then all between them are."""
+    likely = {"a": best, "bc": 0.015, "d": 0.013, "ef": 0.001}
+
+    def fitted(ids, height):
+        return SimpleNamespace(ids=tuple(ids), log_likelihood=height, problem=SimpleNamespace(n_dim=3 + len(ids)))
+
+    models = [fitted("a", -10.0), fitted("bc", -9.0), fitted("d", -11.0), fitted("ef", -30.0)]
+    probability = {tuple(ids): p for ids, p in likely.items()}
+    found = ladder.Ladder(tuple(models), probability, {("g",): 0.014}, {}, {}, ()).rivals(("a",))
+    assert found[:3] == (("b", "c"), ("g",), ("d",))
+    assert len(found) == (3 if best > 0.95 else 4)

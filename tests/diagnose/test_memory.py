@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+from pathlib import Path
+
 import numpy as np
+import pytest
 from truths import FEW, experiment, problem
 
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.search import climb
+from psafit.errors import InputError
 from psafit.parameters import Belief, Normal
 from psafit.physics import informed
 
@@ -50,3 +55,15 @@ def test_what_is_kept_belongs_to_the_priors_it_was_found_with(tmp_path):
         assert found[term].probability == fresh.probability
         assert found[term].screened[0].log_bayes == fresh.screened[0].log_bayes
     assert found[FEW[0]].screened[0].log_bayes != found[wide].screened[0].log_bayes
+
+
+def test_a_step_that_the_system_refuses_is_not_worked_out_anew(tmp_path, monkeypatch):
+    memory, one = Memory(tmp_path), problem(experiment(n=8))
+    memory.recall("fit", one, 1, lambda: {"x": np.arange(3.0)})
+
+    def refused(path):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refused)
+    with pytest.raises(InputError, match="check its permissions"):
+        memory.recall("fit", one, 1, lambda: {"x": np.arange(3.0)})

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import shutil
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +22,7 @@ from rigs import TRUTH, rig
 
 from psafit.errors import InputError
 from psafit.experiment import Experiment
-from psafit.inference import identify
+from psafit.inference import emcee_adaptor, identify
 from psafit.inference import run as running
 from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.optimise import Minimum, Optimum, laplace_covariance, optimise
@@ -237,7 +242,7 @@ def _break(folder: Path, how: str) -> None:
         with h5py.File(folder / "posterior.nc", "w") as f:
             f["x"] = 1
     elif how == "changed data":
-        table = folder / "experiment" / "group1.csv"
+        table = folder / "experiment" / "1.csv"
         lines = table.read_text().splitlines()
         table.write_text("\n".join([*lines[:-1], "123.0,20.0,4.0"]) + "\n")
 
@@ -350,3 +355,68 @@ def test_run_carries_its_causes(tmp_path: Path) -> None:
     assert worst == sorted(worst, reverse=True) and worst[-1] < 1e-3 * worst[0]
     with pytest.raises(InputError, match="another run"):
         fit(experiment, [1], tmp_path / "run", n_starts=4, settings=quick)
+
+
+HOLD = "import h5py, sys; f = h5py.File(sys.argv[1], 'r+'); print('held', flush=True); sys.stdin.read()"
+
+
+@contextmanager
+def held(file: Path) -> Iterator[None]:
+    """A file that another process holds open for writing, until that is killed."""
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(file)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None and process.stdout.readline().strip() == b"held"
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+def test_a_chain_that_another_process_holds_open_is_sound(
+    finished: running.Run, known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shutil.copytree(finished.folder, tmp_path / "run")
+    (folder / "posterior.json").unlink()
+    before = (folder / "chain.h5").read_bytes()
+    again = partial(running.fit, known, [1, 2], folder, seed=4, n_starts=12, settings=QUICK)
+    with (
+        held(folder / "chain.h5"),
+        pytest.raises(InputError, match="wait until the process that holds it open") as told,
+    ):
+        again()
+    assert told.value.file == folder / "chain.h5" and "remove" not in str(told.value)
+    with monkeypatch.context() as patch, pytest.raises(InputError, match="check its permissions"):
+        refuse = PermissionError(errno.EACCES, "Unable to open file")
+        patch.setattr(emcee_adaptor.h5py, "File", lambda *a, **k: (_ for _ in ()).throw(refuse))
+        again()
+    after = (folder / "chain.h5").read_bytes()
+    assert len(after) == len(before)
+
+
+def test_a_posterior_that_a_killed_program_left_marked_is_rebuilt_from_the_chain(
+    finished: running.Run, known: Experiment, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(finished.folder, tmp_path / "run")
+    whole = {name: (folder / name).read_bytes() for name in ("posterior.nc", "posterior.json", "chain.h5", "fit.json")}
+    with held(folder / "posterior.nc"), pytest.raises(InputError, match="wait until the process") as told:
+        load(folder)
+    assert told.value.file == folder / "posterior.nc"
+    assert (folder / "posterior.nc").read_bytes() != whole["posterior.nc"]  # the flag of HDF5
+    again = partial(running.fit, known, [1, 2], folder, seed=4, n_starts=12, settings=QUICK)
+    for read in (lambda: load(folder), again):
+        with pytest.raises(InputError, match=r"remove posterior\.json and repeat the command that made it"):
+            read()
+    (folder / "posterior.json").unlink()
+    again()
+    assert {name: (folder / name).read_bytes() for name in whole} == whole and load(folder).summary == finished.summary
+    for name in ("posterior.nc", "posterior.json"):
+        (folder / name).write_bytes(b"{")
+        with pytest.raises(InputError, match=r"remove posterior\.json"):
+            load(folder)
+        (folder / name).write_bytes(whole[name])
+
+
+def test_records_of_a_run_print_as_what_they_are(finished: running.Run) -> None:
+    assert repr(finished).startswith("Run(folder=") and len(repr(finished)) < 1000
+    assert "converged=True" in repr(finished.summary) and "parameters: 6" in repr(finished.summary)

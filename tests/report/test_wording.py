@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from psafit.challenge.score import percent
+from psafit.cli.diagnosing import _share
+from psafit.diagnose.next_experiment import promise
+from psafit.report import diagnosis_words as words
 from psafit.report import wording
 
 
@@ -37,3 +41,15 @@ def test_plain_text_is_typeset():
     assert plain_spaces(wording.typeset("k_c = 3.22e6 N/m (90 %: -2 um to 1e-7), 275 us; R-hat 2-6")) == (
         "k_c = 3.22 × 10⁶ N/m (90 %: −2 µm to 1 × 10⁻⁷), 275 µs; R-hat 2-6"
     )
+
+
+def test_the_same_probability_reads_the_same_everywhere():
+    assert wording.p_value(0.925) == "0.93" and plain_spaces(wording.percent(0.925)) == "93 %"
+    assert _share(0.925) == "92.5" and _share(0.0125) == "1.3" and percent(0.925) == "93 %"
+
+
+def test_nothing_is_narrower_by_minus_zero():
+    offered = {"about": "determines k_c", "proposals": [{"separation": -1e-3, "error": 0.1, "constants": {}}]}
+    assert "narrower by 0 %" in promise(offered, 0)
+    assert plain_spaces(words.narrowing(-1e-3)) == "0 %" and words.nats(-0.04) == "0.0" == words.signed(-0.04)
+    assert wording.exact(-0.0) == "0" and "-0 " not in wording.typeset(words.lead({"separation": -0.01, "error": 0.1}))
