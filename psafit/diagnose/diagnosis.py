@@ -146,20 +146,31 @@ def _plan(
 
     It takes for granted that causes are named: without, the repeated searches and the samplers fall away.
     """
-    protocols = _protocols(experiment, training)
-    seens = {seen for splits in protocols.values() for seen, _ in splits} | {experiment.ids}
-    parts = 0.0 if quick or not protocols["nested"] else len(seens) / min(jobs, len(seens))
-    number = {
-        "parts": parts,
-        "causes": 1.0 if not parts else DIAGNOSIS["causes"],
-        "tests": DIAGNOSIS["tests"],
-        "next experiment": DIAGNOSIS["next experiment"] * (1 if quick else 3),
-        "adopted extension": 0.0 if quick else DIAGNOSIS["extension"],
-        "strict extension": 0.0 if quick or not protocols["strict"] else DIAGNOSIS["extension"],
-        "significance": DIAGNOSIS["null"] * repeats / min(jobs, max(repeats, 1)) + (1.0 if parts and repeats else 0.0),
-        "nautilus": DIAGNOSIS["nautilus"] if nautilus else 0.0,
-    }
-    return {name: share for name, share in number.items() if share}
+    one = DIAGNOSIS
+    found = {"causes": one["search"], "tests": one["tests"], "next experiment": one["proposals"]}
+    protocols = {} if quick else _protocols(experiment, training)
+    strict, nested = (bool(protocols.get(name)) for name in ("strict", "nested"))
+    alone = jobs == 1 or not nested  # what is searched side by side are the parts, the training groups and all groups
+    if nested:
+        n = (
+            len(protocols["nested"])
+            if alone
+            else len({seen for splits in protocols.values() for seen, _ in splits}) + 1
+        )
+        found = {"parts": n / min(jobs, n), **found, "causes": one["again"]}
+    if strict:
+        found["strict gain"] = one["gain"] + alone * one["search"]
+    if nested:
+        found["nested gain"] = one["gain"]
+    if not quick:
+        found["adopted extension"] = one["sampler"]
+    if strict:
+        found["strict extension"] = one["sampler"]
+    if repeats:
+        found["significance"] = one["null"] * repeats / min(jobs, repeats) + (nested and alone) * one["search"]
+    if nautilus:
+        found["nautilus"] = one["nautilus"]
+    return found
 
 
 def _claim(folder: Path, experiment: Experiment) -> None:
