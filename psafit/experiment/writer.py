@@ -87,7 +87,8 @@ def _kept_definition(experiment: Experiment) -> str | None:
     try:
         found = Definition(experiment.folder)
         text = found.file.read_bytes().removeprefix(codecs.BOM_UTF8).decode("utf-8")
-        declared = [(g.id, g.waveform, g.file, g.changed) for g in found.groups()]
+        declared = [(g.id, g.waveform, g.file, g.changed) for g in found.groups(found.faults)]
+        found.faults.end()
         same = (
             tomllib.loads(text) == found.data
             and found.constants() == experiment.constants
