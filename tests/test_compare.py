@@ -42,7 +42,7 @@ def test_a_difference_that_nobody_cares_for_has_no_winner() -> None:
 
     assert _winner([0.3, 0.2], (-0.12, -0.08)) == 1 and _winner([0.2, 0.3], (0.08, 0.12)) == 0
     assert _winner([0.3, 0.2], (-0.3, 0.01)) is None and _winner([0.0502, 0.0499], (-0.001, -0.0001)) is None
-    assert _signed(-0.0001) == "+0.000"
+    assert _signed(-0.0001) == "0.000"
 
 
 def test_more_data_may_be_why_one_is_better(tmp_path: Path) -> None:
