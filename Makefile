@@ -149,6 +149,8 @@ $(STAMP)-run: requirements.lock pyproject.toml
 	@$(INSTALL) requirements.lock
 	@$(COMPILE)
 	@$(PIP) install --no-deps -e .
+	@echo 'Compiling the simulator: about a minute, once'
+	@$(BIN)/python -m psafit.simulate
 	@printf '%s' "$$PWD" > $@
 
 $(STAMP)-dev: requirements-dev.lock $(STAMP)-run
