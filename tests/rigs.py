@@ -14,12 +14,18 @@ RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 TRUTH = np.array([4.0e5, 9.0e3, 60.0])
 
 
-def measure(rng: np.random.Generator, relative: float = 0.05, absolute: float = 0.05) -> Experiment:
+def measure(
+    rng: np.random.Generator,
+    relative: float = 0.05,
+    absolute: float = 0.05,
+    readings: tuple[int, int, int] = (30, 20, 12),
+) -> Experiment:
     """Three groups drawn from the baseline, with normal scatter (um)."""
+    a, b, c = readings
     conditions = (
-        ("sine", np.geomspace(100, 2e4, 30), np.full(30, 20.0)),
-        ("square", np.geomspace(50, 2e4, 20), np.full(20, 15.0)),
-        ("sine", np.full(12, 1500.0), np.linspace(2, 20, 12)),
+        ("sine", np.geomspace(100, 2e4, a), np.full(a, 20.0)),
+        ("square", np.geomspace(50, 2e4, b), np.full(b, 15.0)),
+        ("sine", np.full(c, 1500.0), np.linspace(2, 20, c)),
     )
     groups = []
     for number, (waveform, f, v) in enumerate(conditions, 1):

@@ -48,11 +48,8 @@ Parameters = Mapping[str, float]
 _DECIMALS = 2
 # Scatter: median, and the factor that one standard deviation means.
 _RELATIVE, _ABSOLUTE_UM = (0.05, 1.25), (0.05, 1.5)
-_MOST_REDRAWS = 200
 # Before all readings are simulated, one in so many says whether a true model launches.
 _SAMPLE = 12
-# True models tried for one in which the causes can be as strong as asked for; then the best of them is taken.
-_PATIENCE = 5
 # How often nothing, one or two causes are hidden where no kind is asked for.
 _ODDS = (0.25, 0.5, 0.25)
 _CHUNK = 16
@@ -123,6 +120,8 @@ def make(
     nu: float | None = None,
     believed: bool = False,
     jobs: int = 1,
+    redraws: int = 200,
+    patience: int = 5,
 ) -> Challenge:
     """Draw a true model and write `experiment/`, `answer.json` and `commitment.txt`.
 
@@ -146,6 +145,10 @@ def make(
         Draw the scatter, too, from the priors that a diagnosis has for it.
     jobs : int
         Processes that simulate.
+    redraws : int
+        True models drawn until one launches in most readings.
+    patience : int
+        Of these, such as were tried for one in which the causes are as strong as asked for; then the best is taken.
 
     Returns
     -------
@@ -175,12 +178,12 @@ def make(
     if believed:
         scatter = {p.name: _from_prior(p, rng) for p in scatter_law.PARAMETERS}
     weak: list[_Truth] = []
-    for redraws in range(_MOST_REDRAWS):
+    for drawn in range(redraws):
         truth = _draw(rng, chosen, design, blank.ids, scatter, strength)
         if truth is not None and not truth.reached:
             weak.append(truth)
         if truth is None or not truth.reached:
-            if not weak or (len(weak) < _PATIENCE and redraws + 1 < _MOST_REDRAWS):
+            if not weak or (len(weak) < patience and drawn + 1 < redraws):
                 continue
             truth = max(weak, key=lambda t: min(t.expected.values()))
         true_um = simulate_literally(design, truth.parameters, chosen, blank.ids, jobs=jobs)
@@ -213,7 +216,7 @@ def make(
         where=where,
         places=places,
         design="drawn" if design_of is None else "given",
-        redraws=redraws,
+        redraws=drawn,
         true_um=true_um.tolist(),
         fingerprint=experiment.fingerprint,
     )

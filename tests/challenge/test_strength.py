@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from rigs import measure
 
 from psafit.challenge.strength import find, lost_nats
-from psafit.experiment import Experiment
 from psafit.physics import term
 from psafit.simulate import Design
 
@@ -27,7 +27,8 @@ def test_few_wild_readings_cost_little() -> None:
     assert lost_nats(wild) < 0.5 * lost_nats(even)
 
 
-def test_strength_is_what_was_asked_for_or_says_that_it_is_not(known: Experiment) -> None:
+def test_strength_is_what_was_asked_for_or_says_that_it_is_not() -> None:
+    known = measure(np.random.default_rng(5))
     theta = np.array([4e5, 9e3, 60.0])
     design = Design.of(known.constants, known.groups)
     scatter = {"sigma_rel": 0.05, "sigma_abs": 0.05, "nu": None}
