@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from psafit.watch import DiagnosisState, State
 
 
-@click.command(cls=Command)
+@click.command(cls=Command, short_help="Show how far a fit or diagnosis is.")
 @click.argument("run", metavar="RUN", type=Place("input"))
 @click.option("--once", is_flag=True, help="Say how far it is, and end.")
 @click.option(

@@ -291,8 +291,8 @@ class _Work:
         for scored in measured.values():
             ledger += scored["ledger"]
         extension: dict[str, Any] = {}
-        runs = {} if quick else {"adopted": (verdict.named, experiment.ids)}
-        if "strict" in measured:
+        runs = {} if quick or not self.settings.steps else {"adopted": (verdict.named, experiment.ids)}
+        if runs and "strict" in measured:
             runs["strict"] = (tuple(measured["strict"]["groups"][0]["named"]), self.training)
         for which, (ids, groups) in runs.items():
             if ids:
@@ -302,7 +302,7 @@ class _Work:
                 what, unseen = f"posterior of the extension ({which})", extension[which]["scored_on"]
                 ledger.append({"choice": what, "saw": list(groups), "scored_on": unseen})
         if searches is None:
-            searches = self.settings.searches if verdict.named else 0
+            searches = 0 if quick or not verdict.named else self.settings.searches
         if searches and self.catalogue:
             with self._stage("significance"):
                 # A search like those of simulated readings, which have no parts to begin from; it is read back.
@@ -439,7 +439,7 @@ class _Work:
         """Fit causes to groups like any run, sample their posterior, and validate it."""
         terms = tuple(t for t in self.catalogue if t.id in ids)
         problem = Problem(self.experiment, tuple(groups), terms)
-        settings = emcee_adaptor.Settings.of(problem)
+        settings, steps = emcee_adaptor.Settings.of(problem), self.settings.steps
         # A diagnosis repeated in its folder with other groups, priors or another seed is another run.
         about = [versions(), list(groups), self.seed, *(t.determinants for t in terms)]
         about += [p.signature for p in problem.parameters]
@@ -462,7 +462,7 @@ class _Work:
                 terms=terms,
                 seed=self.seed,
                 known=known,
-                settings=replace(settings, max_steps=self.settings.steps),
+                settings=replace(settings, max_steps=steps, chunk=min(settings.chunk, steps)),
                 watcher=self.watcher,
                 command=self.command,
             )

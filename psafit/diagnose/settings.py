@@ -22,9 +22,11 @@ class Settings:
         Tied models, the most probable first, with which a proposed measurement is simulated. A quick diagnosis takes
         two: draws of a model that was not sampled yet are expensive.
     searches : int
-        Searches repeated on simulated baselines where a cause is named; 19 allow a p value of one in twenty.
+        Searches repeated on simulated baselines where a cause is named; 19 allow a p value of one in twenty. A quick
+        diagnosis repeats none.
     steps : int
-        Most steps of the chain for an adopted extension. A chain that needs more is continued by the same command.
+        Most steps of the chain for an adopted extension; none is drawn at 0. A chain that needs more is continued by
+        the same command.
     """
 
     tolerance: float = 1e-4
@@ -36,5 +38,5 @@ class Settings:
 
     @classmethod
     def usual(cls, quick: bool) -> Settings:
-        """Return the defaults; a quick diagnosis simulates fewer data sets and repeats no search."""
-        return replace(cls(), simulated=199, searches=0, rehearsed=2) if quick else cls()
+        """Return the defaults; a quick diagnosis simulates fewer data sets and rehearses with fewer models."""
+        return replace(cls(), simulated=199, rehearsed=2) if quick else cls()

@@ -191,6 +191,7 @@ def test_outside_effects_act_where_they_say(known: Experiment, tmp_path: Path, e
     assert consult(made.experiment, made.answer, seed=1).gain > 10.0
 
 
+@pytest.mark.slow
 def test_believed_truths_have_the_scatter_that_a_diagnosis_believes_in(known: Experiment, tmp_path: Path) -> None:
     drawn = [make(k, tmp_path / f"b{k}", design_of=known, terms=[], believed=True).answer.scatter for k in range(6)]
     usual = make(1, tmp_path / "u", design_of=known, terms=[]).answer.scatter

@@ -99,6 +99,7 @@ def test_a_link_stays_and_a_device_is_not_replaced(known_folder: Path, tmp_path:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["link", "pipe", "real.json"]
 
 
+@pytest.mark.slow
 def test_a_closed_output_is_no_failure(known_folder: Path, tmp_path: Path) -> None:
     """Nor is one that knows fewer letters than a title has."""
     psafit = [sys.executable, "-m", "psafit"]

@@ -15,6 +15,7 @@ from psafit.diagnose.search import climb
 from psafit.experiment import fingerprint
 
 
+@pytest.mark.slow
 def test_gain_does_not_see_what_it_scores(tmp_path):
     e = experiment(["amplifier_lag"], [4e-5])
     # Other readings in the groups held out must not change what is predicted for them.

@@ -26,6 +26,7 @@ def test_a_sound_model_is_not_accused(sound):
     assert leftover(sound).log_bayes < 0
 
 
+@pytest.mark.slow
 def test_the_level_is_kept():
     """Of ten sound data sets at most three are accused at 5 % (four would come once in a thousand)."""
     p = [
@@ -121,6 +122,7 @@ def test_places_hold_the_spoilt_stretch():
     assert any(p.lower <= peak <= p.upper and p.log_bias < 0 for p in places)
 
 
+@pytest.mark.slow
 def test_readings_that_scatter_less_than_any_instrument_accuse_nothing():
     """What a simulation made, as it is or rounded, and a scatter of three in ten thousand; a cause still shows."""
     rng = np.random.default_rng(2)

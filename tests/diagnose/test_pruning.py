@@ -15,6 +15,7 @@ from psafit.inference.problem import Problem
 from psafit.physics import terms
 
 
+@pytest.mark.slow
 def test_a_search_from_above_leads_through_the_truth(three, monkeypatch):
     monkeypatch.setattr(pruning, "_FEW", 3)  # the first cause goes by a quarter of the readings
     found = {c.ids: c for c in prune(three, FEW, seed=1, least=1, most=3)}
@@ -37,6 +38,7 @@ def test_no_hill_leads_nowhere(three, monkeypatch):
     assert prune(three, FEW, seed=1, least=1, most=3) == []
 
 
+@pytest.mark.slow
 def test_what_an_absence_costs_is_told_by_masses_not_heights(three):
     """A cause with a value for each group costs density in every one of them: heights alone would always drop it."""
     gains = {"a": 1.3, "b": 0.8, "c": 1.0}

@@ -10,6 +10,7 @@ from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.inference.evidence import weigh
 
 
+@pytest.mark.slow
 def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
     """Readings from either of two causes, added to what was measured: the cause that made them comes out ahead."""
     models = [(c, weigh(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]

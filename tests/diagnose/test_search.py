@@ -28,6 +28,7 @@ def test_ladder_names_a_hidden_cause(hidden):
     assert tau == pytest.approx(4e-5, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
     """Of the small models of a good large one none need be good: here the search has been held to one cause."""
     monkeypatch.setattr(rungs, "_TANGLED", 1)
@@ -48,6 +49,7 @@ def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
     assert not again.from_above()
 
 
+@pytest.mark.slow
 def test_an_exchange_begins_from_what_has_the_new_cause_too(monkeypatch):
     """Beside the rest of a wrong model the right cause may lead nowhere; from where it is best by itself it does."""
     whole = problem(experiment(["amplifier_lag", "flight_friction"], [4e-5, 0.05]))
@@ -68,6 +70,7 @@ def test_an_exchange_begins_from_what_has_the_new_cause_too(monkeypatch):
     assert any(np.array_equal(row, expected) for row in begun[both.ids][0])
 
 
+@pytest.mark.slow
 def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path, monkeypatch):
     """One that left out the unlike told a single set where the quick one told a tie of three."""
     steps = ["begin", "grow", "look_around", "settle", "think_again", "from_above", "take_over"]
@@ -92,6 +95,7 @@ def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path
     assert {c.ids for c in quick.candidates} <= {c.ids for c in thorough.candidates}
 
 
+@pytest.mark.slow
 def test_exchanges_of_many_causes_are_judged_by_climbs(tmp_path, monkeypatch):
     """The expansion promises nothing; short climbs see what belongs in a cause's place, and it is fitted."""
     whole = problem(experiment(["amplifier_lag", "flight_friction"], [4e-5, 0.05], n=60))
@@ -117,6 +121,7 @@ def test_exchanges_of_many_causes_are_judged_by_climbs(tmp_path, monkeypatch):
     assert again._leader().height == search._leader().height
 
 
+@pytest.mark.slow
 def test_a_part_is_found_from_the_whole_and_what_was_concluded_from_its_old_place_forgotten():
     """The cause alone stays at its neutral value; the pair, whose second cause does little, is right."""
     whole = problem(experiment(["amplifier_lag"], [4e-5], n=40, seed=3))
@@ -137,7 +142,9 @@ def test_a_part_is_found_from_the_whole_and_what_was_concluded_from_its_old_plac
     assert stuck.ids not in search.screenings and stuck.ids not in search._refined
 
 
-@pytest.mark.parametrize(("ids", "values"), [((), ()), (("amplifier_lag",), (2e-5,))])
+@pytest.mark.parametrize(
+    ("ids", "values"), [((), ()), pytest.param(("amplifier_lag",), (2e-5,), marks=pytest.mark.slow)]
+)
 def test_combinations_are_tried_where_a_cause_gains_something(ids, values):
     search = rungs._Search(problem(experiment(ids, values)), FEW, 1, Memory(None), lambda what, done, total: None)
     search.begin()
@@ -174,6 +181,7 @@ def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden):
                 assert c.log_likelihood > smaller.log_likelihood - 3.0
 
 
+@pytest.mark.slow
 def test_a_search_begins_from_what_fewer_readings_led_to(monkeypatch):
     """A search that goes no further than single causes finds the pair that a part of the readings had."""
     ids, values = ["amplifier_lag", "flight_friction"], [4e-5, 0.02]
@@ -188,6 +196,7 @@ def test_a_search_begins_from_what_fewer_readings_led_to(monkeypatch):
     assert begun.leader.height == pytest.approx(whole.height, abs=0.5)
 
 
+@pytest.mark.slow
 def test_where_a_cause_was_held_by_cliffs_the_others_are_looked_over(hidden):
     """Else the one that a look had raised would lead over others that nobody looked at."""
     search = rungs._Search(hidden.baseline.problem, FEW, 1, Memory(None), lambda *a: None)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from truths import FEW
 
 from psafit.diagnose.memory import Memory
 from psafit.diagnose.significance import lead, significance
 
 
+@pytest.mark.slow
 def test_the_search_finds_less_where_nothing_is_hidden(hidden, tmp_path):
     memory = Memory(tmp_path)
     found = significance(hidden, FEW, 3, seed=1, memory=memory)

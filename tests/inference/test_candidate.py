@@ -37,6 +37,7 @@ def test_what_acts_by_steps_is_found_a_step_away():
     assert _across_steps(whole, stuck).height.max() > best.height[0] - 1
 
 
+@pytest.mark.slow
 def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
     """Friction leads away by 400 nats; the baseline's best hill has 20 um of scatter and another contact."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
@@ -49,6 +50,7 @@ def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
     assert fit(plain, (), seed=1, draws=1024, most=24).height > top - 0.5
 
 
+@pytest.mark.slow
 def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
     one = settle_at(hidden.leader.problem, hidden.leader.modes[:1])
     assert one.laplace_apart == pytest.approx(one.laplace)
@@ -62,7 +64,7 @@ def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
         assert math.exp(two.laplace_apart - one.laplace) == pytest.approx(counted, rel=0.05)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 3])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_second_hill_of_the_baseline_is_not_lost(seed):
     """A look elsewhere finds it from any one hill; the posterior of all of them holds the truth."""
     rig, truth = rig_with_two_hills(seed)
@@ -80,7 +82,7 @@ def test_a_second_hill_of_the_baseline_is_not_lost(seed):
     assert (lower[:3] < rig.to_physical(truth)[:3]).all() and (rig.to_physical(truth)[:3] < upper[:3]).all()
 
 
-@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 4])
 def test_a_top_behind_cliffs_is_found_by_a_population(seed):
     """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump, and climbs stop early."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
@@ -109,6 +111,7 @@ def test_a_hopeless_model_is_not_told_as_worse_than_what_is_within_it():
         assert behind.log_likelihood > plain.log_likelihood - 0.5
 
 
+@pytest.mark.slow
 def test_a_model_of_many_causes_is_built_up():
     """It ends no lower than a climb from the truth, and tells how far it is."""
     ids, values = ["amplifier_lag", "preload", "flight_friction"], [4e-5, 2e-5, 0.02]

@@ -52,6 +52,7 @@ def test_a_chain_is_long_enough_when_all_three_say_so() -> None:
     assert not stuck.converged and stuck.r_hat.max() > 1.01
 
 
+@pytest.mark.slow
 def test_a_chain_begins_on_a_bent_ridge(known: Experiment, tmp_path: Path) -> None:
     """Draws from the curvature at the top lie far below a ridge that bends; simulated ones of the emulated do not."""
     bent = Problem(known, (1,), terms(["slew_limit", "soft_layer", "flight_friction"]))

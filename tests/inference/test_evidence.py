@@ -37,7 +37,7 @@ def test_evidence_is_that_of_plain_monte_carlo():
     assert (np.abs(draws.mean(axis=0) - other) > 0.5 * spread).any()  # not the prior's
 
 
-@pytest.mark.parametrize("place", [2.2, 2.4, 2.5, 4.9])
+@pytest.mark.parametrize("place", [*(pytest.param(p, marks=pytest.mark.slow) for p in (2.2, 2.5, 4.9)), 2.4])
 def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     """Above 2.4 periods no reading knows how long the drive lasts, from 2.3 downwards many do."""
     e = experiment(["repeat_impacts"], [3.4])
@@ -59,6 +59,7 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     assert found.log_evidence == pytest.approx(weigh(fitted, seed=2).log_evidence, abs=0.2)
 
 
+@pytest.mark.slow
 def test_evidence_is_that_of_a_nested_sampler(sound):
     """Two ways that share but the simulator: climbs, emulator and weights; and shells from the prior inwards."""
     pytest.importorskip("nautilus")
@@ -106,6 +107,7 @@ def test_resampling_keeps_the_weighted_mean(sound):
     assert found.resampled(2000).mean(axis=0) == pytest.approx(found.weights @ found.draws, abs=0.02)
 
 
+@pytest.mark.slow
 def test_hills_weigh_what_each_weighs_alone():
     """Seven nats lower and far wider, the second hill holds most of the posterior."""
     rig, _ = rig_with_two_hills(1)

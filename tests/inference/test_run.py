@@ -125,6 +125,7 @@ def test_repeating_an_unconverged_run_draws_on(
     assert more.fit == at_once.fit and np.array_equal(more.draws.values, at_once.draws.values)
 
 
+@pytest.mark.slow
 def test_a_minimum_that_the_search_missed_is_added(
     known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

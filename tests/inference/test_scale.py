@@ -71,6 +71,7 @@ def test_a_group_of_which_one_reading_tells_does_not_switch_the_check_off() -> N
     assert "group 3: launch ranges lie below" in warning
 
 
+@pytest.mark.slow
 def test_true_rigs_are_hardly_ever_warned_of() -> None:
     """Of rigs drawn from the prior one in fifty lies outside 98 % of it on either side; here fewer than one in five."""
     problem = Problem(STUDY, STUDY.ids)

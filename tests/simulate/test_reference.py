@@ -72,6 +72,7 @@ def test_pendulum_of_one_micrometre_and_of_more_than_the_string() -> None:
     assert pendulum_range(0.3, c) == pytest.approx(literal, rel=1e-13)
 
 
+@pytest.mark.slow
 def test_momentum_of_the_ball_is_the_impulse_of_the_contact_force(rig: Constants) -> None:
     path = rk4_launch(Point("sine", 1200.0, 20.0), PUBLISHED, rig, 1e-7, path=True).path
     assert path is not None
