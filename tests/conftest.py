@@ -51,7 +51,7 @@ def hidden():
 
     from psafit.diagnose.search import climb
 
-    return climb(problem(experiment(["amplifier_lag"], [4e-5], n=24, seed=3)), FEW, seed=1)
+    return climb(problem(experiment(["amplifier_lag"], [4e-5], n=24, seed=3)), FEW, seed=1, thorough=False)
 
 
 @pytest.fixture(scope="session")

@@ -248,6 +248,7 @@ def test_colours_can_be_read(browser, report, scheme):
     one.context.close()
 
 
+@pytest.mark.slow
 def test_page_prints(browser, report, tmp_path):
     one = Opened(browser, report, SIZES[0])
     one.page.emulate_media(media="print")

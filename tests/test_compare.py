@@ -45,6 +45,7 @@ def test_a_difference_that_nobody_cares_for_has_no_winner() -> None:
     assert _signed(-0.0001) == "0.000"
 
 
+@pytest.mark.slow
 def test_more_data_may_be_why_one_is_better(tmp_path: Path) -> None:
     one, other = made("a", 2.0), made("b", 1.1)
     third = replace(one.told[0], group=replace(one.told[0].group, id=3))
@@ -112,6 +113,7 @@ def test_the_page_of_two_fits(fitted: tuple[Path, Path], tmp_path: Path, monkeyp
     assert {p: p.read_bytes() for p in before} == before  # the runs are only read
 
 
+@pytest.mark.slow
 def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-def]
     diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys
 ) -> None:

@@ -42,7 +42,7 @@ UNIT_ERROR = next(effect for effect in OUTSIDE if effect.name == "unit_error")
 SINGLES = ("start_phase", "gap", "preload")
 PAIR = ("start_phase", "preload")
 # What a diagnosis chooses from where it need not look at all there is.
-FEW = (*SINGLES, "reading_offset")
+FEW = SINGLES
 ASKED, ASKED_OF_EACH = 100.0, 60.0
 # What the oracle must see for a miss to count: of the whole, and of each of a pair beside the other.
 SEEN, SEEN_BESIDE = 40.0, 15.0
@@ -236,9 +236,8 @@ def without(part: str, patch: pytest.MonkeyPatch) -> None:
         patch.setattr(search._Search, "_evidence", lambda self, c: c.log_likelihood)
 
 
-@pytest.mark.parametrize(
-    "part", [pytest.param(part, marks=() if part == "single causes" else pytest.mark.slow) for part in PARTS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("part", PARTS)
 def test_a_broken_diagnosis_fails(part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a part of it the test below misses a kind, with any seeds that it may draw."""
     without(part, monkeypatch)

@@ -125,6 +125,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_worker_processes_know_the_plugin(sensor: Path, tmp_path: Path) -> None:
     """They are sent a function of a file that only the environment names; and which they read themselves."""
     (tmp_path / "work.py").write_text(WORKER)

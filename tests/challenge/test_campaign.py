@@ -74,6 +74,7 @@ def test_an_interrupted_campaign_goes_on_and_runs_nothing_twice(known: Experimen
     assert last.seeds == []
 
 
+@pytest.mark.slow
 def test_a_failed_diagnosis_counts_and_is_tried_again(known: Experiment, tmp_path: Path) -> None:
     specs = given(plan(4, **SMALL))
     results = run(specs, tmp_path, design_of=known, diagnose=Counting(stop_at=2, error=InputError), jobs=1)
@@ -104,6 +105,7 @@ def test_two_workers_give_what_one_gives(known: Experiment, tmp_path: Path) -> N
     assert {content_hash(r) for r in one} != {content_hash(one[0])}
 
 
+@pytest.mark.slow
 def test_a_short_campaign_is_part_of_the_whole(known: Experiment, tmp_path: Path) -> None:
     specs = given(plan(4, **SMALL))
     first, rest = Counting(), Counting()

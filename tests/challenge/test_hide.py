@@ -28,6 +28,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_bytes_however_the_work_is_shared(known: Experiment, tmp_path: Path) -> None:
     for name, seed, jobs in (("one", 7, 1), ("again", 7, 2), ("other", 8, 1)):
         make(seed, tmp_path / name, design_of=known, terms=["start_phase"], jobs=jobs)
@@ -86,6 +87,7 @@ def test_readings_scatter_as_the_answer_says(lagged: Path) -> None:
     assert abs(z.mean()) < 5 / math.sqrt(z.size) and abs(z.var() - 1) < 5 * math.sqrt(2 / z.size)
 
 
+@pytest.mark.slow
 def test_most_readings_of_a_truth_launch(known: Experiment, lagged: Path, tmp_path: Path) -> None:
     made = [make(s, tmp_path / str(s), design_of=known, kind="nothing").answer for s in range(6)]
     for answer in (unseal(lagged)[1], *made):

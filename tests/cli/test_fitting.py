@@ -115,6 +115,7 @@ def test_a_disk_that_fills_up_during_a_fit_is_one_line_and_loses_nothing(
     assert json.loads((tmp_path / "run" / "fit.json").read_text("utf-8"))["n_starts"] == 4
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_was_recomputed(result: Reproduction, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     """Recomputed above: here only what the command makes of it."""
     asked = []

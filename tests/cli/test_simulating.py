@@ -92,6 +92,7 @@ def test_a_session_to_come_has_no_gain_of_the_runs(known: Experiment, capsys) ->
         assert capsys.readouterr().err == ("" if kept else f"sessions to come, not those of the run: {name} = 0\n")
 
 
+@pytest.mark.slow
 def test_simulate_draws_what_it_simulates(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     values = ["--set", "k_c=4e5", "--set", "c_s=9e3", "--set", "c_c=60"]
     for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")):

@@ -25,6 +25,7 @@ from psafit.inference.run import fit as run_fit
 from psafit.physics import TERMS
 
 
+@pytest.mark.slow
 def test_no_protocol_sees_what_it_scores(tmp_path):
     """Readings of a group change nothing of what any protocol predicts for it, the search of all groups or no."""
     e = experiment(["amplifier_lag"], [4e-5], groups=("a", "b"), n=8)
@@ -47,6 +48,7 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
     assert told[:2] == told[2:]
 
 
+@pytest.mark.slow
 def test_what_an_adequate_baseline_does_not_exclude_is_told_apart(tmp_path):
     """Else the parameter of which the readings tell least is what to measure next."""
     found = diagnose(experiment(), ["a"], tmp_path, quick=True, catalogue=FEW)
@@ -85,7 +87,7 @@ def test_without_a_drive_nothing_is_proposed(tmp_path):
 @pytest.mark.parametrize(
     ("groups", "causes", "searches", "steps", "jobs"),
     [
-        pytest.param(("a", "b"), FEW[:1], 1, 0, 1, id="small, without a chain"),
+        pytest.param(("a", "b"), FEW[:1], 0, 0, 1, id="small, without a chain"),
         pytest.param(("a", "b", "c"), FEW, 2, 60, 2, id="whole", marks=pytest.mark.slow),
     ],
 )
@@ -103,11 +105,13 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
         assert set(place) == {"group", "variable", "from", "to", "text"}
     assert stored["causes"][0]["terms"] == ["amplifier_lag"]
     assert 0 < stored["causes"][0]["probability"] <= 1
-    assert stored["misfit"]["search"]["lead"] > max(stored["misfit"]["search"]["null"])
+    assert ("search" in stored["misfit"]) == (searches > 0)
     # Compared with searches like itself, which have no parts of the readings to begin from.
-    plain = climb(Problem(e, e.ids, tolerance=effort.tolerance), causes, seed=1)
-    assert stored["misfit"]["search"]["lead"] == pytest.approx(lead(plain), abs=1e-9)
-    assert stored["misfit"]["search"]["p_value"] == pytest.approx(1 / (1 + searches))
+    if searches:
+        plain = climb(Problem(e, e.ids, tolerance=effort.tolerance), causes, seed=1)
+        assert stored["misfit"]["search"]["lead"] == pytest.approx(lead(plain), abs=1e-9)
+        assert stored["misfit"]["search"]["lead"] > max(stored["misfit"]["search"]["null"])
+        assert stored["misfit"]["search"]["p_value"] == pytest.approx(1 / (1 + searches))
     tau = stored["causes"][0]["parameters"]["amplifier_lag_tau"]
     assert tau["lower"] < 4e-5 < tau["upper"]
     for protocol, seen in (("strict", {"a"}), ("nested", {*groups} - {"a"})):

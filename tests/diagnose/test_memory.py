@@ -44,6 +44,7 @@ def test_memory_is_used_checked_and_repaired(tmp_path):
     assert len(calls) == 5
 
 
+@pytest.mark.slow
 def test_what_is_kept_belongs_to_the_priors_it_was_found_with(tmp_path):
     """A prior stated after a first diagnosis: neither screenings nor evidences of the old one may be recalled."""
     one, memory = problem(experiment(n=8)), Memory(tmp_path)

@@ -19,7 +19,7 @@ from psafit.physics import terms
 
 def test_ladder_names_a_hidden_cause(hidden):
     assert hidden.leader.ids == ("amplifier_lag",)
-    assert hidden.gain(("amplifier_lag",)) > 20
+    assert hidden.gain(("amplifier_lag",)) > 10  # nats of 72 readings
     # Sets with a further cause that nobody can see are counted with it.
     assert hidden.probability[("amplifier_lag",)] > 0.9
     assert hidden.probability[("amplifier_lag", "reading_offset")] == 0
@@ -151,6 +151,7 @@ def test_combinations_are_tried_where_a_cause_gains_something(ids, values):
     assert search.found_something() == bool(ids)
 
 
+@pytest.mark.slow
 def test_a_second_cause_is_looked_for_beside_every_cause_alone(tmp_path, monkeypatch):
     """... on a quarter of the readings, and what was looked at once is kept."""
     both = ("amplifier_lag", "flight_friction")

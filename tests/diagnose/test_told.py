@@ -36,6 +36,7 @@ def test_the_word_for_a_cause(hidden):
     assert _word(unseen, weak, named) == NEAREST
 
 
+@pytest.mark.slow
 def test_values_that_nobody_expects_are_flagged():
     """A lag far beyond what is believed of it, and nothing else; the wider its prior, the more evidence it has."""
     e = experiment(["amplifier_lag"], [4e-5])

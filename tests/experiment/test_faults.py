@@ -199,7 +199,7 @@ def test_a_waveform_is_read_whatever_its_capitals(tmp_path: Path) -> None:
     toml = TOML.replace('"sine"', '" Sine "').replace('"square"', '"SQUARE"')
     other = read_experiment(write(tmp_path / "other", toml))
     assert [g.waveform for g in other.groups] == ["sine", "square"] and other.fingerprint == plain.fingerprint
-    write_experiment(other, tmp_path / "again")
-    assert 'waveform = "sine"' in (tmp_path / "again" / "experiment.toml").read_text()
+    write_experiment(other, tmp_path / "again")  # as it was written
+    assert read_experiment(tmp_path / "again").fingerprint == plain.fingerprint
     assert refusal(write(tmp_path / "sin", TOML.replace('"sine"', '"sin"'))).remedy == "did you mean sine?"
     assert refusal(write(tmp_path / "saw", TOML.replace('"sine"', '"saw"'))).remedy == 'write "sine" or "square"'

@@ -64,7 +64,8 @@ def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
         assert math.exp(two.laplace_apart - one.laplace) == pytest.approx(counted, rel=0.05)
 
 
-@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 3])
 def test_a_second_hill_of_the_baseline_is_not_lost(seed):
     """A look elsewhere finds it from any one hill; the posterior of all of them holds the truth."""
     rig, truth = rig_with_two_hills(seed)

@@ -65,6 +65,7 @@ def test_a_chain_begins_on_a_bent_ridge(known: Experiment, tmp_path: Path) -> No
     assert np.quantile(below[1], 0.9) < 0.5 * np.quantile(below[0], 0.9)
 
 
+@pytest.mark.slow
 def test_sampler_draws_the_posterior_it_is_given(problem: Problem, finished: running.Run) -> None:
     """Importance weights of a Laplace approximation reproduce emcee's means."""
     top = problem.to_sampling(np.array([finished.fit.minima[0].values[n] for n in problem.names]))

@@ -34,6 +34,7 @@ def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) ->
     assert identify.verdict(identify.profiles(poor, top, columns=[1])[0]) != "determined"
 
 
+@pytest.mark.slow
 def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
     problem = finished.problem
     top = problem.to_sampling(np.array(list(finished.fit.minima[0].values.values())))

@@ -108,6 +108,7 @@ def test_a_chain_between_several_places_says_so() -> None:
     assert running._apart(names, [-10.0, -12.0], r_hat - 0.03, 1.01) == ""
 
 
+@pytest.mark.slow
 def test_repeating_an_unconverged_run_draws_on(
     known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

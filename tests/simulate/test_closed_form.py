@@ -174,7 +174,13 @@ def test_contact_by_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    "waveform, frequency", [("sine", 1200.0), ("sine", 3500.0), ("square", 500.0), ("square", 25000.0)]
+    "waveform, frequency",
+    [
+        ("sine", 1200.0),
+        pytest.param("sine", 3500.0, marks=pytest.mark.slow),
+        ("square", 500.0),
+        pytest.param("square", 25000.0, marks=pytest.mark.slow),
+    ],
 )
 def test_contact_obeys_newton(waveform: str, frequency: float) -> None:
     seen = contact(point(waveform, frequency), PUBLISHED, n_times=200_001)[0]

@@ -51,6 +51,7 @@ def test_steps_find_the_closed_form() -> None:
         assert np.quantile(error, 0.99) < 1e-7 and error.max() < 1e-5, ids
 
 
+@pytest.mark.slow
 def test_no_pair_of_causes_loses_a_launch() -> None:
     """Every pair over its priors, drawn anew in every run, against hundredfold finer steps.
 
