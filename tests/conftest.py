@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 pytest.register_assert_rewrite("campaigns", "folders")  # they assert, though they hold no tests
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest test: at the end one worker would wait for the other."""
+    items.sort(key=lambda item: item.path.name != "test_hidden_effects.py")
+
+
 @pytest.fixture(scope="session")
 def known() -> Experiment:
     return measure(np.random.default_rng(5))

@@ -32,6 +32,7 @@ from psafit.challenge.score import located, reported_set
 from psafit.diagnose import diagnose, diagnosis, ladder, search
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.misfit import examine
+from psafit.diagnose.settings import Settings
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
 from psafit.inference.candidate import Candidate
 from psafit.physics import TERMS, terms
@@ -130,7 +131,8 @@ def answer_to(hidden: Hidden, folder: Path, causes: Sequence[str] | None = None)
     """What a diagnosis says that reads the folder as anybody would."""
     experiment = read_experiment(hidden.made.folder / EXPERIMENT)
     catalogue = None if causes is None else terms(causes)
-    diagnose(experiment, experiment.ids, folder, quick=True, seed=hidden.seed, catalogue=catalogue)
+    settings = replace(Settings.usual(quick=True), simulated=99)
+    diagnose(experiment, experiment.ids, folder, quick=True, seed=hidden.seed, catalogue=catalogue, settings=settings)
     return read_diagnosis(folder / "diagnosis.json")
 
 

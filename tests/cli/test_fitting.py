@@ -97,7 +97,8 @@ def test_the_readme_s_python_runs_and_prints(fitted: Path, monkeypatch, capsys) 
     assert "k_c " in said and "holdout" in said and "ambiguous (hysteresis)" in said
 
 
-@pytest.mark.parametrize("room", [20_000, pytest.param(250_000, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("room", [20_000, 250_000])
 def test_a_disk_that_fills_up_during_a_fit_is_one_line_and_loses_nothing(
     room: int, known_folder: Path, tmp_path: Path
 ) -> None:

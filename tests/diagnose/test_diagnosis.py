@@ -92,7 +92,7 @@ def test_without_a_drive_nothing_is_proposed(tmp_path):
     ],
 )
 def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, tmp_path, monkeypatch):
-    e = experiment(["amplifier_lag"], [4e-5], n=12, groups=groups)
+    e = experiment(["amplifier_lag"], [4e-5], n=4 * len(groups), groups=groups)
     effort = Effort(simulated=99, searches=searches, steps=steps)
     asked = {"seed": 1, "catalogue": causes, "settings": effort}
     result = diagnose(e, ["a"], tmp_path / "one", jobs=jobs, **asked)

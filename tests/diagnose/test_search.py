@@ -142,9 +142,8 @@ def test_a_part_is_found_from_the_whole_and_what_was_concluded_from_its_old_plac
     assert stuck.ids not in search.screenings and stuck.ids not in search._refined
 
 
-@pytest.mark.parametrize(
-    ("ids", "values"), [((), ()), pytest.param(("amplifier_lag",), (2e-5,), marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("ids", "values"), [((), ()), (("amplifier_lag",), (2e-5,))])
 def test_combinations_are_tried_where_a_cause_gains_something(ids, values):
     search = rungs._Search(problem(experiment(ids, values)), FEW, 1, Memory(None), lambda what, done, total: None)
     search.begin()

@@ -83,7 +83,8 @@ def test_a_second_hill_of_the_baseline_is_not_lost(seed):
     assert (lower[:3] < rig.to_physical(truth)[:3]).all() and (rig.to_physical(truth)[:3] < upper[:3]).all()
 
 
-@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 4])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4])
 def test_a_top_behind_cliffs_is_found_by_a_population(seed):
     """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump, and climbs stop early."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
