@@ -40,6 +40,7 @@ def test_a_rig_in_a_notebook(known: Experiment, known_folder: Path) -> None:
         rig.plot(9)
 
 
+@pytest.mark.slow
 def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> None:
     from matplotlib.figure import Figure
 

@@ -25,6 +25,8 @@ from psafit.report.diagnosis import write_diagnosis
 from psafit.report.reproduction import write_reproduction
 from psafit.reproduce import reproduce
 
+pytestmark = pytest.mark.slow
+
 PSA = Path(__file__).parents[1] / "experiments" / "psa"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 SIZES = ((1280, 900), (400, 800))

@@ -41,6 +41,7 @@ def test_the_command_knows_the_plugin(sensor: Path, tmp_path: Path) -> None:
     assert [slot for slot, _ in itertools.groupby(slots)] == ["drive", "stack", "contact", "flight", "reading"]
 
 
+@pytest.mark.slow
 def test_the_environment_names_plugins_too(sensor: Path, tmp_path: Path) -> None:
     cubic = tmp_path / "cubic.py"
     cubic.write_text(CUBIC)
@@ -159,6 +160,7 @@ def with_plugin(term: Term, known: Experiment, tmp_path_factory: pytest.TempPath
     return folder
 
 
+@pytest.mark.slow
 def test_a_run_records_its_plugin(with_plugin: Path, term: Term, monkeypatch: pytest.MonkeyPatch) -> None:
     record = json.loads((with_plugin / "fit.json").read_text())
     assert record["terms"] == ["sensor_compression"]

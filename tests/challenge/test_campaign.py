@@ -56,6 +56,7 @@ def test_the_full_plan_has_all_that_the_targets_ask_for() -> None:
     assert plan(1) == plan(1)
 
 
+@pytest.mark.slow
 def test_an_interrupted_campaign_goes_on_and_runs_nothing_twice(known: Experiment, tmp_path: Path) -> None:
     specs = given(plan(4, **SMALL))
     whole = run(specs, tmp_path / "whole", design_of=known, diagnose=deaf, jobs=1)
@@ -274,6 +275,7 @@ def test_an_edited_result_is_one_line(
     assert told.value.file == file
 
 
+@pytest.mark.slow
 def test_a_campaign_is_scored_from_its_folder(known: Experiment, tmp_path: Path) -> None:
     specs = given(plan(4, terms=["gap"], each=0, nothing=1, pairs=0, drawn=0, outside=["unit_error"], outside_each=1))
     run(specs, tmp_path, design_of=known, diagnose=deaf, outside=OUTSIDE, jobs=1)

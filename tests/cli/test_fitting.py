@@ -49,6 +49,7 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     assert "there is no parameter 'k_" in said and said.count("\n") == 1 and "\u202e" not in said
 
 
+@pytest.mark.slow
 def test_what_has_not_converged_ends_with_one(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     """A chain that is too short, and a simulation whose error is more than would do; told in a line each."""
     short = Settings(n_walkers=16, chunk=40, max_steps=40)
@@ -70,6 +71,7 @@ def test_fit_writes_the_run_folder(fitted: Path) -> None:
     assert json.loads((fitted / "fit.json").read_text())["schema"] == 1
 
 
+@pytest.mark.slow
 def test_validate_and_report_again(fitted: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     before = (fitted / "validation.json").read_bytes()
     assert run(monkeypatch, "validate", fitted, "--json", tmp_path / "v.json") == 0

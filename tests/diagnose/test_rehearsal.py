@@ -34,6 +34,7 @@ def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
     )
 
 
+@pytest.mark.slow
 def test_the_same_experiment_again_tells_what_it_can_separate(hidden):
     """A lag and friction, each as fitted to readings that a lag has made; and a model against its own double."""
     models = [(c, weigh(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]

@@ -343,6 +343,7 @@ def test_folders_of_others_are_left_alone(known: Experiment, finished: running.R
         running.fit(known, [1], tmp_path / "notes.txt")
 
 
+@pytest.mark.slow
 def test_run_carries_its_causes(tmp_path: Path) -> None:
     experiment = rig(["swing_drag"], [3.0], seed=4)
     quick = Settings(n_walkers=24, chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300)
