@@ -29,8 +29,6 @@ from psafit.records import Fit, PosteriorSummary, read_json
 
 Stage = Literal["search", "sample", "profile", "done", "gave up"]
 
-# Of a longer chain, fewer steps are looked at: about a second's work.
-_VALUES = 2_000_000
 _FOREIGN = "give a folder that psafit fit or psafit diagnose writes to"
 # Without a checkpoint for so many times the usual wait, the run has probably been stopped.
 _PATIENCE, _LEAST_PATIENCE = 10.0, 60.0
@@ -138,7 +136,9 @@ class DiagnosisState:
         return self.stage == "done"
 
 
-def look(folder: Path, before: State | DiagnosisState | None = None) -> State | DiagnosisState:
+def look(
+    folder: Path, before: State | DiagnosisState | None = None, *, values: int = 2_000_000
+) -> State | DiagnosisState:
     """How far the fit or the diagnosis in a folder is; where both are, the one that is under way, else the fit.
 
     Parameters
@@ -146,6 +146,8 @@ def look(folder: Path, before: State | DiagnosisState | None = None) -> State | 
     folder : Path
     before : State or DiagnosisState, optional
         What the last look has shown: the pace is measured from there, and an old checkpoint is not read again.
+    values : int
+        Numbers of a chain that are read, about a second's work; of a longer one, fewer steps.
 
     Returns
     -------
@@ -161,7 +163,7 @@ def look(folder: Path, before: State | DiagnosisState | None = None) -> State | 
     diagnosed = any((folder / name).exists() for name in (RESULT, DIAGNOSED, "steps"))
     if diagnosed and (not fitted or (under_way is not None and under_way.kind == "diagnosis")):
         return replace(_diagnosis(folder, under_way), running=running)
-    seen = _seen(folder, before if isinstance(before, State) else None, bool(running))
+    seen = _seen(folder, before if isinstance(before, State) else None, bool(running), values)
     left = under_way.left if under_way is not None and running and not seen.finished else None
     same = (seen.running, seen.whole_left) == (running, left)
     return seen if same else replace(seen, running=running, whole_left=left)
@@ -179,7 +181,7 @@ def _diagnosis(folder: Path, under_way: Progress | None) -> DiagnosisState:
     return DiagnosisState(p.stage, p.done, p.total, p.note, models, spent, p.left, p.written)
 
 
-def _seen(folder: Path, before: State | None, running: bool) -> State:
+def _seen(folder: Path, before: State | None, running: bool, values: int) -> State:
     if not (folder / "fit.json").exists():
         if (folder / MARKER).exists():
             return State("search")
@@ -199,7 +201,7 @@ def _seen(folder: Path, before: State | None, running: bool) -> State:
             drawn_on = running or (_written(chain) or 0.0) > (_written(ended) or math.inf)
             if summary.converged or not drawn_on:
                 return _ended(record, summary)
-    return _sampling(record, folder / "fit.json", chain, before)
+    return _sampling(record, folder / "fit.json", chain, before, values)
 
 
 def _written(path: Path) -> float | None:
@@ -225,7 +227,7 @@ def _ended(record: Fit, summary: PosteriorSummary) -> State:
     )
 
 
-def _read(path: Path, n_parameters: int) -> tuple[int, emcee.backends.Backend] | None:
+def _read(path: Path, n_parameters: int, values: int) -> tuple[int, emcee.backends.Backend] | None:
     """Every so many-th step of the checkpoint's chain, or None where there is none that can be read."""
     try:
         with h5py.File(path, "r", locking=False) as f:
@@ -233,7 +235,7 @@ def _read(path: Path, n_parameters: int) -> tuple[int, emcee.backends.Backend] |
             if group["chain"].dtype.kind != "f" or group["chain"].shape[2] != n_parameters:
                 return None
             n = int(group.attrs["iteration"])
-            every = math.ceil(n * math.prod(group["chain"].shape[1:]) / _VALUES) or 1
+            every = math.ceil(n * math.prod(group["chain"].shape[1:]) / values) or 1
             backend = emcee.backends.Backend()
             backend.reset(*group["chain"].shape[1:])
             backend.chain, backend.log_prob = group["chain"][:n:every], group["log_prob"][:n:every]
@@ -248,11 +250,11 @@ def _read(path: Path, n_parameters: int) -> tuple[int, emcee.backends.Backend] |
     return (every, backend) if sound else None
 
 
-def _sampling(record: Fit, begun: Path, path: Path, before: State | None) -> State:
+def _sampling(record: Fit, begun: Path, path: Path, before: State | None, values: int) -> State:
     written = _written(path)  # before it is read: a newer one is then read again
     if before is not None and before.stage in ("sample", "profile") and before.written == written is not None:
         return before
-    found = _read(path, len(record.parameters))
+    found = _read(path, len(record.parameters), values)
     if found is None or written is None:
         return State("sample", best_minimum=record.minima[0].log_posterior)
     settings = Settings(**cast(dict[str, Any], record.sampler))

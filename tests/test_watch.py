@@ -100,10 +100,9 @@ def test_the_pace_is_that_of_the_last_checkpoints(running: Path) -> None:
     assert not long_ago.stalled and replace(long_ago, running=None).stalled
 
 
-def test_a_long_chain_is_thinned(running: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_a_long_chain_is_thinned(running: Path) -> None:
     whole = watch.look(running)
-    monkeypatch.setattr(watch, "_VALUES", 60 * 32 * 6 // 3)
-    part = watch.look(running)
+    part = watch.look(running, values=60 * 32 * 6 // 3)
     assert part.steps == 60 and part.acceptance == pytest.approx(whole.acceptance)
     assert part.autocorrelation_time == pytest.approx(whole.autocorrelation_time, rel=0.8)
 

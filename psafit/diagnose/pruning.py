@@ -33,8 +33,8 @@ _DRAWS, _STARTS = 400, 24
 _ROUGHLY, _LASTING = ((5, 12), (5, 8), (15, 3)), 8
 # Gain (nats) below which a climb on the way ends.
 _STILL = 0.3
-# Causes from which on all readings are looked at; nats that one may cost to go together with others, and climbs then.
-_FEW, _NOTHING, _THIN = 12, 0.5, ((5, 1),)
+# Nats that a cause may cost to go together with others, and climbs then.
+_NOTHING, _THIN = 0.5, ((5, 1),)
 # Causes that are taken away from a model in earnest, and climbs after that: to see what it costs, and to go on.
 _LIKELY = 3
 _LOOK, _GO_ON = ((8, 1),), ((12, 1),)
@@ -54,6 +54,7 @@ def prune(
     seed: int,
     least: int,
     most: int,
+    few: int = 12,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> list[Candidate]:
     """Models that a search from above leads through.
@@ -67,6 +68,8 @@ def prune(
         Of the draws of the prior.
     least, most : int
         Causes of a model.
+    few : int
+        Causes from which on all readings are looked at.
     progress : callable
         Called with (what, done, total).
 
@@ -75,20 +78,20 @@ def prune(
     list of Candidate
         From each hill.
     """
-    few = coarse(replace(problem, terms=tuple(catalogue)))
+    rough = coarse(replace(problem, terms=tuple(catalogue)))
     progress("all causes at once", 0, 1)
-    quantiles = np.random.default_rng([seed, 23]).uniform(0.02, 0.98, (_DRAWS, few.n_dim))
-    draws = few.prior_transform(quantiles)
-    height = few.log_posterior(draws)
+    quantiles = np.random.default_rng([seed, 23]).uniform(0.02, 0.98, (_DRAWS, rough.n_dim))
+    draws = rough.prior_transform(quantiles)
+    height = rough.log_posterior(draws)
     best = [k for k in np.argsort(-height, kind="stable")[:_STARTS] if np.isfinite(height[k])]
     if not best:
         return []
-    tops = ascend(few, draws[best], schedule=_ROUGHLY, lasting=_LASTING, still_below=_STILL, unite=True)
+    tops = ascend(rough, draws[best], schedule=_ROUGHLY, lasting=_LASTING, still_below=_STILL, unite=True)
     hills = []
     for k in range(len(tops.u)):
         progress(f"what can go, hill {k + 1}", k, len(tops.u))
         top = Ascent(tops.u[k : k + 1], tops.height[k : k + 1], tops.predicted[k : k + 1], 0)
-        hills.append(_thinned_out(settle(few, top)))
+        hills.append(_thinned_out(settle(rough, top), few))
     # Where hills have met, the highest stays.
     hills.sort(key=lambda c: c.height)
     beam = {c.ids: (replace(problem, terms=c.terms), c.modes[0]) for c in hills}
@@ -97,7 +100,7 @@ def prune(
     while True:
         now = [_climbed(one, u[None], _GO_ON) for one, u in beam.values()]
         size = len(now[0].terms)  # all hills have lost as many
-        progress(f"one by one, {size} are left", _FEW - size, _FEW - least)
+        progress(f"one by one, {size} are left", few - size, few - least)
         if size <= most:
             now = [_shaken(c, rng) for c in now]
             found.append(now)
@@ -119,12 +122,12 @@ def _smaller(beam: Sequence[Candidate]) -> list[Candidate]:
     return sorted(found.values(), key=lambda c: (c.ids not in own, -c.laplace))
 
 
-def _thinned_out(now: Candidate) -> Candidate:
+def _thinned_out(now: Candidate, few: int) -> Candidate:
     """Take causes away, as the expansion tells, until few are left."""
-    while len(now.terms) > _FEW:
+    while len(now.terms) > few:
         order = _by_worth(now)
         here = _mass(now.problem, now.height, now.curvature[0])
-        idle = [one.gone for one in order if one.worth > here - _NOTHING][: max((len(order) - _FEW) // 2, 1)]
+        idle = [one.gone for one in order if one.worth > here - _NOTHING][: max((len(order) - few) // 2, 1)]
         rest, u = order[0].problem, order[0].u
         if len(idle) > 1:
             rest, kept = now.problem.without(*idle)

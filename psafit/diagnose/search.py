@@ -40,9 +40,6 @@ from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
-# Causes up to which several models are grown before all else, and every part of a leader is fitted; beyond, the leader
-# alone grows until there is nothing else left to do.
-_WIDE = 4
 # Log likelihood (nats) that some cause alone must gain before combinations are tried: with nothing hidden the best of
 # two dozen gains more once in fifty times.
 _NOTHING = 6.0
@@ -60,8 +57,6 @@ _ROUNDS, _SWAPPED, _UNLIKELY = 6, 3, 15.0
 # Starts by the expansion and from fitted parts, and climbs on some of the readings and on all, by which exchanges in
 # models of many causes are tried; gain (nats) below which these end.
 _TRIED_FROM, _TRIED_PARTS, _GLIMPSE, _TRY, _ROUGHLY = 2, 1, ((8, 1),), ((12, 1),), 0.3
-# Causes of a leader from which on it is not believed that nothing simpler, or better, lies elsewhere.
-_TANGLED = 3
 # Fitted models from which a larger one, and one with an exchanged cause, is begun.
 _NESTED, _LIKE = 4, 2
 # A model this far below the best (nats of evidence and prior) is not weighed.
@@ -92,6 +87,8 @@ def climb(
     memory: Memory | None = None,
     others: Sequence[Candidate] = (),
     thorough: bool = True,
+    wide: int = 4,
+    tangled: int = 3,
 ) -> Ladder:
     """Search the catalogue for what explains the readings.
 
@@ -110,15 +107,20 @@ def climb(
     thorough : bool
         Whether to try up to six causes, from all of them at once, too; else up to four. One or two causes are found
         alike; where more are needed the thorough search takes several times as long.
+    wide : int
+        Causes up to which several models are grown before all else, and every part of the best model is fitted; beyond,
+        it alone grows until there is nothing else left to do.
+    tangled : int
+        Causes of the best model from which on it is not believed that nothing simpler, or better, lies elsewhere.
 
     Returns
     -------
     Ladder
     """
-    most = min(MOST_CAUSES if thorough else _WIDE, len(catalogue))
-    search = _Search(problem, catalogue, seed, memory or Memory(None), progress, most)
+    most = min(MOST_CAUSES if thorough else wide, len(catalogue))
+    search = _Search(problem, catalogue, seed, memory or Memory(None), progress, most, wide, tangled)
     search.begin()
-    for size in range(1, min(_WIDE, len(catalogue))):
+    for size in range(1, min(wide, len(catalogue))):
         if not (search.found_something() and search.grow(size)):
             break
         if size == 1:
@@ -153,7 +155,10 @@ class _Search:
         memory: Memory,
         progress: Callable[[str, int, int], None],
         most: int = MOST_CAUSES,
+        wide: int = 4,
+        tangled: int = 3,
     ) -> None:
+        self._wide, self._tangled = wide, tangled
         self._most = min(most, len(catalogue))
         self.problem, self.catalogue, self.seed = problem, tuple(catalogue), seed
         self.fitted: dict[Ids, Candidate] = {}
@@ -217,7 +222,7 @@ class _Search:
     def from_above(self) -> bool:
         """Begin from what is left of all causes at once (`psafit.diagnose.pruning`), too; whether that leads."""
         leader = self._leader()
-        if len(leader.terms) < _TANGLED:
+        if len(leader.terms) < self._tangled:
             return False
         for c in self._pruned():
             self._take(c)
@@ -230,7 +235,7 @@ class _Search:
         def make() -> dict[str, FloatArray]:
             kept: dict[str, FloatArray] = {}
             for c in prune(
-                self.problem, self.catalogue, seed=self.seed, least=_WIDE, most=self._most, progress=self._progress
+                self.problem, self.catalogue, seed=self.seed, least=self._wide, most=self._most, progress=self._progress
             ):
                 kept[f"{len(kept):03}-" + "-".join(str(order.index(id)) for id in c.ids)] = c.modes
             return kept
@@ -315,7 +320,7 @@ class _Search:
         A leader of many causes was chosen when it had few, by little; what was behind then was not built upon.
         """
         leader = self._leader()
-        if len(leader.terms) < _TANGLED:
+        if len(leader.terms) < self._tangled:
             return False
         own = set(leader.terms)
         for _ in range(_ROUNDS):
@@ -339,11 +344,11 @@ class _Search:
         # what lies near the leader is looked at.
         for rest in rests:
             start = widened(rest, leader.values, leader.problem.names)
-            if len(rests) > _WIDE:
+            if len(rests) > self._wide:
                 self._take(self._climbed(rest, start[:1]))
             elif rest.ids not in self.fitted:
                 self._fit(_Wanted(rest, [start], 0.0), _DRAWS_PAIR, _STARTS_PAIR)
-        wanted = self._larger([*rests, leader.problem], _SWAPPED, by_climbs=len(rests) > _WIDE)
+        wanted = self._larger([*rests, leader.problem], _SWAPPED, by_climbs=len(rests) > self._wide)
         hopeful = [one for one in wanted if one.promise > self._worth(leader) - _UNLIKELY]
         self._fit_all(hopeful, _DRAWS_PAIR, _STARTS_PAIR, leader)
 
@@ -502,7 +507,7 @@ class _Search:
 
     def _screen(self, ids: Ids) -> tuple[Screened, ...]:
         if ids not in self.screenings:
-            look = self._screened if len(ids) <= _WIDE else self._glimpsed
+            look = self._screened if len(ids) <= self._wide else self._glimpsed
             self.screenings[ids] = tuple(look(self.fitted[ids]))
         return self.screenings[ids]
 

@@ -17,7 +17,6 @@ from psafit.experiment.table import LIMITS as COLUMN_LIMITS
 from psafit.experiment.text import listed, meant, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
 
-MAX_TOML_BYTES = 1024 * 1024
 MAX_ID = 999_999_999
 _GROUP_KEYS = ("id", "waveform", "file")
 _WAVEFORMS: tuple[Waveform, ...] = get_args(Waveform)
@@ -89,7 +88,7 @@ class Definition:
     from being read.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, most_bytes: int = 2**20) -> None:
         self.folder = folder
         self.faults = Faults()
         self.file = folder / DEFINITION
@@ -105,7 +104,7 @@ class Definition:
                 "give the folder that holds it, or begin one with psafit new",
                 file=self.file,
             )
-        text = read_text(self.file, MAX_TOML_BYTES, "plain text (UTF-8)")
+        text = read_text(self.file, most_bytes, "plain text (UTF-8)")
         try:
             self.data, text = self._parsed(text)
         except RecursionError as error:

@@ -18,10 +18,6 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.records import CONDITION_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS
 from psafit.experiment.text import listed, read_text, shown
 
-MAX_ROWS = 1_000_000
-MAX_CSV_BYTES = 128 * 1024 * 1024
-
-
 # Hard limits of each column, far beyond any rig, within which nothing overflows; a wrong unit is only warned of.
 LIMITS = {
     "frequency_hz": (1e-3, 1e9),
@@ -36,7 +32,14 @@ _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _HEADER_REMEDY = f"the first line must read {','.join(REQUIRED_COLUMNS)} (and {OPTIONAL_COLUMNS[0]} if known)"
 
 
-def read_csv(file: Path, *, planned: bool = False, scatter_um: float = 1.0) -> dict[str, FloatArray]:
+def read_csv(
+    file: Path,
+    *,
+    planned: bool = False,
+    scatter_um: float = 1.0,
+    most_rows: int = 1_000_000,
+    most_bytes: int = 2**27,
+) -> dict[str, FloatArray]:
     """Read the columns of one CSV file, checked cell by cell.
 
     Rows without any content are left out: blank lines, and empty cells at the end, as spreadsheets leave them.
@@ -49,13 +52,15 @@ def read_csv(file: Path, *, planned: bool = False, scatter_um: float = 1.0) -> d
     scatter_um : float
         A range at most so far below zero is put down to scatter about zero. It is what the prior of a fit holds the
         absolute scatter to, with 98 %.
+    most_rows, most_bytes : int
+        A larger file is refused: it is no sweep of launches.
 
     Raises
     ------
     InputError
         With every fault of the file.
     """
-    rows = _rows(file)
+    rows = _rows(file, most_bytes)
     empty: list[int] = []  # lines of rows of empty cells, a fault where readings stand on both sides
     line, cells = next(
         (row for row in rows if not _is_empty(row[1])),
@@ -74,8 +79,8 @@ def read_csv(file: Path, *, planned: bool = False, scatter_um: float = 1.0) -> d
         for gap in empty if n_rows else []:
             faults.add("", "the row is empty", "enter its values, or delete it", gap)
         empty, n_rows = [], n_rows + 1
-        if n_rows > MAX_ROWS:
-            faults.add("", f"more than {MAX_ROWS} rows", "split the file into several groups", line)
+        if n_rows > most_rows:
+            faults.add("", f"more than {most_rows} rows", "split the file into several groups", line)
             break
         if isinstance(cells, InputError):
             faults.add("", cells.what, cells.remedy, line)
@@ -101,9 +106,9 @@ def _is_empty(cells: list[str] | InputError) -> bool:
     return not isinstance(cells, InputError) and not any(map(str.strip, cells))
 
 
-def _rows(file: Path) -> Iterator[tuple[int, list[str] | InputError]]:
+def _rows(file: Path, most_bytes: int) -> Iterator[tuple[int, list[str] | InputError]]:
     """Rows of a CSV file that have any cells, with the line where each begins: a quoted cell may span lines."""
-    text = read_text(file, MAX_CSV_BYTES)
+    text = read_text(file, most_bytes)
     row: list[str] = []  # the lines of one
 
     def lines() -> Iterator[str]:

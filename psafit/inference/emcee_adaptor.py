@@ -66,6 +66,9 @@ class Settings:
         Largest split R-hat (ArviZ, every walker a chain) that counts as mixed.
     max_steps : int
         Gives up here, and says so. No part of a run's identity: a chain that gave up can be drawn on.
+    stored : int
+        Pointwise log likelihoods kept in `posterior.nc` (32 MB by default); of more draws, some are left out. No part
+        of a run's identity either.
     """
 
     n_walkers: int = 32
@@ -74,6 +77,7 @@ class Settings:
     effective_samples: float = 1000.0
     r_hat: float = 1.01
     max_steps: int = 40_000
+    stored: int = 2**23
 
     @classmethod
     def of(cls, problem: Problem) -> Settings:

@@ -57,8 +57,6 @@ from psafit.simulate import simulate
 
 # Draws kept in posterior.nc, in units of the autocorrelation time: denser adds bytes, not information.
 _THIN = 0.5
-# Log likelihoods kept for comparisons of models (32 MB): every draw's where the readings are few.
-_LIKELIHOODS = 2**23
 # A chain this much higher than the best minimum (nats) shows that the search has missed one. Sampling begins again at
 # most so many times.
 _MISSED, _RESTARTS = 1.0, 5
@@ -88,8 +86,8 @@ class Run(Brief):
 
 
 def _sampler(settings: emcee_adaptor.Settings) -> dict[str, int | float]:
-    """The settings that determine a chain; where it gives up is none of them."""
-    return {k: v for k, v in asdict(settings).items() if k != "max_steps"}
+    """The settings that determine a chain; where it gives up, and what is stored of it, are none of them."""
+    return {k: v for k, v in asdict(settings).items() if k not in ("max_steps", "stored")}
 
 
 def _determinants(
@@ -299,7 +297,7 @@ def _fitted(
     )
     flat = problem.to_sampling(draws.flat)
     n_walkers, n_kept = draws.values.shape[:2]
-    every = math.ceil(len(flat) * problem.observed.size / _LIKELIHOODS)
+    every = math.ceil(len(flat) * problem.observed.size / settings.stored)
     rows = flat.reshape(n_walkers, n_kept, -1)[:, ::every].reshape(-1, problem.n_dim)
     log_likelihood = np.concatenate(
         [

@@ -20,8 +20,8 @@ from psafit.experiment import Experiment, read_experiment
 from psafit.physics import TERMS, term
 from psafit.simulate import Design, simulate
 
-# Of the effects outside the catalogue: one of the rig, one of the readings.
-FAST = ("yielding_contact", "unit_error")
+# Of the effects outside the catalogue.
+FAST = ("unit_error",)
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -149,6 +149,7 @@ def test_a_drive_that_launches_nothing_is_told(known: Experiment, tmp_path: Path
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.slow
 def test_the_least_weak_of_few_truths_will_do(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     """Where most rigs launch nothing, and none shows a cause as strongly as was asked."""
     drawn = hide._draw

@@ -13,6 +13,7 @@ from psafit.physics import term
 from psafit.simulate import Design
 
 
+@pytest.mark.slow
 def test_an_even_misfit_costs_what_the_wider_scatter_costs() -> None:
     """Residuals of size 1 all over double the variance: n/2 ln 2."""
     n = 4000

@@ -104,6 +104,7 @@ def test_new_leaves_nothing_half_written(there: bool, tmp_path: Path, monkeypatc
     assert folder.exists() is there and not (there and any(folder.iterdir()))
 
 
+@pytest.mark.slow
 def test_the_command_checks_a_cause(sensor: Path, tmp_path: Path) -> None:
     for source, code, last in (
         (SENSOR, 0, "keeps the contract"),

@@ -57,7 +57,8 @@ def test_an_unnamed_discrepancy_is_that_of_dense_matrices(sound):
         assert variance == pytest.approx(left, rel=1e-4, abs=1e-8 * np.diag(kernel).max())
 
 
-@pytest.mark.parametrize("ids", [(), pytest.param(("flight_friction",), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("ids", [(), ("flight_friction",)])
 def test_the_best_hill_of_an_unnamed_discrepancy_is_found(ids):
     """Its scatter may be most of the misfit or hardly any: climbs from many random places find none higher."""
     one = replace(problem(experiment(["hysteresis"], [0.5, 20.0], relative=0.03, seed=4)), terms=terms(ids))

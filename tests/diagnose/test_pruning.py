@@ -16,9 +16,9 @@ from psafit.physics import terms
 
 
 @pytest.mark.slow
-def test_a_search_from_above_leads_through_the_truth(three, monkeypatch):
-    monkeypatch.setattr(pruning, "_FEW", 3)  # the first cause goes by a quarter of the readings
-    found = {c.ids: c for c in prune(three, FEW, seed=1, least=1, most=3)}
+def test_a_search_from_above_leads_through_the_truth(three):
+    few = 3  # the first cause goes by a quarter of the readings
+    found = {c.ids: c for c in prune(three, FEW, seed=1, least=1, most=3, few=few)}
     true = ("amplifier_lag", "flight_friction", "reading_offset")
     assert true in found and {len(ids) for ids in found} == {1, 2, 3}
     right = replace(three, terms=terms(true))
@@ -28,7 +28,7 @@ def test_a_search_from_above_leads_through_the_truth(three, monkeypatch):
         for part in found.values():
             if len(part.ids) == len(c.ids) - 1 and set(part.ids) < set(c.ids):
                 assert c.log_likelihood > part.log_likelihood - 3
-    again = {c.ids: c for c in prune(three, FEW, seed=1, least=1, most=3)}
+    again = {c.ids: c for c in prune(three, FEW, seed=1, least=1, most=3, few=few)}
     assert all(np.array_equal(again[ids].modes, c.modes) for ids, c in found.items())
 
 

@@ -31,11 +31,9 @@ def test_ladder_names_a_hidden_cause(hidden):
 @pytest.mark.slow
 def test_a_thorough_search_begins_from_above_too(three, tmp_path, monkeypatch):
     """Of the small models of a good large one none need be good: here the search has been held to one cause."""
-    monkeypatch.setattr(rungs, "_TANGLED", 1)
-    monkeypatch.setattr(rungs, "_WIDE", 2)
 
     def begun():
-        search = rungs._Search(three, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
+        search = rungs._Search(three, FEW, 1, Memory(tmp_path), lambda what, done, total: None, wide=2, tangled=1)
         search.begin()
         return search
 
@@ -85,10 +83,9 @@ def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path
 
     for name in steps:
         monkeypatch.setattr(rungs._Search, name, noting(name, getattr(rungs._Search, name)))
-    monkeypatch.setattr(rungs, "_TANGLED", 1)
-    quick = climb(three, FEW, seed=1, memory=Memory(tmp_path), thorough=False)
+    quick = climb(three, FEW, seed=1, memory=Memory(tmp_path), thorough=False, tangled=1)
     by_quick, taken[:] = tuple(taken), []
-    thorough = climb(three, FEW, seed=1, memory=Memory(tmp_path), others=quick.candidates[:2])
+    thorough = climb(three, FEW, seed=1, memory=Memory(tmp_path), others=quick.candidates[:2], tangled=1)
     assert set(by_quick) == set(steps[:5])
     assert tuple(taken[: len(by_quick)]) == by_quick
     assert set(taken[len(by_quick) :]) >= {"from_above", "take_over"}
@@ -99,10 +96,9 @@ def test_a_thorough_search_takes_every_step_of_a_quick_one_first(three, tmp_path
 def test_exchanges_of_many_causes_are_judged_by_climbs(tmp_path, monkeypatch):
     """The expansion promises nothing; short climbs see what belongs in a cause's place, and it is fitted."""
     whole = problem(experiment(["amplifier_lag", "flight_friction"], [4e-5, 0.05], n=60))
-    monkeypatch.setattr(rungs, "_WIDE", 1)
 
     def begun():
-        search = rungs._Search(whole, FEW, 1, Memory(tmp_path), lambda what, done, total: None)
+        search = rungs._Search(whole, FEW, 1, Memory(tmp_path), lambda what, done, total: None, wide=1)
         search.begin()
         wrong = replace(whole, terms=terms(["stack_stiffness", "flight_friction"]))
         search.fitted = {c.ids: c for c in search.fitted.values() if c.ids in ((), ("flight_friction",))}

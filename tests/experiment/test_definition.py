@@ -247,9 +247,9 @@ def test_a_folder_that_may_not_be_searched(tmp_path: Path, monkeypatch: pytest.M
     assert "'below/b.csv' cannot be read (Permission denied)" in told(folder / "below").what
 
 
-def test_definition_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(definition, "MAX_TOML_BYTES", 100)
-    assert "larger than" in refusal(write(tmp_path)).what
+def test_definition_too_large(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="larger than"):
+        definition.Definition(write(tmp_path), most_bytes=100)
 
 
 def test_link_out_of_the_folder(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from folders import CSV, FUZZ, HEADER, SIGMA, check_outcome, mutated, refusal, w
 from hypothesis import given
 from hypothesis import strategies as st
 
+from psafit.errors import InputError
 from psafit.experiment import describe, read_experiment, table
 
 
@@ -111,16 +112,17 @@ def test_bad_csv(tmp_path: Path, case: str) -> None:
     assert words in str(error)
 
 
-def test_too_many_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table, "MAX_ROWS", 3)
-    error = refusal(write(tmp_path, b=CSV + "1200,20,1\n"))
-    assert (error.line, error.file) == (5, tmp_path / "b.csv")
-    assert "more than 3 rows" in error.what
+def test_too_many_rows(tmp_path: Path) -> None:
+    file = write(tmp_path, b=CSV + "1200,20,1\n") / "b.csv"
+    with pytest.raises(InputError, match="more than 3 rows") as caught:
+        table.read_csv(file, most_rows=3)
+    assert (caught.value.line, caught.value.file) == (5, file)
 
 
-def test_csv_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table, "MAX_CSV_BYTES", len(CSV))
-    assert "larger than" in refusal(write(tmp_path, b=CSV + "1200,20,1\n")).what
+def test_csv_too_large(tmp_path: Path) -> None:
+    file = write(tmp_path, b=CSV + "1200,20,1\n") / "b.csv"
+    with pytest.raises(InputError, match="larger than"):
+        table.read_csv(file, most_bytes=len(CSV))
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads everything")

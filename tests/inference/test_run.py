@@ -75,6 +75,7 @@ def test_a_fit_of_many_causes_begins_where_smaller_models_lead(
         running.fit(known, [1], tmp_path / "k", terms=chosen, n_starts=2, settings=SHORT, known=[place])
 
 
+@pytest.mark.slow
 def test_a_run_is_told_by_the_places_it_was_given(known: Experiment, tmp_path: Path) -> None:
     names = Problem(known, (1,)).names
     place = dict(zip(names, [*TRUTH, 0.05, 0.05, 6.0], strict=True))
@@ -162,8 +163,7 @@ def test_a_minimum_that_the_search_missed_is_added(
 
 def test_many_readings_are_stored_thinned(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
-    monkeypatch.setattr(running, "_LIKELIHOODS", 30 * 16 * 4)
-    run = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=SHORT)
+    run = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=replace(SHORT, stored=30 * 16 * 4))
     with h5py.File(tmp_path / "a" / "posterior.nc") as f:
         stored = f["log_likelihood/launch_range_um"]
         assert stored.dtype == np.float32 and stored.shape[0] == 16 and stored.size <= 30 * 16 * 4

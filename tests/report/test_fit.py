@@ -167,6 +167,7 @@ def test_numerics_are_shown(page):
     assert (shown["limit_us"], shown["ratio"], shown["stable"]) == ("0.5", "2", False)
 
 
+@pytest.mark.slow
 def test_unconverged_numerics_are_a_warning(page, tmp_path):
     run = make_run(tmp_path)
     predictions = make_predictions(run)
