@@ -138,9 +138,10 @@ def _why(result: Diagnosis) -> Markup:
         )
         return head + "Nothing that these readings show." + (others if kept else "") + (but if unseen else "")
     if result.verdict == "explained":
-        how = "{} explains it{}; nothing is left of the misfit, and no other set does as well.{}"
+        other = "no other set of these causes" if result.left_out else "no other set"
+        how = "{} explains it{}; nothing is left of the misfit, and " + other + " does as well.{}"
         if known(result.misfit.get("p_value")) >= ALPHA:
-            how = "{}{} fits far better, and no other set does as well; the tests alone would not have objected.{}"
+            how = "{}{} fits far better, and " + other + " does as well; the tests alone would not have objected.{}"
         return head + Markup(how).format(named, share, _reservations(result))
     if result.verdict == "ambiguous":
         how = "These readings cannot tell which of several sets of causes it is: {}{}; or {}.{}"
