@@ -1,0 +1,196 @@
+"""The yardstick of the search: data sets are the same for all, and a comparison says what is worse."""
+
+from __future__ import annotations
+
+import copy
+import json
+import sys
+from collections import Counter
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from psafit.experiment import Experiment, read_experiment
+from psafit.inference.problem import Problem
+from psafit.physics import TERMS, terms
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+sys.path.insert(0, str(BENCHMARKS))
+
+yardstick, search_sets = map(import_module, ("search", "search_sets"))
+
+
+def record(id: str = "one", **changes: Any) -> dict[str, Any]:
+    """What a run says of a data set."""
+    return {
+        "id": id,
+        "fingerprint": "f",
+        "code": "c",
+        "seed": 1,
+        "most": 4,
+        "truth": ["gap"],
+        "truth_found": {"fitted": True, "reported": True},
+        "missed": -1.0,
+        "best": {"causes": ["gap"], "log_posterior": -500.0, "probability": 0.9},
+        "n_fitted": 3,
+        "cpu_s": 10.0,
+        **changes,
+    }
+
+
+def best(log_posterior: float) -> dict[str, Any]:
+    return {"causes": ["gap"], "log_posterior": log_posterior, "probability": 0.9}
+
+
+def test_causes_are_dealt_alike_every_time_and_all_occur() -> None:
+    sizes = [2] * 20 + [3] * 10
+    hands = search_sets.dealt(1, sizes)
+    assert hands == search_sets.dealt(1, sizes) != search_sets.dealt(2, sizes)
+    assert [len(set(hand)) for hand in hands] == sizes
+    assert all(tuple(t.id for t in terms(hand)) == hand for hand in hands)  # in the registry's order
+    often = Counter(id for hand in hands for id in hand)
+    assert often.keys() == {t.id for t in TERMS}
+
+
+def test_a_truth_is_drawn_alike_every_time(known: Experiment) -> None:
+    ids = ["amplifier_lag", "reading_gain"]
+    first, again, other = (search_sets.drawn_truth(np.random.default_rng(k), ids, known.ids) for k in (1, 1, 2))
+    assert first == again != other
+    names = Problem(known, known.ids, terms(ids)).names
+    assert set(names) == first.values.keys() | first.scatter.keys()
+
+
+def test_a_data_set_is_kept_to_the_last_digit(known: Experiment, tmp_path: Path) -> None:
+    file = tmp_path / "sets.jsonl"
+    made = search_sets.DataSet("a", "pairs", ("gap",), "here", known, parameters={"k_c": 0.1}, gain=20.0)
+    search_sets.store(made, file)
+    search_sets.store(search_sets.DataSet("b", "limits", None, "there", known), file)
+    kept = search_sets.stored(file)
+    assert list(kept) == ["a", "b"] and kept["b"].truth is None
+    assert search_sets.to_line(kept["a"]) == search_sets.to_line(made)
+    assert kept["a"].experiment.fingerprint == known.fingerprint
+
+
+def test_data_sets_of_the_study_are_its_groups() -> None:
+    whole = read_experiment(BENCHMARKS.parent / "experiments" / "psa")
+    assert search_sets.get("study").experiment.fingerprint == whole.fingerprint
+    assert search_sets.get("study-without-5").experiment.ids == (1, 2, 3, 4, 6)
+
+
+def test_every_stored_data_set_has_a_maker_or_is_a_case() -> None:
+    kept, made = search_sets.stored(), search_sets.makers()
+    assert {id for id, data in kept.items() if data.group == "cases"} == kept.keys() - made.keys()
+    assert len(search_sets.wanted(["cases"])) == 6
+    everything = search_sets.wanted(search_sets.GROUPS)
+    assert len(set(everything)) == len(everything) and kept.keys() <= set(everything)
+    for data in kept.values():
+        assert data.truth is None or tuple(t.id for t in terms(data.truth)) == data.truth
+
+
+@pytest.mark.parametrize(
+    ("changes", "flags"),
+    [
+        ({}, ()),
+        ({"best": best(-500.4)}, ()),
+        ({"best": best(-500.6)}, ("worse",)),
+        ({"best": best(-490.0), "cpu_s": 15.1}, ("slower",)),
+        ({"truth_found": {"fitted": True, "reported": False}}, ("lost",)),
+        ({"fingerprint": "g", "best": best(-900.0)}, ("not comparable",)),
+        ({"most": 6, "cpu_s": 100.0}, ("not comparable",)),
+    ],
+)
+def test_a_comparison_flags_what_changed(changes: dict[str, Any], flags: tuple[str, ...]) -> None:
+    (row,) = yardstick.compare({"one": record(), "gone": record("gone")}, {"one": record(**changes)})
+    assert row.flags == flags
+    assert yardstick.is_worse([row]) == bool({"worse", "lost"} & set(flags))
+
+
+def test_a_truth_that_is_found_now_is_a_gain() -> None:
+    missed = record(truth_found={"fitted": False, "reported": False}, missed=12.0)
+    rows = yardstick.compare({"one": missed}, {"one": record()})
+    assert rows[0].flags == ("gained",) and not yardstick.is_worse(rows)
+    text = yardstick.table(rows)
+    assert "| one | gap | no -> yes | no -> yes | 12.0 -> -1.0 | +0.0 | 10 -> 10 | gained |" in text
+    assert "fitted 0 -> 1, reported 0 -> 1; CPU 10 -> 10 s; 0 worse, 0 lost, 1 gained, 0 slower" in text
+
+
+def test_the_command_fails_where_a_search_became_worse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [str(tmp_path / name) for name in ("old", "new")]
+    for file, records in zip(files, ([record(), record("two")], [record(best=best(-501.0))]), strict=True):
+        Path(file).write_text("".join(f"{json.dumps(one)}\n" for one in records))
+    for order, status in ((files, 1), (files[::-1], 0)):
+        monkeypatch.setattr(sys, "argv", ["search.py", "--compare", *order])
+        assert yardstick.main() == status
+        assert "in one of the files alone: two" in capsys.readouterr().out
+
+
+def test_what_is_not_known_is_left_empty() -> None:
+    unknown = record(truth=None, truth_found={}, missed=None)
+    assert "| one | ? |  |  |  | +0.0 |" in yardstick.table(yardstick.compare({"one": unknown}, {"one": unknown}))
+
+
+def test_a_run_goes_on_where_it_stopped(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    searched: list[tuple[str, int, Any]] = []
+    interrupted = ["b"]
+
+    def measure(data: Any, seed: int, *, most: int, known: Any, progress: Any) -> dict[str, Any]:
+        if data.id in interrupted:
+            interrupted.remove(data.id)
+            raise KeyboardInterrupt
+        searched.append((data.id, most, known))
+        own = {"seed": seed, "most": most, "fingerprint": data.experiment.fingerprint}
+        return record(data.id, **own, code=yardstick.code())
+
+    monkeypatch.setattr(yardstick, "measure", measure)
+    monkeypatch.setattr(
+        yardstick, "get", lambda id: search_sets.DataSet(id, "pairs", ("gap",), "", known, most=6 if id == "c" else 4)
+    )
+    file, said = tmp_path / "out.jsonl", lambda text: None
+    with pytest.raises(KeyboardInterrupt):
+        yardstick.run(["a", "b", "c"], file, seed=1, tell=said)
+    assert list(yardstick.read(file)) == ["a"]
+    assert yardstick.run(["a", "b", "c"], file, seed=1, tell=said) == 0
+    assert searched == [("a", 4, None), ("b", 4, None), ("c", 6, None)]
+    # One that fails is counted, and the others are searched.
+    monkeypatch.setattr(yardstick, "get", lambda id, get=yardstick.get: get(id) if id != "bad" else 1 / 0)
+    assert yardstick.run(["bad", "a"], file, seed=1, tell=said) == 1
+    # What was asked otherwise is searched anew; a plain fit of the truth is taken over where readings are the same.
+    truths = copy.deepcopy(yardstick.read(file))
+    for id, fingerprint in (("b", known.fingerprint), ("c", "another")):
+        truths[id] |= {"fingerprint": fingerprint, "truth_alone": {"log_posterior": 1.0}}
+    assert yardstick.run(["a", "b", "c"], file, seed=1, quick=True, truths=truths, tell=said) == 0
+    assert searched[3:] == [("c", 4, None)]
+    yardstick.run(["b"], file, seed=2, truths=truths, tell=said)
+    assert searched[4:] == [("b", 4, {"log_posterior": 1.0})]
+
+
+def test_trajectories_are_counted_by_path(known: Experiment) -> None:
+    plain, stepped = (Problem(known, known.ids, terms(ids)) for ids in ([], ["hertz_exponent"]))
+    draws = [p.prior_transform(np.random.default_rng(1).uniform(size=(3, p.n_dim))) for p in (plain, stepped)]
+    before = yardstick.closed_form.separation, yardstick.stepper.separation
+    with yardstick.counted() as count:
+        plain.predict(draws[0])
+        assert count == {"closed form": 3 * plain.observed.size, "stepper": 0}
+        stepped.predict(draws[1])
+    assert count["stepper"] == 3 * plain.observed.size
+    assert (yardstick.closed_form.separation, yardstick.stepper.separation) == before
+    plain.predict(draws[0])
+    assert count["closed form"] == 3 * plain.observed.size
+
+
+@pytest.mark.slow
+def test_a_small_data_set_is_measured(known: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With nothing hidden the baseline is the truth: it is fitted, and the plain fit finds the same evidence."""
+    monkeypatch.setattr(yardstick, "TERMS", terms(["amplifier_lag", "gap"]))
+    data = search_sets.DataSet("known", "cases", (), "", known)
+    found = yardstick.measure(data, 1, most=4)
+    assert found["best"]["causes"] == [] and found["truth_found"]["rank"] == 1
+    assert found["missed"] == pytest.approx(0.0, abs=0.2)
+    assert found["best"]["by_the_search"] == pytest.approx(found["best"]["log_posterior"], abs=0.3)
+    assert found["cpu_s"] > 0 and found["trajectories"]["closed form"] > 0
+    assert yardstick.compare({"known": found}, {"known": found})[0].flags == ()
