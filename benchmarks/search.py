@@ -12,7 +12,8 @@ For each data set:
 - *the truth*: whether the search fitted that set, at which rank and probability, and whether it reports it. The log
   posterior of the truth comes from a plain fit from many draws of its prior, which the search does not help.
 - *missed*: log posterior of the truth above the best's, nats. Above zero, the search has missed a better set.
-- *cost*: models fitted, trajectories simulated, and seconds of CPU of the search alone.
+- *cost*: models fitted, trajectories simulated, and seconds of CPU of the search alone. A fixed piece of work is timed
+  before and after it, since a core that others share is slower.
 
 All that depends on the search is in `search`; all that depends on how a model is fitted is in `evidence_of` and
 `from_scratch`.
@@ -183,10 +184,12 @@ def measure(
     """
     problem = Problem(data.experiment, data.experiment.ids, tolerance=tolerance)
     warm_up(problem)
+    before = pace()
     wall, cpu = time.monotonic(), time.process_time()
     with counted() as trajectories:
         found = search(problem, seed, most, progress)
     cpu, wall = time.process_time() - cpu, time.monotonic() - wall
+    work = 0.5 * (before + pace())
     best = found.order[0]
     evidence, error, _ = evidence_of(settle_at(replace(problem, terms=terms(best)), found.modes), seed=1)
     progress("the truth alone", 0, 1)
@@ -228,6 +231,7 @@ def measure(
         "trajectories": trajectories,
         "cpu_s": round(cpu, 2),
         "wall_s": round(wall, 2),
+        "pace_s": round(work, 4),
     }
 
 
@@ -259,6 +263,17 @@ def truth_alone(data: DataSet, problem: Problem, seeds: Sequence[int] = (1, 2)) 
         "tops": [round(top, 3) for top in tops],
         "cpu_s": round(time.process_time() - cpu, 2),
     }
+
+
+def pace(repeats: int = 400) -> float:
+    """Seconds of CPU that a fixed piece of work takes, of which psafit is no part: how slow the machine is just now."""
+    rng = np.random.default_rng(0)
+    matrices, numbers = rng.standard_normal((200, 12, 12)), rng.standard_normal(100_000)
+    begun = time.process_time()
+    for _ in range(repeats):
+        np.linalg.solve(matrices, matrices)
+        np.exp(numbers).sum()
+    return time.process_time() - begun
 
 
 def warm_up(problem: Problem) -> None:
@@ -358,6 +373,8 @@ class Row:
     log_posterior : pair of float
         Of the best.
     cpu_s : pair of float
+    cost : pair of float
+        Seconds of CPU over those of the fixed piece of work.
     flags : tuple of str
         "worse": the best has a log posterior lower by more than is allowed; "lost": the truth was reported and is no
         longer; "slower"; "gained": the truth is reported and was not; "not comparable": other readings, or sets of
@@ -371,6 +388,7 @@ class Row:
     missed: tuple[float | None, float | None]
     log_posterior: tuple[float, float]
     cpu_s: tuple[float, float]
+    cost: tuple[float, float]
     flags: tuple[str, ...]
 
 
@@ -390,20 +408,21 @@ def compare(
     lower : float, nats
         Log posterior that the best may lose.
     slower : float
-        Factor by which the time may grow.
+        Factor by which the cost may grow.
     """
     rows = []
     for id in (id for id in old if id in new):
         a, b = old[id], new[id]
         best = a["best"]["log_posterior"], b["best"]["log_posterior"]
         reported = a["truth_found"].get("reported"), b["truth_found"].get("reported")
+        cost = a["cpu_s"] / a["pace_s"], b["cpu_s"] / b["pace_s"]
         flags = []
         if any(a[key] != b[key] for key in ("fingerprint", "most")):
             flags.append("not comparable")
         else:
             flags += ["worse"] if best[1] < best[0] - lower else []
             flags += {(True, False): ["lost"], (False, True): ["gained"]}.get(reported, [])
-            flags += ["slower"] if b["cpu_s"] > slower * a["cpu_s"] else []
+            flags += ["slower"] if cost[1] > slower * cost[0] else []
         rows.append(
             Row(
                 id,
@@ -413,6 +432,7 @@ def compare(
                 (a["missed"], b["missed"]),
                 best,
                 (a["cpu_s"], b["cpu_s"]),
+                cost,
                 tuple(flags),
             )
         )
@@ -426,24 +446,27 @@ def is_worse(rows: Sequence[Row]) -> bool:
 
 def table(rows: Sequence[Row]) -> str:
     """Format a comparison as a table in Markdown, with what it comes to in all."""
-    titles = ["data set", "truth", "fitted", "reported", "missed, nats", "best, nats", "CPU, s", ""]
+    if not rows:
+        return "no data set is in both files"
+    titles = ["data set", "truth", "fitted", "reported", "missed, nats", "best, nats", "CPU, s", "cost", ""]
     lines = [titles, ["---"] * len(titles)]
     for row in rows:
         change = row.log_posterior[1] - row.log_posterior[0]
         cells = [row.id, row.truth or "?", *(_both(pair, _yes) for pair in (row.fitted, row.reported))]
         cells += [_both(row.missed, lambda x: f"{x:.1f}"), "" if "not comparable" in row.flags else f"{change:+.1f}"]
-        cells += [_both(row.cpu_s, lambda x: f"{x:.0f}"), ", ".join(row.flags)]
+        cells += [_both(row.cpu_s, lambda x: f"{x:.0f}"), f"x {row.cost[1] / row.cost[0]:.2f}", ", ".join(row.flags)]
         lines.append(cells)
     known = [row for row in rows if row.truth]
     count = [[sum(bool(getattr(row, what)[k]) for row in known) for k in (0, 1)] for what in ("fitted", "reported")]
-    seconds = [sum(row.cpu_s[k] for row in rows) for k in (0, 1)]
+    seconds, cost = ([sum(getattr(row, what)[k] for row in rows) for k in (0, 1)] for what in ("cpu_s", "cost"))
     flagged = {flag: sum(flag in row.flags for row in rows) for flag in ("worse", "lost", "gained", "slower")}
     return "\n".join(
         [
             *("| " + " | ".join(cells) + " |" for cells in lines),
             "",
             f"{len(rows)} data sets, the truth of {len(known)} known: fitted {count[0][0]} -> {count[0][1]},"
-            f" reported {count[1][0]} -> {count[1][1]}; CPU {seconds[0]:.0f} -> {seconds[1]:.0f} s;"
+            f" reported {count[1][0]} -> {count[1][1]}; CPU {seconds[0]:.0f} -> {seconds[1]:.0f} s,"
+            f" cost x {cost[1] / cost[0]:.2f};"
             f" {', '.join(f'{n} {flag}' for flag, n in flagged.items())}",
         ]
     )

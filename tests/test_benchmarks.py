@@ -37,6 +37,7 @@ def record(id: str = "one", **changes: Any) -> dict[str, Any]:
         "best": {"causes": ["gap"], "log_posterior": -500.0, "probability": 0.9},
         "n_fitted": 3,
         "cpu_s": 10.0,
+        "pace_s": 0.2,
         **changes,
     }
 
@@ -97,6 +98,7 @@ def test_every_stored_data_set_has_a_maker_or_is_a_case() -> None:
         ({"best": best(-500.4)}, ()),
         ({"best": best(-500.6)}, ("worse",)),
         ({"best": best(-490.0), "cpu_s": 15.1}, ("slower",)),
+        ({"cpu_s": 30.0, "pace_s": 0.6}, ()),  # on a machine that others share
         ({"truth_found": {"fitted": True, "reported": False}}, ("lost",)),
         ({"fingerprint": "g", "best": best(-900.0)}, ("not comparable",)),
         ({"most": 6, "cpu_s": 100.0}, ("not comparable",)),
@@ -111,10 +113,11 @@ def test_a_comparison_flags_what_changed(changes: dict[str, Any], flags: tuple[s
 def test_a_truth_that_is_found_now_is_a_gain() -> None:
     missed = record(truth_found={"fitted": False, "reported": False}, missed=12.0)
     rows = yardstick.compare({"one": missed}, {"one": record()})
+    assert yardstick.table([]) == "no data set is in both files"
     assert rows[0].flags == ("gained",) and not yardstick.is_worse(rows)
     text = yardstick.table(rows)
-    assert "| one | gap | no -> yes | no -> yes | 12.0 -> -1.0 | +0.0 | 10 -> 10 | gained |" in text
-    assert "fitted 0 -> 1, reported 0 -> 1; CPU 10 -> 10 s; 0 worse, 0 lost, 1 gained, 0 slower" in text
+    assert "| one | gap | no -> yes | no -> yes | 12.0 -> -1.0 | +0.0 | 10 -> 10 | x 1.00 | gained |" in text
+    assert "fitted 0 -> 1, reported 0 -> 1; CPU 10 -> 10 s, cost x 1.00; 0 worse, 0 lost, 1 gained, 0 slower" in text
 
 
 def test_the_command_fails_where_a_search_became_worse(
