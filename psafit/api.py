@@ -140,6 +140,8 @@ class Rig(_Shown):
         """
         ids = [self.experiment.ids[0]] if groups is None else _listed(groups)
         candidates = None if causes is None else catalogue([causes] if isinstance(causes, str) else causes)
+        if candidates == ():
+            raise InputError("no cause is given to look at", "name some, or leave causes out to look at all")
         folder = Path(out) if out else usual_folder(self.experiment.folder, "diagnosis")
         ensure_writable(folder, "out", folder=True, inputs=[self.experiment.folder])
         with watcher(quiet) as show:

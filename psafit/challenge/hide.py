@@ -148,7 +148,7 @@ def make(
     redraws : int
         True models drawn until one launches in most readings.
     patience : int
-        Of these, such as were tried for one in which the causes are as strong as asked for; then the best is taken.
+        Launching models that are tried for causes as strong as asked for, before the strongest of them is taken.
 
     Returns
     -------

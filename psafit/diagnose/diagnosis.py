@@ -129,7 +129,8 @@ def diagnose(
         shown, n_jobs = watcher or Silent(), jobs or cores()
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
         drawing = held is not None
-        repeats = (settings.searches if searches is None else searches) if catalogue else 0
+        usual = 0 if quick else settings.searches
+        repeats = (usual if searches is None else searches) if catalogue else 0
         plan = _plan(experiment, training, quick, repeats, nautilus, n_jobs)
         with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
             work = _Work(
@@ -175,7 +176,7 @@ def _plan(
 
 def _claim(folder: Path, experiment: Experiment) -> None:
     """Make a folder ours, or see that it is: nobody's files are replaced, nor the diagnosis of another rig."""
-    marker, another = folder / MARKER, "choose another --out, or remove it"
+    marker, another = folder / MARKER, "choose another --out, or move it elsewhere"
     held = None
     if (folder / RESULT).is_file():
         try:
@@ -450,7 +451,7 @@ class _Work:
             {name: float(f"{value:.10g}") for name, value in zip(problem.names, at, strict=True)}
             for at in problem.to_physical(found.modes)
         ]
-        about.append(known)
+        about += [known, steps]
         place = f"extension-{'-'.join(t.id for t in terms)[:100]}-{digest(about)[:8]}"
         if (self.folder / place / "posterior.json").exists() and not self.drawing:
             run = load(self.folder / place)

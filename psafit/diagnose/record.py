@@ -218,7 +218,8 @@ class Diagnosis(Brief):
         words = [" + ".join(ids) or "nothing" for ids in told]
         if more := len(sets) - len(told):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
-        restricted = f" (of {len(self.screening)} causes that were looked at)" if self.left_out else ""
+        n = len(self.screening)
+        restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
         return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + restricted
 
     def table(self, folder: Path, name: str) -> Path:

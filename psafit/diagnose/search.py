@@ -240,7 +240,7 @@ class _Search:
                 kept[f"{len(kept):03}-" + "-".join(str(order.index(id)) for id in c.ids)] = c.modes
             return kept
 
-        found = self._recall("pruned", self.problem, make, [self._most])
+        found = self._recall("pruned", self.problem, make, [self._wide, self._most])
         made = []
         for name, modes in found.items():
             terms = tuple(self.catalogue[int(i)] for i in name.split("-")[1:])

@@ -273,4 +273,5 @@ def reporting(
         yield watcher
         return
     yield Reporter(watcher, folder, kind, identity, plan, counted)
-    (folder / PROGRESS).unlink(missing_ok=True)
+    with suppress(OSError):
+        (folder / PROGRESS).unlink(missing_ok=True)

@@ -365,7 +365,7 @@ def load(folder: Path) -> Run:
 def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
     """The folder's fit if it is of this very run, None if it is free and now ours; anything else is refused."""
     identity, marker = _identity(determinants), folder / MARKER
-    another = "choose another --out, or remove the folder to start over"
+    another = "choose another --out, or move the folder elsewhere to start over"
     record = None
     if (folder / "fit.json").exists():
         record = read_json(folder / "fit.json", Fit, sealed=True)

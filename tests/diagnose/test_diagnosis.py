@@ -173,7 +173,7 @@ def test_only_the_causes_asked_for_are_looked_at(tmp_path):
     found = diagnose(experiment(n=8), ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
     assert [s.id for s in found.screening] and {s.id for s in found.screening} == {t.id for t in FEW[:2]}
     assert found.left_out == [t.id for t in TERMS if t not in FEW[:2]]
-    assert found.headline.endswith("(of 2 causes that were looked at)")
+    assert found.headline.endswith("(of 2 causes looked at)")
     assert found.restricted.startswith("Only ") and f"{len(TERMS) - 2} other causes" in found.restricted
     assert replace(found, left_out=[]).restricted == "" and "looked at" not in replace(found, left_out=[]).headline
     assert (
