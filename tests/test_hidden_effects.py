@@ -213,6 +213,8 @@ PARTS = {
     "the price of a cause": "nothing",
 }
 
+PAID = 5.0  # nats a cause
+
 
 def without(part: str, patch: pytest.MonkeyPatch) -> None:
     """Take a part away."""
@@ -232,11 +234,10 @@ def without(part: str, patch: pytest.MonkeyPatch) -> None:
         patch.setattr(search._Search, "grow", lambda *a: False)
         patch.setattr(search._Search, "refine", lambda *a: False)
     else:
-        # Turned round, and not only gone: without a price a cause of few may gain nothing by luck.
-        priced = ladder.log_prior
+        # Causes are paid for, not only free: of few, none need gain anything by luck.
         for module in (ladder, search):
-            patch.setattr(module, "log_prior", lambda *a: -priced(*a))
-            patch.setattr(module, "VISIBLE_EVIDENCE", 0.0)
+            patch.setattr(module, "log_prior", lambda n_causes, *_: PAID * n_causes)
+            patch.setattr(module, "VISIBLE_EVIDENCE", -PAID)
         patch.setattr(search._Search, "_evidence", lambda self, c: c.log_likelihood)
 
 
