@@ -430,7 +430,10 @@ class _Work:
         for protocol, splits in _protocols(self.experiment, self.training).items():
             if splits:
                 with self._stage(f"{protocol} gain"):
-                    done = [gains.split(self._search(seen), held_out, self.seed) for seen, held_out in splits]
+                    done = [
+                        gains.split(self._search(seen), held_out, self.seed, self.settings.draws)
+                        for seen, held_out in splits
+                    ]
                     measured[protocol] = asdict(
                         gains.summarise(protocol, self.experiment, done, self.folder, self.seed)
                     )  # fmt: skip

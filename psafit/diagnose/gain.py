@@ -46,7 +46,6 @@ from psafit.validate import (
     write_table,
 )
 
-_DRAWS = 400
 # Models with less than this share of the best's probability are left out of the mixture.
 _NEGLIGIBLE = 0.02
 _BOOTSTRAPS = 1000
@@ -166,7 +165,7 @@ class Split:
     after: list[Forecast]
 
 
-def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int) -> Split:
+def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int, n_draws: int = 400) -> Split:
     """Forecast groups that a ladder has not seen.
 
     Parameters
@@ -174,6 +173,8 @@ def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int) -> Split:
     ladder : Ladder
     held_out : sequence of group ids
     seed : int
+    n_draws : int
+        Posterior draws behind each interval.
     """
     best = max(ladder.probability.values())
     shares = {
@@ -183,8 +184,8 @@ def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int) -> Split:
     mixture = {ids: p / total for ids, p in shares.items()}
     # Once for all groups: a model that the search did not weigh is weighed here.
     draws = {ids: ladder.draws(ids, seed) for ids in {(): 0.0, **mixture}}
-    before: dict[Ids, FloatArray] = {(): draws[()].resampled(_DRAWS)}
-    after = {ids: draws[ids].resampled(max(round(_DRAWS * p), 16)) for ids, p in mixture.items()}
+    before: dict[Ids, FloatArray] = {(): draws[()].resampled(n_draws)}
+    after = {ids: draws[ids].resampled(max(round(n_draws * p), 16)) for ids, p in mixture.items()}
     left = {ids: leftover(ladder.of(ids)) for ids in draws}
     return Split(
         seen=ladder.baseline.problem.group_ids,

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from psafit.errors import InputError, printable
+from psafit.files import read_error
 
 
 def shown(text: str) -> str:
@@ -35,10 +36,9 @@ def one_line(text: str) -> str:
     return printable(" ".join(text.split()))
 
 
-def unreadable(file: Path, error: Exception, remedy: str = "check its permissions") -> InputError:
-    """What the operating system says of a file that it does not let us read."""
-    reason = getattr(error, "strerror", None) or str(error)
-    return InputError(f"cannot be read ({reason})", remedy, file=file)
+def unreadable(file: Path, error: OSError, remedy: str) -> InputError:
+    """What the operating system says of a folder that it does not let us look into."""
+    return InputError(f"cannot be read ({error.strerror})", remedy, file=file)
 
 
 def _signed(raw: bytes) -> str:
@@ -81,7 +81,8 @@ def read_text(file: Path, limit: int, form: str = "CSV (UTF-8)") -> str:
         with file.open("rb") as stream:
             raw = stream.read(limit + 1)
     except (OSError, ValueError) as error:
-        raise unreadable(file, error) from error
+        reason = getattr(error, "strerror", None) or str(error)
+        raise read_error(error, file, f"cannot be read ({reason})", "check its name") from error
     if len(raw) > limit:
         raise InputError(f"larger than {limit // 1024**2} MiB", "split it, or keep measurements only", file=file)
     if kind := _signed(raw):
