@@ -1,9 +1,9 @@
 """How often do climbs stop below the top of a posterior, and how often does the look behind cliffs find it?
 
-``python benchmarks/cliffs.py --seed 25`` hides every cause at three strengths, fits the model that made the readings as
-the ladder does (climbs), looks for other hills as the ladder does with its finalists (climbs from elsewhere, a
-population), and climbs from the truth. Prints, for each data set, how far these are above the first climbs (nats), and
-counts.
+``python benchmarks/cliffs.py --seed 25`` hides every cause at three strengths, fits the model that made the readings
+(climbs from where screening has the cause, and from draws of the prior), looks for other hills as `psafit diagnose`
+does in a model that it samples (climbs from elsewhere, a population), and climbs from the truth. Prints, for each data
+set, how far these are above the first climbs (nats), and counts.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Parameters are drawn from their priors, readings simulated from them at an experiment's conditions, the model fitted
 and its posterior drawn, and the rank of the truth among the draws recorded. If fit, evidence and draws are sound the
 ranks are uniform. ``--sampler emcee`` draws as `psafit fit` does, from lmfit's optima by emcee until the chain has
-converged or has taken ``--steps``; the default draws as `psafit diagnose` weighs its models. ``--terms any`` takes the
+converged or has taken ``--steps``; the default draws as `psafit diagnose` samples its models. ``--terms any`` takes the
 catalogue's causes in turn, one a data set, and counts their strengths together. Writes docs/figures/sbc.png and prints,
 for every parameter, a chi-square p-value and how many 90 % intervals hold the truth; exits with 1 if a p-value is below
 0.05 divided by their number. Ranks are kept in fits/sbc, for this state of the sources: what was interrupted goes on
@@ -32,52 +32,35 @@ from scipy.stats import binom, chisquare
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from psafit.diagnose.screening import screen
 from psafit.experiment import read_experiment
-from psafit.inference import noise
-from psafit.inference.ascent import ascend
-from psafit.inference.candidate import built_up, fit, scouted, settle
-from psafit.inference.emcee_adaptor import Settings, sample
-from psafit.inference.evidence import weigh
+from psafit.inference import emcee_adaptor, noise
+from psafit.inference.candidate import built_up
 from psafit.inference.optimise import optimise
 from psafit.inference.problem import Problem
+from psafit.model_search import SearchSettings
+from psafit.model_search.sample import sample
 from psafit.physics import TERMS, baseline, terms
 from psafit.report.style import PALETTE, figure_style
 
 DRAWS, BINS = 99, 10
-# As a diagnosis has them: tolerance of the simulator; nats by which a draw above the optimum says that the climb had
-# not arrived, and how often the model is then fitted anew.
-TOLERANCE, HIGHER, REFITS = 1e-4, 0.5, 4
-
+TOLERANCE = SearchSettings().tolerance  # of the simulator, as a diagnosis has it
 # A chain that has not converged then is used as it is, and counted.
 STEPS = 8000
 
 
 def weighed(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
     """Draws as a diagnosis makes them, (DRAWS, n_dim)."""
-    fitted = fit(replace(problem, terms=()), (), seed=seed, draws=4096, most=48)
-    if len(problem.terms) == 1:
-        # As its ladder does: from where the expansion beside the baseline has the cause, then other hills.
-        (beside,) = screen(fitted, problem.terms)
-        fitted = fit(problem, [fitted], seed=seed, extra=beside.starts)
-    elif problem.terms:
-        fitted = built_up(problem, seed=seed)
-    fitted = scouted(fitted, seed=seed)
-    for _ in range(REFITS):
-        found = weigh(fitted, seed=seed, effective=300)
-        if found.height < fitted.height + HIGHER:
-            break
-        # A climb that stopped at a cliff; draws step across.
-        fitted = settle(problem, ascend(problem, np.vstack([fitted.modes, found.top])))
+    known = [built_up(problem, seed=seed)] if problem.terms else []
+    _, found = sample(problem, known, seed=seed)
     return found.resampled(DRAWS), True
 
 
 def sampled(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
     """Draws as `psafit fit` makes them, (DRAWS, n_dim), and whether the chain has converged."""
     with tempfile.TemporaryDirectory() as folder:
-        chain = sample(
+        chain = emcee_adaptor.sample(
             problem, optimise(problem, seed=seed), seed=seed, path=Path(folder) / "chain.h5", identity="",
-            settings=replace(Settings.of(problem), max_steps=steps),
+            settings=replace(emcee_adaptor.Settings.of(problem), max_steps=steps),
         )  # fmt: skip
     flat = chain.draws.reshape(-1, problem.n_dim)
     return flat[np.random.default_rng(seed).choice(len(flat), DRAWS, replace=False)], chain.converged

@@ -45,15 +45,14 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from search_sets import GROUPS, DataSet, get, wanted
 
-from psafit.diagnose import ladder
-from psafit.diagnose.memory import code
-from psafit.diagnose.search import climb
 from psafit.experiment import write_experiment
 from psafit.files import write_atomically
 from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, fit, settle, settle_at
 from psafit.inference.evidence import weigh
+from psafit.inference.memory import code
 from psafit.inference.problem import Problem
+from psafit.model_search import SearchSettings, climb, ladder
 from psafit.physics import TERMS, terms
 from psafit.simulate import closed_form, stepper
 
@@ -90,10 +89,10 @@ class Found:
 
 def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int, int], None]) -> Found:
     """Search all causes, in sets of at most `most`; `problem` has none."""
-    found = climb(problem, TERMS, seed=seed, progress=progress, thorough=most > 4)
+    found = climb(problem, TERMS, seed=seed, progress=progress, settings=SearchSettings(most_causes=most))
     return Found(
         {ids: value + found.log_prior(ids) for ids, value in found.log_evidence.items()},
-        found.unfitted | found.probability,
+        found.probability,
         tuple(c.ids for c in found.candidates),
         (found.leader.ids, *found.rivals(found.leader.ids)),
         found.leader.modes,

@@ -55,7 +55,7 @@ class DataSet:
         Where it comes from.
     experiment : Experiment
     most : int
-        Causes up to which a search must look: four, as `psafit diagnose --quick` does, or six.
+        Causes up to which a search must look: four, as the quick search of version 0.1.0 did, or six.
     parameters : dict
         True values, as far as they are known.
     gain : float, optional

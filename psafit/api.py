@@ -125,7 +125,7 @@ class Rig(_Shown):
         causes : str or sequence of str, optional
             Candidate causes; all of the catalogue by default. The answer names those that were left out.
         quick : bool
-            The verdict alone.
+            The verdict alone, by the same search.
         out : path-like, optional
             Folder; the command line's by default.
         seed : int
@@ -350,7 +350,7 @@ class Diagnosed(_Shown):
             tables.append(
                 pd.DataFrame(rows, columns=[f"parameter of {name}", column]).set_index(f"parameter of {name}")
             )
-        return " ".join([f"{self.verdict}{named}.", *restricted, *self.record.sentences]), tables
+        return " ".join([f"{self.verdict}{named}.", *restricted, *self.record.sentences, self.record.searched]), tables
 
 
 def _sizes(cause: CauseResult) -> Iterator[tuple[str, str]]:

@@ -20,7 +20,7 @@ TITLES = {
     "profile": "profile the likelihood",
     "validate": "validate on all groups",
     "reproduce": "recompute the study",
-    "parts": "search the causes, on all groups and parts of them",
+    "parts": "search the causes, without some of the groups",
     "causes": "search the causes, on all groups",
     "tests": "test the baseline and its best extension",
     "next experiment": "look for the measurement that tells most",

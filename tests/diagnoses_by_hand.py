@@ -11,6 +11,7 @@ from reader import Reader
 from psafit.diagnose.gain import Gain, GroupGain
 from psafit.diagnose.record import CauseResult, Diagnosis, ScreeningResult
 from psafit.experiment import Constants, Experiment, Group, fingerprint
+from psafit.model_search.ladder import LookedAt
 from psafit.report.diagnosis import write_diagnosis
 
 CONSTANTS = Constants(M=0.0272, m=0.107, q=0.25e-6, l=0.15, k_s=25e6, g=9.8)
@@ -99,6 +100,7 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
             CauseResult(["gap", "slew_limit"], 0.31, parameters("k_c"), evidence | {"over_baseline": 150.5}, []),
             CauseResult([], 0.0002, parameters("k_c", sampled=False), laplace, []),
         ],
+        looked_at=LookedAt(fitted=164, estimated=151, mass_not_looked_at=0.004),
         misfit={
             "p_value": 0.001, "where": where, "baseline": lack_of_fit(0.001, "physics", last),
             "extended": lack_of_fit(0.31, "none", last) | {"where": []},

@@ -104,6 +104,7 @@ def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
     few = Diagnosed(replace(found.record, unnamed=1e-4), experiment, folder)
     assert few.causes.index[-1] == "baseline"
     assert "ambiguous (hysteresis)" in repr(found) and "baseline" in found._repr_html_()
+    assert found.record.searched in " ".join(repr(found).split())
     ax = Figure().subplots()
     assert found.plot(ax=ax) is ax and found.plot(2, ax=ax) is ax
     assert found.report() == folder / "diagnosis.html"

@@ -23,7 +23,7 @@ FLOORS = (
     {"physics"},
     {"simulate"},
     {"inference"},
-    {"validate", "numerics", "reproduce"},
+    {"validate", "numerics", "reproduce", "model_search"},
     {"diagnose"},
     {"challenge", "compare", "watch"},
     {"report"},

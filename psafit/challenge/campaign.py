@@ -27,11 +27,11 @@ from psafit.challenge.answer import EXPERIMENT, Answer, Conditions, Kind, unseal
 from psafit.challenge.hide import Outside, make
 from psafit.challenge.oracle import Oracle, consult
 from psafit.diagnose import diagnose as examine
-from psafit.diagnose.ladder import SIZE_WEIGHTS
 from psafit.diagnose.record import RESULT
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, remove_temporaries, sole
+from psafit.model_search.ladder import SIZE_WEIGHTS
 from psafit.physics import TERMS, plugin_versions
 from psafit.records import plain, read_content, read_json, write_json
 from psafit.workers import processes, scratch, unordered

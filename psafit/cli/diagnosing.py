@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     metavar="ID[,ID...]",
     help="Look at these causes only (psafit terms lists them); the answer says so. All by default.",
 )
-@click.option("--quick", is_flag=True, help="The verdict alone: at most four causes, no measured gain.")
+@click.option("--quick", is_flag=True, help="The verdict alone, by the same search: no measured gain.")
 @click.option(
     "--nautilus", is_flag=True, help="Compute the finalists' evidence by a nested sampler, too: minutes a model."
 )
@@ -152,6 +152,7 @@ def _tell(result: Diagnosis) -> None:
         click.echo(f"  {result.restricted}")
     for sentence in result.sentences:
         click.echo(f"  {sentence}")
+    click.echo(f"  {result.searched}")
     unnamed = result.mostly_unnamed
     if unnamed or result.verdict == "unexplained":
         click.echo("  if a model of the catalogue had to do:")

@@ -16,9 +16,7 @@ from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show, told
 from psafit.diagnose.confusable import confusable
-from psafit.diagnose.ladder import CREDIBLE, Ladder
 from psafit.diagnose.leftover import leftover, stretch
-from psafit.diagnose.memory import Memory, code
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import (
     MARKER,
@@ -30,7 +28,7 @@ from psafit.diagnose.record import (
 )
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
-from psafit.diagnose.search import climb
+from psafit.diagnose.screening import screen
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.significance import significance
 from psafit.diagnose.verdict import Verdict, conclude
@@ -41,9 +39,12 @@ from psafit.inference import emcee_adaptor
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
+from psafit.inference.memory import Memory, code
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import fit, load, versions
+from psafit.model_search import SearchSettings, climb
+from psafit.model_search.ladder import CREDIBLE, Ladder
 from psafit.numerics import refine
 from psafit.physics import TERMS
 from psafit.physics.term import Term
@@ -78,7 +79,7 @@ def diagnose(
     folder : Path
         Where the result goes; what an interrupted diagnosis has worked out there is used.
     quick : bool
-        The verdict alone: sets of at most four causes, no measured gain, no proposals beyond the tied causes.
+        The verdict alone, by the same search: no measured gain, no proposals beyond the tied causes.
     searches : int, optional
         Repetitions of the whole search on readings simulated from the fitted baseline (`psafit.diagnose.significance`);
         by default as many as the settings say where a cause is named, none with `quick`.
@@ -135,7 +136,7 @@ def diagnose(
         with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
             work = _Work(
                 experiment, training, folder, seed, catalogue, n_jobs, shown, command,
-                drawing=drawing, thorough=not quick, settings=settings, left_out=left_out,
+                drawing=drawing, settings=settings, left_out=left_out,
             )  # fmt: skip
             return work.all(quick, searches, nautilus, identity)
 
@@ -148,19 +149,14 @@ def _plan(
     It takes for granted that causes are named: without, the repeated searches and the samplers fall away.
     """
     one = DIAGNOSIS
-    found = {"causes": one["search"], "tests": one["tests"], "next experiment": one["proposals"]}
+    found = {"causes": one["search"] / min(jobs, 2), "tests": one["tests"], "next experiment": one["proposals"]}
     protocols = {} if quick else _protocols(experiment, training)
+    parts = sum(map(len, protocols.values()))
+    if parts:
+        found["parts"] = one["again"] * parts / min(jobs, parts) + one["search"] / min(jobs, 2)
     strict, nested = (bool(protocols.get(name)) for name in ("strict", "nested"))
-    alone = jobs == 1 or not nested  # what is searched side by side are the parts, the training groups and all groups
-    if nested:
-        n = (
-            len(protocols["nested"])
-            if alone
-            else len({seen for splits in protocols.values() for seen, _ in splits}) + 1
-        )
-        found = {"parts": n / min(jobs, n), **found, "causes": one["again"]}
     if strict:
-        found["strict gain"] = one["gain"] + alone * one["search"]
+        found["strict gain"] = one["gain"]
     if nested:
         found["nested gain"] = one["gain"]
     if not quick:
@@ -168,7 +164,7 @@ def _plan(
     if strict:
         found["strict extension"] = one["sampler"]
     if repeats:
-        found["significance"] = one["null"] * repeats / min(jobs, repeats) + (nested and alone) * one["search"]
+        found["significance"] = one["null"] * repeats / min(jobs, repeats)
     if nautilus:
         found["nautilus"] = one["nautilus"]
     return found
@@ -241,19 +237,17 @@ class _Work:
     watcher: Watcher
     command: Sequence[object]
     drawing: bool = False
-    thorough: bool = True
     settings: Settings = field(default_factory=Settings)
     left_out: Sequence[str] = ()
     seconds: dict[str, float] = field(default_factory=dict)
-    _ladders: dict[tuple[GroupId, ...], Ladder] = field(default_factory=dict)
+    _ladders: dict[tuple[tuple[GroupId, ...], tuple[Candidate, ...]], Ladder] = field(default_factory=dict)
 
     def all(self, quick: bool, searches: int | None, nautilus: bool, identity: str) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
         write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
-        parts = () if quick else self._parts()
         with self._stage("causes"):
-            ladder = self._search(experiment.ids, parts)
+            ladder = self._search(experiment.ids)
         leader = ladder.leader
         with self._stage("tests"):
             n_simulated = self.settings.simulated
@@ -288,7 +282,7 @@ class _Work:
         ledger: list[dict[str, Any]] = [
             {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
         ]
-        measured = {} if quick else self._gains()
+        measured = {} if quick else self._gains(ladder)
         for scored in measured.values():
             ledger += scored["ledger"]
         extension: dict[str, Any] = {}
@@ -306,13 +300,10 @@ class _Work:
             searches = 0 if quick or not verdict.named else self.settings.searches
         if searches and self.catalogue:
             with self._stage("significance"):
-                # A search like those of simulated readings, which have no parts to begin from; it is read back.
-                fixed = experiment, self.catalogue, self.seed, self._memory, self.settings.tolerance
-                alike = _climbed(*fixed, experiment.ids) if parts else ladder
                 misfit["search"] = asdict(
                     significance(
-                        alike, self.catalogue, searches, seed=self.seed, memory=self._memory,
-                        thorough=self.thorough, jobs=self.jobs,
+                        ladder, self.catalogue, searches, seed=self.seed, memory=self._memory,
+                        settings=self.settings.search, jobs=self.jobs,
                         progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
                     )
                 )  # fmt: skip
@@ -321,7 +312,8 @@ class _Work:
             decisive = [set(ids) for ids in ((), verdict.named, leader.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
-        screening = told.screening_of(ladder, verdict)
+        beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
+        screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict)
         tables = [PREDICTIONS, *(one["predictions"] for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -329,6 +321,7 @@ class _Work:
             named=list(verdict.named),
             alternatives=[list(ids) for ids in verdict.alternatives],
             causes=causes,
+            looked_at=ladder.looked_at,
             misfit=misfit,
             numerics=numerics,
             gain=measured,
@@ -376,67 +369,61 @@ class _Work:
         with self._timed(name):
             yield
 
-    def _parts(self) -> tuple[Candidate, ...]:
-        """What the groups lead to without each in turn: the nested gain needs it, and the verdict begins there, too."""
-        protocols = _protocols(self.experiment, self.training)
-        if not protocols["nested"]:
-            return ()
-        with self._stage("parts"):
-            # The longest first: that of all groups, which is read back below, and goes on from what these lead to.
-            seens = [seen for splits in reversed(protocols.values()) for seen, _ in splits]
-            wanted = dict.fromkeys([self.experiment.ids, *seens])
-            fixed = self.experiment, self.catalogue, self.seed, self._memory, self.settings.tolerance
-            ahead(
-                _climbed, [(*fixed, seen) for seen in wanted], self.jobs,
-                self._searched,
-            )  # fmt: skip
-            found = []
-            for k, (seen, _) in enumerate(protocols["nested"], 1):
-                found.append(self._search(seen).leader)
-                self.watcher.part("parts", k / len(protocols["nested"]))
-            return tuple(found)
-
     def _searched(self, done: int, total: int) -> None:
         """Report searches that run side by side."""
         self.watcher.part("parts", done / total)
-        self.watcher.update(done, total, f"searches; {self._memory.count('fit')} models fitted so far")
+        self.watcher.update(done, total, f"searches; {self._memory.count('short')} models fitted so far")
 
-    def _search(self, groups: tuple[GroupId, ...], others: Sequence[Candidate] = ()) -> Ladder:
+    def _search(self, groups: tuple[GroupId, ...], starts: tuple[Candidate, ...] = ()) -> Ladder:
         """The ladder of what some groups say."""
-        if groups in self._ladders:
-            return self._ladders[groups]
         absent = [str(g) for g in self.experiment.ids if g not in groups]
         which = f"without {', '.join(absent)}: " if absent else ""
 
         def progress(what: str, done: int, total: int) -> None:
             self.watcher.update(done, total, which + what)
 
-        self._ladders[groups] = _climbed(
-            self.experiment,
-            self.catalogue,
-            self.seed,
-            self._memory,
-            self.settings.tolerance,
-            groups,
-            progress=progress,
-            others=others,
-            thorough=self.thorough,
-        )
-        return self._ladders[groups]
+        if (groups, starts) not in self._ladders:
+            self._ladders[groups, starts] = _climbed(*self._common, groups, starts, self.jobs, progress)
+        return self._ladders[groups, starts]
 
-    def _gains(self) -> dict[str, Any]:
-        """What the extension gains on groups that it has not seen, for each protocol."""
+    @property
+    def _common(self) -> tuple[Experiment, Sequence[Term], int, Memory, SearchSettings]:
+        """What all searches of this diagnosis share."""
+        return self.experiment, self.catalogue, self.seed, self._memory, self.settings.search
+
+    def _gains(self, whole: Ladder) -> dict[str, Any]:
+        """What the extension gains on groups that it has not seen, for each protocol.
+
+        The searches of the nested protocol begin at the sets that all groups have led to: places are computation, and
+        what is said rests on the groups that were seen alone. One is repeated from nothing, to see what that changes.
+        """
+        protocols = _protocols(self.experiment, self.training)
+        sampled = tuple(c for c in whole.candidates if c.ids and c.ids in whole.weighed)
+        starts: dict[str, tuple[Candidate, ...]] = {"strict": (), "nested": sampled}
+        splits_of = [(seen, starts[name]) for name, splits in protocols.items() for seen, _ in splits]
+        audited = protocols["nested"][0] if protocols["nested"] and sampled else None
+        wanted = list(dict.fromkeys([*splits_of, *([(audited[0], ())] if audited else [])]))
+        found = {}
+        with self._stage("parts"):
+            ahead(_climbed, [(*self._common, *one) for one in wanted], self.jobs, self._searched)
+            for k, one in enumerate(wanted, 1):
+                found[one] = self._search(*one)
+                self.watcher.part("parts", k / len(wanted))
         measured = {}
-        for protocol, splits in _protocols(self.experiment, self.training).items():
+        for protocol, splits in protocols.items():
             if splits:
                 with self._stage(f"{protocol} gain"):
                     done = [
-                        gains.split(self._search(seen), held_out, self.seed, self.settings.draws)
+                        gains.split(found[seen, starts[protocol]], held_out, self.seed, self.settings.draws)
                         for seen, held_out in splits
                     ]
                     measured[protocol] = asdict(
                         gains.summarise(protocol, self.experiment, done, self.folder, self.seed)
-                    )  # fmt: skip
+                    )
+        if audited:
+            seen, _ = audited
+            about = found[seen, sampled], found[seen, ()], self.experiment.ids, seen
+            measured["nested"]["ledger"] += _audit(*about)
         return measured
 
     def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> dict[str, Any]:
@@ -501,15 +488,33 @@ def _climbed(
     catalogue: Sequence[Term],
     seed: int,
     memory: Memory,
-    tolerance: float,
+    settings: SearchSettings,
     groups: tuple[GroupId, ...],
+    starts: Sequence[Candidate] = (),
+    jobs: int = 1,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
-    others: Sequence[Candidate] = (),
-    thorough: bool = True,
 ) -> Ladder:
     """The ladder of what some groups say."""
-    problem = Problem(experiment, groups, tolerance=tolerance)
-    return climb(problem, catalogue, seed=seed, memory=memory, progress=progress, others=others, thorough=thorough)
+    return climb(
+        Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs, starts=starts,
+        progress=progress,
+    )  # fmt: skip
+
+
+def _audit(begun: Ladder, anew: Ladder, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[dict[str, Any]]:
+    """Lines of the ledger on where the searches of the nested protocol began, and what that has changed in one."""
+    worth = [found.log_evidence[found.leader.ids] + found.log_prior(found.leader.ids) for found in (begun, anew)]
+    return [
+        {"choice": "sets at which the searches began", "saw": list(every), "scored_on": []},
+        {
+            "choice": "the same search from nothing",
+            "saw": list(seen),
+            "scored_on": [],
+            "led_to": list(anew.leader.ids),
+            "begun_led_to": list(begun.leader.ids),
+            "log_posterior_below_begun": worth[0] - worth[1],
+        },
+    ]
 
 
 def _protocols(

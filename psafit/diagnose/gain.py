@@ -1,10 +1,11 @@
 r"""What the extension is worth on data that no choice has seen.
 
-*strict*: ladder and fit see the training groups only; every other group is scored. *nested*: for each group, ladder and
-fit see all the others; that group is scored. The extended model of a split predicts with Bayesian model averaging over
-the models that its own ladder found, weighted by their probabilities: averaging is what a reader should do who cannot
-tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error metric)
-and its predictive density (the log score). A ledger says which groups each choice saw.
+*strict*: search and fit see the training groups only; every other group is scored. *nested*: for each group, search and
+fit see all the others; that group is scored. The nested searches begin at the sets that all groups have led to, which
+saves computation and gives no set a probability. The extended model of a split predicts with Bayesian model averaging
+over the models that its own search found, weighted by their probabilities: averaging is what a reader should do who
+cannot tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error
+metric) and its predictive density (the log score). A ledger says which groups each choice saw.
 
 A model that cannot be told from the truth in one session may err in the next. The predictive density therefore holds
 the unnamed discrepancy (`psafit.diagnose.leftover`) before and after alike: as large as the fitted groups allow where
@@ -31,11 +32,11 @@ from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.ladder import Ids, Ladder
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.experiment import Experiment, Group, GroupId
 from psafit.inference import noise
 from psafit.inference.evidence import quantiles
+from psafit.model_search import Ids, Ladder
 from psafit.validate import (
     COLUMNS,
     log_ratio,
@@ -82,7 +83,7 @@ class GroupGain:
     ----------
     group : group id
     named : list of str
-        The leading causes of the ladder that had not seen it.
+        The leading causes of the search that had not seen it.
     seen : list of group ids
     log_rmse_before, log_rmse_after, elpd_before, elpd_after, coverage_before, coverage_after : float
     log_rmse_interval, elpd_interval : list of float

@@ -12,7 +12,9 @@ from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.experiment.text import listed
 from psafit.files import sha256
+from psafit.model_search.ladder import LookedAt
 from psafit.records import Brief
+from psafit.text import fixed
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
 # Names of causes in a headline.
@@ -45,7 +47,8 @@ class CauseResult(Brief):
         By name: median, lower and upper (90 % interval), unit, and the quantile of the prior at which the median lies.
     evidence : dict
         log_evidence, over_baseline (nats), gain (of the log likelihood at the top), error, effective draws, pareto_k,
-        method, and how the evidence changes when the priors of the strengths are half and twice as wide.
+        method ("Laplace" where a short fit's estimate is all that is known), and how the evidence changes when the
+        priors of the strengths are half and twice as wide.
     implausible : list of str
         Parameters whose median lies where the prior has less than one chance in twenty, or at a bound; never those
         whose prior is uniform.
@@ -125,6 +128,9 @@ class Diagnosis(Brief):
         Sets that fit as well; an empty one is the baseline.
     causes : list of CauseResult
         Most probable first.
+    looked_at : LookedAt
+        Sets of causes that were fitted on all readings, those of them of which the evidence is an estimate, and the
+        probability that these estimates add up to.
     misfit : dict
         p_value, where, what the tests say of the baseline and of the extension, and whether structure remains beside
         the causes of an extension that does not explain the readings.
@@ -170,6 +176,7 @@ class Diagnosis(Brief):
     named: list[str]
     alternatives: list[list[str]]
     causes: list[CauseResult]
+    looked_at: LookedAt
     misfit: dict[str, Any]
     numerics: dict[str, Any]
     gain: dict[str, Any]
@@ -207,6 +214,20 @@ class Diagnosis(Brief):
             f" the verdict says nothing of the catalogue's {len(self.left_out)} other"
             f" cause{'' if len(self.left_out) == 1 else 's'}."
         )
+
+    @property
+    def searched(self) -> str:
+        """Return the sentence that says how many sets of causes were looked at, and what the others may hold."""
+        fitted, estimated = self.looked_at.fitted, self.looked_at.estimated
+        head = f"{fitted:,} set{' of causes was' if fitted == 1 else 's of causes were'} fitted on all readings"
+        if not estimated:
+            return f"{head}{' and' if fitted == 1 else ', all of them'} sampled."
+        mass = self.looked_at.mass_not_looked_at
+        share = fixed(mass, 1, per_cent=True)
+        share = "less than 0.1" if share == "0.0" and mass > 0 else share
+        others = "the other has" if estimated == 1 else "the others have"
+        together = "" if estimated == 1 else " together"
+        return f"{head}, {fitted - estimated:,} of them sampled; {others} {share} % of the probability{together}."
 
     @property
     def headline(self) -> str:

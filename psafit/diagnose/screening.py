@@ -13,6 +13,9 @@ much of the statistic is luck is simulated: scatter alone, standard normal in un
 refit takes up, is put before the same effects, and `chance` is what one in twenty such readings gains. No table would
 do, since a strength ends at its neutral value, and what acts in several shapes has more luck.
 
+The page reports these numbers: what each cause would gain, and whether it could have been seen. The search does not use
+them, since an expansion is blind to what lies behind another parameter that has taken a cause's place.
+
 Slopes at the neutral value would not do: that of :math:`\sqrt{L^2+b^2}` is zero there, others are infinite, and a
 boundary makes the law of the usual statistic a mixture.
 """

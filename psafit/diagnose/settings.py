@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+
+from psafit.model_search import SearchSettings
 
 
 @dataclass(frozen=True)
@@ -11,9 +13,8 @@ class Settings:
 
     Parameters
     ----------
-    tolerance : float
-        Error of a simulator's step that the search admits. At the default, ranges are good to a millionth
-        (docs/numerics.md).
+    search : SearchSettings
+        How far the search among causes looks.
     simulated : int
         Data sets drawn from a fitted model to calibrate the tests of misfit: the least p value is one over one more.
     draws : int
@@ -29,7 +30,7 @@ class Settings:
         the same command.
     """
 
-    tolerance: float = 1e-4
+    search: SearchSettings = field(default_factory=SearchSettings)
     simulated: int = 499
     draws: int = 400
     rehearsed: int = 4

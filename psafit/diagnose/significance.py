@@ -1,22 +1,21 @@
 """How often the whole search finds as much where nothing is hidden.
 
 Probabilities of models rest on priors and on a likelihood; a search through thousands of combinations also has its
-luck. So readings are simulated from the fitted baseline, the whole ladder is run on them, and the best of all models
+luck. So readings are simulated from the fitted baseline, the whole search is run on them, and the best of all models
 with causes that it finds is compared with what it found in the measured readings.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from psafit.diagnose.ladder import Ladder
-from psafit.diagnose.memory import Memory
-from psafit.diagnose.search import climb
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
+from psafit.inference.memory import Memory
+from psafit.model_search import Ladder, SearchSettings, climb
 from psafit.physics.term import Term
 from psafit.workers import ahead
 
@@ -53,7 +52,7 @@ def significance(
     *,
     seed: int,
     memory: Memory,
-    thorough: bool = True,
+    settings: SearchSettings | None = None,
     jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Significance:
@@ -69,8 +68,8 @@ def significance(
     seed : int
     memory : Memory
         Repetitions already there are not run again.
-    thorough : bool
-        As the search was (`psafit.diagnose.search.climb`).
+    settings : SearchSettings, optional
+        Those of the search.
     jobs : int
         Processes that share the repetitions, where the memory lasts.
     progress : callable
@@ -80,17 +79,20 @@ def significance(
     -------
     Significance
     """
+    settings = settings or SearchSettings()
     baseline, own = ladder.baseline, lead(ladder)
     if memory.lasts:
-        ahead(_again, [(baseline, catalogue, seed, memory, thorough, k) for k in range(n_searches)], jobs, progress)
+        ahead(_again, [(baseline, catalogue, seed, memory, settings, k) for k in range(n_searches)], jobs, progress)
     null = []
     for k in range(n_searches):
         progress(k, n_searches)
-        null.append(_again(baseline, catalogue, seed, memory, thorough, k))
+        null.append(_again(baseline, catalogue, seed, memory, settings, k))
     return Significance(own, null, (1 + sum(x >= own for x in null)) / (n_searches + 1))
 
 
-def _again(baseline: Candidate, catalogue: Sequence[Term], seed: int, memory: Memory, thorough: bool, k: int) -> float:
+def _again(
+    baseline: Candidate, catalogue: Sequence[Term], seed: int, memory: Memory, settings: SearchSettings, k: int
+) -> float:
     """The lead that one search finds where nothing is hidden."""
 
     def make() -> dict[str, np.ndarray]:
@@ -98,8 +100,8 @@ def _again(baseline: Candidate, catalogue: Sequence[Term], seed: int, memory: Me
         known = baseline.problem.known_sigma
         readings = np.maximum(noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], 0.0)
         simulated = baseline.problem.experiment.with_readings(readings)
-        found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed, thorough=thorough)
+        found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed, settings=settings)
         return {"lead": np.array(lead(found))}
 
-    about = [seed, k, thorough, [t.determinants for t in catalogue]]
+    about = [seed, k, asdict(settings), [t.determinants for t in catalogue]]
     return float(memory.recall("null", baseline.problem, about, make)["lead"])

@@ -10,7 +10,6 @@ import numpy as np
 
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
-from psafit.diagnose.ladder import Ladder
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import CHARACTERS, Misfit
 from psafit.diagnose.record import (
@@ -24,6 +23,7 @@ from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.verdict import Verdict
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
+from psafit.model_search.ladder import Ladder
 from psafit.parameters import broadened
 from psafit.simulate.sensitivity import plausible
 from psafit.text import fixed, significant
@@ -72,6 +72,7 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
         "over_baseline": ladder.log_evidence[candidate.ids] - ladder.log_evidence[()],
         "gain": ladder.gain(candidate.ids),
         "share": ladder.probability[candidate.ids],
+        # Laplace's evidence is corrected by what sampling showed it to be off by in the model next to it.
         "method": "adaptive importance sampling" if found else "Laplace",
     }
     if found:
@@ -101,13 +102,17 @@ def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
     return changes
 
 
-def screening_of(ladder: Ladder, verdict: Verdict) -> list[ScreeningResult]:
-    """Every cause: what it gains, and what is made of it."""
-    # What could have been seen is asked of the model that is adopted: a baseline that fails has a large scatter.
-    beside = {} if verdict.verdict == "adequate" else {s.term.id: s.visible for s in ladder.beside}
+def screening_of(
+    screened: Sequence[Screened], beside: Sequence[Screened], ladder: Ladder, verdict: Verdict
+) -> list[ScreeningResult]:
+    """Every cause: what it gains, and what is made of it.
+
+    What could have been seen is asked `beside` the model that is adopted: a baseline that fails has a large scatter.
+    """
+    visible = {s.term.id: s.visible for s in beside}
     found = []
-    for s in ladder.screened:
-        s = replace(s, visible=beside.get(s.term.id, s.visible))
+    for s in screened:
+        s = replace(s, visible=visible.get(s.term.id, s.visible))
         found.append(
             ScreeningResult(
                 s.term.id,

@@ -2,12 +2,13 @@ r"""From the ladder, the tests and the leftover to a verdict.
 
 * ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
 * ``explained``: one set of causes has 95 % of what the catalogue's sets have together, and the tests find nothing left
-  once it is adopted.
+  once it is adopted. That no other set does as well is said only where those that were not sampled have less than a
+  hundredth of the probability together.
 * ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
 * ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
   cause.
 
-Probabilities are those of `psafit.diagnose.ladder`: a set stands for its supersets that add nothing visible.
+Probabilities are those of `psafit.model_search.ladder`: a set stands for its supersets that add nothing visible.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from psafit.diagnose.ladder import CREDIBLE, Ids, Ladder
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
+from psafit.model_search import Ids, Ladder
+from psafit.model_search.ladder import CREDIBLE
 from psafit.text import fixed, significant
 
 UNNAMED = 0.1
@@ -36,7 +38,7 @@ class Verdict:
     alternatives : tuple of tuples of str
         Sets that do as well.
     probability : dict
-        Of each model fitted; what is missing to one is unnamed, or was not fitted.
+        Of each model fitted; what is missing to one is unnamed.
     unnamed : float
         Probability of a discrepancy without a name, beside what has one or in its place.
     inclusion : dict
@@ -76,7 +78,7 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
     probability = {ids: p * (1 - unnamed) for ids, p in ladder.probability.items()}
     inclusion: dict[str, float] = {}
     # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
-    for ids, p in (ladder.probability | ladder.unfitted).items():
+    for ids, p in ladder.probability.items():
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
     nothing, mostly_unnamed = ladder.probability[()], unnamed > 0.5
@@ -126,13 +128,13 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         )
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
     what = " + ".join(named)
-    kept = unnamed >= 1 - CREDIBLE
+    kept, other = unnamed >= 1 - CREDIBLE, ladder.looked_at.no_other()
     left_over = f"the tests find nothing left, but a discrepancy without a name keeps {fixed(unnamed, per_cent=True)} %"
     reasons.append(
-        f"{what} explains the misfit, {left_over if kept else 'nothing is left of it'}, and no other set does as well."
+        f"{what} explains the misfit, {left_over if kept else 'nothing is left of it'}, and {other} does as well."
         if before.wrong
-        else f"{what} is far more probable than the baseline, which the tests by themselves do not reject; no other set"
-        " does as well."
+        else f"{what} is far more probable than the baseline, which the tests by themselves do not reject; {other} does"
+        " as well."
     )
     return Verdict("explained", named, (), probability, unnamed, inclusion, tuple(reasons))
 

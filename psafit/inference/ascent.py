@@ -1,6 +1,6 @@
 r"""Climb many log posteriors at once, by Fisher scoring.
 
-A ladder of models, each with many starts, and a bootstrap with hundreds of refits, need the same thing: many
+A search among models, each with many starts, and a bootstrap with hundreds of refits, need the same thing: many
 climbs of the same kind, whose simulations go through the simulator as one batch. `optimise` finds the best optimum of
 one problem with care; this finds a good one of many problems fast, and says how far it came.
 

@@ -41,7 +41,8 @@ From three diagnoses, in seconds, side by side with other work on two cores. The
 proposals 14. A rig of three groups with nothing hidden and four causes, one process: 102 a search, again from its parts
 88, tests 10, proposals 2, nested gain 16. One with a cause hidden and two causes: 61 a search, again 0.4, tests 6, a
 sampler 63 and 30. `null`, a search where nothing is hidden, is half of one that finds a cause in the campaigns of
-docs/challenge.md; `nautilus` is a guess. The searches are measured within the run before any of this is used.
+docs/challenge.md; `nautilus` is a guess. (Measured with the search of version 0.1.0.) The searches are measured within
+the run before any of this is used.
 """
 COUNTED = ("sample", "profile", "significance")
 """Stages whose counts run from nought to the end."""

@@ -68,6 +68,8 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
             *answer.what_next(result.next_experiment),
         ],
         "own_sentences": [result.restricted, *result.sentences] if result.left_out else result.sentences,
+        "searched": result.searched,
+        "no_other": result.looked_at.no_other("set of causes").capitalize(),
         "tiles": answer.tiles(result, shown),
         "summary": diagnosis_pictures.summary_picture(pictured),
         "explorable": diagnosis_pictures.explorable(shown),
@@ -107,6 +109,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "extension": {"adopted": None, "strict": None}
         | {which: run | {"model": model(run["terms"])} for which, run in result.extension.items()},
         "ledger": tables.ledger(result.ledger),
+        "begun": any("led_to" in entry for entry in result.ledger),
         "proposals": tables.proposals(result.next_experiment),
         "confusion": tables.rehearsal(result.confusion),
         "alike": tables.alike(result.confusion),

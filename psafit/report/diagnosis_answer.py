@@ -11,12 +11,12 @@ from markupsafe import Markup
 
 from psafit.compare import known
 from psafit.diagnose.gain import names_nothing, worse
-from psafit.diagnose.ladder import CREDIBLE
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.next_experiment import recommended, tells_apart
 from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis
 from psafit.experiment import Experiment
 from psafit.inference import noise
+from psafit.model_search.ladder import CREDIBLE
 from psafit.physics import owner
 from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import TITLES, model, symbol
@@ -138,7 +138,7 @@ def _why(result: Diagnosis) -> Markup:
         )
         return head + "Nothing that these readings show." + (others if kept else "") + (but if unseen else "")
     if result.verdict == "explained":
-        other = "no other set of these causes" if result.left_out else "no other set"
+        other = result.looked_at.no_other("set of these causes" if result.left_out else "set")
         how = "{} explains it{}; nothing is left of the misfit, and " + other + " does as well.{}"
         if known(result.misfit.get("p_value")) >= ALPHA:
             how = "{}{} fits far better, and " + other + " does as well; the tests alone would not have objected.{}"

@@ -280,6 +280,11 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
     ]
 
 
+def _judged(evidence: Mapping[str, Any]) -> str:
+    """Whether a model was sampled."""
+    return "estimated from a short fit" if evidence.get("method") == "Laplace" else "sampled"
+
+
 def alternatives(result: Diagnosis) -> dict[str, Any]:
     """Sets that do as well as the named one."""
     listed_ones = {tuple(c.terms): c for c in result.causes}
@@ -292,7 +297,7 @@ def alternatives(result: Diagnosis) -> dict[str, Any]:
                 words.share(c.probability) if c else "–",
                 words.signed(c.evidence.get("over_baseline")) if c else "–",
                 words.signed(c.evidence.get("gain")) if c else "–",
-                ("refitted" if c else "judged by the expansion only, not refitted"),
+                _judged(c.evidence) if c else "–",
             ]
         )
     return {
@@ -415,9 +420,24 @@ def ledger(ledger: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
         parts = (Markup("{} {}").format(model(words.split(name)), words.share(share)) for name, share in shares)
         averaged = listed(parts)
         rows.append(
-            [str(entry["choice"]), words.group_ids(entry["saw"]), words.group_ids(entry["scored_on"]), averaged or "–"]
+            [_choice(entry), words.group_ids(entry["saw"]), words.group_ids(entry["scored_on"]), averaged or "–"]
         )
     return rows
+
+
+def _choice(entry: Mapping[str, Any]) -> Markup:
+    """A choice; of a search that was repeated from nothing also what that has changed."""
+    choice = Markup("{}").format(str(entry["choice"]))
+    if "led_to" not in entry:
+        return choice
+    anew, begun = model(entry["led_to"]), model(entry["begun_led_to"])
+    if set(entry["led_to"]) == set(entry["begun_led_to"]):
+        return choice + Markup(": it leads to {}, too").format(anew)
+    below = known(entry["log_posterior_below_begun"])
+    side = "higher" if below > 0 else "lower"
+    return choice + Markup(": it leads to {}, the other to {}, whose log posterior is {} nats {}").format(
+        anew, begun, number(abs(below)), side
+    )
 
 
 # Next experiment ------------------------------------------------------------------------------------------------

@@ -18,9 +18,9 @@ from outside import OUTSIDE
 
 from psafit.challenge.campaign import LEVELS, PRIOR, content_hash, load, plan, read_diagnosis, run
 from psafit.challenge.score import score
-from psafit.diagnose.ladder import SIZE_WEIGHTS
 from psafit.errors import InputError
 from psafit.experiment import Experiment
+from psafit.model_search.ladder import SIZE_WEIGHTS
 from psafit.physics import TERMS
 
 

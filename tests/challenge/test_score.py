@@ -12,7 +12,7 @@ from campaigns import result
 from psafit.challenge.answer import Place
 from psafit.challenge.campaign import PRIOR, Result
 from psafit.challenge.score import SHOWING_NATS, _clustered, located, rate, reported_set, score
-from psafit.diagnose.ladder import VISIBLE_EVIDENCE
+from psafit.model_search import SearchSettings
 
 
 def test_binomial_intervals_are_exact() -> None:
@@ -113,8 +113,8 @@ def test_what_shows_is_what_some_prior_would_count() -> None:
         z = np.sqrt(2 * gain)
         return float(np.log((prior * np.exp(0.5 * z**2 - 0.5 * (x - z) ** 2)).sum(axis=1) * (x[1] - x[0])).max())
 
-    assert most(3.8) == pytest.approx(VISIBLE_EVIDENCE, abs=0.05)
-    assert most(SHOWING_NATS) < VISIBLE_EVIDENCE
+    assert most(3.8) == pytest.approx(SearchSettings().visible, abs=0.05)
+    assert most(SHOWING_NATS) < SearchSettings().visible
 
 
 def test_probabilities_are_held_against_how_often_they_are_right() -> None:

@@ -66,6 +66,8 @@ def test_the_terminal_tells_models_by_their_probability(capsys):
     causes = [replace(named, probability=0.1), nothing, rival]
     _tell(replace(record, alternatives=[["gap"]], causes=causes, unnamed=0.3))
     lines = capsys.readouterr().out.splitlines()
+    searched = "164 sets of causes were fitted on all readings, 13 of them sampled"
+    assert sum(line.startswith(f"  {searched}; the others have 0.4 % of the probability") for line in lines) == 1
     shares = [line.split(" %  ")[0].strip() for line in lines if " %  " in line]
     assert shares == ["10.0", "30.0", "2.0", "<0.1"]
     assert sum("k_c = " in line for line in lines) == 1 and sum("hysteresis_strength = " in line for line in lines) == 1

@@ -11,8 +11,8 @@ from truths import FEW, experiment, problem
 
 from psafit.diagnose.gain import over_groups, split, summarise
 from psafit.diagnose.leftover import Leftover
-from psafit.diagnose.search import climb
 from psafit.experiment import fingerprint
+from psafit.model_search import climb
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from truths import FEW
 
-from psafit.diagnose.memory import Memory
 from psafit.diagnose.significance import lead, significance
+from psafit.inference.memory import Memory
 
 
 @pytest.mark.slow

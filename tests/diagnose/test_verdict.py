@@ -10,9 +10,9 @@ from truths import FEW, experiment, problem
 
 from psafit.diagnose.leftover import leftover
 from psafit.diagnose.misfit import ALPHA, examine
-from psafit.diagnose.search import climb
 from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
+from psafit.model_search import climb
 
 
 def test_verdicts(hidden, sound):
@@ -47,7 +47,7 @@ def test_verdicts(hidden, sound):
             candidates = tuple(alike if c is other else c for c in hidden.candidates)
             share = dict.fromkeys(hidden.probability, 0.0) | {leader.ids: 0.98 - p, other.ids: p}
             verdicts[behind, p] = conclude(
-                replace(hidden, candidates=candidates, probability=share, unfitted={}), before, after, left, bare
+                replace(hidden, candidates=candidates, probability=share), before, after, left, bare
             )
     assert {key for key, v in verdicts.items() if v.verdict == "ambiguous"} == {(2.0, 0.02)}
     assert verdicts[2.0, 0.02].alternatives == (other.ids,) and "plausible" in verdicts[2.0, 0.02].reasons[0]
@@ -73,6 +73,12 @@ def test_verdicts(hidden, sound):
     doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
     assert "a discrepancy without a name keeps 20 %" in doubted.reasons[0]
+    # What was not sampled may do as well where it may hold more than a hundredth.
+    for mass, said in ((0.005, "no other set does"), (0.02, "no other set that was sampled does")):
+        share = dict.fromkeys(hidden.probability, 0.0) | {leader.ids: 1 - mass, other.ids: mass}
+        guessed = replace(hidden, probability=share, weighed={leader.ids: hidden.weighed[leader.ids]})
+        told = conclude(guessed, before, after, none, hopeless)
+        assert told.verdict == "explained" and f"{said} as well" in told.reasons[0]
     # Nothing hidden.
     plain = climb(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)

@@ -13,10 +13,12 @@ from reader import HOSTILE, Reader
 
 from psafit.diagnose.record import Diagnosis
 from psafit.experiment import Experiment, Group, fingerprint
+from psafit.model_search.ladder import LookedAt
 from psafit.records import plain
 from psafit.report import diagnosis_pictures
 from psafit.report.catalogue import model
 from psafit.report.diagnosis_answer import _instead
+from psafit.report.diagnosis_tables import alternatives, ledger
 from psafit.report.diagnosis_words import about
 from psafit.report.figures.sweep import frequency_text
 
@@ -123,8 +125,9 @@ def test_record_is_shown(page):
         "change +310.0 to +402.0 nats", "0.900 (×2.46)", "+179.5", "42 % / 91 %", "hysteresis of the stack 80 %",
         "5.00 at 700 nm", "12.5 ± 0.4 nats", "93 %", "−0.800 to −0.610",
         "+179.5 (+150.0 to +210.0)",
-        "l = 0.0750 m", "judged by the expansion only", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
+        "l = 0.0750 m", "0.99", "3.1·10⁻⁷", "causes 12.5 s",
         "psafit diagnose experiments/made-up --group 1", "all other sets of causes", "a discrepancy without a name",
+        "164 sets of causes were fitted on all readings, 13 of them sampled; the others have 0.4 % of the probability",
     ):  # fmt: skip
         assert expected in page.text.replace("3.1 × 10⁻⁷", "3.1·10⁻⁷"), expected
     assert not re.search(r"\bum\b", page.text)
@@ -253,6 +256,35 @@ def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_p
     assert "1.5 ± 0.1 nats – hysteresis of the stack and gap at rest + slew-limited amplifier" in page.text
     assert "hysteresis of the stack drag on the swing 3°" in page.text
     assert "but worse on group" in page.first_screen and "worse than by the baseline" in page.text
+
+
+def test_only_what_was_looked_at_is_said_to_do_less_well(undrawn, tmp_path):
+    experiment = make_experiment("a rig")
+    alone = replace(make_record(experiment), verdict="explained", alternatives=[])
+    text = " ".join(build(alone, experiment, tmp_path / "whole").text.split())
+    assert "no other set does as well" in text and "No other set of causes does as well." in text
+    doubtful = replace(alone, looked_at=LookedAt(164, 151, 0.02))
+    text = " ".join(build(doubtful, experiment, tmp_path / "part").text.split())
+    assert "no other set that was sampled does as well" in text
+    assert "No other set of causes that was sampled does as well." in text
+
+
+def test_how_alternatives_were_judged() -> None:
+    record = make_record(make_experiment())
+    nothing = replace(record, alternatives=[*record.alternatives, []])
+    assert [row[-1] for row in alternatives(nothing)["rows"]] == ["sampled", "–", "estimated from a short fit"]
+
+
+def test_a_search_repeated_from_nothing_is_told_in_the_ledger() -> None:
+    audit = {"choice": "the same search from nothing", "saw": [1], "scored_on": [], "led_to": ["gap"],
+             "begun_led_to": ["preload"], "log_posterior_below_begun": 1.5}  # fmt: skip
+    ((choice, *_),) = ledger([audit])
+    assert choice.striptags() == (
+        "the same search from nothing: it leads to gap at rest, the other to ball leans on the tip,"
+        " whose log posterior is 1.50 nats higher"
+    )
+    ((choice, *_),) = ledger([audit | {"begun_led_to": ["gap"]}])
+    assert choice.endswith(", too")
 
 
 def test_one_group(tmp_path):

@@ -2,9 +2,8 @@
 
 *Prior over models.* The number of causes that matter is 0 to 6 with weights 0.4, 0.36, 0.16, 0.06, 0.015, 0.004,
 0.001, shared equally by all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one
-cause, and each further cause is about as surprising as the first. Models that were not fitted are counted with the
-evidence that the expansion gives them, so that a leader is not certain only because its rivals were not tried; those
-that would have to be told beside the leader are fitted before.
+cause, and each further cause is about as surprising as the first. Models that were fitted and not sampled are counted
+with what the fit says, so that a leader is not certain only because its rivals were not sampled.
 
 *What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
 refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
@@ -15,35 +14,51 @@ at work, and nothing else that these readings show".
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
 
-from psafit.diagnose.screening import Screened
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed, weigh
-
-Ids = tuple[str, ...]
+from psafit.model_search.fitter import Fitted
+from psafit.model_search.loop import Ids, Searched
+from psafit.model_search.settings import SearchSettings
 
 SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.015, 0.004, 0.001)
 """Prior probability of 0 to 6 causes."""
 
-VISIBLE_EVIDENCE = 3.0
-"""Evidence, nats, by which a further cause must improve a model to count as one of its own (20 to 1)."""
-
 CREDIBLE = 0.95
 """Probability of the reported set."""
+NEGLIGIBLE = 0.01
+"""Probability of all sets that were not sampled below which they may be passed over in silence."""
 # Nats of a likelihood that leave as much doubt; a set so much less probable than another is not brought up beside it.
 _FITS_ALIKE, _ABSURD = math.log(CREDIBLE / (1 - CREDIBLE)), 1e-3
-
-MOST_CAUSES = len(SIZE_WEIGHTS) - 1
-
-LAPLACE_DOUBT = 1.0
-"""Error of Laplace's evidence (nats), as seen against importance sampling."""
 # Draws over which probabilities are averaged.
 _SHAKES = 400
+
+
+@dataclass(frozen=True)
+class LookedAt:
+    """What a search has looked at, and what it left out.
+
+    Parameters
+    ----------
+    fitted : int
+        Sets of causes that were fitted on all readings.
+    estimated : int
+        Those of them of which the evidence is a short fit's estimate; the others were sampled.
+    mass_not_looked_at : float
+        Share of the probability that these estimates add up to.
+    """
+
+    fitted: int
+    estimated: int
+    mass_not_looked_at: float
+
+    def no_other(self, what: str = "set") -> str:
+        """Return who does not do as well as what is named: no other set at all, or none of those that were sampled."""
+        return f"no other {what}" + ("" if self.mass_not_looked_at < NEGLIGIBLE else " that was sampled")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,25 +70,19 @@ class Ladder:
     candidates : tuple of Candidate
         Every model fitted, most probable first.
     probability : dict
-        Of each set of causes fitted, by identifiers; with what was not fitted they sum to one.
-    unfitted : dict
-        Probability that the expansion gives to models that were not fitted.
+        Of each set of causes fitted, by identifiers; they sum to one.
     log_evidence : dict
     weighed : dict
-        Posterior draws and evidence of those models that were weighed; the others have Laplace's.
-    screened : tuple of Screened
-        The causes beside the baseline.
-    beside : tuple of Screened
-        The others beside the leader.
+        Posterior draws and evidence of the models that were sampled; the others have Laplace's.
+    n_catalogue : int
+        Causes that were looked at.
     """
 
     candidates: tuple[Candidate, ...]
     probability: dict[Ids, float]
-    unfitted: dict[Ids, float]
     log_evidence: dict[Ids, float]
     weighed: dict[Ids, Weighed]
-    screened: tuple[Screened, ...]
-    beside: tuple[Screened, ...] = ()
+    n_catalogue: int
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""
@@ -89,21 +98,27 @@ class Ladder:
         """The most probable model."""
         return self.candidates[0]
 
+    @property
+    def looked_at(self) -> LookedAt:
+        """What the search has looked at."""
+        estimated = [ids for ids in self.probability if ids not in self.weighed]
+        return LookedAt(len(self.probability), len(estimated), sum(self.probability[ids] for ids in estimated))
+
     def draws(self, ids: Ids, seed: int) -> Weighed:
-        """Posterior draws of a model; worked out for one that the search did not weigh."""
+        """Posterior draws of a model; worked out for one that the search did not sample."""
         return self.weighed[ids] if ids in self.weighed else weigh(self.of(ids), seed=seed)
 
     def log_prior(self, ids: Ids) -> float:
         """Log prior probability of a model."""
-        return log_prior(len(ids), len(self.screened))
+        return log_prior(len(ids), self.n_catalogue)
 
     def rivals(self, named: Ids) -> tuple[Ids, ...]:
         """Sets that do as well as the named one: the most probable ones, down to the last that must be listed.
 
-        Those are the sets needed beside it for 95 % of the probability, fitted or not; and those of no more causes
-        that fit as well, which only what is plausible beforehand holds back.
+        Those are the sets needed beside it for 95 % of the probability; and those of no more causes that fit as well,
+        which only what is plausible beforehand holds back.
         """
-        share = self.probability | self.unfitted
+        share = self.probability
         order = [ids for ids in sorted(share, key=lambda ids: -share[ids]) if ids != named and share[ids] > 0]
         alike = self._fitting_alike(named)
         held, cut = share[named], 0
@@ -138,40 +153,26 @@ def log_prior(n_causes: int, n_catalogue: int) -> float:
     return math.log(weights[n_causes] / sum(weights) / math.comb(n_catalogue, n_causes))
 
 
-def rank(
-    fitted: Iterable[Candidate],
-    evidence: dict[Ids, float],
-    weighed: dict[Ids, Weighed],
-    screenings: dict[Ids, tuple[Screened, ...]],
-    n_catalogue: int,
-    most: int,
-) -> Ladder:
+def rank(searched: Searched[Fitted], n_catalogue: int, settings: SearchSettings) -> Ladder:
     """Posterior probabilities of the models, what adds nothing visible counted with what it is added to."""
-    candidates = list(fitted)
-    order = [s.term.id for s in screenings[()]]
-    value = dict(evidence)
-    for ids, screened in screenings.items():
-        for found in screened:
-            larger = tuple(id for id in order if id in (*ids, found.term.id))
-            if larger not in evidence and len(larger) <= most:
-                value[larger] = max(evidence[ids] + found.log_bayes, value.get(larger, -math.inf))
+    value = {ids: searched.models[ids].log_evidence for ids in sorted(searched.models, key=sorted)}
+    weighed = {ids: m.content.draws for ids, m in searched.models.items() if m.content.draws is not None}
     mass = {ids: v + log_prior(len(ids), n_catalogue) for ids, v in value.items()}
     # Evidences are known with an error; probabilities are their mean over it.
-    doubt = np.array([weighed[ids].doubt if ids in weighed else LAPLACE_DOUBT for ids in mass])
+    doubt = np.array([weighed[ids].doubt if ids in weighed else settings.doubt for ids in mass])
     shaken = np.array(list(mass.values())) + doubt * np.random.default_rng(0).standard_normal((_SHAKES, len(mass)))
     chances = np.exp(shaken - logsumexp(shaken, axis=1, keepdims=True)).mean(axis=0)
     share = dict(zip(mass, chances.tolist(), strict=True))
     for ids in sorted(share, key=len, reverse=True):
-        within = [i for i in evidence if set(i) < set(ids) and value[ids] < evidence[i] + VISIBLE_EVIDENCE]
+        within = [i for i in value if set(i) < set(ids) and value[ids] < value[i] + settings.visible]
         if within:
             share[max(within, key=lambda i: mass[i])] += share[ids]
             share[ids] = 0.0
-    candidates.sort(key=lambda c: (-share[c.ids], -mass[c.ids]))
+    order = sorted(mass, key=lambda ids: (-share[ids], -mass[ids]))
     return Ladder(
-        candidates=tuple(candidates),
-        probability={c.ids: share[c.ids] for c in candidates},
-        unfitted={ids: p for ids, p in share.items() if ids not in evidence and p > 0},
-        log_evidence=evidence,
+        candidates=tuple(searched.models[ids].content.candidate for ids in order),
+        probability={ids: share[ids] for ids in order},
+        log_evidence=value,
         weighed=weighed,
-        screened=screenings[()],
+        n_catalogue=n_catalogue,
     )

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from truths import FEW, experiment, problem
 
-from psafit.diagnose.memory import Memory
-from psafit.diagnose.search import climb
 from psafit.errors import InputError
+from psafit.inference.memory import Memory
+from psafit.model_search import climb
 from psafit.parameters import Belief, Normal
 from psafit.physics import informed
 
@@ -46,16 +46,15 @@ def test_memory_is_used_checked_and_repaired(tmp_path):
 
 @pytest.mark.slow
 def test_what_is_kept_belongs_to_the_priors_it_was_found_with(tmp_path):
-    """A prior stated after a first diagnosis: neither screenings nor evidences of the old one may be recalled."""
+    """A prior stated after a first diagnosis: no fit and no evidence of the old one may be recalled."""
     one, memory = problem(experiment(n=8)), Memory(tmp_path)
     (wide,) = informed((Belief("amplifier_lag_tau", Normal(0.0, 4e-4), "seen"),), FEW[:1])[1]
     found = {}
     for term in (FEW[0], wide):
         found[term] = climb(one, (term,), seed=1, memory=memory)
         fresh = climb(one, (term,), seed=1)
-        assert found[term].probability == fresh.probability
-        assert found[term].screened[0].log_bayes == fresh.screened[0].log_bayes
-    assert found[FEW[0]].screened[0].log_bayes != found[wide].screened[0].log_bayes
+        assert found[term].log_evidence == fresh.log_evidence
+    assert found[FEW[0]].log_evidence != found[wide].log_evidence
 
 
 def test_a_step_that_the_system_refuses_is_not_worked_out_anew(tmp_path, monkeypatch):

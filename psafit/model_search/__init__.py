@@ -1,0 +1,69 @@
+"""The search among sets of causes: one reliable fit, one loop, and what was looked at.
+
+Every known set of causes has an estimate of its log posterior probability: from a short fit, or from fitting and
+sampling it in earnest. The set with the highest estimate that is not sampled yet is sampled; then its neighbours (one
+cause more, one less, one exchanged) get their short fits. The search ends when no set is left whose estimate comes
+within the window of the best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from psafit.errors import InputError
+from psafit.inference.candidate import Candidate
+from psafit.inference.memory import Memory
+from psafit.inference.problem import Problem
+from psafit.model_search.fitter import ProblemFitter
+from psafit.model_search.ladder import SIZE_WEIGHTS, Ladder, log_prior, rank
+from psafit.model_search.loop import Ids, search
+from psafit.model_search.settings import SearchSettings
+from psafit.physics.term import Term
+from psafit.workers import processes
+
+__all__ = ["Ids", "Ladder", "SearchSettings", "climb"]
+
+
+def climb(
+    problem: Problem,
+    catalogue: Sequence[Term],
+    *,
+    seed: int,
+    settings: SearchSettings | None = None,
+    memory: Memory | None = None,
+    jobs: int = 1,
+    starts: Sequence[Candidate] = (),
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> Ladder:
+    """Search the catalogue for what explains the readings.
+
+    Parameters
+    ----------
+    problem : Problem
+        The readings, with no cause.
+    catalogue : sequence of Term
+    seed : int
+    settings : SearchSettings, optional
+    memory : Memory, optional
+        Where fits are kept; those already there are not repeated.
+    jobs : int
+        Processes that share the fits. The result does not depend on it.
+    starts : sequence of Candidate
+        Models, fitted to other readings, that are fitted before all else, beside the one without causes.
+    progress : callable
+        Called with (what, models whose neighbours were fitted, models of which they are to be).
+
+    Returns
+    -------
+    Ladder
+    """
+    settings, n = settings or SearchSettings(), len(catalogue)
+    if not 0 < settings.most_causes < len(SIZE_WEIGHTS):
+        raise InputError(f"most_causes = {settings.most_causes}", f"choose 1 to {len(SIZE_WEIGHTS) - 1}")
+    with processes(jobs) as usable:
+        fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
+        found = search(
+            [t.id for t in catalogue], fitter, lambda size: log_prior(size, n), settings,
+            starts=[c.ids for c in starts], progress=progress,
+        )  # fmt: skip
+    return rank(found, n, settings)

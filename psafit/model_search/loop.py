@@ -1,0 +1,154 @@
+"""The search itself, which knows nothing of readings: best first, until no model is left within the window.
+
+Three sentences say what it does. Every known model has an estimate of its log posterior probability. The model with the
+highest estimate that was not sampled yet is sampled; then its neighbours, which have one cause more, one less or one
+exchanged, are fitted. The search ends when no model is left whose estimate comes within the window of the best.
+
+Exchanges are many. They wait until no model within the window lacks its neighbours of one cause more or less.
+
+(Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
+A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from psafit.model_search.settings import SearchSettings
+
+Ids = tuple[str, ...]
+Content = TypeVar("Content")
+
+
+@dataclass(frozen=True)
+class Model(Generic[Content]):
+    """One set of causes, and what is known of it.
+
+    Parameters
+    ----------
+    ids : tuple of str
+        Its causes, in the catalogue's order.
+    log_evidence : float, nats
+        Of a short fit by Laplace's approximation, of a sampled model by importance sampling.
+    sampled : bool
+    content : object
+        The fit, for whoever made it.
+    """
+
+    ids: Ids
+    log_evidence: float
+    sampled: bool
+    content: Content
+
+
+class Fitter(Protocol[Content]):
+    """What fits and samples models."""
+
+    def short(
+        self, wanted: Sequence[Ids], known: Mapping[Ids, Model[Content]], origin: Model[Content] | None
+    ) -> list[Model[Content]]:
+        """Fit models that are not known yet; `origin` is the sampled one of which they are neighbours."""
+
+    def again(self, known: Sequence[Model[Content]], origin: Model[Content]) -> list[Model[Content]]:
+        """Fit known models from where a neighbour has its optimum; only those that rise come back."""
+
+    def sample(self, model: Model[Content]) -> Model[Content]:
+        """Sample a model."""
+
+
+@dataclass(frozen=True)
+class Searched(Generic[Content]):
+    """What a search has looked at.
+
+    Parameters
+    ----------
+    models : dict
+        Every model fitted, by its causes.
+    expanded : frozenset
+        Those of which every neighbour was fitted.
+    """
+
+    models: Mapping[Ids, Model[Content]]
+    expanded: frozenset[Ids]
+
+
+def search(
+    catalogue: Sequence[str],
+    fitter: Fitter[Content],
+    log_prior: Callable[[int], float],
+    settings: SearchSettings | None = None,
+    *,
+    starts: Sequence[Ids] = (),
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> Searched[Content]:
+    """Search the sets of a catalogue's causes.
+
+    Parameters
+    ----------
+    catalogue : sequence of str
+    fitter : Fitter
+    log_prior : callable
+        Log prior probability of one set of so many causes.
+    settings : SearchSettings, optional
+    starts : sequence of sets
+        Models to fit before all else, beside the one without causes.
+    progress : callable
+        Called with (what, models whose neighbours were fitted, models of which they are to be).
+    """
+    settings = settings or SearchSettings()
+    models: dict[Ids, Model[Content]] = {}
+    # How many of the kinds of neighbours of a model were fitted: those of one cause more or less first, then exchanged.
+    kinds = (resized, exchanged)
+    done: dict[Ids, int] = {}
+
+    def value(model: Model[Content]) -> float:
+        return model.log_evidence + log_prior(len(model.ids))
+
+    def shows(model: Model[Content]) -> bool:
+        parts = [m.log_evidence for m in models.values() if set(m.ids) < set(model.ids)]
+        slack = 0.0 if model.sampled else 2 * settings.doubt
+        return model.log_evidence + slack > max(parts, default=-math.inf) + settings.visible
+
+    def keep(found: Sequence[Model[Content]]) -> None:
+        for model in found:
+            models[model.ids] = model
+            done[model.ids] = 0
+
+    keep(fitter.short([()], models, None))
+    models[()] = fitter.sample(models[()])
+    keep(fitter.short([ids for ids in dict.fromkeys(starts) if ids], models, None))
+    while True:
+        least = max(map(value, models.values())) - settings.window
+        near = [m for m in models.values() if value(m) >= least and shows(m)]
+        left = [m for m in near if not m.sampled or done[m.ids] < len(kinds)]
+        if not left:
+            return Searched(models, frozenset(ids for ids, n in done.items() if n == len(kinds)))
+        best = min(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
+        name = " + ".join(best.ids) or "the baseline"
+        progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
+        if not best.sampled:
+            models[best.ids] = fitter.sample(best)
+            continue
+        wanted = kinds[done[best.ids]](best.ids, catalogue, settings.most_causes)
+        done[best.ids] += 1
+        keep(fitter.again([models[ids] for ids in wanted if ids in models], best))
+        keep(fitter.short([ids for ids in wanted if ids not in models], models, best))
+
+
+def resized(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
+    """Return the sets with one cause more or one less, in the catalogue's order."""
+    more = [{*ids, other} for other in catalogue if other not in ids] if len(ids) < most else []
+    return _ordered([*more, *({*ids} - {less} for less in ids)], catalogue)
+
+
+def exchanged(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
+    """Return the sets with another cause in the place of one, in the catalogue's order."""
+    others = [id for id in catalogue if id not in ids]
+    return _ordered([{*ids} - {less} | {more} for less in ids for more in others], catalogue)
+
+
+def _ordered(sets: Sequence[set[str]], catalogue: Sequence[str]) -> list[Ids]:
+    return [tuple(id for id in catalogue if id in one) for one in sets]

@@ -1,0 +1,116 @@
+"""Fits and samples of models, and the search over readings of which the truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from truths import FEW, experiment, problem
+
+from psafit.errors import InputError
+from psafit.inference.candidate import fit, settle_at
+from psafit.inference.memory import Memory
+from psafit.model_search import Ladder, SearchSettings, climb
+from psafit.model_search import fitter as fitting
+from psafit.model_search.fitter import Fitted, ProblemFitter
+from psafit.model_search.loop import Model
+from psafit.model_search.sample import sample
+from psafit.physics import terms
+
+PAIR = ("amplifier_lag", "flight_friction")
+SETTINGS = SearchSettings(most_causes=2)
+
+
+def test_an_estimate_is_off_by_what_its_neighbour_s_was(hidden: Ladder) -> None:
+    """What sampling shows of a model is carried over to those next to it."""
+    lag = hidden.of(("amplifier_lag",))
+    fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
+    known = {(): Model((), hidden.log_evidence[()], True, Fitted(hidden.baseline))}
+    (plain,) = fitter.short([lag.ids], known, None)
+    (told,) = fitter.short([lag.ids], known, known[()])
+    off = hidden.log_evidence[()] - hidden.baseline.laplace_apart
+    assert told.log_evidence == pytest.approx(plain.log_evidence + off)
+    assert told.log_evidence == pytest.approx(hidden.log_evidence[lag.ids], abs=1.0)
+
+
+def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladder) -> None:
+    fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
+    lag = hidden.of(("amplifier_lag",))
+    moved = lag.modes[:1].copy()
+    moved[0, 0] += 0.1
+    held = Model(lag.ids, 0.0, False, Fitted(settle_at(lag.problem, moved)))
+    pair = hidden.of(("amplifier_lag", "reading_offset"))
+    origin = Model(pair.ids, hidden.log_evidence[pair.ids], True, Fitted(pair))
+    (risen,) = fitter.again([held], origin)
+    assert held.content.candidate.height < lag.height - 1 and risen.content.candidate.height > lag.height - 0.5
+    assert risen.log_evidence >= held.log_evidence and risen.content.top == risen.content.candidate.height
+    assert fitter.again([Model(lag.ids, 0.0, False, Fitted(lag))], origin) == []
+    # What was seen before is no news, though a sample has not kept it: two models would raise each other for ever.
+    seen = replace(held, content=replace(held.content, top=risen.content.top))
+    assert fitter.again([seen], origin) == []
+
+
+def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: Ladder) -> None:
+    pair, lag = hidden.of(("amplifier_lag", "flight_friction")), hidden.of(("amplifier_lag",))
+    start = pair.problem.to_physical(fitting._embedded(pair, lag)[None])[0]
+    friction = len(lag.problem.names) - 3  # after the lag, before the scatter
+    assert start[friction] == pytest.approx(pair.values[friction], abs=1e-3)
+    assert start[0] == pytest.approx(lag.values[0], rel=0.01)
+
+
+def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = hidden.baseline.problem
+    first = climb(one, FEW[:1], seed=1, memory=Memory(tmp_path))
+    with monkeypatch.context() as patch:
+        patch.delattr(fitting, "fit")
+        patch.delattr(fitting, "sample")
+        again = climb(one, FEW[:1], seed=1, memory=Memory(tmp_path))
+    assert again.log_evidence == first.log_evidence and again.probability == first.probability
+
+
+def test_a_sample_climbs_to_what_its_draws_show() -> None:
+    """Begun far below the top, it ends where a fit from many starts does."""
+    one = replace(problem(experiment(["amplifier_lag"], [4e-5])), terms=terms(["amplifier_lag"]))
+    best = fit(one, (), seed=3, draws=1024, most=24)
+    found, draws = sample(one, seed=1)
+    assert found.height == pytest.approx(best.height, abs=SETTINGS.better)
+    assert draws.height <= found.height + SETTINGS.better and draws.doubt < 0.3
+
+
+def test_sets_without_a_prior_probability_are_refused(hidden: Ladder) -> None:
+    with pytest.raises(InputError, match="choose 1 to 6"):
+        climb(hidden.baseline.problem, FEW, seed=1, settings=SearchSettings(most_causes=7))
+
+
+@pytest.mark.slow
+def test_processes_search_what_one_would(tmp_path: Path) -> None:
+    one = problem(experiment(["amplifier_lag"], [4e-5], n=12))
+    alone = climb(one, FEW, seed=1)
+    for memory in (Memory(None), Memory(tmp_path)):
+        shared = climb(one, FEW, seed=1, jobs=2, memory=memory)
+        assert shared.log_evidence == alone.log_evidence
+        assert all(np.array_equal(c.modes, d.modes) for c, d in zip(shared.candidates, alone.candidates, strict=True))
+
+
+@pytest.mark.slow
+def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
+    whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
+    for catalogue in (FEW, FEW[::-1]):
+        found = climb(whole, catalogue, seed=1)
+        assert set(found.leader.ids) == set(PAIR) and found.probability[found.leader.ids] > 0.9
+
+
+@pytest.mark.slow
+def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
+    """A model that fewer readings led to is fitted beside the baseline, and its neighbours if it leads."""
+    whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
+    plain = climb(whole, FEW, seed=1)
+    part = replace(plain.leader.problem, group_ids=("a", "b"))
+    known = settle_at(part, plain.leader.modes)
+    begun = climb(whole, FEW, seed=1, starts=[known])
+    assert () in begun.weighed
+    assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
+    assert begun.leader.ids == plain.leader.ids == PAIR
+    assert begun.log_evidence[PAIR] == pytest.approx(plain.log_evidence[PAIR], abs=1.0)

@@ -1,0 +1,88 @@
+"""Probabilities of models."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import pytest
+from truths import FEW
+
+from psafit.model_search import SearchSettings
+from psafit.model_search.fitter import Fitted
+from psafit.model_search.ladder import SIZE_WEIGHTS, Ladder, log_prior, rank
+from psafit.model_search.loop import Ids, Model, Searched
+
+
+def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float], n_catalogue: int = 24) -> Ladder:
+    """The ladder of models with these evidences, some of them sampled, with a standard error."""
+    models = {}
+    for ids, value in evidence.items():
+        draws = SimpleNamespace(doubt=sampled[ids]) if ids in sampled else None
+        fitted = Fitted(SimpleNamespace(ids=ids), draws)  # type: ignore[arg-type]
+        models[ids] = Model(ids, value, ids in sampled, fitted)
+    return rank(Searched(models, frozenset()), n_catalogue, SearchSettings())
+
+
+def test_prior_probabilities_of_models_sum_to_one() -> None:
+    for n in (1, 3, 23):
+        sizes = range(min(n, len(SIZE_WEIGHTS) - 1) + 1)
+        assert sum(math.comb(n, k) * math.exp(log_prior(k, n)) for k in sizes) == pytest.approx(1)
+
+
+def test_a_cause_that_adds_nothing_visible_is_counted_with_what_it_is_added_to() -> None:
+    exact = dict.fromkeys([(), ("a",), ("a", "b"), ("a", "c")], 0.0)
+    found = ranked({(): 0.0, ("a",): 20.0, ("a", "b"): 22.9, ("a", "c"): 23.1}, exact)
+    assert found.probability["a", "b"] == 0 and found.probability["a", "c"] > 0
+    assert sum(found.probability.values()) == pytest.approx(1)
+    assert found.leader.ids == ("a",)
+    ratio = math.log(found.probability["a", "c"] / found.probability["a",])
+    price = log_prior(2, 24) - log_prior(1, 24)
+    assert ratio == pytest.approx(3.1 + price - math.log1p(math.exp(2.9 + price)))
+
+
+def test_what_was_not_sampled_is_told_as_not_looked_at() -> None:
+    """Its estimate counts, with the error of an estimate: a rival is not certain to be worse."""
+    found = ranked({(): 0.0, ("a",): 20.0, ("b",): 16.0, ("c",): -30.0}, {(): 0.0, ("a",): 0.0})
+    said = found.looked_at
+    assert (said.fitted, said.estimated) == (4, 2)
+    assert said.mass_not_looked_at == pytest.approx(found.probability["b",] + found.probability["c",])
+    assert math.exp(-4) < said.mass_not_looked_at < 3 * math.exp(-4)
+    assert ranked({(): 0.0, ("a",): 20.0}, {(): 0.0, ("a",): 0.0}).looked_at.mass_not_looked_at == 0
+
+
+@pytest.mark.parametrize("best", [0.96, 0.5])
+def test_no_set_more_probable_than_a_listed_one_is_left_out(best: float) -> None:
+    """Sets of no more causes that fit as well are listed however improbable; then all between them are."""
+    likely = {"a": best, "bc": 0.015, "g": 0.014, "d": 0.013, "ef": 0.001}
+
+    def fitted(ids: str, height: float) -> SimpleNamespace:
+        return SimpleNamespace(ids=tuple(ids), log_likelihood=height, problem=SimpleNamespace(n_dim=3 + len(ids)))
+
+    heights = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
+    models = tuple(fitted(ids, height) for ids, height in heights.items())
+    probability = {tuple(ids): p for ids, p in likely.items()}
+    found = Ladder(models, probability, {}, {}, 24).rivals(("a",))  # type: ignore[arg-type]
+    assert found[:3] == (("b", "c"), ("g",), ("d",))
+    assert len(found) == (3 if best > 0.95 else 4)
+
+
+def test_ladder_names_a_hidden_cause(hidden: Ladder) -> None:
+    assert hidden.leader.ids == ("amplifier_lag",)
+    assert hidden.gain(("amplifier_lag",)) > 10  # nats of 72 readings
+    # Sets with a further cause that nobody can see are counted with it.
+    assert hidden.probability["amplifier_lag",] > 0.9
+    assert hidden.probability["amplifier_lag", "reading_offset"] == 0
+    assert hidden.leader.values[3] == pytest.approx(4e-5, rel=0.3)
+    # Everything beside what leads was fitted: each cause, and each other one beside the leader.
+    others = [t.id for t in FEW if t.id != "amplifier_lag"]
+    assert {(), *((t.id,) for t in FEW)} <= hidden.probability.keys()
+    assert all(any({"amplifier_lag", id} == set(ids) for ids in hidden.probability) for id in others)
+
+
+def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden: Ladder) -> None:
+    for c in hidden.candidates:
+        for smaller in hidden.candidates:
+            if set(smaller.ids) < set(c.ids):
+                # Densities of parameters at neutral values may cost something; likelihood may not be lost.
+                assert c.log_likelihood > smaller.log_likelihood - 3.0

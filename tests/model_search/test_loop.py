@@ -1,0 +1,169 @@
+"""The search on models without readings, whose evidences are known."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from psafit.model_search.loop import Ids, Model, exchanged, resized, search
+from psafit.model_search.settings import SearchSettings
+
+CATALOGUE = tuple("abcdefgh")
+Evidence = Callable[[Ids], float]
+
+
+def flat(n_causes: int) -> float:
+    return -2.0 * n_causes
+
+
+class Fake:
+    """Fits that know the evidence: a short one less or more an error, a sample exactly."""
+
+    def __init__(self, evidence: Evidence, error: Evidence = lambda ids: 0.0) -> None:
+        self.evidence, self.error = evidence, error
+        self.fitted: list[Ids] = []
+        self.sampled: list[Ids] = []
+
+    def short(
+        self, wanted: Sequence[Ids], known: Mapping[Ids, Model[None]], origin: Model[None] | None
+    ) -> list[Model[None]]:
+        assert not set(wanted) & set(known) and (origin is None or origin.sampled)
+        self.fitted += wanted
+        return [Model(ids, self.evidence(ids) + self.error(ids), False, None) for ids in wanted]
+
+    def again(self, known: Sequence[Model[None]], origin: Model[None]) -> list[Model[None]]:
+        return []
+
+    def sample(self, model: Model[None]) -> Model[None]:
+        self.sampled.append(model.ids)
+        return Model(model.ids, self.evidence(model.ids), True, None)
+
+
+def every_set(most: int = len(CATALOGUE)) -> list[Ids]:
+    return [ids for n in range(most + 1) for ids in itertools.combinations(CATALOGUE, n)]
+
+
+def additive(gains: Mapping[str, float]) -> Evidence:
+    return lambda ids: sum(gains.get(id, -1.0) for id in ids)
+
+
+def test_nothing_hidden_costs_one_fit_a_cause() -> None:
+    fake = Fake(additive({}))
+    found = search(CATALOGUE, fake, flat)
+    assert fake.sampled == [()]
+    assert sorted(fake.fitted) == sorted([(), *((id,) for id in CATALOGUE)])
+    assert found.expanded == {()}
+
+
+def test_causes_that_add_up_are_all_found() -> None:
+    fake = Fake(additive({"b": 30.0, "e": 20.0, "g": 15.0}))
+    found = search(CATALOGUE, fake, flat)
+    best = max(found.models.values(), key=lambda m: m.log_evidence + flat(len(m.ids)))
+    assert best.ids == ("b", "e", "g") and best.sampled and best.ids in found.expanded
+
+
+def test_a_pair_that_shows_only_beside_a_third_is_reached_by_an_exchange() -> None:
+    """The first cause is only a stand-in: beside it the true one gains, and then the stand-in goes."""
+    worth = {("a",): 20.0, ("b",): 2.0, ("a", "b"): 26.0, ("b", "c"): 60.0, ("a", "c"): 21.0}
+    fake = Fake(lambda ids: worth.get(ids, max((v for s, v in worth.items() if set(s) <= set(ids)), default=0.0)))
+    found = search(CATALOGUE, fake, flat)
+    assert max(found.models.values(), key=lambda m: m.log_evidence + flat(len(m.ids))).ids == ("b", "c")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_best_of_any_function_whose_best_has_a_way_within_the_window(seed: int) -> None:
+    """Random evidences; the way to the best leads through sets that show and lie within the window."""
+    rng = np.random.default_rng(seed)
+    window = 8.0
+    size = int(rng.integers(1, 6))
+    way = [tuple(sorted(rng.permutation(CATALOGUE)[:size]))]
+    while way[-1]:
+        gone = rng.choice(way[-1])
+        way.append(tuple(id for id in way[-1] if id != gone))
+    level = {ids: 6.0 * len(ids) for ids in way}  # each step shows, and nothing else comes near
+    noise = {ids: float(rng.normal(-40, 10)) for ids in every_set()}
+    fake = Fake(lambda ids: level.get(ids, min(noise[ids], 0.0)))
+    found = search(CATALOGUE, fake, flat, SearchSettings(window=window))
+    assert max(found.models.values(), key=lambda m: m.log_evidence + flat(len(m.ids))).ids == way[0]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_all_that_comes_within_the_window_is_sampled_and_nothing_beyond(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    settings = SearchSettings(window=6.0, most_causes=4)
+    table = {ids: float(rng.normal(4.0 * len(ids), 6.0)) for ids in every_set(4)}
+    fake = Fake(table.__getitem__)
+    found = search(CATALOGUE, fake, flat, settings)
+    value = {ids: m.log_evidence + flat(len(ids)) for ids, m in found.models.items()}
+    best = max(value.values())
+
+    def shows(ids: Ids) -> bool:
+        parts = [m.log_evidence for m in found.models.values() if set(m.ids) < set(ids)]
+        return found.models[ids].log_evidence > max(parts, default=-math.inf) + settings.visible
+
+    within = {ids for ids, v in value.items() if v >= best - settings.window and shows(ids)}
+    assert within <= set(fake.sampled) and within <= found.expanded
+    # The certificate: every neighbour of what is within the window was fitted.
+    for ids in within:
+        assert {*resized(ids, CATALOGUE, 4), *exchanged(ids, CATALOGUE, 4)} <= found.models.keys()
+    assert max(map(len, found.models)) <= 4
+    assert len(fake.sampled) == len(set(fake.sampled)) and len(fake.fitted) == len(set(fake.fitted))
+
+
+def test_the_order_of_the_catalogue_does_not_matter() -> None:
+    rng = np.random.default_rng(3)
+    table = {frozenset(ids): float(rng.normal(3.0 * len(ids), 5.0)) for ids in every_set()}
+
+    def run(catalogue: Sequence[str]) -> dict[frozenset[str], float]:
+        found = search(catalogue, Fake(lambda ids: table[frozenset(ids)]), flat)
+        return {frozenset(ids): m.log_evidence for ids, m in found.models.items()}
+
+    assert run(CATALOGUE) == run(CATALOGUE[::-1]) == run(tuple(rng.permutation(CATALOGUE).tolist()))
+
+
+def test_errors_of_short_fits_within_the_window_do_no_harm() -> None:
+    gains = {"b": 30.0, "e": 12.0, "g": 11.0}
+    rng = np.random.default_rng(1)
+    error = {ids: -float(rng.uniform(0, 4)) for ids in every_set()}
+    found = search(CATALOGUE, Fake(additive(gains), error.__getitem__), flat)
+    assert found.models["b", "e", "g"].sampled
+
+
+def test_a_model_that_rises_is_looked_at_again() -> None:
+    """What a neighbour shows of a known model reopens it: it is sampled and its neighbours are looked at."""
+
+    class Rising(Fake):
+        def again(self, known: Sequence[Model[None]], origin: Model[None]) -> list[Model[None]]:
+            if origin.ids != ("a",):
+                return []
+            return [Model(m.ids, 40.0, False, None) for m in known if m.ids == ("c",) and m.log_evidence < 40]
+
+    truth = {("c",): 40.0}
+    fake = Rising(lambda ids: truth[ids] if ids in truth and "c" in fake_seen else additive({"a": 20.0})(ids))
+    fake_seen: set[str] = set()
+    keep = fake.sample
+
+    def sample(model: Model[None]) -> Model[None]:
+        fake_seen.update(model.ids)
+        return keep(model)
+
+    fake.sample = sample  # type: ignore[method-assign]
+    found = search(CATALOGUE, fake, flat)
+    assert found.models["c",].sampled and found.models["c",].log_evidence == 40.0
+
+
+def test_starts_are_fitted_first() -> None:
+    fake = Fake(additive({}))
+    search(CATALOGUE, fake, flat, starts=[("a", "b"), ()])
+    assert fake.fitted[:2] == [(), ("a", "b")]
+
+
+def test_neighbours() -> None:
+    assert resized(("b",), "abc", 3) == [("a", "b"), ("b", "c"), ()]
+    assert resized(("a", "b"), "abc", 2) == [("b",), ("a",)]
+    assert exchanged(("a", "b"), "abcd", 2) == [("b", "c"), ("b", "d"), ("a", "c"), ("a", "d")]
+    assert resized((), "ab", 6) == [("a",), ("b",)] and exchanged((), "ab", 6) == []
