@@ -20,7 +20,7 @@ from psafit.physics import TERMS, terms
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-yardstick, search_sets = map(import_module, ("search", "search_sets"))
+yardstick, search_sets, estimates = map(import_module, ("search", "search_sets", "estimates"))
 
 
 def record(id: str = "one", **changes: Any) -> dict[str, Any]:
@@ -197,3 +197,28 @@ def test_a_small_data_set_is_measured(known: Experiment, monkeypatch: pytest.Mon
     assert found["best"]["by_the_search"] == pytest.approx(found["best"]["log_posterior"], abs=0.3)
     assert found["cpu_s"] > 0 and found["trajectories"]["closed form"] > 0
     assert yardstick.compare({"known": found}, {"known": found})[0].flags == ()
+
+
+def test_estimates_are_told_by_number_of_causes(tmp_path: Path) -> None:
+    """What a run has written is read again, and counted where it belongs."""
+    rows = [
+        {"number": k, "causes": ["gap", "preload"][: 1 + k // 4], "short_below": float(k), "second_top_above": 0.2 * k,
+         "evidences_differ": -0.1 * k, "short_s": 1.0, "sample_s": 3.0}
+        for k in range(8)
+    ]  # fmt: skip
+    file = tmp_path / "estimates.jsonl"
+    assert estimates.read(file) == {}
+    file.write_text("".join(json.dumps(row) + "\n" for row in rows), "utf-8")
+    head, one, two = estimates.table(list(estimates.read(file).values())).splitlines()
+    assert "evidences within 0.3" in head
+    assert one.split() == ["1", "4", "1.50", "2.70", "3.00", "25%", "75%", "1.00", "3.00"]
+    assert two.split() == ["2", "4", "5.50", "6.70", "7.00", "100%", "0%", "1.00", "3.00"]
+
+
+@pytest.mark.slow
+def test_a_random_model_is_fitted_and_sampled_twice() -> None:
+    """Of the same number the same model; the short fit is no better than the sample, which is of the same readings."""
+    found = estimates.measure(0, 1, "gap_and_slew")
+    assert len(found["causes"]) == 1 and found["part"] == []
+    assert found["short_top_below"] > -0.1 and abs(found["evidences_differ"]) < 3
+    assert found["short_s"] < found["sample_s"]
