@@ -1,9 +1,8 @@
 """How often do climbs stop below the top of a posterior, and how often does the look behind cliffs find it?
 
 ``python benchmarks/cliffs.py --seed 25`` hides every cause at three strengths, fits the model that made the readings
-(climbs from where screening has the cause, and from draws of the prior), looks for other hills as `psafit diagnose`
-does in a model that it samples (climbs from elsewhere, a population), and climbs from the truth. Prints, for each data
-set, how far these are above the first climbs (nats), and counts.
+from the baseline's optimum, samples it as the search does (a second fit from draws of the prior, a population), and
+climbs from the truth. Prints, for each data set, how far these are above the first climbs (nats), and counts.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ import numpy as np
 from psafit.challenge.campaign import Spec, plan
 from psafit.challenge.hide import make
 from psafit.challenge.oracle import truth_of
-from psafit.diagnose.screening import screen
 from psafit.experiment import read_experiment
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import fit, scouted
+from psafit.inference.candidate import fit
 from psafit.inference.problem import Problem
+from psafit.model_search.sample import sample
 from psafit.physics import terms
 
 STUDY = Path(__file__).resolve().parents[1] / "experiments" / "psa"
@@ -39,7 +38,7 @@ TOLERANCE, HIGHER = 1e-4, 0.5
 
 
 def heights(spec: Spec) -> tuple[str, float, float, float]:
-    """Of one data set: how far the look for hills and a climb from the truth lead above the climbs, nats; seconds."""
+    """Of one data set: how far a sample and a climb from the truth lead above the climbs, nats; seconds."""
     design = read_experiment(STUDY) if spec.design == "given" else None
     with tempfile.TemporaryDirectory() as folder:
         made = make(
@@ -48,10 +47,9 @@ def heights(spec: Spec) -> tuple[str, float, float, float]:
     hidden = terms(made.answer.terms)
     problem = Problem(made.experiment, made.experiment.ids, hidden, tolerance=TOLERANCE)
     plain = fit(replace(problem, terms=()), (), seed=1, draws=4096, most=48)
-    (beside,) = screen(plain, hidden)
-    climbed = fit(problem, [plain], seed=1, extra=beside.starts)
+    climbed = fit(problem, [plain], seed=1)
     begun = time.perf_counter()
-    found = scouted(climbed, seed=1)
+    found = sample(problem, [climbed], seed=1)[0]
     seconds = time.perf_counter() - begun
     top = float(ascend(problem, truth_of(problem, made.answer)[None]).height[0])
     return spec.id, found.height - climbed.height, top - climbed.height, seconds
@@ -68,11 +66,11 @@ def main() -> None:
     calls = (joblib.delayed(heights)(s) for s in specs)
     for row in joblib.Parallel(n_jobs=given.jobs, return_as="generator", batch_size=1)(calls):
         rows.append(row)
-        print(f"{row[0]:36} look {row[1]:+7.2f}  truth {row[2]:+7.2f}  {row[3]:5.1f} s", flush=True)
+        print(f"{row[0]:36} sample {row[1]:+7.2f}  truth {row[2]:+7.2f}  {row[3]:5.1f} s", flush=True)
     look, truth, seconds = np.array([row[1:] for row in rows]).T
     print(
         f"{len(rows)} data sets; the first climbs end below the truth's top in {np.sum(truth > HIGHER)},"
-        f" after the look {np.sum(truth - look > HIGHER)} do; the look takes {np.median(seconds):.1f} s (median),"
+        f" after a sample {np.sum(truth - look > HIGHER)} do; a sample takes {np.median(seconds):.1f} s (median),"
         f" {seconds.max():.1f} at most"
     )
 

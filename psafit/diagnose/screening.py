@@ -69,8 +69,6 @@ class Screened:
     visible : float
         Size of the effect of a plausible strength (the prior's median) beside a refit of everything else, in standard
         deviations of the fitted scatter.
-    starts : (n, n_dim) array
-        Where the refits ended: sampling coordinates of the larger model.
     """
 
     term: Term
@@ -79,7 +77,6 @@ class Screened:
     log_bayes: float
     chance: float
     visible: float
-    starts: FloatArray
 
     @property
     def best(self) -> int:
@@ -114,8 +111,8 @@ def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, c
     neutral = float(sum(large.parameters[i].log_prior(at[i]) for i in latent))
     luck = np.zeros(len(nothing))
 
-    def refitted(quantiles: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where refits at these quantiles of the strength end, and what they gain."""
+    def refitted(quantiles: FloatArray) -> FloatArray:
+        """What refits at these quantiles of the strength gain."""
         rows = np.repeat(at[None, :], len(quantiles), axis=0)
         rows[:, own[0]] = term.strength.prior_quantile(quantiles)
         found = large.predict(np.vstack([rows, *(rows + 0.1 * np.eye(large.n_dim)[i] for i in latent)]))
@@ -130,18 +127,17 @@ def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, c
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
         gain = end.height - prior - neutral - top
-        return end.u, np.where(np.isfinite(gain), gain, -1e3)
+        return np.where(np.isfinite(gain), gain, -1e3)
 
     q = np.array(_QUANTILES)
-    ends, gain = refitted(q)
+    gain = refitted(q)
     for _ in range(_HALVINGS):
         between = _unclear(*_with_neutral(term.strength, q, gain))
         if not between.size:
             break
-        more_ends, more_gain = refitted(between)
+        more = refitted(between)
         order = np.argsort(np.concatenate([q, between]))
-        q, gain = np.concatenate([q, between])[order], np.concatenate([gain, more_gain])[order]
-        ends = np.concatenate([ends, more_ends])[order]
+        q, gain = np.concatenate([q, between])[order], np.concatenate([gain, more])[order]
     # Each quantile stands for what is nearer to it than to its neighbours.
     places, gains = _with_neutral(term.strength, q, gain)
     share = np.diff(np.concatenate([[0.0], 0.5 * (places[1:] + places[:-1]), [1.0]]))
@@ -155,7 +151,6 @@ def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, c
         log_bayes=float(logsumexp(gains, b=share)),
         chance=float(np.quantile(luck, 1 - _CHANCE)),
         visible=float(np.linalg.norm(candidate.beside(large.predict(shown[None]) - candidate.predicted))),
-        starts=ends[np.argsort(-gain, kind="stable")[:4]],
     )
 
 

@@ -29,7 +29,7 @@ _TRIAL, _FRESH = ((3, 12), (5, 6), (12, 3)), ((8, 8), (16, 4))
 _FULL = ((6, 6), (30, 3))
 ENOUGH = 0.05
 """Gain of a climb (nats) below which it ends: well within the error of Laplace's evidence."""
-# ... and of a model that all others are built on, all on all readings.
+# ... and where nothing is known, all on all readings.
 _THOROUGH = ((4, 24), (8, 12), (30, 6))
 # One reading in so many is a trial's, and its simulations are allowed this error of a step; fewer readings than this
 # are not thinned.
@@ -47,11 +47,7 @@ _FORGOTTEN, _SAME = 12.0, 0.1
 # prior's standard deviation) in some parameter, and the straight way to it leads so far (nats) below: else it is on a
 # ridge. A high and narrow hill may have less than one that is seven nats lower.
 _MINOR, _APART, _VALLEY = 5.0, 1.0, 2.0
-# Higher by this (nats), a top is another than that which was known, wherever it is.
-_RISEN = 0.5
 _WAY = np.arange(1, 8)[:, None] / 8
-# Starts that look for them, draws of the prior behind those, and their climbs on some of the readings and on all.
-_SCOUTS, _SCOUTING, _ARRIVING = (24, 512), ((8, 12), (16, 12)), ((30, 12),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,45 +378,6 @@ def hills(candidate: Candidate) -> list[int]:
         if (lowest < candidate.heights[k] - _VALLEY).all():
             leaders.append(int(k))
     return leaders
-
-
-def scouted(candidate: Candidate, *, seed: int) -> Candidate:
-    """Look for hills of the posterior that climbs from what was known have not seen.
-
-    By climbs from elsewhere, and by a population that steps across cliffs.
-
-    Parameters
-    ----------
-    candidate : Candidate
-    seed : int
-        Of the draws of the prior from which they begin.
-
-    Returns
-    -------
-    Candidate
-        With its modes and the new hills'.
-    """
-    problem, known = candidate.problem, candidate.modes
-
-    def away(u: FloatArray) -> FloatArray:
-        """How far points are from all that was known."""
-        return np.asarray(np.abs(u[:, None] - known[None])[:, :, : problem.n_physical].max(axis=2).min(axis=1))
-
-    trial = coarse(problem)
-    n_starts, n_draws = _SCOUTS
-    elsewhere = seed + 1  # than where `fit` began
-    starts = starts_of(trial, elsewhere, n_starts, n_draws)[0]
-    end = ascend(trial, starts, schedule=_SCOUTING, still_below=ENOUGH)
-    new = end.u[(away(end.u) > _APART) & (end.height > end.height.max() - _HOPELESS)]
-    arrived = ascend(problem, new, schedule=_ARRIVING, still_below=ENOUGH)
-    arrived = arrived.joined(evolved(problem, known, seed=elsewhere))
-    new = arrived.u[(away(arrived.u) > _APART) | (arrived.height > candidate.height + _RISEN)]
-    if not len(new):
-        return candidate
-    both = settle_at(problem, np.vstack([known, new]))
-    kept = away(both.modes) < _SAME  # what was known
-    kept[hills(both)] = True
-    return settle_at(problem, both.modes[kept])
 
 
 def within_bounds(problem: Problem, curvature: FloatArray) -> FloatArray:

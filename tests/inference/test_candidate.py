@@ -8,17 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from truths import FEW, TRUTH, experiment, problem, rig_with_two_hills
+from truths import FEW, TRUTH, experiment, problem
 
 from psafit.challenge.hide import make
-from psafit.diagnose.screening import screen
 from psafit.experiment import read_experiment
-from psafit.inference import noise
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import _across_steps, built_up, fit, hills, scouted, settle_at, thinned
-from psafit.inference.evidence import weigh
+from psafit.inference.candidate import _across_steps, built_up, fit, settle_at, thinned
 from psafit.inference.problem import Problem
-from psafit.physics import TERMS, terms
+from psafit.physics import terms
 
 
 def test_what_acts_by_steps_is_found_a_step_away():
@@ -62,44 +59,6 @@ def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
         two = replace(one, modes=away, heights=heights, curvature=curvature, mass=mass)
         assert two.laplace == pytest.approx(one.laplace + math.log(2))
         assert math.exp(two.laplace_apart - one.laplace) == pytest.approx(counted, rel=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 3])
-def test_a_second_hill_of_the_baseline_is_not_lost(seed):
-    """A look elsewhere finds it from any one hill; the posterior of all of them holds the truth."""
-    rig, truth = rig_with_two_hills(seed)
-    found = fit(rig, (), seed=1, draws=4096, most=48)
-    assert np.abs(found.modes[:, 1] - truth[1]).min() < 1.5
-    apart = found.modes[hills(found)]
-    assert len(apart) > 1
-    for k in range(len(apart)):
-        alone = settle_at(rig, apart[[k]])
-        assert hills(alone) == [0]
-        again = scouted(alone, seed=1)
-        assert np.abs(again.modes[:, :3] - truth[:3]).max(axis=1).min() < 1.5
-        assert scouted(alone, seed=1).modes.tobytes() == again.modes.tobytes()
-    lower, upper = (w := weigh(found, seed=1)).quantiles(rig.to_physical(w.draws), [0.05, 0.95])
-    assert (lower[:3] < rig.to_physical(truth)[:3]).all() and (rig.to_physical(truth)[:3] < upper[:3]).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 4])
-def test_a_top_behind_cliffs_is_found_by_a_population(seed):
-    """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump, and climbs stop early."""
-    design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
-    p = Problem(design, design.ids, tuple(t for t in TERMS if t.id == "amplifier_lag"))
-    truth = p.to_sampling(np.array([134594.6, 9937.6, 35.3157, 6.4217e-7, 0.0362, 0.0536, 60.0]))
-    y = noise.draw(p.predict(truth[None]), p.noise_values(truth[None]), None, np.random.default_rng(seed))[0]
-    rig = replace(p, experiment=design.with_readings(np.maximum(y, 0.0)))
-    there = float(ascend(rig, truth[None]).height[0])
-    plain = fit(replace(rig, terms=()), (), seed=1, draws=4096, most=48)
-    (beside,) = screen(plain, rig.terms)
-    climbed = fit(rig, [plain], seed=1, extra=beside.starts)
-    assert climbed.height < there - 3
-    found = scouted(climbed, seed=1)
-    assert found.height > there - 0.5
-    assert scouted(climbed, seed=1).modes.tobytes() == found.modes.tobytes()
 
 
 def test_a_fit_without_fresh_starts_holds_what_is_within_it():

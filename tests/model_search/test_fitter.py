@@ -10,14 +10,12 @@ import pytest
 from truths import FEW, experiment, problem
 
 from psafit.errors import InputError
-from psafit.inference.candidate import fit, settle_at
+from psafit.inference.candidate import settle_at
 from psafit.inference.memory import Memory
 from psafit.model_search import Ladder, SearchSettings, climb
 from psafit.model_search import fitter as fitting
 from psafit.model_search.fitter import Fitted, ProblemFitter
 from psafit.model_search.loop import Model
-from psafit.model_search.sample import sample
-from psafit.physics import terms
 
 PAIR = ("amplifier_lag", "flight_friction")
 SETTINGS = SearchSettings(most_causes=2)
@@ -68,15 +66,6 @@ def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: py
         patch.delattr(fitting, "sample")
         again = climb(one, FEW[:1], seed=1, memory=Memory(tmp_path))
     assert again.log_evidence == first.log_evidence and again.probability == first.probability
-
-
-def test_a_sample_climbs_to_what_its_draws_show() -> None:
-    """Begun far below the top, it ends where a fit from many starts does."""
-    one = replace(problem(experiment(["amplifier_lag"], [4e-5])), terms=terms(["amplifier_lag"]))
-    best = fit(one, (), seed=3, draws=1024, most=24)
-    found, draws = sample(one, seed=1)
-    assert found.height == pytest.approx(best.height, abs=SETTINGS.better)
-    assert draws.height <= found.height + SETTINGS.better and draws.doubt < 0.3
 
 
 def test_sets_without_a_prior_probability_are_refused(hidden: Ladder) -> None:
