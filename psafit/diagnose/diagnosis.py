@@ -533,7 +533,7 @@ def _protocols(
 
 
 def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, Weighed]]:
-    """What is adopted and what does as well, so far as it was fitted, with draws of their posteriors.
+    """What is adopted and what does as well, with draws of their posteriors.
 
     Beside an adequate baseline that is the cause that it excludes least, if one keeps a twentieth.
     """
@@ -541,8 +541,7 @@ def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[
         causes = [c.ids for c in ladder.candidates if c.ids and ladder.probability[c.ids] >= 1 - CREDIBLE]
         equals = [(), *causes[:1]]
     else:
-        fitted = {c.ids for c in ladder.candidates}
-        equals = [ids for ids in (ladder.leader.ids, *verdict.alternatives) if ids in fitted]
+        equals = [ladder.leader.ids, *verdict.alternatives]
     return [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals[:most]]
 
 

@@ -18,7 +18,7 @@ class Settings:
     simulated : int
         Data sets drawn from a fitted model to calibrate the tests of misfit: the least p value is one over one more.
     draws : int
-        Posterior draws behind each interval of `predictions-diagnosis.csv`.
+        Posterior draws behind each predictive interval: of `predictions-diagnosis.csv`, and of the measured gain.
     rehearsed : int
         Tied models, the most probable first, with which a proposed measurement is simulated. A quick diagnosis takes
         two: draws of a model that was not sampled yet are expensive.

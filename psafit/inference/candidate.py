@@ -116,11 +116,6 @@ class Candidate:
         return self.problem.to_physical(self.modes[0])
 
     @property
-    def all_values(self) -> FloatArray:
-        """The same of every mode; (n_modes, n_dim)."""
-        return self.problem.to_physical(self.modes)
-
-    @property
     def log_likelihood(self) -> float:
         """Log likelihood of the best mode."""
         return self.height - float(self.problem.log_prior(self.modes[:1])[0])
@@ -219,7 +214,7 @@ def fit(
     ----------
     problem : Problem
     nested : sequence of Candidate
-        Models within this one, on the same readings.
+        Models within this one, on the same readings. Without any, `extra`, `fresh` and `full` say nothing.
     seed : int
     extra : (n, n_dim) array, optional
         More starts.

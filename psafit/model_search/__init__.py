@@ -2,8 +2,8 @@
 
 Every known set of causes has an estimate of its log posterior probability: from a short fit, or from fitting and
 sampling it in earnest. The set with the highest estimate that is not sampled yet is sampled; then its neighbours (one
-cause more, one less, one exchanged) get their short fits. The search ends when no set is left whose estimate comes
-within the window of the best.
+cause more, one less, one exchanged) get their short fits. The search ends when no set that shows is left whose estimate
+comes within the window of the best.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ class ProblemFitter:
         terms = tuple(t for t in self.catalogue if t.id in own)
         problem = replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
         best = [c for c in fitted if set(c.ids) < own][:1]
-        extra = [widened(problem, x, c.problem.names)[:1] for c in self.starts if c.ids == ids for x in c.all_values]
+        extra = [rows[:1] for c in self.starts if c.ids == ids for rows in c.widened(problem, len(c.modes))]
         return problem, best, np.vstack(extra) if extra else None, (self.memory, self.settings, self.seed)
 
 

@@ -2,7 +2,8 @@
 
 Three sentences say what it does. Every known model has an estimate of its log posterior probability. The model with the
 highest estimate that was not sampled yet is sampled; then its neighbours, which have one cause more, one less or one
-exchanged, are fitted. The search ends when no model is left whose estimate comes within the window of the best.
+exchanged, are fitted. The search ends when no model that shows is left whose estimate comes within the window of the
+best; a model shows that exceeds every part of itself.
 
 Exchanges are many. They wait until no model within the window lacks its neighbours of one cause more or less.
 
