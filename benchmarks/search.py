@@ -45,6 +45,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from search_sets import GROUPS, DataSet, get, wanted
 
+from psafit.diagnose.misfit import passes
 from psafit.experiment import write_experiment
 from psafit.files import write_atomically
 from psafit.inference.ascent import ascend
@@ -89,7 +90,10 @@ class Found:
 
 def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int, int], None]) -> Found:
     """Search all causes, in sets of at most `most`; `problem` has none."""
-    found = climb(problem, TERMS, seed=seed, progress=progress, settings=SearchSettings(most_causes=most))
+    found = climb(
+        problem, TERMS, seed=seed, progress=progress, settings=SearchSettings(most_causes=most),
+        passes=lambda candidate: passes(candidate, TERMS, seed=seed),
+    )  # fmt: skip
     return Found(
         {ids: value + found.log_prior(ids) for ids, value in found.log_evidence.items()},
         found.probability,

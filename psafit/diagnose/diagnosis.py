@@ -17,7 +17,7 @@ from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show, told
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.leftover import leftover, stretch
-from psafit.diagnose.misfit import examine
+from psafit.diagnose.misfit import examine, passes
 from psafit.diagnose.record import (
     MARKER,
     PAGE,
@@ -497,7 +497,7 @@ def _climbed(
     """The ladder of what some groups say."""
     return climb(
         Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs, starts=starts,
-        progress=progress,
+        passes=lambda candidate: passes(candidate, catalogue, seed=seed), progress=progress,
     )  # fmt: skip
 
 

@@ -178,6 +178,11 @@ def sweeps(problem: Problem) -> list[tuple[GroupId, str, NDArray[np.intp]]]:
     return [(g.id, g.swept, np.flatnonzero(problem.design.group == k)[g.in_sweep]) for k, g in enumerate(groups)]
 
 
+def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:
+    """Whether the readings pass the tests by a fitted model."""
+    return examine(candidate, catalogue, seed=seed, influence=False).p_value >= ALPHA
+
+
 def examine(
     candidate: Candidate,
     catalogue: Sequence[Term],

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from psafit.diagnose.misfit import passes
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory
@@ -100,7 +101,10 @@ def _again(
         known = baseline.problem.known_sigma
         readings = np.maximum(noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], 0.0)
         simulated = baseline.problem.experiment.with_readings(readings)
-        found = climb(replace(baseline.problem, experiment=simulated), catalogue, seed=seed, settings=settings)
+        found = climb(
+            replace(baseline.problem, experiment=simulated), catalogue, seed=seed, settings=settings,
+            passes=lambda candidate: passes(candidate, catalogue, seed=seed),
+        )  # fmt: skip
         return {"lead": np.array(lead(found))}
 
     about = [seed, k, asdict(settings), [t.determinants for t in catalogue]]

@@ -1,7 +1,7 @@
 """The search among sets of causes: one reliable fit, one loop, and what was looked at.
 
 Every known set of causes has an estimate of its log posterior probability: from a short fit, or from fitting and
-sampling it in earnest. The set with the highest estimate that is not sampled yet is sampled; then its neighbours (one
+sampling it in earnest. The set with the highest estimate that is not sampled yet is sampled, and its neighbours (one
 cause more, one less, one exchanged) get their short fits. The search ends when no set that shows is left whose estimate
 comes within the window of the best.
 """
@@ -33,6 +33,7 @@ def climb(
     memory: Memory | None = None,
     jobs: int = 1,
     starts: Sequence[Candidate] = (),
+    passes: Callable[[Candidate], bool] = lambda candidate: True,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Ladder:
     """Search the catalogue for what explains the readings.
@@ -50,6 +51,8 @@ def climb(
         Processes that share the fits. The result does not depend on it.
     starts : sequence of Candidate
         Models, fitted to other readings, that are fitted before all else, beside the one without causes.
+    passes : callable
+        Whether the readings pass the tests of misfit by a model.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
 
@@ -64,6 +67,6 @@ def climb(
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
         found = search(
             [t.id for t in catalogue], fitter, lambda size: log_prior(size, n), settings,
-            starts=[c.ids for c in starts], progress=progress,
+            starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate), progress=progress,
         )  # fmt: skip
     return rank(found, n, settings)

@@ -11,7 +11,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import Candidate, fit, settle_at
+from psafit.inference.candidate import ENOUGH, Candidate, fit, settle_at
 from psafit.inference.evidence import Weighed
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import widened
@@ -72,20 +72,35 @@ class ProblemFitter:
     starts: Sequence[Candidate] = ()
 
     def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known], origin: Known | None = None) -> list[Known]:
-        """Fit models from the highest of their parts, and from a few draws of the prior."""
+        """Fit models from the highest of their parts, from a few draws of the prior, and from where they are known."""
         fitted = sorted((m.content.candidate for m in known.values()), key=lambda c: -c.height)
-        calls = [(k, *self._begun(ids, fitted)) for k, ids in enumerate(wanted)]
+        own = {ids: [known[ids].content.candidate.modes] if ids in known else [] for ids in wanted}
+        calls = [(k, *self._begun(ids, fitted, own[ids])) for k, ids in enumerate(wanted)]
         modes = self._shared(_short, calls)
         return [_estimated(settle_at(call[1], modes[k]), origin) for k, call in enumerate(calls)]
 
+    def carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known], origin: Known) -> list[Known]:
+        """Fit models from the optima of two that together have all their causes."""
+        fitted = sorted((m.content.candidate for m in known.values()), key=lambda c: -c.height)
+        calls = []
+        for k, ids in enumerate(wanted):
+            problem, (part,), *_ = self._begun(ids, fitted, [])
+            # The one that has what the part lacks, and as much of the rest as any.
+            whole = [c for c in fitted if {*ids} <= {*c.ids, *part.ids}]
+            nearest = max(whole, key=lambda c: len({*ids} & {*c.ids}))
+            starts = [_merged(problem, part, nearest), _merged(problem, nearest, part)]
+            calls.append((k, problem, np.array(starts), self.memory, self.settings))
+        modes = self._shared(_climbed, calls)
+        return [_estimated(settle_at(call[1], modes[k]["u"]), origin) for k, call in enumerate(calls)]
+
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
         """Optimise models from where a neighbour has its optimum; only those that rise come back."""
-        starts = [_embedded(model.content.candidate, origin.content.candidate) for model in known]
-        calls = [
-            (k, model.content.candidate.problem, start, self.memory)
-            for k, (model, start) in enumerate(zip(known, starts, strict=True))
-        ]
-        ends = self._shared(_again, calls)
+        calls = []
+        for k, model in enumerate(known):
+            own = model.content.candidate
+            starts = _merged(own.problem, own, origin.content.candidate)[None]
+            calls.append((k, own.problem, starts, self.memory, self.settings))
+        ends = self._shared(_climbed, calls)
         risen = []
         for k, model in enumerate(known):
             before, end = model.content.candidate, ends[k]
@@ -107,19 +122,21 @@ class ProblemFitter:
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
         draws, found = Weighed(**values), settle_at(problem, kept["modes"])
         top = max(model.content.top, short.height, found.height)
-        return Model(short.ids, draws.log_evidence, True, Fitted(found, draws, top))
+        return Model(short.ids, draws.log_evidence, found.height, True, Fitted(found, draws, top))
 
     def _shared(self, work: Callable[..., tuple[int, Any]], calls: Sequence[tuple[Any, ...]]) -> dict[int, Any]:
         """Results of calls that processes share, by their numbers."""
         return dict(unordered(max(min(self.jobs, len(calls)), 1), work, calls))
 
-    def _begun(self, ids: Ids, fitted: Sequence[Candidate]) -> tuple[Problem, list[Candidate], FloatArray | None, Any]:
+    def _begun(
+        self, ids: Ids, fitted: Sequence[Candidate], own: Sequence[FloatArray]
+    ) -> tuple[Problem, list[Candidate], FloatArray | None, Any]:
         """All that a short fit is begun from."""
-        own = set(ids)
-        terms = tuple(t for t in self.catalogue if t.id in own)
+        terms = tuple(t for t in self.catalogue if t.id in ids)
         problem = replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
-        best = [c for c in fitted if set(c.ids) < own][:1]
-        extra = [rows[:1] for c in self.starts if c.ids == ids for rows in c.widened(problem, len(c.modes))]
+        best = [c for c in fitted if {*c.ids} < {*ids}][:1]
+        begun = [rows[:1] for c in self.starts if c.ids == ids for rows in c.widened(problem, len(c.modes))]
+        extra = [*own, *begun]
         return problem, best, np.vstack(extra) if extra else None, (self.memory, self.settings, self.seed)
 
 
@@ -145,31 +162,33 @@ def _short(
     return k, memory.recall("short", problem, about, make)["modes"]
 
 
-def _again(k: int, problem: Problem, start: FloatArray, memory: Memory) -> tuple[int, Arrays]:
-    """Where a climb ends, and which of several it is."""
+def _climbed(
+    k: int, problem: Problem, starts: FloatArray, memory: Memory, settings: SearchSettings
+) -> tuple[int, Arrays]:
+    """Where climbs of a short fit's length end, and which of several calls it is."""
 
     def make() -> dict[str, FloatArray]:
-        end = ascend(problem, start[None])
+        end = ascend(problem, starts, schedule=settings.short_climbs, still_below=ENOUGH, unite=True)
         return {"u": end.u, "height": end.height}
 
-    return k, memory.recall("again", problem, start.tolist(), make)
+    return k, memory.recall("climbed", problem, [settings.short_climbs, starts.tolist()], make)
 
 
-def _embedded(own: Candidate, origin: Candidate) -> FloatArray:
-    """The best mode of a neighbour in a model's coordinates; what the neighbour lacks stays where the model has it."""
-    values = dict(zip(own.problem.names, own.values, strict=True))
-    there = dict(zip(origin.problem.names, origin.values, strict=True))
-    values |= {name: value for name, value in there.items() if name in values}
-    return widened(own.problem, np.array(list(values.values())), list(values))[0]
+def _merged(problem: Problem, *candidates: Candidate) -> FloatArray:
+    """A point of a model at the best modes of others; where several know a parameter, the last one's."""
+    values: dict[str, float] = {}
+    for c in candidates:
+        values |= zip(c.problem.names, c.values.tolist(), strict=True)
+    return widened(problem, np.array(list(values.values())), list(values))[0]
 
 
 def _estimated(candidate: Candidate, origin: Known | None, before: Known | None = None) -> Known:
     """A model that was fitted, with Laplace's evidence.
 
-    What sampling has shown that estimate to be off by in the model next to it, it is likely to be off by here. A model
-    that has risen has no less evidence than `before`.
+    What sampling has shown that estimate to be off by in the model next to it (or in one next to that), it is likely to
+    be off by here. A model that has risen has no less evidence than `before`.
     """
     off = 0.0 if origin is None else origin.log_evidence - origin.content.candidate.laplace_apart
     least, top = (-math.inf, -math.inf) if before is None else (before.log_evidence, before.content.top)
     estimate = max(candidate.laplace_apart + off, least)
-    return Model(candidate.ids, estimate, False, Fitted(candidate, None, max(candidate.height, top)))
+    return Model(candidate.ids, estimate, candidate.height, False, Fitted(candidate, None, max(candidate.height, top)))

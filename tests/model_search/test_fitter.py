@@ -25,7 +25,7 @@ def test_an_estimate_is_off_by_what_its_neighbour_s_was(hidden: Ladder) -> None:
     """What sampling shows of a model is carried over to those next to it."""
     lag = hidden.of(("amplifier_lag",))
     fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
-    known = {(): Model((), hidden.log_evidence[()], True, Fitted(hidden.baseline))}
+    known = {(): Model((), hidden.log_evidence[()], hidden.baseline.height, True, Fitted(hidden.baseline))}
     (plain,) = fitter.short([lag.ids], known, None)
     (told,) = fitter.short([lag.ids], known, known[()])
     off = hidden.log_evidence[()] - hidden.baseline.laplace_apart
@@ -38,13 +38,13 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladd
     lag = hidden.of(("amplifier_lag",))
     moved = lag.modes[:1].copy()
     moved[0, 0] += 0.1
-    held = Model(lag.ids, 0.0, False, Fitted(settle_at(lag.problem, moved)))
+    held = Model(lag.ids, 0.0, lag.height, False, Fitted(settle_at(lag.problem, moved)))
     pair = hidden.of(("amplifier_lag", "reading_offset"))
-    origin = Model(pair.ids, hidden.log_evidence[pair.ids], True, Fitted(pair))
+    origin = Model(pair.ids, hidden.log_evidence[pair.ids], pair.height, True, Fitted(pair))
     (risen,) = fitter.again([held], origin)
     assert held.content.candidate.height < lag.height - 1 and risen.content.candidate.height > lag.height - 0.5
     assert risen.log_evidence >= held.log_evidence and risen.content.top == risen.content.candidate.height
-    assert fitter.again([Model(lag.ids, 0.0, False, Fitted(lag))], origin) == []
+    assert fitter.again([Model(lag.ids, 0.0, lag.height, False, Fitted(lag))], origin) == []
     # What was seen before is no news, though a sample has not kept it: two models would raise each other for ever.
     seen = replace(held, content=replace(held.content, top=risen.content.top))
     assert fitter.again([seen], origin) == []
@@ -52,10 +52,22 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladd
 
 def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: Ladder) -> None:
     pair, lag = hidden.of(("amplifier_lag", "flight_friction")), hidden.of(("amplifier_lag",))
-    start = pair.problem.to_physical(fitting._embedded(pair, lag)[None])[0]
+    start = pair.problem.to_physical(fitting._merged(pair.problem, pair, lag)[None])[0]
     friction = len(lag.problem.names) - 3  # after the lag, before the scatter
     assert start[friction] == pytest.approx(pair.values[friction], abs=1e-3)
     assert start[0] == pytest.approx(lag.values[0], rel=0.01)
+
+
+def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: Ladder) -> None:
+    fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
+    whole = hidden.of(PAIR)
+    known = {
+        c.ids: Model(c.ids, hidden.log_evidence[c.ids], c.height, False, Fitted(c))
+        for c in hidden.candidates
+        if c.ids != PAIR
+    }
+    (found,) = fitter.carried([PAIR], known, known["amplifier_lag", "reading_offset"])
+    assert found.height > whole.height - 0.1 and not found.sampled
 
 
 def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
