@@ -169,7 +169,7 @@ def search(
         best = min(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
         name = " + ".join(best.ids) or "the baseline"
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
-        if best.sampled or not done[best.ids] and (best is leader or best not in near):
+        if best.sampled or (not done[best.ids] and (best is leader or best not in near)):
             expand(best)
             continue
         models[best.ids] = sampled = fitter.sample(best)
