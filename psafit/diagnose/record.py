@@ -217,7 +217,12 @@ class Diagnosis(Brief):
 
     @property
     def searched(self) -> str:
-        """Return the sentence that says how many sets of causes were looked at, and what the others may hold."""
+        """Return what says how many sets of causes were looked at, and what the others may hold."""
+        missed = fixed(self.settings.search.missed, 0, per_cent=True)
+        return f"{self._counted} The chance that a better set was missed is {missed} %, a part of every probability."
+
+    @property
+    def _counted(self) -> str:
         fitted, estimated = self.looked_at.fitted, self.looked_at.estimated
         head = f"{fitted:,} set{' of causes was' if fitted == 1 else 's of causes were'} fitted on all readings"
         if not estimated:
