@@ -57,6 +57,7 @@ _LOOKS_AT: Final = {
     "spread": "the law of the scatter",
     "point": "single readings",
     "replicate": "sessions at the same condition",
+    "all": "anything",
 }
 _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
