@@ -313,7 +313,7 @@ class _Work:
             with self._stage("nautilus"):
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
-        screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict)
+        screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
         tables = [PREDICTIONS, *(one["predictions"] for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,

@@ -19,6 +19,7 @@ from psafit.diagnose.record import (
     ScreeningResult,
 )
 from psafit.diagnose.robustness import Robustness
+from psafit.diagnose.room import room
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.verdict import Verdict
 from psafit.experiment import GroupId
@@ -107,14 +108,14 @@ def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
 
 
 def screening_of(
-    screened: Sequence[Screened], beside: Sequence[Screened], ladder: Ladder, verdict: Verdict
+    screened: Sequence[Screened], beside: Sequence[Screened], ladder: Ladder, verdict: Verdict, seed: int
 ) -> list[ScreeningResult]:
     """Every cause: what it gains, and what is made of it.
 
     What could have been seen is asked `beside` the model that is adopted: a baseline that fails has a large scatter.
     """
     visible = {s.term.id: s.visible for s in beside}
-    found = []
+    adopted, found = () if verdict.verdict == "adequate" else ladder.leader.ids, []
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
         found.append(
@@ -124,6 +125,7 @@ def screening_of(
                 float(s.gain[s.best]), ladder.gain((s.term.id,)), s.chance, s.log_bayes,
                 float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
                 plausible(s.term)[0],
+                None if s.term.id in adopted else room(ladder, adopted, s.term, seed=seed),
             )
         )  # fmt: skip
     return sorted(found, key=lambda s: -s.refit_gain)
@@ -320,6 +322,12 @@ def sentences(
         result.append(
             f"Of {len(screening)} candidate causes, {len(unseen)} could not have been seen in these readings:"
             f" {', '.join(unseen)}."
+        )
+    if left := {s.id: s.room for s in screening if s.room is not None}:
+        widest = max(left, key=lambda id: left[id])
+        result.append(
+            f"What is not named may change a launch range by {significant(left[widest], 2, per_cent=True)} % at most"
+            f" and stay unseen ({widest}; 95 %)."
         )
     if not (measured or quick):
         result.append("No gain on data unseen: there is no group that could be held out.")
