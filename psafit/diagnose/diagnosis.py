@@ -257,7 +257,7 @@ class _Work:
             left = leftover(leader)
             bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
             verdict = conclude(ladder, before, after, left, bare)
-            misfit = told.misfit_of(before, after, left, leader)
+            misfit = told.misfit_of(before, after, left, ladder.baseline, leader)
             if verdict.verdict == "unexplained" and verdict.named:
                 misfit["remains"] = verdict.remains
             misfit["sessions"] = [asdict(o) for o in show.offsets(leader)]
@@ -313,7 +313,7 @@ class _Work:
             with self._stage("nautilus"):
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
-        screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict)
+        screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
         tables = [PREDICTIONS, *(one["predictions"] for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -329,7 +329,16 @@ class _Work:
             predictions=PREDICTIONS,
             files={name: sha256(self.folder / name) for name in tables},
             sentences=told.sentences(
-                verdict, before, ladder, firm, screening, measured, proposal, misfit.get("search"), quick
+                verdict,
+                before,
+                ladder,
+                firm,
+                screening,
+                measured,
+                proposal,
+                misfit.get("search"),
+                quick,
+                furthest=told.furthest(ladder, verdict, misfit),
             ),
             unnamed=verdict.unnamed,
             screening=screening,

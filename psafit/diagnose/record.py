@@ -99,6 +99,9 @@ class ScreeningResult:
     plausible : float
         The strength meant there, in `unit`: as far from neutral as the prior is in the median, on the likelier side;
         nan in records of earlier versions.
+    room : float or None
+        Largest change of a range, as a share of it, that the readings leave it beside the adopted model (95 %); see
+        `psafit.diagnose.room`.
     """
 
     id: str
@@ -112,6 +115,7 @@ class ScreeningResult:
     visible: float
     inclusion: float
     plausible: float = math.nan
+    room: float | None = None
 
 
 @dataclass(frozen=True, repr=False)

@@ -57,6 +57,7 @@ _LOOKS_AT: Final = {
     "spread": "the law of the scatter",
     "point": "single readings",
     "replicate": "sessions at the same condition",
+    "all": "anything",
 }
 _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
@@ -274,6 +275,7 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             noted(number(known(s.visible)), f"at {words.quantity(s.plausible, s.unit)}")
             if math.isfinite(s.plausible)
             else number(known(s.visible)),
+            "–" if s.room is None else f"{significant(s.room, 2, per_cent=True)}{NBSP}%",
             "–" if s.verdict == UNSEEN else words.share(s.inclusion),
         ]
         for s in screening
