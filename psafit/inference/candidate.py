@@ -33,7 +33,9 @@ ENOUGH = 0.05
 _THOROUGH = ((4, 24), (8, 12), (30, 6))
 # One reading in so many is a trial's, and its simulations are allowed this error of a step; fewer readings than this
 # are not thinned.
-_THIN, _ROUGH, _MANY = 4, 1e-3, 150
+_THIN, _ROUGH = 4, 1e-3
+MANY = 150
+"""Readings from which on a part of them is looked at first."""
 # A climb whose trial ends this far (nats) below the best is given up.
 _HOPELESS = 15.0
 # Of what is known beforehand, so many of the best join the climbs on all readings; so many climb from other steps.
@@ -192,7 +194,7 @@ def thinned(experiment: Experiment, every: int) -> Experiment:
 
 def coarse(problem: Problem) -> Problem:
     """It with a quarter of its readings, roughly simulated; one with few readings as it is."""
-    if problem.observed.size < _MANY:
+    if problem.observed.size < MANY:
         return problem
     return replace(problem, experiment=thinned(problem.experiment, _THIN), tolerance=_ROUGH)
 
