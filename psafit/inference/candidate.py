@@ -45,10 +45,10 @@ _HALVES = 2.0 ** -np.arange(2, 12)
 _CROSSINGS = 4
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
-# A hill of its own has at most this much less (nats) of the posterior than the greatest, differs by a factor of e (or a
-# prior's standard deviation) in some parameter, and the straight way to it leads so far (nats) below: else it is on a
-# ridge. A high and narrow hill may have less than one that is seven nats lower.
-_MINOR, _APART, _VALLEY = 5.0, 1.0, 2.0
+# A hill of its own has at most this much less (nats) of the posterior than the greatest, lies so many standard
+# deviations of either away, and the straight way to it leads so far (nats) below: else it is on a ridge. A high and
+# narrow hill may have less than one that is seven nats lower.
+_MINOR, _APART, _VALLEY = 5.0, 4.0, 2.0
 _WAY = np.arange(1, 8)[:, None] / 8
 
 
@@ -365,10 +365,12 @@ def _weighty(candidate: Candidate) -> NDArray[np.intp]:
 def hills(candidate: Candidate) -> list[int]:
     """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well."""
     problem = candidate.problem
+    curvature = within_bounds(problem, candidate.curvature)
     leaders = [0]
     for k in _weighty(candidate):
-        far = np.abs(candidate.modes[k] - candidate.modes[leaders])[:, : problem.n_physical].max(axis=1) > _APART
-        if not far.all():
+        away = candidate.modes[k] - candidate.modes[leaders]
+        square = np.einsum("mi,cmij,mj->cm", away, np.stack(np.broadcast_arrays(curvature[k], curvature[leaders])), away)
+        if square.min() < _APART**2:
             continue
         way = np.vstack([candidate.modes[m] + _WAY * (candidate.modes[k] - candidate.modes[m]) for m in leaders])
         lowest = problem.log_posterior(way).reshape(len(leaders), -1).min(axis=1)
