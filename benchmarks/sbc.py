@@ -18,8 +18,8 @@ the coverage of 50 and 90 % intervals, and exits with 1 if a p-value is below 0.
 
 ``--terms gap,preload`` takes these causes always, ``--terms ''`` none, ``--size 3`` any three. ``--sampler emcee``
 draws as `psafit fit` does, from lmfit's optima by emcee until the chain has converged or has taken ``--steps``.
-``--clipped`` enters readings as an instrument shows them, rounded to 0.01 um and zero where scatter took them below:
-that is not what the likelihood says.
+``--drawn clipped`` enters readings as an instrument shows them, rounded to 0.01 um and zero where scatter took them
+below. ``--drawn asked`` takes strengths evenly from their bounds. Neither is a joint draw: they show what that costs.
 """
 
 from __future__ import annotations
@@ -87,8 +87,9 @@ class Plan:
     sampler : {"evidence", "emcee"}
     steps : int
         Of emcee as the sampler, at most.
-    clipped : bool
-        Whether readings are entered as an instrument shows them.
+    drawn : {"joint", "clipped", "asked"}
+        Joint draws; or what campaigns differ by, to see what it does: readings as an instrument shows them, or
+        strengths of causes drawn evenly over their bounds, as if asked for.
     walkers, chain : int
         Walkers of the chain from the truth, at least, and its steps, of which the second half is kept.
     """
@@ -100,7 +101,7 @@ class Plan:
     size: int | None = None
     sampler: str = "evidence"
     steps: int = 8000
-    clipped: bool = False
+    drawn: str = "joint"
     walkers: int = 32
     chain: int = 80
 
@@ -174,8 +175,8 @@ def truth(plan: Plan, number: int) -> tuple[Problem, FloatArray, int]:
     """A joint draw: the problem with its readings, the true coordinates, and how many draws came before it."""
     rng = np.random.default_rng([plan.seed, number])
     if plan.terms is None:
-        drawn = rng.choice(len(SIZE_WEIGHTS), p=np.array(SIZE_WEIGHTS) / sum(SIZE_WEIGHTS))
-        size = drawn if plan.size is None else plan.size
+        any_size = rng.choice(len(SIZE_WEIGHTS), p=np.array(SIZE_WEIGHTS) / sum(SIZE_WEIGHTS))
+        size = any_size if plan.size is None else plan.size
         ids = [TERMS[i].id for i in rng.choice(len(TERMS), size=size, replace=False)]
     else:
         ids = [id for id in plan.terms.split(",") if id]
@@ -184,11 +185,13 @@ def truth(plan: Plan, number: int) -> tuple[Problem, FloatArray, int]:
         raise InputError(f"{n} readings, of which fits would look at some", f"choose --group of less than {MANY}")
     problem = Signed(experiment, experiment.ids, terms(ids), SearchSettings().tolerance)
     read, redrawn = np.array([math.nan]), -1
+    asked = [problem.names.index(t.strength.name) for t in problem.terms] if plan.drawn == "asked" else []
     while not np.isfinite(read).all():
         u = problem.prior_transform(rng.uniform(size=(1, problem.n_dim)))
+        u[0, asked] = rng.uniform(*problem.bounds[asked].T)
         read = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
         redrawn += 1
-    if plan.clipped:
+    if plan.drawn == "clipped":
         read = np.maximum(np.round(read, 2), 0.0) + 0.0
     # An experiment holds no negative readings: it has the magnitudes, and the problem what was read.
     return replace(problem, experiment=experiment.with_readings(np.abs(read)), readings=read), u[0], redrawn
@@ -469,14 +472,14 @@ def main() -> int:
     options.add_argument("--size", type=int, help="number of causes, where that is not drawn")
     options.add_argument("--sampler", choices=["evidence", "emcee"], default=usual.sampler)
     options.add_argument("--steps", type=int, default=usual.steps, help="of --sampler emcee, at most")
-    options.add_argument("--clipped", action="store_true", help="enter readings as an instrument shows them")
+    options.add_argument("--drawn", choices=["joint", "clipped", "asked"], default=usual.drawn)
     options.add_argument("--jobs", type=int, default=2, help="processes")
     options.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out")
     options.add_argument("--folder", type=Path, default=ROOT / "fits" / "sbc", help="where results are kept")
     options.add_argument("--out", type=Path, default=ROOT / "docs" / "figures" / "sbc.png")
     given = options.parse_args()
     groups = tuple(g for g in given.group.split(",") if g)
-    plan = Plan(given.seed, given.rig, groups, given.terms, given.size, given.sampler, given.steps, given.clipped)
+    plan = Plan(given.seed, given.rig, groups, given.terms, given.size, given.sampler, given.steps, given.drawn)
     identity = digest([code(), sha256(Path(__file__)), repr(plan), conditions(plan).fingerprint])[:12]
     try:
         found = results(plan, range(given.n), given.folder / identity, given.jobs, given.scheduler)

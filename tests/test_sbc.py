@@ -105,7 +105,7 @@ def test_readings_are_those_of_the_likelihood() -> None:
     plan = sbc.Plan(terms="")
     signs = [np.sign(sbc.truth(plan, k)[0].observed) for k in range(8)]
     assert (np.concatenate(signs) < 0).any()
-    shown = sbc.truth(replace(plan, clipped=True), 0)[0].observed
+    shown = sbc.truth(replace(plan, drawn="clipped"), 0)[0].observed
     assert (shown >= 0).all()
     assert np.allclose(shown, np.maximum(sbc.truth(plan, 0)[0].observed, 0), atol=0.0051)
 
