@@ -369,8 +369,9 @@ def hills(candidate: Candidate) -> list[int]:
     leaders = [0]
     for k in _weighty(candidate):
         away = candidate.modes[k] - candidate.modes[leaders]
-        square = np.einsum("mi,cmij,mj->cm", away, np.stack(np.broadcast_arrays(curvature[k], curvature[leaders])), away)
-        if square.min() < _APART**2:
+        own = np.sum((away @ curvature[k]) * away, axis=1)
+        theirs = np.einsum("mi,mij,mj->m", away, curvature[leaders], away)
+        if min(own.min(), theirs.min()) < _APART**2:
             continue
         way = np.vstack([candidate.modes[m] + _WAY * (candidate.modes[k] - candidate.modes[m]) for m in leaders])
         lowest = problem.log_posterior(way).reshape(len(leaders), -1).min(axis=1)
