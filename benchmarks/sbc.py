@@ -35,9 +35,9 @@ import math
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import emcee
 import numpy as np
@@ -156,7 +156,7 @@ class Signed(Problem):
 
     readings: FloatArray | None = None
 
-    @cached_property
+    @property  # a cached one has a lock, and could not be sent to workers
     def observed(self) -> FloatArray:
         assert self.readings is not None and self.readings.size == self.design.n_points
         return self.readings
@@ -322,6 +322,11 @@ def solve(plan: Plan, number: int) -> Result:
     )
 
 
+def sent(plan: Plan, number: int) -> dict[str, Any]:
+    """A result as workers send it: classes of a script would come back as others of the same name."""
+    return asdict(solve(plan, number))
+
+
 def results(plan: Plan, wanted: Iterable[int], folder: Path, jobs: int, scheduler: str | None = None) -> list[Result]:
     """Results of data sets, those that the folder has not yet worked out by workers."""
     numbers = list(wanted)
@@ -330,8 +335,8 @@ def results(plan: Plan, wanted: Iterable[int], folder: Path, jobs: int, schedule
         files = {n: folder / f"{n:04d}.json" for n in numbers}
         left = [n for n, file in files.items() if not file.exists()]
         with cooperating(jobs, scheduler) as usable:
-            for done, result in enumerate(unordered(usable, solve, ((plan, n) for n in left)), 1):
-                write_json(files[result.number], result, sealed=True)
+            for done, result in enumerate(unordered(usable, sent, ((plan, n) for n in left)), 1):
+                write_json(files[result["number"]], Result(**result), sealed=True)
                 print(f"\r{len(numbers) - len(left) + done} of {len(numbers)}", end="", file=sys.stderr, flush=True)
     # Read back: the same to the last digit whether fresh or of an earlier run.
     return [read_json(file, Result, sealed=True, remedy="remove it and repeat") for file in files.values()]

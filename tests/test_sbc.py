@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from dataclasses import replace
 from importlib import import_module
@@ -14,6 +15,7 @@ from scipy.stats import norm
 
 from psafit.errors import ConvergenceError
 from psafit.inference.evidence import Weighed
+from psafit.records import read_json
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 sbc = import_module("sbc")
@@ -132,8 +134,16 @@ def test_what_was_broken_off_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 @pytest.mark.slow
 def test_a_data_set_does_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
-    plan = sbc.Plan(chain=10)
-    one, two = (sbc.results(plan, range(3), tmp_path / str(jobs), jobs) for jobs in (1, 2))
-    for a, b in zip(one, two, strict=True):
-        assert replace(a, cpu_s=0.0) == replace(b, cpu_s=0.0)
-        assert 0 < a.ranks["k_c"] < 1
+    """Run as a script, whose functions and classes are sent to the workers."""
+    found = []
+    for jobs in ("1", "2"):
+        folder = tmp_path / jobs
+        words = ["-n", "3", "--jobs", jobs, "--folder", str(folder), "--out", str(folder / "sbc.png")]
+        done = subprocess.run([sys.executable, sbc.__file__, *words], capture_output=True, text=True, check=False)
+        assert "all (3 data sets)" in done.stdout, done.stderr
+        assert (folder / "sbc.png").exists()
+        files = sorted(folder.glob("*/*.json"))
+        read = [read_json(file, sbc.Result, sealed=True, remedy="") for file in files]
+        found.append([replace(r, cpu_s=0.0) for r in read])
+    assert repr(found[0]) == repr(found[1])
+    assert len(found[0]) == 3
