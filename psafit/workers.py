@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import logging
 import multiprocessing
 import os
 import shutil
@@ -74,6 +76,42 @@ def processes(jobs: int) -> Iterator[int]:
         ) from error
     finally:
         _clear(os.getpid(), "*")
+
+
+def reachable(scheduler: str | None, patience_s: float = 20.0) -> None:
+    """See that a Dask scheduler answers, if one is asked for, before anything is written.
+
+    Raises
+    ------
+    InputError
+        If Dask distributed is not installed, or nobody answers within `patience_s`.
+    """
+    if scheduler is None:
+        return
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line
+    try:
+        # As the default, a client that fails would stay the one whose locks xarray takes to write a file.
+        client: Any = Client(scheduler, timeout=patience_s, set_as_default=False)  # type: ignore[no-untyped-call]
+        client.close()
+    except Exception as error:  # an address may be wrong in many ways, each with an error of its own
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"no Dask scheduler answers at {scheduler} ({reason})", "check --scheduler") from error
+
+
+@contextmanager
+def cooperating(jobs: int, scheduler: str | None = None) -> Iterator[int]:
+    """Let joblib use processes of this machine, or the workers of a Dask scheduler; see `processes`."""
+    if scheduler is None:
+        with processes(jobs) as usable:
+            yield usable
+        return
+    # joblib brings its own link to Dask, and calls it by this address.
+    with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=60):
+        yield -1
 
 
 def unordered(jobs: int, work: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
