@@ -14,12 +14,12 @@ from psafit.errors import InputError
 from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
-from psafit.model_search.fitter import ProblemFitter
+from psafit.model_search.fitter import ProblemFitter, ready
 from psafit.model_search.ladder import SIZE_WEIGHTS, Ladder, log_prior, rank
 from psafit.model_search.loop import Ids, search
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
-from psafit.workers import processes
+from psafit.workers import processes, unordered
 
 __all__ = ["Ids", "Ladder", "SearchSettings", "climb"]
 
@@ -32,6 +32,7 @@ def climb(
     settings: SearchSettings | None = None,
     memory: Memory | None = None,
     jobs: int = 1,
+    scheduler: str | None = None,
     starts: Sequence[Candidate] = (),
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Ladder:
@@ -48,6 +49,8 @@ def climb(
         Where fits are kept; those already there are not repeated.
     jobs : int
         Processes that share the fits. The result does not depend on it.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers share them instead; see `psafit.workers.processes`.
     starts : sequence of Candidate
         Models, fitted to other readings, that are fitted before all else, beside the one without causes.
     progress : callable
@@ -60,8 +63,9 @@ def climb(
     settings, n = settings or SearchSettings(), len(catalogue)
     if not 0 < settings.most_causes < len(SIZE_WEIGHTS):
         raise InputError(f"most_causes = {settings.most_causes}", f"choose 1 to {len(SIZE_WEIGHTS) - 1}")
-    with processes(jobs) as usable:
-        fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
+    with processes(jobs, scheduler) as usable:
+        starting = unordered(usable, ready, [()] * usable if usable > 1 else ())
+        fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts, starting)
         found = search(
             [t.id for t in catalogue], fitter, lambda size: log_prior(size, n), settings,
             starts=[c.ids for c in starts], progress=progress,
