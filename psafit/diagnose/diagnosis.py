@@ -30,7 +30,7 @@ from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import screen
 from psafit.diagnose.settings import Settings
-from psafit.diagnose.significance import Significance, looked_up, significance
+from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
@@ -120,7 +120,8 @@ def diagnose(
         reach(scheduler)
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
-    asked: list[Any] = [code(), versions(), experiment.title, experiment.limits, experiment.fingerprint]
+    asked: list[Any] = [code(), sha256(NULL_LEADS), versions()]
+    asked += [experiment.title, experiment.limits, experiment.fingerprint]
     settings = settings or Settings.usual(quick)
     looked_at = {t.id for t in catalogue}
     left_out = [t.id for t in TERMS if t.id not in looked_at]

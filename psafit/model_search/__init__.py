@@ -9,17 +9,18 @@ comes within the window of the best.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 
 from psafit.errors import InputError
 from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
-from psafit.model_search.fitter import ProblemFitter, ready
+from psafit.model_search.fitter import ProblemFitter
 from psafit.model_search.ladder import SIZE_WEIGHTS, Ladder, log_prior, rank
 from psafit.model_search.loop import Ids, search
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
-from psafit.workers import processes, unordered
+from psafit.workers import processes
 
 __all__ = ["Ids", "Ladder", "SearchSettings", "climb"]
 
@@ -64,10 +65,10 @@ def climb(
     if not 0 < settings.most_causes < len(SIZE_WEIGHTS):
         raise InputError(f"most_causes = {settings.most_causes}", f"choose 1 to {len(SIZE_WEIGHTS) - 1}")
     with processes(jobs, scheduler) as usable:
-        starting = unordered(usable, ready, [()] * usable if usable > 1 else ())
-        fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts, starting)
-        found = search(
-            [t.id for t in catalogue], fitter, lambda size: log_prior(size, n), settings,
-            starts=[c.ids for c in starts], progress=progress,
-        )  # fmt: skip
+        fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
+        with closing(fitter):
+            found = search(
+                [t.id for t in catalogue], fitter, lambda size: log_prior(size, n), settings,
+                starts=[c.ids for c in starts], progress=progress,
+            )  # fmt: skip
     return rank(found, n, settings)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -47,10 +48,6 @@ class Fitted:
 Known = Model[Fitted]
 
 
-def ready() -> None:
-    """Do nothing: what takes a new process its time is to import this module."""
-
-
 @dataclass(frozen=True, eq=False)
 class ProblemFitter:
     """Models of a problem's readings.
@@ -68,8 +65,6 @@ class ProblemFitter:
         Processes that share the work (within `psafit.workers.processes`). The result does not depend on it.
     starts : sequence of Candidate
         Fits of other readings; the same models begin there.
-    starting : iterable
-        Whatever must end before the first piece of work is shared; see `ready`.
     """
 
     problem: Problem
@@ -79,7 +74,6 @@ class ProblemFitter:
     memory: Memory
     jobs: int = 1
     starts: Sequence[Candidate] = ()
-    starting: Iterable[None] = ()
 
     def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known], origin: Known | None = None) -> list[Known]:
         """Fit models from the highest of their parts, and from a few draws of the prior."""
@@ -117,6 +111,17 @@ class ProblemFitter:
         draws, found = Weighed(**values), settle_at(problem, modes)
         top = max(model.content.top, short.height, found.height)
         return Model(short.ids, draws.log_evidence, True, Fitted(found, draws, top))
+
+    @cached_property
+    def _starting(self) -> Iterator[None]:
+        """Calls that end when the processes have started."""
+        return unordered(self.jobs, _ready, [()] * self.jobs if self.jobs > 1 else ())
+
+    def close(self) -> None:
+        """Wait for processes that were begun and are not there yet."""
+        if "_starting" in vars(self):
+            for _ in self._starting:
+                pass
 
     # --- pieces of work ---
 
@@ -174,7 +179,8 @@ class ProblemFitter:
             more = next(ahead, None) if ahead and self.jobs > 1 else None
             # The model without causes is fitted here, while the processes start.
             shared = (len(left) > 1 or more is not None) and any(t.problem.terms for t in left.values())
-            for _ in self.starting if shared else ():
+            starting = self._starting
+            for _ in starting if shared else ():
                 pass
             idle = chain([more], ahead or ()) if more else ()
             for key, made in unordered(
@@ -198,6 +204,10 @@ class _Task:
 
 # Looks for the modes of a model, by the names of their results.
 _LOOKS = {"first": first, "second": second}
+
+
+def _ready() -> None:
+    """Do nothing: what takes a new process its time is to import this module."""
 
 
 def _calls(
