@@ -66,7 +66,7 @@ from psafit.model_search.ladder import SIZE_WEIGHTS
 from psafit.physics import TERMS, baseline, terms
 from psafit.records import read_json, write_json
 from psafit.report.style import PALETTE, figure_style
-from psafit.workers import cooperating, reachable, scratch, unordered
+from psafit.workers import processes, reach, scratch, unordered
 
 
 @dataclass(frozen=True)
@@ -330,11 +330,12 @@ def sent(plan: Plan, number: int) -> dict[str, Any]:
 def results(plan: Plan, wanted: Iterable[int], folder: Path, jobs: int, scheduler: str | None = None) -> list[Result]:
     """Results of data sets, those that the folder has not yet worked out by workers."""
     numbers = list(wanted)
-    reachable(scheduler)
+    if scheduler is not None:
+        reach(scheduler)
     with sole(folder):
         files = {n: folder / f"{n:04d}.json" for n in numbers}
         left = [n for n, file in files.items() if not file.exists()]
-        with cooperating(jobs, scheduler) as usable:
+        with processes(jobs, scheduler) as usable:
             for done, result in enumerate(unordered(usable, sent, ((plan, n) for n in left)), 1):
                 write_json(files[result["number"]], Result(**result), sealed=True)
                 print(f"\r{len(numbers) - len(left) + done} of {len(numbers)}", end="", file=sys.stderr, flush=True)

@@ -30,7 +30,7 @@ from psafit.files import digest, remove_temporaries, sole
 from psafit.model_search.ladder import SIZE_WEIGHTS
 from psafit.physics import TERMS, plugin_versions
 from psafit.records import plain, read_content, read_json, write_json
-from psafit.workers import cooperating, reachable, scratch, unordered
+from psafit.workers import processes, reach, scratch, unordered
 
 Diagnose = Callable[..., object]
 """``diagnose(experiment, group_ids, folder, quick=True, seed=seed)`` writes `diagnosis.json` into `folder`."""
@@ -368,7 +368,8 @@ def run(
     InputError
         If the folder holds another campaign, a result is damaged, or Dask is asked for and not there.
     """
-    reachable(scheduler)
+    if scheduler is not None:
+        reach(scheduler)
     campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs), plugin_versions())
     with sole(folder):
         _claim(folder, campaign)
@@ -380,7 +381,7 @@ def run(
         left = [spec for spec in wanted if spec.id not in done]
         progress(len(done), len(wanted), "")
         if left:
-            with cooperating(jobs, scheduler) as usable:
+            with processes(jobs, scheduler) as usable:
                 calls = ((spec, design_of, diagnose, tuple(outside)) for spec in left)
                 for result in unordered(usable, solve, calls):
                     write_json(results / f"{result.spec.id}.json", result, sealed=True)

@@ -21,6 +21,7 @@ from psafit.diagnose.record import (
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.room import room
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
+from psafit.diagnose.significance import OTHERWISE
 from psafit.diagnose.verdict import Verdict
 from psafit.experiment import GroupId
 from psafit.inference import noise
@@ -310,12 +311,7 @@ def sentences(
                 f" {fixed(-firm.over_smooth)} nats more evidence than they."
             )
     if search:
-        n, most = len(search["null"]), max(search["null"])
-        none = f"none led by more than {fixed(most)} nats" if most > 0 else "none put a model with causes first"
-        p = f"p {'<=' if search['p_value'] <= 1 / (n + 1) else '='} {significant(search['p_value'], 2)}"
-        result.append(
-            f"Of {n} searches on simulated baselines {none}; this one leads by {fixed(search['lead'])} ({p})."
-        )
+        result.append(_chance(search))
     if furthest:
         result.append(furthest)
     if unseen := [s.id for s in screening if s.verdict == UNSEEN]:
@@ -363,3 +359,20 @@ def sentences(
             f" {next_experiment.promise(proposal, 0)}."
         )
     return result
+
+
+def _chance(search: Mapping[str, Any]) -> str:
+    """How often a search finds as much where nothing is hidden; `psafit.diagnose.significance.Significance`."""
+    if search["p_value"] is None:
+        return (
+            "How often a search finds as much where nothing is hidden is not known: the stored table is of"
+            f" {OTHERWISE[search['missing']]} (--searches 19 repeats the search on simulated baselines)."
+        )
+    n, most = len(search["null"]), max(search["null"])
+    none = f"none led by more than {fixed(most)} nats" if most > 0 else "none put a model with causes first"
+    p = f"p {'<=' if search['p_value'] <= 1 / (n + 1) else '='} {significant(search['p_value'], 2)}"
+    where = "simulated baselines"
+    if search["stored"]:
+        least, most_readings = search["readings"]
+        where = f"designs of {least} to {most_readings} readings with nothing hidden (stored table, this catalogue)"
+    return f"Of {n} searches on {where} {none}; this one leads by {fixed(search['lead'])} ({p})."

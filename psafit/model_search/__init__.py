@@ -9,6 +9,7 @@ comes within the window of the best.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 
 from psafit.errors import InputError
 from psafit.inference.candidate import Candidate
@@ -32,6 +33,7 @@ def climb(
     settings: SearchSettings | None = None,
     memory: Memory | None = None,
     jobs: int = 1,
+    scheduler: str | None = None,
     starts: Sequence[Candidate] = (),
     passes: Callable[[Candidate], bool] = lambda candidate: True,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
@@ -49,6 +51,8 @@ def climb(
         Where fits are kept; those already there are not repeated.
     jobs : int
         Processes that share the fits. The result does not depend on it.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers share them instead; see `psafit.workers.processes`.
     starts : sequence of Candidate
         Models, fitted to other readings, that are fitted before all else, beside the one without causes.
     passes : callable
@@ -63,10 +67,12 @@ def climb(
     settings, n = settings or SearchSettings(), len(catalogue)
     if not 0 < settings.most_causes < len(SIZE_WEIGHTS):
         raise InputError(f"most_causes = {settings.most_causes}", f"choose 1 to {len(SIZE_WEIGHTS) - 1}")
-    with processes(jobs) as usable:
+    with processes(jobs, scheduler) as usable:
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
-        found = search(
-            [t.id for t in catalogue], fitter, lambda size: log_prior(size, n), settings,
-            starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate), progress=progress,
-        )  # fmt: skip
+        with closing(fitter):
+            found = search(
+                [t.id for t in catalogue], fitter, lambda size: log_prior(size, n), settings,
+                starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate),
+                progress=progress,
+            )  # fmt: skip
     return rank(found, n, settings)

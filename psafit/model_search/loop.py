@@ -56,6 +56,25 @@ class Model(Generic[Content]):
     content: Content
 
 
+@dataclass(frozen=True)
+class Foreseen(Generic[Content]):
+    """What a search asks for next if nothing changes; idle processes may begin it.
+
+    Parameters
+    ----------
+    models : tuple of Model
+        Which it samples, the next one first.
+    sets : tuple of Ids
+        Which are fitted from where others have their optima.
+    known : mapping
+        Every model fitted.
+    """
+
+    models: tuple[Model[Content], ...]
+    sets: tuple[Ids, ...]
+    known: Mapping[Ids, Model[Content]]
+
+
 class Fitter(Protocol[Content]):
     """What fits and samples models."""
 
@@ -72,8 +91,8 @@ class Fitter(Protocol[Content]):
     def again(self, known: Sequence[Model[Content]], origin: Model[Content]) -> list[Model[Content]]:
         """Fit known models from where a neighbour has its optimum; only those that rise come back."""
 
-    def sample(self, model: Model[Content]) -> Model[Content]:
-        """Sample a model."""
+    def sample(self, model: Model[Content], foreseen: Foreseen[Content] | None = None) -> Model[Content]:
+        """Sample a model. The result does not depend on what is foreseen."""
 
 
 @dataclass(frozen=True)
@@ -166,13 +185,18 @@ def search(
             if not unseen or passes(leader):
                 return Searched(models, frozenset(ids for ids, n in done.items() if n == len(kinds)))
             left = unseen
-        best = min(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
+        best, *others = sorted(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
         name = " + ".join(best.ids) or "the baseline"
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
         if best.sampled or (not done[best.ids] and (best is leader or best not in near)):
             expand(best)
             continue
-        models[best.ids] = sampled = fitter.sample(best)
+        later = [best, *(m for m in others if done[m.ids])]
+        sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, catalogue, settings.most_causes))
+        foreseen = Foreseen(
+            tuple(m for m in others if not m.sampled), tuple(ids for ids in sets if ids not in models), models
+        )
+        models[best.ids] = sampled = fitter.sample(best, foreseen)
         if sampled.height > best.height + settings.better:
             done[best.ids] = 0
 

@@ -65,7 +65,7 @@ def test_groups_that_are_predicted_worse_are_named(hidden):
     one = {"groups": [{**gain["groups"][0], **scores}], **scores, "log_rmse_interval": [0.1, 0.4]}
     calm = SimpleNamespace(reasons=(), alternatives=(), named=())
     quiet = SimpleNamespace(wrong=False)
-    search = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3}
+    search = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3, "stored": False}
     tied = SimpleNamespace(reasons=(), alternatives=(("c",), ()), named=("a", "b"))
     said = sentences(tied, quiet, hidden, None, [], {}, {}, None)
     assert "Not to be told apart from a + b: c; the baseline." in said
@@ -74,6 +74,13 @@ def test_groups_that_are_predicted_worse_are_named(hidden):
     assert "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
     said = sentences(calm, quiet, hidden, None, [], {}, {}, search | {"null": [-1.0, -2.4]})
     assert any("none put a model with causes first; this one leads by 9" in one for one in said)
+    stored = search | {"stored": True, "readings": [56, 150]}
+    said = sentences(calm, quiet, hidden, None, [], {}, {}, stored)
+    where = "designs of 56 to 150 readings with nothing hidden (stored table, this catalogue)"
+    assert f"Of 2 searches on {where} none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
+    unknown = {"lead": 9.2, "null": [], "p_value": None, "stored": True, "readings": [], "missing": "catalogue"}
+    said = sentences(calm, quiet, hidden, None, [], {}, {}, unknown)
+    assert any("is not known: the stored table is of another catalogue (--searches 19" in one for one in said)
 
 
 def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
-from psafit.model_search.loop import Ids, Model, exchanged, resized, search
+from psafit.model_search.loop import Foreseen, Ids, Model, exchanged, resized, search
 from psafit.model_search.settings import SearchSettings
 
 CATALOGUE = tuple("abcdefgh")
@@ -46,7 +46,7 @@ class Fake:
     def again(self, known: Sequence[Model[None]], origin: Model[None]) -> list[Model[None]]:
         return []
 
-    def sample(self, model: Model[None]) -> Model[None]:
+    def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
         self.sampled.append(model.ids)
         return Model(model.ids, self.evidence(model.ids), 0.0, True, None)
 
@@ -111,7 +111,7 @@ def test_a_model_that_rises_when_it_is_sampled_takes_its_neighbours_along() -> N
             again.extend((m.ids, origin.ids) for m in known)
             return []
 
-        def sample(self, model: Model[None]) -> Model[None]:
+        def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
             return Model(model.ids, self.evidence(model.ids), 1.0 if model.ids == ("a",) else 0.0, True, None)
 
     search(CATALOGUE, Low(additive({"a": 20.0})), flat)
@@ -204,7 +204,7 @@ def test_a_model_that_rises_is_looked_at_again() -> None:
     fake_seen: set[str] = set()
     keep = fake.sample
 
-    def sample(model: Model[None]) -> Model[None]:
+    def sample(model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
         fake_seen.update(model.ids)
         return keep(model)
 
@@ -224,3 +224,26 @@ def test_neighbours() -> None:
     assert resized(("a", "b"), "abc", 2) == [("b",), ("a",)]
     assert exchanged(("a", "b"), "abcd", 2) == [("b", "c"), ("b", "d"), ("a", "c"), ("a", "d")]
     assert resized((), "ab", 6) == [("a",), ("b",)] and exchanged((), "ab", 6) == []
+
+
+def test_what_is_foreseen_is_what_follows() -> None:
+    """Two that do as well: while one is sampled the other is the next; exchanges are told where they are not known."""
+    told: list[tuple[Ids, list[Ids], list[Ids]]] = []
+
+    class Told(Fake):
+        def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
+            if foreseen:
+                told.append((model.ids, [m.ids for m in foreseen.models], list(foreseen.sets)))
+                assert set(foreseen.known) == {*self.fitted, *self.carried_over}
+            return super().sample(model)
+
+    worth = {"a": 20.0, "b": 19.0, "c": 5.0}
+    fake = Told(lambda ids: max((worth.get(id, 0.0) for id in ids), default=0.0))
+    search(CATALOGUE, fake, flat)
+    assert told[0] == (("a",), [("b",)], [])
+    assert fake.sampled == [(), ("a",), ("b",)]
+    fake = Told(additive({"a": 20.0, "b": 19.0, "c": 18.0}))
+    told.clear()
+    search(CATALOGUE, fake, flat)
+    of = {ids: sets for ids, _, sets in told}
+    assert list(of) == [("a", "b", "c")] and of["a", "b", "c"] == fake.carried_over
