@@ -429,7 +429,7 @@ def _log_normal(rng: np.random.Generator, median: float, factor: float) -> float
     return float(median * factor ** rng.standard_normal())
 
 
-def _drawn_design(rng: np.random.Generator, readings: int | None) -> Experiment:
+def _drawn_design(rng: np.random.Generator, readings: int | None = None) -> Experiment:
     """Four to seven sweeps of a rig like the study's; so many readings in all, or 200 to 350."""
     ball, string = _RIG.M * 1.5 ** rng.uniform(-1, 1), _RIG.l * 1.5 ** rng.uniform(-1, 1)
     constants = Constants(M=float(f"{ball:.3g}"), m=_RIG.m, q=_RIG.q, l=float(f"{string:.3g}"), k_s=_RIG.k_s, g=_RIG.g)
