@@ -38,7 +38,7 @@ from psafit.inference.candidate import built_up
 from psafit.inference.optimise import optimise
 from psafit.inference.problem import Problem
 from psafit.model_search import SearchSettings
-from psafit.model_search.sample import sample
+from psafit.inference.sample import sample
 from psafit.physics import TERMS, baseline, terms
 from psafit.report.style import PALETTE, figure_style
 

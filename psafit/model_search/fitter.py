@@ -16,8 +16,8 @@ from psafit.inference.evidence import Weighed
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
+from psafit.inference.sample import sample
 from psafit.model_search.loop import Ids, Model
-from psafit.model_search.sample import sample
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
 from psafit.workers import unordered
