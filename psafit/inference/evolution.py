@@ -46,7 +46,7 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
         The climb from the best member, no start, the population's sets counted; nothing, of a model with more than two
         causes.
     """
-    if len(problem.terms) > _SIMPLE:
+    if not len(known) or len(problem.terms) > _SIMPLE:
         return ascend(problem, np.empty((0, problem.n_dim)))
     rng = np.random.default_rng(seed)
     low, high = problem.bounds.T

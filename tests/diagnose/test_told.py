@@ -12,8 +12,8 @@ from psafit.diagnose.gain import worse
 from psafit.diagnose.record import NEAREST, UNSEEN
 from psafit.diagnose.screening import VISIBLE, screen
 from psafit.diagnose.told import _cause, _word, sentences
-from psafit.model_search import climb
 from psafit.inference.sample import sample
+from psafit.model_search import climb
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms
 

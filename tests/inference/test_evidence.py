@@ -14,7 +14,8 @@ from psafit.errors import ConvergenceError
 from psafit.inference.ascent import Ascent, Effort
 from psafit.inference.candidate import fit, hills, settle, settle_at
 from psafit.inference.evidence import Emulated, Pool, _drawn_inside, _sample, laplace_mixture, weigh
-from psafit.inference.nested import nested_evidence
+from psafit.inference.mixture import StudentMixture
+from psafit.inference.samplers.nautilus import nested_evidence
 from psafit.physics import terms
 
 

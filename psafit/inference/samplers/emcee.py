@@ -177,9 +177,8 @@ def autocorrelation_time(draws: FloatArray) -> FloatArray:
 
 def _state(chain: FloatArray, tuned: int) -> tuple[int, FloatArray]:
     """Burn-in (steps) and autocorrelation times after it; `chain` is (n_steps, n_walkers, n_dim)."""
-    first = max(len(chain) // 2, min(tuned, len(chain) - 1))
-    half = np.swapaxes(chain[first:], 0, 1)
-    burn = min(max(int(10 * autocorrelation_time(half).max()), tuned), first)
+    half = np.swapaxes(chain[len(chain) // 2 :], 0, 1)
+    burn = min(max(int(10 * autocorrelation_time(half).max()), tuned), len(chain) // 2)
     return burn, autocorrelation_time(np.swapaxes(chain[burn:], 0, 1))
 
 
@@ -359,7 +358,7 @@ def _begun(begin: Callable[[np.random.Generator], FloatArray], seed: int, ensemb
 
 def by_ensemble(draws: FloatArray, ensembles: int) -> FloatArray:
     """Draws of all walkers, (n_all, n_steps, n_dim), as one chain an ensemble, step after step."""
-    n_all, n_steps, n_dim = draws.shape
+    _, n_steps, n_dim = draws.shape
     return np.swapaxes(draws.reshape(ensembles, -1, n_steps, n_dim), 1, 2).reshape(ensembles, -1, n_dim)
 
 
@@ -372,7 +371,8 @@ def chain_of(history: History, settings: Settings) -> Chain:
     top = np.unravel_index(np.argmax(history.log_prob), history.log_prob.shape)
     r_hat = store.r_hat(by_ensemble(draws, settings.ensembles))
     converged = bool(
-        kept >= settings.autocorrelation_times * tau.max()
+        burn >= settings.tuned
+        and kept >= settings.autocorrelation_times * tau.max()
         and kept * n_all / tau.max() >= settings.effective_samples
         and r_hat.max() < settings.r_hat
     )
