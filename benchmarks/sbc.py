@@ -2,7 +2,7 @@
 
 Parameters are drawn from their priors, readings simulated from them at an experiment's conditions, the model fitted
 and its posterior drawn, and the rank of the truth among the draws recorded. If fit, evidence and draws are sound the
-ranks are uniform. ``--sampler emcee`` draws as `psafit fit` does, from lmfit's optima by emcee until the chain has
+ranks are uniform. ``--sampler emcee`` draws as `psafit fit` does, by emcee until the chain has
 converged or has taken ``--steps``; the default draws as `psafit diagnose` samples its models. ``--terms any`` takes the
 catalogue's causes in turn, one a data set, and counts their strengths together. Writes docs/figures/sbc.png and prints,
 for every parameter, a chi-square p-value and how many 90 % intervals hold the truth; exits with 1 if a p-value is below
@@ -33,12 +33,13 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from psafit.experiment import read_experiment
-from psafit.inference import emcee_adaptor, noise
+from psafit.inference import noise
 from psafit.inference.candidate import built_up
-from psafit.inference.optimise import optimise
 from psafit.inference.problem import Problem
-from psafit.model_search import SearchSettings
 from psafit.inference.sample import sample
+from psafit.inference.samplers import USUAL, sampler
+from psafit.inference.sampling import Target
+from psafit.model_search import SearchSettings
 from psafit.physics import TERMS, baseline, terms
 from psafit.report.style import PALETTE, figure_style
 
@@ -57,11 +58,14 @@ def weighed(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
 
 def sampled(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
     """Draws as `psafit fit` makes them, (DRAWS, n_dim), and whether the chain has converged."""
+    known, own = [built_up(problem, seed=seed)] if problem.terms else [], sampler(USUAL)
+    found, weighed = sample(problem, known, seed=seed)
     with tempfile.TemporaryDirectory() as folder:
-        chain = emcee_adaptor.sample(
-            problem, optimise(problem, seed=seed), seed=seed, path=Path(folder) / "chain.h5", identity="",
-            settings=replace(emcee_adaptor.Settings.of(problem), max_steps=steps),
-        )  # fmt: skip
+        chain = own.draw(
+            Target(found, weighed, seed, Path(folder) / "chain.h5", ""),
+            replace(own.settings(problem), max_steps=steps),
+            lambda state: None,
+        )
     flat = chain.draws.reshape(-1, problem.n_dim)
     return flat[np.random.default_rng(seed).choice(len(flat), DRAWS, replace=False)], chain.converged
 
