@@ -1,9 +1,9 @@
 """How long a chain takes until it has converged: `python benchmarks/chains.py`, or with names of cases.
 
-For each case the model is fitted and sampled as `psafit fit` does, and its ensembles run until their rule is met, or for
-``--seconds`` of processor time. One line a case: parameters, steps, R-hat over the ensembles, autocorrelation times,
-seconds of the search and of the chain, and how far chain and importance draws are apart. Exits with 1 if a chain has
-not converged.
+For each case the model is fitted and sampled as `psafit fit` does, and its ensembles run until their rule is met, or
+for ``--seconds`` of processor time. One line a case: parameters, steps, R-hat over the ensembles, autocorrelation
+times, seconds of the search and of the chain, and how far chain and importance draws are apart. Exits with 1 if a
+chain has not converged.
 """
 
 from __future__ import annotations

@@ -74,9 +74,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
 @click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
 @SEED
 @click.option("--starts", type=click.IntRange(1, 4096), default=32, show_default=True, help="Starts of the search.")
-@click.option(
-    "--sampler", type=click.Choice(names()), default=USUAL, show_default=True, help="What draws the posterior."
-)
+@click.option("--sampler", type=click.Choice(names()), default=USUAL, show_default=True, help="Draws the posterior.")
 @click.option("--no-report", is_flag=True, help="Stop after the posterior: no validation, no report.")
 @PLUGIN
 @QUIET
@@ -143,10 +141,8 @@ def fit(
     write_result(json_file, {"fit": result.fit, "posterior": result.summary})
     if not quiet:
         best = result.fit.minima[0]
-        minima = "minimum" if len(result.fit.minima) == 1 else "minima"
-        click.echo(
-            f"{len(result.fit.minima)} {minima}; {best.starts} of {result.fit.n_followed} starts reached the best"
-        )
+        minima = f"{len(result.fit.minima)} {'minimum' if len(result.fit.minima) == 1 else 'minima'}"
+        click.echo(f"{minima}; {best.starts} of {count(result.fit.n_followed, 'start')} reached the best")
         if not (best.starts or result.fit.n_missed):
             click.echo("a population found the best; all starts were given up behind it or ended lower")
         if result.fit.n_missed:

@@ -35,8 +35,8 @@ class Surrogate:
         Of such a step, in the emulated posterior's widths over the root of the number of dimensions (G. O. Roberts, A.
         Gelman and W. R. Gilks, Ann. Appl. Probab. 7 (1997) 110).
     caution : float
-        Share of Student densities in it: a polynomial does not follow readings that jump, and where it is far too low no
-        proposal would leave.
+        Share of Student densities in it: a polynomial does not follow readings that jump, and no proposal would leave
+        where it is far too low.
     """
 
     def __init__(
@@ -95,9 +95,11 @@ class Surrogate:
         here, hill = u, self._nearest(u)
         height = self._height(u, hill)
         begun = height
+        # Half of the time all steps are near: from where the emulated density is far too low, no far end is accepted.
+        near = 1.0 if random.uniform() < 0.5 else 0.5
         for _ in range(random.choice(self._strides)):
             # One kind of step for all, chosen by chance: a fixed order of kinds would not be reversible.
-            if random.uniform() < 0.5:
+            if random.uniform() < near:
                 there = here + self._jumps(hill, random.standard_normal(u.shape))
                 on = self._nearest(there)
                 # Another hill has other widths: no step of this kind leads back.
@@ -123,7 +125,7 @@ class Surrogate:
         return steps
 
     def _height(self, u: FloatArray, hill: NDArray[np.intp]) -> FloatArray:
-        """Its log density, not normalised: by the emulator of the hill that each row is on, and the Student densities."""
+        """Its log density, not normalised: emulator and Student densities of the hill that each row is on."""
         result = np.full(len(u), -np.inf)
         for k, part in self._parts.items():
             own = hill == k

@@ -394,7 +394,8 @@ def _health(run: Run) -> list[list[Any]]:
         ["Length after burn-in", f"{s.autocorrelation_times:.0f}", "autocorrelation times of the slowest parameter"],
         ["Kept", f"{run.draws.values.shape[0] * run.draws.values.shape[1]} draws", f"one step in {s.thinning}"
          if s.thinning > 1 else "every step"],
-        ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.4f}", "rank-normalised split R-hat, over ensembles of different seeds; 1 is mixed"],
+        ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.4f}",
+         "rank-normalised split R-hat over ensembles of different seeds; 1 is mixed"],
         ["Smallest effective sample", f"{min(min(p.ess_bulk, p.ess_tail) for p in s.parameters):.0f}",
          "independent draws that the worst estimate is worth"],
     ]  # fmt: skip

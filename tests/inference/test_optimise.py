@@ -36,7 +36,7 @@ def test_lmfit_polishes_what_was_found(problem: Problem) -> None:
     """From a little beside the top it climbs back; the report is of the best wherever its own part has ended."""
     best = found(problem)
     start = best.modes[0] + 0.05
-    top, height, result = climb(problem, start)
+    _, height, result = climb(problem, start)
     assert height == pytest.approx(best.height, abs=0.01) and result.nfev > 0
     there = settle_at(problem, start[None])
     table = re.findall(r"(\w+): +(\S+) \+/- (\S+)", report(result, start, there.covariance[0]))
