@@ -46,7 +46,7 @@ class Surrogate:
         weights: FloatArray,
         *,
         seed: int,
-        strides: Sequence[int] = (1, 3, 10, 30),
+        strides: Sequence[int] = (1, 3, 10),
         length: float = 1.7,
         caution: float = 0.25,
     ) -> None:
