@@ -66,7 +66,7 @@ def test_what_has_not_converged_ends_with_one(known_folder: Path, tmp_path: Path
 def test_fit_writes_the_run_folder(fitted: Path) -> None:
     assert {p.name for p in fitted.iterdir()} == {
         "fit.json", "posterior.nc", "posterior.json", "numerics.json", "validation.json", "predictions.csv",
-        "report.html", "chain.h5", "experiment",
+        "report.html", "chain.h5", "experiment", "importance",
     }  # fmt: skip
     assert json.loads((fitted / "fit.json").read_text())["schema"] == 1
 
