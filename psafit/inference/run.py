@@ -375,7 +375,7 @@ class _Work:
             top = chain.highest
         better = principal(settle_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts])))
         # The record comes last: killed before, the same chain is drawn again and finds the same.
-        (self.folder / "chain.h5").unlink()
+        (self.folder / "chain.h5").unlink(missing_ok=True)
         record = replace(
             record,
             minima=_entries(better),
