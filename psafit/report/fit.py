@@ -331,7 +331,7 @@ def _minima(run: Run) -> dict[str, Any]:
         for rank, m in enumerate(fit.minima[:_MAX_MINIMA], 1)
     ]
     found = f"{len(fit.minima)} distinct {'minimum' if len(fit.minima) == 1 else 'minima'}"
-    text = f"Two fits that share nothing but the readings look for minima, and lmfit polishes them: {found}. "
+    text = f"Two fits with starts of their own look for minima, and lmfit polishes them: {found}. "
     if best.starts or fit.n_missed:
         text += f"{best.starts} of {count(fit.n_followed, 'start')} reached the best"
     else:
