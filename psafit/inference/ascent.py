@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +46,7 @@ _LIKE, _ALIKE = 0.5, 0.1
 _LONGEST = 2.0
 
 
-@dataclass(frozen=True)
-class Effort:
+class Effort(NamedTuple):
     """What climbs have taken.
 
     Parameters
@@ -61,7 +61,7 @@ class Effort:
     failed: int = 0
     n_sets: int = 0
 
-    def __add__(self, other: Effort) -> Effort:
+    def __add__(self, other: Effort) -> Effort:  # type: ignore[override]
         return Effort(self.begun + other.begun, self.failed + other.failed, self.n_sets + other.n_sets)
 
 
@@ -432,4 +432,4 @@ def ascend_linearly(
     mask = np.zeros((n, problem.n_dim), bool)
     mask[:, list(frozen)] = True
     result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, _STILL)
-    return replace(result, effort=replace(result.effort, n_sets=0))
+    return replace(result, effort=result.effort._replace(n_sets=0))

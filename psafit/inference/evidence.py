@@ -349,8 +349,8 @@ def laplace_mixture(candidate: Candidate) -> StudentMixture:
     masses = np.maximum(np.exp(candidate.heights - candidate.heights[0]), 0.02)
     return StudentMixture.of(
         [
-            (u, positive(np.linalg.pinv(curvature, hermitian=True), width) * wider, float(mass))
-            for u, curvature, mass in zip(candidate.modes, candidate.curvature, masses, strict=True)
+            (u, positive(own, width) * wider, float(mass))
+            for u, own, mass in zip(candidate.modes, candidate.covariance, masses, strict=True)
         ]
     )
 

@@ -73,13 +73,30 @@ def sample(
     """
     s = settings or SampleSettings()
     progress(0, 3, "fit")
-    first = fit(problem, known, seed=seed, draws=s.draws, most=s.starts)
+    one = first(problem, known, seed=seed, settings=s)
     progress(1, 3, "fit again")
-    again = known if len(problem.terms) > s.from_prior else ()
-    second = fit(problem, again, seed=seed + 1, draws=s.draws, most=s.starts)
-    found = principal(united(first, second))
-    added = min(max(found.laplace_apart - first.laplace_apart, 0.0), math.log(2.0))
+    other = second(problem, known, seed=seed, settings=s)
     progress(2, 3, "importance sampling")
+    return joined(problem, one, other, seed=seed, settings=s)
+
+
+def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
+    """Look for modes from what is known; parameters as of `sample`."""
+    return fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts)
+
+
+def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
+    """Look for modes once more, without `first`; parameters as of `sample`."""
+    again = known if len(problem.terms) > settings.from_prior else ()
+    return fit(problem, again, seed=seed + 1, draws=settings.draws, most=settings.starts)
+
+
+def joined(
+    problem: Problem, one: Candidate, other: Candidate, *, seed: int, settings: SampleSettings
+) -> tuple[Candidate, Weighed]:
+    """Put two looks for modes together, and draw from the posterior; see `sample`."""
+    s, found = settings, principal(united(one, other))
+    added = min(max(found.laplace_apart - one.laplace_apart, 0.0), math.log(2.0))
     draws = weigh(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.height > found.height + s.better:
         higher = principal(_climbed(found, draws.top))
@@ -87,7 +104,6 @@ def sample(
             added = math.log(2.0)  # that draw is of a mode that cannot be climbed
             break
         found, draws = higher, weigh(higher, seed=seed, rounds=s.rounds, effective=s.effective)
-    progress(3, 3, "importance sampling")
     return found, replace(draws, error=math.hypot(draws.error, added))
 
 

@@ -70,12 +70,14 @@ class Ladder:
     candidates : tuple of Candidate
         Every model fitted, most probable first.
     probability : dict
-        Of each set of causes fitted, by identifiers; they sum to one.
+        Of each set of causes fitted, by identifiers, if the search has missed none; they sum to one.
     log_evidence : dict
     weighed : dict
         Posterior draws and evidence of the models that were sampled; the others have Laplace's.
     n_catalogue : int
         Causes that were looked at.
+    missed : float
+        Chance that the search has missed the set that would lead.
     """
 
     candidates: tuple[Candidate, ...]
@@ -83,6 +85,7 @@ class Ladder:
     log_evidence: dict[Ids, float]
     weighed: dict[Ids, Weighed]
     n_catalogue: int
+    missed: float = 0.0
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""
@@ -175,4 +178,5 @@ def rank(searched: Searched[Fitted], n_catalogue: int, settings: SearchSettings)
         log_evidence=value,
         weighed=weighed,
         n_catalogue=n_catalogue,
+        missed=settings.missed,
     )

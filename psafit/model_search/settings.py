@@ -34,6 +34,9 @@ class SearchSettings(SampleSettings):
         Error of a simulator's step in a model that is sampled. Ranges are then good to a millionth (docs/numerics.md).
     doubt : float, nats
         Standard error of the evidence by a short fit.
+    missed : float
+        Chance that a search never fits the set that would lead. It is a part of every probability that is printed. As
+        measured (docs/search-yardstick.md): of n data sets k missed by more than a nat give (k + 1)/(n + 2).
     """
 
     window: float = 8.0
@@ -45,3 +48,4 @@ class SearchSettings(SampleSettings):
     short_tolerance: float = 1e-3
     tolerance: float = 1e-4
     doubt: float = 1.0
+    missed: float = 0.02
