@@ -29,7 +29,7 @@ from psafit.experiment import read_experiment
 from psafit.inference.ascent import ascend
 from psafit.inference.candidate import fit
 from psafit.inference.problem import Problem
-from psafit.model_search.sample import sample
+from psafit.inference.sample import sample
 from psafit.physics import terms
 
 STUDY = Path(__file__).resolve().parents[1] / "experiments" / "psa"

@@ -17,7 +17,7 @@ They do not depend on the number of workers. Draws docs/figures/sbc.png, prints 
 the coverage of 50 and 90 % intervals, and exits with 1 if a p-value is below 0.05 divided by their number.
 
 ``--terms gap,preload`` takes these causes always, ``--terms ''`` none, ``--size 3`` any three. ``--sampler emcee``
-draws as `psafit fit` does, from lmfit's optima by emcee until the chain has converged or has taken ``--steps``.
+draws as `psafit fit` does, by emcee until the chain has converged or has taken ``--steps``.
 ``--drawn clipped`` enters readings as an instrument shows them, rounded to 0.01 um and zero where scatter took them
 below. ``--drawn asked`` takes strengths evenly from their bounds. Neither is a joint draw: they show what that costs.
 """
@@ -54,13 +54,16 @@ from psafit.arrays import FloatArray
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, sha256, sole
-from psafit.inference import emcee_adaptor, noise
+from psafit.inference import noise
 from psafit.inference.ascent import ascend, expansion, slopes
-from psafit.inference.candidate import MANY, Candidate, hills, settle_at, within_bounds
-from psafit.inference.evidence import Weighed, quantiles, student_log_density
+from psafit.inference.candidate import MANY, Candidate, built_up, hills, within_bounds
+from psafit.inference.evidence import Weighed, quantiles
 from psafit.inference.memory import Memory, code
-from psafit.inference.optimise import optimise
+from psafit.inference.mixture import StudentMixture
 from psafit.inference.problem import Problem
+from psafit.inference.sample import sample
+from psafit.inference.samplers import USUAL, sampler
+from psafit.inference.sampling import Target
 from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import ProblemFitter
 from psafit.model_search.ladder import SIZE_WEIGHTS
@@ -212,19 +215,17 @@ def diagnosed(problem: Problem, seed: int) -> tuple[Candidate, Weighed]:
 
 def fitted(problem: Problem, seed: int, steps: int) -> tuple[Candidate, Weighed]:
     """Modes and draws as `psafit fit` makes them; Pareto's k is infinite where the chain has not converged."""
-    optimum = optimise(problem, seed=seed)
+    known, own = [built_up(problem, seed=seed)] if problem.terms else [], sampler(USUAL)
+    found, draws = sample(problem, known, seed=seed)
     with scratch() as folder:
-        chain = emcee_adaptor.sample(
-            problem, optimum, seed=seed, path=folder / "chain.h5", identity="",
-            settings=replace(emcee_adaptor.Settings.of(problem), max_steps=steps),
-        )  # fmt: skip
+        target = Target(found, draws, seed, folder / "chain.h5", "")
+        chain = own.draw(target, replace(own.settings(problem), max_steps=steps), lambda state: None)
     flat = chain.draws.reshape(-1, problem.n_dim)
     height = problem.log_posterior(flat)
     top = int(np.argmax(height))
     k = 0.0 if chain.converged else math.inf
-    modes = settle_at(problem, problem.to_sampling(np.array([m.values for m in optimum.minima])))
     same = np.full(len(flat), 1 / len(flat))
-    return modes, Weighed(flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(height[top]))
+    return found, Weighed(flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(height[top]))
 
 
 def below(values: FloatArray, weights: FloatArray, true: FloatArray) -> FloatArray:
@@ -241,9 +242,8 @@ def ranked(problem: Problem, found: Candidate, draws: Weighed, u: FloatArray, ra
         ranks[name] = float(below(value[1:, None], draws.weights, value[:1])[0])
     leaders = hills(found)
     if len(leaders) > 1:
-        covariance = np.linalg.inv(within_bounds(problem, found.curvature[leaders]))
-        inverse = np.linalg.inv(np.linalg.cholesky(covariance))
-        mode = np.argmax(student_log_density(rows, found.modes[leaders], inverse, 6.0), axis=0)
+        parts = [(found.modes[k], found.covariance[k], 1.0) for k in leaders]
+        mode = np.argmax(StudentMixture.of(parts).each(rows), axis=0)
         share = np.bincount(mode[1:], draws.weights, len(leaders))
         ranks["mode"] = float(share[: mode[0]].sum() + random * share[mode[0]])
     return ranks

@@ -23,6 +23,7 @@ from psafit.experiment import Experiment, GroupId
 from psafit.files import ensure_writable, usual_fit_folder, usual_folder
 from psafit.inference.identify import describe
 from psafit.inference.run import Run, fit
+from psafit.inference.samplers import USUAL
 from psafit.inference.scale import read
 from psafit.physics import terms as catalogue
 from psafit.progress import watcher
@@ -79,6 +80,7 @@ class Rig(_Shown):
         out: str | Path | None = None,
         seed: int = 1,
         starts: int = 32,
+        sampler: str = USUAL,
         quiet: bool = False,
     ) -> Fitted:
         """Fit and sample, or take up the run that the folder holds: see `psafit.inference.run.fit`.
@@ -92,6 +94,8 @@ class Rig(_Shown):
         out : path-like, optional
             Run folder; the command line's by default.
         seed, starts : int
+        sampler : str
+            What draws the posterior; see `psafit.inference.samplers`.
         quiet : bool
             Whether to show no progress.
 
@@ -103,7 +107,12 @@ class Rig(_Shown):
         folder = Path(out) if out else usual_fit_folder(self.experiment.folder, ids, [t.id for t in causes])
         ensure_writable(folder, "out", folder=True, inputs=[self.experiment.folder])
         with watcher(quiet) as show:
-            return Fitted(fit(self.experiment, ids, folder, terms=causes, seed=seed, n_starts=starts, watcher=show))
+            return Fitted(
+                fit(
+                    self.experiment, ids, folder, terms=causes, seed=seed, n_starts=starts, sampled_by=sampler,
+                    watcher=show,
+                )
+            )  # fmt: skip
 
     def diagnose(
         self,

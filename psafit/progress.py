@@ -15,7 +15,8 @@ from psafit.inference.forecast import Silent, Watcher
 
 TITLES = {
     "search": "search for minima (lmfit)",
-    "sample": "sample the posterior (emcee)",
+    "weigh": "sample the posterior by importance",
+    "sample": "sample the posterior",
     "climb": "climb to a minimum that the search missed (lmfit)",
     "profile": "profile the likelihood",
     "validate": "validate on all groups",

@@ -150,9 +150,14 @@ class Fit(Brief):
     n_physical : int
     minima : list of MinimumEntry
         Best first.
-    n_starts, n_failed, n_evaluations : int
+    n_starts : int
+        Starts that were asked for: draws of the prior, for both fits together.
+    n_followed, n_failed, n_evaluations : int
+        Starts followed, places that were known beforehand included; those that failed; parameter sets simulated.
     n_missed : int
         Minima that the search had missed and the sampler found; they count no starts.
+    sampled_by : str
+        Name of the sampler.
     sampler : dict
         Its settings.
     lmfit_report : str
@@ -178,9 +183,11 @@ class Fit(Brief):
     n_physical: int
     minima: list[MinimumEntry]
     n_starts: int
+    n_followed: int
     n_failed: int
     n_evaluations: int
     n_missed: int
+    sampled_by: str
     sampler: dict[str, int | float]
     lmfit_report: str
     versions: dict[str, str]
@@ -210,7 +217,8 @@ class ParameterSummary(Brief):
     contraction : float
         One minus the ratio of posterior to prior variance, in the sampling coordinate.
     r_hat, ess_bulk, ess_tail : float
-        From ArviZ, every walker a chain: R-hat of all steps after burn-in, sample sizes of the draws that are kept.
+        From ArviZ: R-hat of all steps after burn-in, each ensemble a chain; sample sizes of the draws that are kept,
+        each walker a chain.
     autocorrelation_time : float
         Steps.
     verdict : {"determined", "bounded above", "bounded below", "not determined"}
@@ -242,11 +250,57 @@ class ParameterSummary(Brief):
     implausible: bool
 
 
+@dataclass(frozen=True)
+class ImportanceEntry:
+    """A parameter by importance sampling: median and central 90 % interval, in its unit.
+
+    `apart` is the largest difference of the three from the sampler's, in widths of the sampler's interval, in the
+    sampling coordinate.
+    """
+
+    name: str
+    median: float
+    lower: float
+    upper: float
+    apart: float
+
+
+@dataclass(frozen=True)
+class ImportanceSummary:
+    """The posterior by importance sampling, to be compared with the sampler's.
+
+    Parameters
+    ----------
+    log_evidence, standard_error : float
+        Natural logarithm.
+    effective : float
+        Effective number of draws.
+    pareto_k : float
+        Shape of the weights' tail; above 0.7 the draws are not to be trusted.
+    by_chance : float
+        Difference of a limit that so few draws would make, two standard errors, in the unit of `apart`.
+    parameters : list of ImportanceEntry
+    """
+
+    log_evidence: float
+    standard_error: float
+    effective: float
+    pareto_k: float
+    by_chance: float
+    parameters: list[ImportanceEntry]
+
+    @property
+    def furthest(self) -> ImportanceEntry:
+        """The parameter that differs most."""
+        return max(self.parameters, key=lambda p: p.apart)
+
+
 @dataclass(frozen=True, repr=False)
 class PosteriorSummary(Brief):
     """`posterior.json`: the sampler's health and the parameter table; the draws are in `posterior.nc`.
 
-    `files` holds the SHA-256 of what it belongs to, `fit.json` and `posterior.nc`.
+    `importance` is the same posterior by other draws. `files` holds the SHA-256 of what it belongs to, `fit.json` and
+    `posterior.nc`.
     """
 
     _told = ("converged", "message")
@@ -261,6 +315,7 @@ class PosteriorSummary(Brief):
     acceptance: float
     autocorrelation_times: float
     parameters: list[ParameterSummary]
+    importance: ImportanceSummary
     files: dict[str, str]
 
 

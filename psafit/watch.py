@@ -10,20 +10,15 @@ import math
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, cast
-
-import emcee
-import h5py
-import numpy as np
+from typing import Literal
 
 from psafit.diagnose.record import MARKER as DIAGNOSED
 from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
-from psafit.files import Refused, in_use, read_error
-from psafit.inference import emcee_adaptor
-from psafit.inference.emcee_adaptor import Settings
+from psafit.files import in_use
 from psafit.inference.forecast import Progress, progress_of
 from psafit.inference.run import MARKER
+from psafit.inference.samplers import sampler
 from psafit.inference.store import REBUILD
 from psafit.records import Fit, PosteriorSummary, read_json
 
@@ -60,6 +55,8 @@ class State:
         Whether a process works in the folder; None where the system cannot tell.
     whole_left : float, optional, s
         Of all stages, as the run itself reckons.
+    chunk : int, optional
+        Steps between checkpoints.
     """
 
     stage: Stage
@@ -78,6 +75,7 @@ class State:
     written: float | None = None
     running: bool | None = None
     whole_left: float | None = None
+    chunk: int | None = None
 
     @property
     def finished(self) -> bool:
@@ -89,7 +87,7 @@ class State:
         """Whether checkpoints have stayed away for so long that nobody seems to be drawing."""
         if self.running is not None or self.stage != "sample" or self.written is None:
             return False
-        usual = (self.seconds_per_step or 0.0) * Settings.chunk
+        usual = (self.seconds_per_step or 0.0) * (self.chunk or 0)
         return time.time() - self.written > max(_PATIENCE * usual, _LEAST_PATIENCE)
 
 
@@ -220,65 +218,43 @@ def _ended(record: Fit, summary: PosteriorSummary) -> State:
         acceptance=summary.acceptance,
         autocorrelation_time=max(p.autocorrelation_time for p in summary.parameters),
         autocorrelation_times=summary.autocorrelation_times,
-        wanted_times=float(record.sampler["autocorrelation_times"]),
+        wanted_times=_goal(record, "autocorrelation_times"),
         r_hat=max(p.r_hat for p in summary.parameters),
-        wanted_r_hat=float(record.sampler["r_hat"]),
+        wanted_r_hat=_goal(record, "r_hat"),
         best_minimum=best,
     )
 
 
-def _read(path: Path, n_parameters: int, values: int) -> tuple[int, emcee.backends.Backend] | None:
-    """Every so many-th step of the checkpoint's chain, or None where there is none that can be read."""
-    try:
-        with h5py.File(path, "r", locking=False) as f:
-            group = f[emcee_adaptor.GROUP]
-            if group["chain"].dtype.kind != "f" or group["chain"].shape[2] != n_parameters:
-                return None
-            n = int(group.attrs["iteration"])
-            every = math.ceil(n * math.prod(group["chain"].shape[1:]) / values) or 1
-            backend = emcee.backends.Backend()
-            backend.reset(*group["chain"].shape[1:])
-            backend.chain, backend.log_prob = group["chain"][:n:every], group["log_prob"][:n:every]
-            backend.accepted, backend.iteration = group["accepted"][:] / every, len(backend.chain)
-            backend.initialized = True
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:  # as h5py says: not there, not yet, or
-        refused = read_error(error, path, "", "")  # foreign, or the system does not let us look
-        if isinstance(refused, Refused):
-            raise refused from error
-        return None
-    sound = n and np.isfinite(backend.log_prob).all() and np.isfinite(backend.chain).all()
-    return (every, backend) if sound else None
+def _goal(record: Fit, name: str) -> float | None:
+    """What a sampler's settings ask for, if they do."""
+    return float(record.sampler[name]) if name in record.sampler else None
 
 
 def _sampling(record: Fit, begun: Path, path: Path, before: State | None, values: int) -> State:
     written = _written(path)  # before it is read: a newer one is then read again
     if before is not None and before.stage in ("sample", "profile") and before.written == written is not None:
         return before
-    found = _read(path, len(record.parameters), values)
+    found = sampler(record.sampled_by).look(path, record.sampler, len(record.parameters), values)
     if found is None or written is None:
         return State("sample", best_minimum=record.minima[0].log_posterior)
-    settings = Settings(**cast(dict[str, Any], record.sampler))
-    every, backend = found
-    chain = emcee_adaptor.chain_of(backend, settings)
-    steps, kept = every * backend.iteration, every * chain.draws.shape[1]
-    tau, r_hat = every * float(chain.autocorrelation_time.max()), float(chain.r_hat.max())
     since, done = _written(begun) or written, 0
-    if before is not None and before.steps is not None and before.written is not None and before.steps < steps:
+    if before is not None and before.steps is not None and before.written is not None and before.steps < found.steps:
         since, done = before.written, before.steps
-    pace = max(written - since, 0.0) / (steps - done)
+    pace = max(written - since, 0.0) / (found.steps - done)
     return State(
-        "profile" if chain.converged else "sample",
-        steps=steps,
-        walkers=settings.n_walkers,
-        acceptance=chain.acceptance,
-        autocorrelation_time=tau,
-        autocorrelation_times=kept / tau,
-        wanted_times=settings.autocorrelation_times,
-        r_hat=r_hat,
-        wanted_r_hat=settings.r_hat,
-        log_posterior=chain.height,
+        "profile" if found.converged else "sample",
+        steps=found.steps,
+        walkers=found.walkers,
+        acceptance=found.acceptance,
+        autocorrelation_time=found.autocorrelation_time,
+        autocorrelation_times=found.autocorrelation_times,
+        wanted_times=found.wanted_times,
+        r_hat=found.r_hat,
+        wanted_r_hat=found.wanted_r_hat,
+        log_posterior=found.log_posterior,
         best_minimum=record.minima[0].log_posterior,
         seconds_per_step=pace,
-        seconds_left=None if chain.converged else pace * emcee_adaptor.steps_left(kept, tau, r_hat, settings),
+        seconds_left=None if found.converged else pace * found.steps_left,
         written=written,
+        chunk=found.chunk,
     )

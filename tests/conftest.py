@@ -78,12 +78,12 @@ def sensor(tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def fitted(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Two fits of group 1, too short to converge: nothing here hangs on that."""
-    from psafit.inference.emcee_adaptor import Settings
     from psafit.inference.run import fit
+    from psafit.inference.samplers.emcee import Settings
 
     folder = tmp_path_factory.mktemp("fits")
     for name, seed in (("one", 1), ("other", 2)):
-        fit(known, [1], folder / name, seed=seed, n_starts=2, settings=Settings(chunk=60, max_steps=60))
+        fit(known, [1], folder / name, seed=seed, n_starts=2, settings=Settings(chunk=60, max_steps=60, tuned=20))
     return folder / "one", folder / "other"
 
 

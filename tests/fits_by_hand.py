@@ -10,9 +10,12 @@ from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.inference.identify import describe
 from psafit.inference.problem import Problem
 from psafit.inference.run import Run
+from psafit.inference.samplers import USUAL
 from psafit.inference.store import Draws
 from psafit.records import (
     Fit,
+    ImportanceEntry,
+    ImportanceSummary,
     MinimumEntry,
     Numerics,
     ParameterEntry,
@@ -92,14 +95,18 @@ def make_run(
         ],
         n_physical=problem.n_physical,
         minima=[MinimumEntry(best, -12.5, 9), MinimumEntry({k: 2 * v for k, v in best.items()}, -20.25, 3)],
-        n_starts=12, n_failed=0, n_evaluations=345, n_missed=0, sampler={},
+        n_starts=12, n_followed=14, n_failed=0, n_evaluations=345, n_missed=0, sampled_by=USUAL, sampler={},
         lmfit_report="[[Fit Statistics]]\n  <made up>",
         versions={"psafit": "0.1.0", "python": "3.11.7"},
         command="psafit fit experiments/made-up --group 1 --seed 7",
     )  # fmt: skip
     message = "40 autocorrelation times, R-hat at most 1.009"
     message = message if converged else f"not converged after 90 steps ({message}): repeat the command to draw on"
-    summary = PosteriorSummary("ab" * 32, converged, message, n_chains, 90, 10, 2, 0.31, 40.0, summaries, {})
+    others = [ImportanceEntry(s.name, 1.02 * s.median, s.lower, s.upper, 0.01 * i) for i, s in enumerate(summaries)]
+    importance = ImportanceSummary(-20.5, 0.03, 480.0, 0.2, 0.06, others)
+    summary = PosteriorSummary(
+        "ab" * 32, converged, message, n_chains, 90, 10, 2, 0.31, 40.0, summaries, importance, {}
+    )  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     return Run(folder, problem, record, summary, draws)
 

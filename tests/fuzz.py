@@ -84,9 +84,9 @@ def prepare(folder: Path) -> None:
     from psafit.diagnose import diagnose
     from psafit.diagnose.record import RESULT
     from psafit.experiment import read_experiment
-    from psafit.inference.emcee_adaptor import Settings
     from psafit.inference.problem import Problem
     from psafit.inference.run import fit
+    from psafit.inference.samplers.emcee import Settings
     from psafit.physics import terms
     from psafit.validate import validate
 

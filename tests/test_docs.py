@@ -315,11 +315,11 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to follow a page in: few readings, short chains, few candidates."""
     from psafit import api, diagnose
     from psafit.diagnose.settings import Settings as Effort
-    from psafit.inference.emcee_adaptor import Settings
+    from psafit.inference.samplers.emcee import Settings
     from psafit.physics import terms
 
     write_experiment(thinned(read_experiment(ROOT / "experiments" / "psa")), tmp_path / "experiments" / "psa")
-    short = Settings(chunk=50, autocorrelation_times=1.0, effective_samples=1.0, r_hat=100.0)
+    short = Settings(chunk=50, tuned=15, autocorrelation_times=1.0, effective_samples=1.0, r_hat=100.0)
     monkeypatch.setattr(Settings, "of", classmethod(lambda cls, problem: short))
     whole, effort = diagnose.diagnose, Effort(simulated=49, searches=1)
 

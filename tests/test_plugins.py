@@ -19,15 +19,15 @@ from sensors import CUBIC, SENSOR
 from psafit import physics, plugins
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
-from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.run import fit, load
+from psafit.inference.samplers.emcee import Settings
 from psafit.physics import TERMS, plugin
 from psafit.physics.term import Term
 from psafit.simulate import Design, simulate
 from psafit.simulate.sensitivity import REFERENCE
 
 ROOT = Path(__file__).parents[1]
-QUICK = Settings(n_walkers=24, chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300)
+QUICK = Settings(chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300, tuned=30)
 
 
 def test_the_command_knows_the_plugin(sensor: Path, tmp_path: Path) -> None:

@@ -11,11 +11,11 @@ import pytest
 from sensors import TUTORIAL
 
 from psafit.experiment import Experiment
-from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.run import fit
+from psafit.inference.samplers.emcee import Settings
 
 ROOT = Path(__file__).parents[1]
-QUICK = Settings(n_walkers=24, chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300)
+QUICK = Settings(chunk=100, r_hat=1.5, effective_samples=50, autocorrelation_times=5, max_steps=300, tuned=30)
 
 
 def blocks(name: str, kind: str = "python") -> list[str]:

@@ -17,8 +17,8 @@ from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running
 from psafit.inference.ascent import heights
-from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
+from psafit.inference.samplers.emcee import Settings
 from psafit.physics import terms
 from psafit.validate import verdict
 
@@ -26,7 +26,7 @@ from psafit.validate import verdict
 @pytest.fixture(scope="module")
 def checked(known: Experiment, tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
     folder = tmp_path_factory.mktemp("run") / "r"
-    run = running.fit(known, [1], folder, seed=1, n_starts=8, settings=Settings(n_walkers=24, max_steps=750))
+    run = running.fit(known, [1], folder, seed=1, n_starts=8, settings=Settings(max_steps=750))
     return run, *validate.validate(run)
 
 

@@ -25,13 +25,13 @@ from psafit.cli import watching
 from psafit.errors import InputError
 from psafit.experiment import Experiment
 from psafit.files import sole
-from psafit.inference import emcee_adaptor
-from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.forecast import Reporter, Silent, progress_of, reporting
 from psafit.inference.run import load
+from psafit.inference.samplers import emcee as ensembles
+from psafit.inference.samplers.emcee import Settings
 from psafit.records import write_json
 
-SHORT = Settings(chunk=60, max_steps=60)
+SHORT = Settings(chunk=60, max_steps=60, tuned=20)
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def running(fitted: tuple[Path, Path], tmp_path: Path) -> Iterator[Path]:
 
 def test_a_finished_run_is_told(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     state = watch.look(fitted[0])
-    assert (state.stage, state.steps, state.walkers) == ("gave up", 60, 32) and state.finished
+    assert (state.stage, state.steps, state.walkers) == ("gave up", 60, 64) and state.finished
     file = tmp_path / "w.json"
     assert run(monkeypatch, "watch", fitted[0], "--json", file) == 0  # does not wait for more
     line = capsys.readouterr().out
@@ -102,7 +102,7 @@ def test_the_pace_is_that_of_the_last_checkpoints(running: Path) -> None:
 
 def test_a_long_chain_is_thinned(running: Path) -> None:
     whole = watch.look(running)
-    part = watch.look(running, values=60 * 32 * 6 // 3)
+    part = watch.look(running, values=60 * 64 * 6 // 3)
     assert part.steps == 60 and part.acceptance == pytest.approx(whole.acceptance)
     assert part.autocorrelation_time == pytest.approx(whole.autocorrelation_time, rel=0.8)
 
@@ -197,8 +197,8 @@ def test_a_foreign_folder_is_one_line(tmp_path: Path, monkeypatch, capsys) -> No
 
 
 def test_a_chain_that_is_long_enough_is_being_described(running: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    real = emcee_adaptor.chain_of
-    monkeypatch.setattr(emcee_adaptor, "chain_of", lambda *a: replace(real(*a), converged=True))
+    real = ensembles.chain_of
+    monkeypatch.setattr(ensembles, "chain_of", lambda *a: replace(real(*a), converged=True))
     state = watch.look(running)
     assert state.stage == "profile" and state.seconds_left is None
 
@@ -238,7 +238,7 @@ def test_a_terminal_gets_a_table(running: Path, monkeypatch, capsys) -> None:  #
     console = Console(width=100, record=True, force_terminal=True)
     console.print(watching._table(running, watch.look(running)))
     text = console.export_text()
-    assert "running" in text and "R-hat" in text and "━" in text and "60 of each of 32 walkers" in text
+    assert "running" in text and "R-hat" in text and "━" in text and "60 of each of 64 walkers" in text
 
 
 @pytest.mark.slow

@@ -25,7 +25,8 @@ from psafit.arrays import FloatArray
 from psafit.challenge.answer import Answer, sizes
 from psafit.experiment import Experiment
 from psafit.inference import noise
-from psafit.inference.optimise import climb, gradient, optimise
+from psafit.inference.candidate import fit
+from psafit.inference.optimise import climb, gradient
 from psafit.inference.problem import Problem
 from psafit.physics import TERMS
 from psafit.physics import terms as catalogue
@@ -66,7 +67,13 @@ class Oracle:
 
 
 def consult(
-    experiment: Experiment, answer: Answer, *, seed: int, rivals_from: float | None = None, starts: int = 32
+    experiment: Experiment,
+    answer: Answer,
+    *,
+    seed: int,
+    rivals_from: float | None = None,
+    starts: int = 32,
+    draws: int = 1024,
 ) -> Oracle:
     """Measure the oracle's gain of a challenge.
 
@@ -81,13 +88,15 @@ def consult(
     starts : int
         Of the search for the tops of models that lack something. With eight, a baseline that fails was one time in two
         fitted below its top, and what that lacks would count as strength.
+    draws : int
+        Of the prior, that are looked at for these starts.
     """
     begun = time.monotonic()
     plain = Problem(experiment, experiment.ids)
     terms = catalogue(answer.terms)
     truth = truth_of(plain, answer)
-    best = optimise(plain, seed=seed, n_starts=starts).best
-    tops = [plain.to_sampling(best.values), climb(plain, truth)[0]]
+    best = fit(plain, (), seed=seed, draws=draws, most=starts)
+    tops = [climb(plain, u)[0] for u in (best.modes[0], truth)]
     heights = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
     base = tops[int(np.argmax(heights))]
     base_likelihood = _likelihood(plain, base)
@@ -109,8 +118,8 @@ def consult(
             for term in terms:
                 rest = Problem(experiment, experiment.ids, tuple(t for t in terms if t is not term))
                 # What one cause does beside another may as well be done by another contact: far from the truth.
-                found = optimise(rest, seed=seed, n_starts=starts).best
-                beside = [rest.to_sampling(found.values), climb(rest, truth_of(rest, answer))[0]]
+                found = fit(rest, [best], seed=seed, draws=draws, most=starts)
+                beside = [climb(rest, u)[0] for u in (found.modes[0], truth_of(rest, answer))]
                 # The baseline is a case of it, too.
                 most = max(base_likelihood, *(_likelihood(rest, u) for u in beside))
                 without[term.id] = max(reached - most, 0.0)

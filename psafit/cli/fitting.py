@@ -30,6 +30,7 @@ from psafit.cli.common import (
     write_result,
 )
 from psafit.errors import InputError
+from psafit.inference.samplers import USUAL, names
 
 
 @click.command(cls=Command)
@@ -73,6 +74,7 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
 @click.option("--out", type=Place("folder"), help="Run folder; fits/<experiment>-group<id> by default.")
 @SEED
 @click.option("--starts", type=click.IntRange(1, 4096), default=32, show_default=True, help="Starts of the search.")
+@click.option("--sampler", type=click.Choice(names()), default=USUAL, show_default=True, help="Draws the posterior.")
 @click.option("--no-report", is_flag=True, help="Stop after the posterior: no validation, no report.")
 @PLUGIN
 @QUIET
@@ -84,6 +86,7 @@ def fit(
     out: Path | None,
     seed: int,
     starts: int,
+    sampler: str,
     no_report: bool,
     quiet: bool,
     json_file: Path | None,
@@ -117,12 +120,14 @@ def fit(
 
         command = ["psafit", "fit", experiment, "--group", group, "--seed", seed, "--starts", starts]
         command += ["--terms", terms] if terms else []
+        command += ["--sampler", sampler] if sampler != USUAL else []
         command += ["--out", out] if out else []
         command += plugin_words()
         with reporting(show, folder, "fit", "", FIT if no_report else FIT | PAGE, COUNTED) as whole:
             result = running.fit(
-                data, ids, folder, terms=chosen, seed=seed, n_starts=starts, watcher=whole, command=command
-            )
+                data, ids, folder, terms=chosen, seed=seed, n_starts=starts, sampled_by=sampler, watcher=whole,
+                command=command,
+            )  # fmt: skip
             numerics = audit(result)
             if not no_report:
                 whole.stage("validate")
@@ -136,17 +141,21 @@ def fit(
     write_result(json_file, {"fit": result.fit, "posterior": result.summary})
     if not quiet:
         best = result.fit.minima[0]
-        minima = "minimum" if len(result.fit.minima) == 1 else "minima"
-        ended = f"{count(best.starts, 'climb')} ended at the best, the others were given up behind it or ended lower"
+        minima = f"{len(result.fit.minima)} {'minimum' if len(result.fit.minima) == 1 else 'minima'}"
+        click.echo(f"{minima}; {best.starts} of {count(result.fit.n_followed, 'start')} reached the best")
         if not (best.starts or result.fit.n_missed):
-            ended = "a population found the best, all climbs were given up behind it or ended lower"
-        click.echo(f"{len(result.fit.minima)} {minima} from {count(result.fit.n_starts, 'start')}; {ended}")
+            click.echo("a population found the best; all starts were given up behind it or ended lower")
         if result.fit.n_missed:
             click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
         for p in result.summary.parameters:
             strange = p.implausible and p.verdict != "not determined"
             click.echo(f"  {p.text}" + ("; implausible under its prior" if strange else ""))
         click.echo(f"posterior: {result.summary.message}")
+        from psafit.report.wording import compared
+
+        other = result.summary.importance
+        worst = other.furthest
+        click.echo(f"posterior: {compared(worst.name, worst.apart, other.by_chance, other.effective)}")
         if not numerics.converged:
             click.echo(unresolved(numerics.error, numerics.required))
         if not no_report:

@@ -152,12 +152,12 @@ def _facts(state: State) -> list[tuple[str, str]]:
     s = state
     facts = []
     if s.steps is not None:
-        facts.append(("steps", f"{s.steps} of each of {s.walkers} walkers"))
+        facts.append(("steps", f"{s.steps} of each of {s.walkers} walkers" if s.walkers else f"{s.steps}"))
     if s.acceptance is not None:
         facts.append(("acceptance", f"{fixed(s.acceptance, per_cent=True)} %"))
     if s.autocorrelation_times is not None and s.autocorrelation_time is not None:
         length = f"{math.floor(s.autocorrelation_times)} autocorrelation times of {s.autocorrelation_time:.0f} steps"
-        facts.append(("length", f"{length} (goal {s.wanted_times:.0f})"))
+        facts.append(("length", length + (f" (goal {s.wanted_times:.0f})" if s.wanted_times is not None else "")))
     if s.r_hat is not None and s.wanted_r_hat is not None:
         facts.append(("R-hat", f"{told_r_hat(s.r_hat, s.wanted_r_hat)} (goal {s.wanted_r_hat:g})"))
     if s.log_posterior is not None and s.best_minimum is not None:

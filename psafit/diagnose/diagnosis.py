@@ -35,20 +35,20 @@ from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
-from psafit.inference import emcee_adaptor
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.memory import Memory, code, lent
-from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import fit, load, versions
+from psafit.inference.samplers import USUAL, sampler
+from psafit.inference.samplers.nautilus import nested_evidence, require
 from psafit.model_search import SearchSettings, climb
 from psafit.model_search.ladder import CREDIBLE, Ladder
 from psafit.numerics import refine
 from psafit.physics import TERMS
 from psafit.physics.term import Term
-from psafit.records import SCHEMA, read_content, read_json, write_json
+from psafit.records import SCHEMA, ImportanceSummary, read_content, read_json, write_json
 from psafit.validate import predictive, validate, write_predictions
 from psafit.workers import ahead, cores, reach
 
@@ -451,7 +451,7 @@ class _Work:
         """Fit causes to groups like any run, sample their posterior, and validate it."""
         terms = tuple(t for t in self.catalogue if t.id in ids)
         problem = Problem(self.experiment, tuple(groups), terms)
-        settings, steps = emcee_adaptor.Settings.of(problem), self.settings.steps
+        settings, steps = sampler(USUAL).settings(problem), self.settings.steps
         # A diagnosis repeated in its folder with other groups, priors or another seed is another run.
         about = [versions(), list(groups), self.seed, *(t.determinants for t in terms)]
         about += [p.signature for p in problem.parameters]
@@ -474,7 +474,7 @@ class _Work:
                 terms=terms,
                 seed=self.seed,
                 known=known,
-                settings=replace(settings, max_steps=steps, chunk=min(settings.chunk, steps)),
+                settings=replace(settings, max_steps=steps),
                 watcher=self.watcher,
                 command=self.command,
             )
@@ -486,6 +486,7 @@ class _Work:
             "scored_on": [s.group for s in validation.groups if s.role == "holdout"],
             "converged": run.summary.converged,
             "message": run.summary.message,
+            "importance": _beside(run.summary.importance),
             "holdout_log_rmse": validation.holdout_log_rmse,
         }
 
@@ -502,6 +503,14 @@ class _Work:
 
         found = self._memory.recall("nautilus", problem, [self.seed], make)
         return replace(cause, evidence=cause.evidence | {"nautilus": {name: float(a) for name, a in found.items()}})
+
+
+def _beside(other: ImportanceSummary) -> dict[str, Any]:
+    """How far a chain and importance draws are apart."""
+    worst = other.furthest
+    return {
+        "parameter": worst.name, "apart": worst.apart, "by_chance": other.by_chance, "effective": other.effective,
+    }  # fmt: skip
 
 
 def _climbed(

@@ -26,8 +26,8 @@ class Settings:
         Searches repeated on simulated baselines; 19 allow a p value of one in twenty. At 0 the stored table of such
         searches is looked up (`psafit.diagnose.significance`).
     steps : int
-        Most steps of the chain for an adopted extension; none is drawn at 0. A chain that needs more is continued by
-        the same command.
+        Steps at which a chain for an adopted extension gives up, if its own rule is not met before; none is drawn at
+        0. A chain that needs more is continued by the same command.
     """
 
     search: SearchSettings = field(default_factory=SearchSettings)
@@ -35,7 +35,7 @@ class Settings:
     draws: int = 400
     rehearsed: int = 4
     searches: int = 0
-    steps: int = 750
+    steps: int = 40_000
 
     @classmethod
     def usual(cls, quick: bool) -> Settings:

@@ -1,8 +1,8 @@
 r"""Climb many log posteriors at once, by Fisher scoring.
 
 A search among models, each with many starts, and a bootstrap with hundreds of refits, need the same thing: many
-climbs of the same kind, whose simulations go through the simulator as one batch. `optimise` finds the best optimum of
-one problem with care; this finds a good one of many problems fast, and says how far it came.
+climbs of the same kind, whose simulations go through the simulator as one batch. `psafit.inference.optimise` polishes
+the optimum of one problem with care; this finds good ones of many problems fast, and says how far it came.
 
 With :math:`z = (y - L)/s` and Student's scatter (`psafit.inference.noise`), the expected curvature is
 
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,25 @@ _LIKE, _ALIKE = 0.5, 0.1
 _LONGEST = 2.0
 
 
+class Effort(NamedTuple):
+    """What climbs have taken.
+
+    Parameters
+    ----------
+    begun, failed : int
+        Starts followed, and those of them whose posterior is not finite.
+    n_sets : int
+        Parameter sets simulated.
+    """
+
+    begun: int = 0
+    failed: int = 0
+    n_sets: int = 0
+
+    def __add__(self, other: Effort) -> Effort:  # type: ignore[override]
+        return Effort(self.begun + other.begun, self.failed + other.failed, self.n_sets + other.n_sets)
+
+
 @dataclass(frozen=True)
 class Ascent:
     """Where climbs ended; the first axis counts them.
@@ -57,19 +77,27 @@ class Ascent:
         Log posterior there.
     predicted : (n, n_points) array, um
         Launch ranges there.
-    n_sets : int
-        Parameter sets simulated for it.
+    starts : (n,) array of int
+        Starts that ended there: climbs that were united count together.
+    effort : Effort
+        Those that were given up included.
     """
 
     u: FloatArray
     height: FloatArray
     predicted: FloatArray
-    n_sets: int
+    starts: NDArray[np.intp]
+    effort: Effort
 
     @property
     def best(self) -> int:
         """Index of the highest."""
         return int(np.argmax(self.height))
+
+    @property
+    def uncounted(self) -> Ascent:
+        """The same, of places that are no starts: none has ended there, and none was begun."""
+        return replace(self, starts=np.zeros_like(self.starts), effort=Effort(n_sets=self.effort.n_sets))
 
     def joined(self, other: Ascent) -> Ascent:
         """Both, as if they had been climbed together."""
@@ -77,7 +105,8 @@ class Ascent:
             np.vstack([self.u, other.u]),
             np.concatenate([self.height, other.height]),
             np.vstack([self.predicted, other.predicted]),
-            self.n_sets + other.n_sets,
+            np.concatenate([self.starts, other.starts]),
+            self.effort + other.effort,
         )
 
 
@@ -194,6 +223,7 @@ def _climb(
     still_below: float,
     progress: Callable[[int, int], None] = lambda done, total: None,
     unite: bool = False,
+    counts: NDArray[np.intp] | None = None,
 ) -> Ascent:
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
     n_dim = u.shape[1]
@@ -203,6 +233,8 @@ def _climb(
     damping = np.full(len(u), 1e-2)
     still = np.where(np.isfinite(height), 0, 9)
     n_sets = len(u)
+    starts_at = np.ones(len(u), np.intp) if counts is None else counts
+    begun, failed = len(u), int((~np.isfinite(height)).sum())
     k = problem.n_model
     slopes_at, age = np.empty((len(u), k, predicted.shape[1])), np.full(len(u), lasting)
     done, total = 0, sum(iterations for iterations, _ in schedule)
@@ -251,31 +283,39 @@ def _climb(
                 slopes_at[up] += share[:, :, None] * (change - (step[:, None] @ slopes_at[up])[:, 0])[:, None, :]
         done += iterations
         if survivors < len(u) or unite:
-            kept = np.sort(_kept(problem, u, height, predicted, survivors, unite))
+            kept, starts_at = _kept(problem, u, height, predicted, starts_at, survivors, unite)
             u, height, predicted, damping, target = (a[kept] for a in (u, height, predicted, damping, target))
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
     progress(total, total)
-    return Ascent(u, height, predicted, n_sets)
+    return Ascent(u, height, predicted, starts_at, Effort(begun, failed, n_sets))
 
 
 def _kept(
-    problem: Problem, u: FloatArray, height: FloatArray, predicted: FloatArray, most: int, unite: bool
-) -> NDArray[np.intp]:
-    """Climbs that go on, the highest first; of those to be united, the highest alone."""
+    problem: Problem,
+    u: FloatArray,
+    height: FloatArray,
+    predicted: FloatArray,
+    starts: NDArray[np.intp],
+    most: int,
+    unite: bool,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Climbs that go on, and the starts of each; of those to be united, the highest alone, for all."""
     order = np.argsort(-height, kind="stable")
     if not unite:
-        return order[:most]
+        kept = np.sort(order[:most])
+        return kept, starts[kept]
     scatter = noise.scale(predicted, problem.noise_values(u), problem.known_sigma)
-    kept: list[int] = []
+    total: dict[int, int] = {}
     for k in order:
-        if not any(
-            height[m] < height[k] + _LIKE and np.abs((predicted[k] - predicted[m]) / scatter[m]).max() < _ALIKE
-            for m in kept
-        ):
-            kept.append(int(k))
-        if len(kept) == most:
-            break
-    return np.array(kept)
+        for m in total:
+            if height[m] < height[k] + _LIKE and np.abs((predicted[k] - predicted[m]) / scatter[m]).max() < _ALIKE:
+                total[m] += int(starts[k])
+                break
+        else:
+            if len(total) < most:
+                total[int(k)] = int(starts[k])
+    kept = np.sort(np.array(list(total), np.intp))
+    return kept, np.array([total[int(k)] for k in kept], np.intp)
 
 
 def ascend(
@@ -289,6 +329,7 @@ def ascend(
     progress: Callable[[int, int], None] = lambda done, total: None,
     unite: bool = False,
     frozen: NDArray[np.bool_] | None = None,
+    counts: NDArray[np.intp] | None = None,
 ) -> Ascent:
     """Climb from every start.
 
@@ -312,6 +353,8 @@ def ascend(
         After each part of the schedule, climbs that predict the same readings at the same height are one.
     frozen : (n, n_dim) array of bool, optional
         Coordinates that stay where each climb begins.
+    counts : (n,) array of int, optional
+        Earlier starts that each of these stands for; one by default.
 
     Returns
     -------
@@ -336,6 +379,7 @@ def ascend(
         still_below,
         progress,
         unite,
+        counts,
     )
 
 
@@ -388,4 +432,4 @@ def ascend_linearly(
     mask = np.zeros((n, problem.n_dim), bool)
     mask[:, list(frozen)] = True
     result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, _STILL)
-    return replace(result, n_sets=0)
+    return replace(result, effort=result.effort._replace(n_sets=0))

@@ -15,7 +15,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
-from psafit.inference.ascent import Ascent, ascend, expansion, heights, slopes
+from psafit.inference.ascent import Ascent, Effort, ascend, expansion, heights, slopes
 from psafit.inference.evolution import evolved
 from psafit.inference.optimise import starts_of, widened
 from psafit.inference.problem import Problem
@@ -71,6 +71,10 @@ class Candidate:
         Expected curvature of the log posterior at the modes.
     mass : (n_modes,) array
         Logarithm of what each mode holds by Laplace's approximation, bounds respected.
+    starts : (n_modes,) array of int
+        Starts of climbs that ended at each.
+    effort : Effort
+        What finding them has taken, starts that ended elsewhere included.
     """
 
     problem: Problem
@@ -80,6 +84,16 @@ class Candidate:
     slope: FloatArray
     curvature: FloatArray
     mass: FloatArray
+    starts: NDArray[np.intp]
+    effort: Effort
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effort", Effort(*map(int, self.effort)))  # numbers, where it was kept as an array
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Laplace's approximation of each mode: inverse curvature within the bounds; (n_modes, n_dim, n_dim)."""
+        return np.asarray(np.linalg.inv(within_bounds(self.problem, self.curvature)))
 
     @cached_property
     def laplace(self) -> float:
@@ -237,28 +251,33 @@ def fit(
     trial = coarse(problem)
     if not nested:
         # One climb on each hill goes on: six on the highest would lose a second that holds half of the posterior.
-        starts = starts_of(trial, seed, most, draws)[0]
+        starts, n_drawn = starts_of(trial, seed, most, draws)
         end = ascend(problem, starts, schedule=_THOROUGH, unite=True)
-        return settle(problem, end.joined(evolved(problem, end.u, seed=seed)))
+        return settle(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
     rows = [r for c in nested for r in c.widened(problem, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
     known = np.vstack(rows)
-    crossed = starts_of(trial, seed, most // 2, draws // 2, known)[0]
+    crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
     races: list[tuple[FloatArray, Schedule]] = [(np.vstack([known, crossed]), _TRIAL)]
     if fresh:
         # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
-        races.append((starts_of(trial, seed, most, draws)[0], _FRESH))
+        begun, n_fresh = starts_of(trial, seed, most, draws)
+        races.append((begun, _FRESH))
+        n_drawn += n_fresh
     # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
     # best go on. (They hold the smaller models' optima: no climb ends below those.)
     there = problem.log_posterior(known)
     trials = [ascend(trial, starts, schedule=schedule, still_below=ENOUGH, unite=True) for starts, schedule in races]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
     best_known = known[np.argsort(-there, kind="stable")[:_TAKEN]]
-    tried = np.vstack([tried[height > height.max() - _HOPELESS], best_known])
-    end = ascend(problem, tried, schedule=full, still_below=ENOUGH, unite=True)
-    return settle(problem, _across_steps(problem, end))
+    hopeful = height > height.max() - _HOPELESS
+    counts = np.concatenate([np.concatenate([t.starts for t in trials])[hopeful], np.ones(len(best_known), np.intp)])
+    tried = np.vstack([tried[hopeful], best_known])
+    end = ascend(problem, tried, schedule=full, still_below=ENOUGH, unite=True, counts=counts)
+    effort = sum((t.effort for t in trials), Effort(len(best_known), 0, n_drawn + len(known) + end.effort.n_sets))
+    return settle(problem, replace(_across_steps(problem, end), effort=effort))
 
 
 def built_up(
@@ -309,7 +328,7 @@ def _across_steps(problem: Problem, end: Ascent) -> Ascent:
         starts = [k for k in list(steps.values())[1 : 1 + _TAKEN] if value[k] > height - _HOPELESS]
         if not starts:
             break
-        moved = ascend(problem, rows[starts], schedule=_FULL, still_below=ENOUGH, unite=True)
+        moved = ascend(problem, rows[starts], schedule=_FULL, still_below=ENOUGH, unite=True).uncounted
         end = end.joined(moved)
         if moved.height.max() < height + ENOUGH:
             break
@@ -328,33 +347,68 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> Float
     return np.vstack(rows)
 
 
-def settle(problem: Problem, end: Ascent) -> Candidate:
-    """Turn the ends of climbs into a candidate; `ConvergenceError` where no posterior there is finite."""
+def settle(problem: Problem, end: Ascent, before: Effort | None = None) -> Candidate:
+    """Turn the ends of climbs into a candidate; `ConvergenceError` where no posterior there is finite.
+
+    Parameters
+    ----------
+    problem : Problem
+    end : Ascent
+    before : Effort, optional
+        What went before the climbs.
+    """
     if not np.isfinite(end.height).any():
         raise ConvergenceError("search for a finite posterior", reached=0, required=1)
     order = np.argsort(-end.height, kind="stable")
-    modes: list[int] = []
+    modes: dict[int, int] = {}  # and the starts that ended there
     for k in order:
-        near = any(np.abs(end.u[k] - end.u[m])[: problem.n_physical].max() < _SAME for m in modes)
-        if not near and end.height[k] > end.height[order[0]] - _FORGOTTEN:
-            modes.append(int(k))
-    u, predicted = end.u[modes], end.predicted[modes]
+        same = [m for m in modes if np.abs(end.u[k] - end.u[m])[: problem.n_physical].max() < _SAME]
+        if same:
+            modes[same[0]] += int(end.starts[k])
+        elif end.height[k] > end.height[order[0]] - _FORGOTTEN:
+            modes[int(k)] = int(end.starts[k])
+    rows = list(modes)
+    u, predicted = end.u[rows], end.predicted[rows]
     slope = slopes(problem, u, predicted)
     observed = np.broadcast_to(problem.observed, predicted.shape)
     gradient, curvature = expansion(problem, u, predicted, slope, observed)
-    parts = [_laplace(problem, u[k], float(end.height[m]), gradient[k], curvature[k]) for k, m in enumerate(modes)]
-    return Candidate(problem, u, end.height[modes], predicted[0], slope[0], curvature, np.array(parts))
+    mass = [_laplace(problem, u[k], float(end.height[m]), gradient[k], curvature[k]) for k, m in enumerate(rows)]
+    effort = end.effort + (before or Effort())
+    return Candidate(
+        problem, u, end.height[rows], predicted[0], slope[0], curvature, np.array(mass),
+        np.array(list(modes.values()), np.intp), effort,
+    )  # fmt: skip
 
 
-def settle_at(problem: Problem, modes: FloatArray) -> Candidate:
-    """A candidate with these optima, as they stand."""
-    predicted = problem.predict(modes)
-    return settle(problem, Ascent(modes, heights(problem, modes, predicted, problem.observed), predicted, 0))
+def settle_at(
+    problem: Problem, modes: FloatArray, starts: NDArray[np.intp] | None = None, effort: Effort | None = None
+) -> Candidate:
+    """A candidate with these optima, as they stand.
+
+    Parameters
+    ----------
+    problem : Problem
+    modes : (n, n_dim) array
+    starts : (n,) array of int, optional
+        Starts that ended at each; none by default.
+    effort : Effort, optional
+        What finding them has taken.
+    """
+    predicted, starts = problem.predict(modes), np.zeros(len(modes), np.intp) if starts is None else starts
+    height = heights(problem, modes, predicted, problem.observed)
+    return settle(problem, Ascent(modes, height, predicted, starts, effort or Effort()))
+
+
+def united(first: Candidate, second: Candidate) -> Candidate:
+    """The modes of two fits of the same model."""
+    modes, starts = np.vstack([first.modes, second.modes]), np.concatenate([first.starts, second.starts])
+    return settle_at(first.problem, modes, starts, first.effort + second.effort)
 
 
 def principal(candidate: Candidate) -> Candidate:
     """The same without modes that hold a negligible part of the posterior: drawn from, they would hide the others."""
-    return settle_at(candidate.problem, candidate.modes[_weighty(candidate)])
+    kept = _weighty(candidate)
+    return settle_at(candidate.problem, candidate.modes[kept], candidate.starts[kept], candidate.effort)
 
 
 def _weighty(candidate: Candidate) -> NDArray[np.intp]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psafit.inference import emcee_adaptor, optimise
+from psafit.inference import optimise
 from psafit.inference.candidate import thinned
 from psafit.inference.problem import Problem
 
@@ -34,23 +34,23 @@ class Cost:
 def cost(
     problem: Problem,
     *,
-    steps: int = 1500,
+    drawn: int = 32_000,
     climbed: int = 12_000,
     judged: int = 1024,
     sample: int = 500,
     draws: int = 64,
+    batch: int = 16,
 ) -> Cost:
     """Estimate what a fit takes: both grow in proportion to the readings, and some of them are enough to measure it.
 
-    The likelihood is timed where the walkers of the sampler will be: at the best of some draws of the prior, in batches
-    of half the walkers. It is evaluated by every walker in every step, and by the climbs of the search. Memory is
-    largest where the search judges its draws.
+    The likelihood is timed where the sampler will be: at the best of some draws of the prior, in small batches. It is
+    evaluated at every draw, and by the climbs of the search. Memory is largest where the search judges its draws.
 
     Parameters
     ----------
     problem : Problem
-    steps : int
-        Of the chain until it has converged: 1000 to 2000 of the baseline, as a rule.
+    drawn : int
+        Parameter sets that the sampler simulates until it has converged: 25,600 to 40,000 of the baseline, as a rule.
     climbed : int
         Parameter sets that climbs, population and profiles simulate: 8000 to 16,000 of the baseline, as a rule.
     judged : int
@@ -59,14 +59,15 @@ def cost(
         Readings on which it is measured, about.
     draws : int
         Of the prior.
+    batch : int
+        Sets that the sampler simulates at once.
     """
     n = problem.observed.size
     some = replace(problem, experiment=thinned(problem.experiment, max(n // sample, 1)))
     more = n / some.observed.size
-    walkers = emcee_adaptor.Settings.of(problem).n_walkers
     u = some.prior_transform(np.random.default_rng(0).random((draws, problem.n_dim)))
     height = some.log_posterior(u)  # compiles, too
-    best = u[np.argsort(-np.where(np.isfinite(height), height, -np.inf), kind="stable")[: walkers // 2]]
+    best = u[np.argsort(-np.where(np.isfinite(height), height, -np.inf), kind="stable")[:batch]]
     each = min(_timed(lambda: some.log_posterior(best)) for _ in range(3)) / len(best)
     search = _timed(lambda: optimise.starts_of(some, 0, 1, draws)) / draws
     tracemalloc.start()
@@ -75,7 +76,7 @@ def cost(
         peak = tracemalloc.get_traced_memory()[1] / draws
     finally:
         tracemalloc.stop()
-    return Cost(more * (each * (walkers * steps + climbed) + search * judged), more * peak * judged)
+    return Cost(more * (each * (drawn + climbed) + search * judged), more * peak * judged)
 
 
 def machine_memory() -> float:

@@ -14,19 +14,18 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp, ndtri
-from scipy.stats import chi2, qmc
+from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.ascent import heights
-from psafit.inference.candidate import Candidate, hills, settle_at, within_bounds
+from psafit.inference.candidate import Candidate, hills, settle_at
+from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
 from psafit.physics import baseline
 
 TRUSTED = 0.7
@@ -34,8 +33,6 @@ TRUSTED = 0.7
 
 # Draws below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
 _FEW, _DOUBTS = 30.0, (2.0, 5.0)
-# Student densities: degrees of freedom, widening (over the number of dimensions), most in a mixture.
-_TAILS, _WIDER, _MOST = 6.0, 1.8, 8
 # Draws a round, rounds at least (the first emulators may not know all of a bent posterior yet) and at most, effective
 # draws wanted; and the same for the emulated posterior.
 _ROUND, _LEAST, ROUNDS, EFFECTIVE = 256, 4, 12, 150.0
@@ -54,11 +51,6 @@ _NEAR, _FREEDOM, _DRAWS_PER_COEFFICIENT = 1.5, np.array([10.0, 3.0, 1.0, 0.3, 0.
 _PLACES, _COMPANY, _AWAY = 32, 4.0, 4.0
 # An emulator is not believed much further out than its better draws: nats that are lost at twice that distance.
 _BEYOND, _DISTRUST = 1.2, 20.0
-# Metropolis steps in an emulated posterior between two in the posterior itself (few where the emulator is poor), and
-# their length in its widths (over the root of the number of dimensions: G. O. Roberts, A. Gelman and W. R. Gilks, Ann.
-# Appl. Probab. 7 (1997) 110).
-_STRIDES, _JUMP = (1, 3, 10, 30), 1.7
-
 
 Region = Callable[[FloatArray], NDArray[np.bool_]]
 """Which rows of coordinates lie in it."""
@@ -108,7 +100,16 @@ class Weighed:
 
     def resampled(self, n: int) -> FloatArray:
         """Equally weighted draws, by systematic resampling; (n, n_dim)."""
-        return self.draws[_systematic(self.weights, n)]
+        return self.draws[systematic(self.weights, n)]
+
+    def distinct(self, n: int, random: np.random.Generator) -> FloatArray:
+        """Draws, each once, by weights to a power at which some tens of them count; (n, n_dim).
+
+        Spread as the posterior is, and wider where few draws count. From the first again where there are not so many.
+        """
+        with np.errstate(divide="ignore"):
+            key = np.log(tempered(self.weights)) + random.gumbel(size=self.weights.size)
+        return self.draws[np.resize(np.argsort(-key, kind="stable"), n)]
 
     def mean_of(self, log_factor: FloatArray) -> float:
         """Log of the mean of a factor over the posterior; `log_factor` is (n,)."""
@@ -125,7 +126,8 @@ def quantiles(values: FloatArray, weights: FloatArray, q: Sequence[float]) -> Fl
     return np.array(found).T.reshape(len(q), *values.shape[1:])
 
 
-def _systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.intp]:
+def systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.intp]:
+    """Rows of weighted draws for `n` equally weighted ones, by systematic resampling."""
     positions = (np.arange(n) + first) / n
     return np.minimum(np.searchsorted(np.cumsum(weights), positions), len(weights) - 1)
 
@@ -146,44 +148,31 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: f
         Effective draws at which it is enough.
     """
     random = np.random.default_rng([seed, 5])
+    parts, nearest = hills_of(candidate)
     pools = [
-        _importance(_on_plateaus(hill), random, rounds, effective, region)[0] for hill, region in _hills(candidate)
+        _importance(on_plateaus(hill), random, rounds, effective, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
+        for k, hill in enumerate(parts)
     ]
-    return _Pool.together(pools).weighed()
+    return Pool.together(pools).weighed()
 
 
-def emulate(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: float = EFFECTIVE) -> Emulated:
-    """Emulate the posterior of a fitted model; arguments as of `weigh`."""
-    random = np.random.default_rng([seed, 5])
-    candidate = _on_plateaus(candidate)
-    pool, simulated = _importance(candidate, random, rounds, effective)
-    return Emulated(candidate, pool, simulated, _laplace_mixture(candidate).around(pool, _width(candidate)), random)
+def hills_of(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
+    """The model on each of its hills, and which of them is nearest to rows of coordinates.
 
-
-def _everywhere(u: FloatArray) -> NDArray[np.bool_]:
-    return np.ones(len(u), bool)
-
-
-def _hills(candidate: Candidate) -> list[tuple[Candidate, Region]]:
-    """The model on each of its hills, and where that hill's density is the highest.
-
-    Whatever the regions are worth, they leave out nothing and count nothing twice.
+    Nearest is the one whose density is the highest. Whatever these regions are worth, they leave out nothing and count
+    nothing twice.
     """
     leaders = hills(candidate)
     if len(leaders) == 1:
-        return [(candidate, _everywhere)]
-    known = _laplace_mixture(candidate)
-    centre, inverse = known.centre[leaders], known.inverse[leaders]
+        return [candidate], lambda u: np.zeros(len(u), np.intp)
+    known = laplace_mixture(candidate)
 
     def nearest(u: FloatArray) -> NDArray[np.intp]:
-        return np.asarray(np.argmax(student_log_density(u, centre, inverse, _TAILS), axis=0))
-
-    def region(k: int) -> Region:
-        return lambda u: nearest(u) == k
+        return np.asarray(np.argmax(known.each(u)[leaders], axis=0))
 
     own = nearest(candidate.modes)
     own[leaders] = np.arange(len(leaders))
-    return [(settle_at(candidate.problem, candidate.modes[own == k]), region(k)) for k in range(len(leaders))]
+    return [settle_at(candidate.problem, candidate.modes[own == k]) for k in range(len(leaders))], nearest
 
 
 def _importance(
@@ -191,8 +180,8 @@ def _importance(
     random: np.random.Generator,
     rounds: int,
     effective: float,
-    region: Region = _everywhere,
-) -> tuple[_Pool, FloatArray]:
+    region: Region,
+) -> tuple[Pool, FloatArray]:
     """Simulated draws with their weights, and their launch ranges; what lies outside the region weighs nothing."""
     problem = candidate.problem
     simulated: list[FloatArray] = []
@@ -202,15 +191,15 @@ def _importance(
         simulated.append(found)
         return np.where(region(u), heights(problem, u, found, problem.observed), -np.inf)
 
-    def next_one(pool: _Pool, before: _Density) -> _Density:
+    def next_one(pool: Pool, before: _Density) -> _Density:
         return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
 
-    first = _laplace_mixture(candidate)
+    first = laplace_mixture(candidate)
     pool = _sample(height, problem.bounds, first, next_one, random, _ROUND, rounds, effective)
     return pool, np.concatenate(simulated)
 
 
-def _on_plateaus(candidate: Candidate) -> Candidate:
+def on_plateaus(candidate: Candidate) -> Candidate:
     """The same with its best mode in the middle of where a parameter may lie, if that is wider than its curvature says.
 
     What acts by thresholds changes nothing between two of them. A climb ends anywhere there, often at an edge, and
@@ -244,12 +233,9 @@ def _on_plateaus(candidate: Candidate) -> Candidate:
             predicted=found[middle],
             slope=slope,
             curvature=np.concatenate([apart[None], candidate.curvature]),
+            starts=np.append(0, candidate.starts),
         )
     return candidate
-
-
-def _width(candidate: Candidate) -> FloatArray:
-    return np.asarray(np.ptp(candidate.problem.bounds, axis=1))
 
 
 # --- adaptive importance sampling -----------------------------------------------------------------------------------
@@ -259,7 +245,7 @@ class _Density(Protocol):
     """What can be drawn from, and evaluated."""
 
     @property
-    def mixture(self) -> _Mixture:
+    def mixture(self) -> StudentMixture:
         """Student densities that resemble it."""
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray: ...
@@ -268,7 +254,7 @@ class _Density(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _Pool:
+class Pool:
     """Draws inside the bounds, with the log of the function and the log weights; `n` counts those outside, too."""
 
     u: FloatArray
@@ -277,7 +263,7 @@ class _Pool:
     n: int
 
     @classmethod
-    def together(cls, pools: Sequence[_Pool]) -> _Pool:
+    def together(cls, pools: Sequence[Pool]) -> Pool:
         """Draws of regions that do not overlap, as draws of all of them."""
         n = sum(p.n for p in pools)
         weight = [p.log_weight + math.log(n / p.n) for p in pools]
@@ -286,17 +272,21 @@ class _Pool:
 
     @property
     def weights(self) -> FloatArray:
+        """Normalised."""
         return np.asarray(np.exp(self.log_weight - logsumexp(self.log_weight)))
 
     @property
     def log_evidence(self) -> float:
+        """Natural logarithm of the function's integral."""
         return float(logsumexp(self.log_weight) - math.log(self.n))
 
     @property
     def effective(self) -> float:
+        """Effective number of draws."""
         return float(1 / np.sum(self.weights**2))
 
     def weighed(self) -> Weighed:
+        """The draws that weigh anything, and the evidence."""
         weights, count = self.weights, self.effective
         finite = np.isfinite(self.log_weight)
         k_hat = store.pareto_k(self.log_weight[finite]) if finite.sum() > 25 else math.inf
@@ -312,12 +302,12 @@ def _sample(
     height: Callable[[FloatArray], FloatArray],
     bounds: FloatArray,
     first: _Density,
-    adapted: Callable[[_Pool, _Density], _Density],
+    adapted: Callable[[Pool, _Density], _Density],
     random: np.random.Generator,
     n_round: int,
     rounds: int,
     effective: float,
-) -> _Pool:
+) -> Pool:
     """Rounds of draws, each from what those before suggest; weights by the mixture of all."""
     proposals, rounds_of = [first], []  # and how many rounds' draws each of them has given
     u, h, n = np.empty((0, len(bounds))), np.empty(0), 0
@@ -330,7 +320,7 @@ def _sample(
         density = np.hstack([density, [p.log_density(draws) for p in proposals]])
         u, h = np.concatenate([u, draws]), np.concatenate([h, height(draws)])
         share = np.array(rounds_of)[:, None]
-        pool = _Pool(u, h, h - logsumexp(density, axis=0, b=share) + math.log(share.sum()), n)
+        pool = Pool(u, h, h - logsumexp(density, axis=0, b=share) + math.log(share.sum()), n)
         if len(proposals) == rounds or (len(proposals) >= _LEAST and pool.effective > effective):
             return pool
         proposals.append(adapted(pool, proposals[-1]))
@@ -352,135 +342,17 @@ def _drawn_inside(density: _Density, bounds: FloatArray, n: int, random: np.rand
     return found, drawn
 
 
-# --- mixtures of Student densities ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Mixture:
-    """Student densities: centres (k, d), lower roots of their scale matrices (k, d, d), shares (k,)."""
-
-    centre: FloatArray
-    root: FloatArray
-    share: FloatArray
-
-    @classmethod
-    def of(cls, parts: Sequence[tuple[FloatArray, FloatArray, float]]) -> _Mixture:
-        """From (centre, covariance, weight)."""
-        centre, covariance, weight = zip(*parts, strict=True)
-        share = np.array(weight)
-        return cls(np.array(centre), np.linalg.cholesky(np.array(covariance)), share / share.sum())
-
-    @cached_property
-    def inverse(self) -> FloatArray:
-        return np.asarray(np.linalg.inv(self.root))
-
-    @property
-    def mixture(self) -> _Mixture:
-        return self
-
-    def draw(self, n: int, random: np.random.Generator) -> FloatArray:
-        """Quasi-random draws."""
-        d = self.centre.shape[1]
-        points = np.clip(qmc.Sobol(d + 2, rng=random).random(n), 1e-9, 1 - 1e-9)
-        which = np.minimum(np.searchsorted(np.cumsum(self.share), points[:, 0]), len(self.share) - 1)
-        normal = ndtri(points[:, 2:]) * np.sqrt(_TAILS / chi2.ppf(points[:, 1], _TAILS))[:, None]
-        return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
-
-    def scatter(self, n: int, random: np.random.Generator) -> FloatArray:
-        """Independent draws."""
-        which = random.choice(len(self.share), n, p=self.share)
-        normal = random.standard_normal((n, self.centre.shape[1]))
-        normal /= np.sqrt(random.chisquare(_TAILS, (n, 1)) / _TAILS)
-        return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
-
-    def log_density(self, u: FloatArray) -> FloatArray:
-        parts = student_log_density(u, self.centre, self.inverse, _TAILS) + np.log(self.share)[:, None]
-        return np.asarray(logsumexp(parts, axis=0))
-
-    def around(self, pool: _Pool, width: FloatArray) -> _Mixture:
-        """A mixture around a pool's draws: all of them, and the heaviest with their neighbours."""
-        u, weights = pool.u, _tempered(pool.weights)
-        d = u.shape[1]
-        wider = (1 + _WIDER / d) ** 2
-        mean, covariance = _moments(u, weights, width)
-        parts = [(mean, covariance * wider, 1.0)]
-        inverse = np.linalg.inv(covariance)
-        left = weights.copy()
-        for _ in range(3):
-            offset = u - u[np.argmax(left)]
-            near = np.sum((offset @ inverse) * offset, axis=1) < 0.5 * d
-            share = float(weights[near].sum())
-            if near.sum() > 4 * d and share > 0.02:
-                centre, local = _moments(u[near], weights[near] / share, width)
-                parts.append((centre, local * wider, share))
-            left = np.where(near, 0.0, left)
-            if not left.any():
-                break
-        old = [
-            (c, r @ r.T, 0.1 * float(w)) for c, r, w in zip(self.centre, self.root, self.share, strict=True)
-        ]  # fmt: skip
-        return _Mixture.of([*parts, *old][:_MOST])
-
-
-def student_log_density(u: FloatArray, centre: FloatArray, inverse: FloatArray, tails: float) -> FloatArray:
-    """Log of several Student densities at the rows of `u`.
-
-    Parameters
-    ----------
-    u : (n, d) array
-    centre : (k, d) array
-    inverse : (k, d, d) array
-        Inverses of the lower roots of the scale matrices.
-    tails : float
-        Degrees of freedom.
-
-    Returns
-    -------
-    (k, n) array
-    """
-    d = u.shape[1]
-    z = inverse @ (u.T - centre[:, :, None])  # (k, d, n)
-    constant = gammaln((tails + d) / 2) - gammaln(tails / 2) - 0.5 * d * math.log(tails * math.pi)
-    constant = constant + np.log(np.diagonal(inverse, axis1=1, axis2=2)).sum(axis=1)
-    return np.asarray(constant[:, None] - 0.5 * (tails + d) * np.log1p(np.square(z).sum(axis=1) / tails))
-
-
-def _laplace_mixture(candidate: Candidate) -> _Mixture:
+def laplace_mixture(candidate: Candidate) -> StudentMixture:
     """Student densities at the modes with the expected curvature."""
-    width = _width(candidate)
-    wider = (1 + _WIDER / candidate.problem.n_dim) ** 2
-    covariance = np.linalg.inv(within_bounds(candidate.problem, candidate.curvature))
+    width = candidate.problem.widths
+    wider = widening(candidate.problem.n_dim)
     masses = np.maximum(np.exp(candidate.heights - candidate.heights[0]), 0.02)
-    return _Mixture.of(
+    return StudentMixture.of(
         [
-            (u, _positive(own, width) * wider, float(mass))
-            for u, own, mass in zip(candidate.modes, covariance, masses, strict=True)
+            (u, positive(own, width) * wider, float(mass))
+            for u, own, mass in zip(candidate.modes, candidate.covariance, masses, strict=True)
         ]
     )
-
-
-def _tempered(weights: FloatArray) -> FloatArray:
-    """Weights to a power at which some tens of draws count: a handful would collapse what is made of them."""
-    power, result = 1.0, weights
-    while 1 / np.sum(result**2) < min(60, 0.2 * len(weights)) and power > 0.05:
-        power *= 0.8
-        result = np.where(weights > 0, np.maximum(weights, 1e-300) ** power, 0.0)
-        result /= result.sum()
-    return result
-
-
-def _moments(u: FloatArray, weights: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
-    mean = weights @ u
-    centred = u - mean
-    return mean, _positive((centred * weights[:, None]).T @ centred + 1e-9 * np.diag(width**2), width)
-
-
-def _positive(covariance: FloatArray, width: FloatArray) -> FloatArray:
-    """Covariance with no direction wider than the bounds and none without any width."""
-    scale = width / 3
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    clipped = (vectors * np.clip(values, 1e-10, 1.0)) @ vectors.T
-    return np.asarray(clipped * np.outer(scale, scale))
 
 
 def _powers(n: int, n_draws: int) -> list[tuple[int, ...]]:
@@ -506,13 +378,18 @@ class Emulated:
     """
 
     def __init__(
-        self, candidate: Candidate, pool: _Pool, simulated: FloatArray, before: _Mixture, random: np.random.Generator
+        self,
+        candidate: Candidate,
+        pool: Pool,
+        simulated: FloatArray,
+        before: StudentMixture,
+        random: np.random.Generator,
     ) -> None:
         problem = candidate.problem
         self._problem = problem
         k = problem.n_model
         self._relative, self._absolute = problem.noise_values(candidate.modes[:1])[0, :2]
-        self._mean, covariance = _moments(pool.u, _tempered(pool.weights), _width(candidate))
+        self._mean, covariance = moments(pool.u, tempered(pool.weights), candidate.problem.widths)
         self._whiten = np.linalg.inv(np.linalg.cholesky(covariance[:k, :k]))
         # Known beforehand: the mode, and the slopes there.
         mode = candidate.modes[0, :k]
@@ -540,80 +417,33 @@ class Emulated:
         a = np.vstack([root * features * scale, 0.1 * np.eye(scale.size)])
         y = np.vstack([root * target, np.zeros_like(start)])
         self._coefficients = start + scale[:, None] * np.linalg.lstsq(a, y, rcond=None)[0]
-        self._jump = np.linalg.cholesky(covariance) * (_JUMP / math.sqrt(problem.n_dim))
-        width = _width(candidate)
-        first = before.around(pool, width)
+        self.root = np.linalg.cholesky(covariance)
+        width = candidate.problem.widths
+        first = before.around(pool.u, pool.weights, width)
 
-        def wider(found: _Pool, last: _Density) -> _Density:
-            return last.mixture.around(found, width)
+        def wider(found: Pool, last: _Density) -> _Density:
+            return last.mixture.around(found.u, found.weights, width)
 
-        self._simulated = pool
         self._pool = _sample(
-            self._height, problem.bounds, first, wider, random, _ROUND_EMULATED, _ROUNDS_EMULATED, _EFFECTIVE_EMULATED
+            self.height, problem.bounds, first, wider, random, _ROUND_EMULATED, _ROUNDS_EMULATED, _EFFECTIVE_EMULATED
         )
-        self.mixture = first.around(self._pool, width)
+        self.mixture = first.around(self._pool.u, self._pool.weights, width)
 
-    def scattered(self, n: int, random: np.random.Generator | np.random.RandomState) -> FloatArray:
-        """Simulated draws to begin a chain from, each once, by weights to a power at which some tens of them count.
-
-        Fewer where there are not so many. They are spread like the posterior around the modes known, and wider where
-        the emulator is poor.
-        """
-        weights = _tempered(self._simulated.weights)
-        # Without replacement: the greatest of log weights with Gumbel's noise.
-        with np.errstate(divide="ignore"):
-            key = np.log(weights) + random.gumbel(size=weights.size)
-        key[~np.isfinite(self._simulated.height)] = -np.inf
-        chosen = np.argsort(-key, kind="stable")[:n]
-        return self._simulated.u[chosen[np.isfinite(key[chosen])]]
+    @property
+    def log_evidence(self) -> float:
+        """Of the emulated posterior."""
+        return self._pool.log_evidence
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:
         """Draws, some of them from a mixture of Student densities instead."""
         careful = round(_CAUTION * n)
-        chosen = _systematic(self._pool.weights, n - careful, random.uniform())
+        chosen = systematic(self._pool.weights, n - careful, random.uniform())
         return np.concatenate([self._pool.u[chosen], self.mixture.draw(careful, random)])
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of such draws."""
-        own = math.log1p(-_CAUTION) + self._height(u) - self._pool.log_evidence
+        own = math.log1p(-_CAUTION) + self.height(u) - self.log_evidence
         return np.logaddexp(own, math.log(_CAUTION) + self.mixture.log_density(u))
-
-    def wander(self, u: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Take a few Metropolis steps in the emulated posterior from each row of `u`.
-
-        The steps are reversible in it, so that the end is accepted as a step in the posterior `p` with probability
-        ``p(u') q(u) / p(u) q(u')``, where `q` is the emulated density (J. S. Liu, Monte Carlo Strategies in Scientific
-        Computing, Springer 2001, section 9.4.3: the surrogate transition method). Whatever the emulator is worth, the
-        chain is exact.
-
-        Parameters
-        ----------
-        u : (n, n_dim) array
-        random : Generator
-
-        Returns
-        -------
-        (n, n_dim) array and (n,) array
-            Where the steps end, and ``ln q(u) - ln q(u')``.
-        """
-        here, height = u, self._height(u)
-        begun = height
-        n, d = u.shape
-        for _ in range(random.choice(_STRIDES)):
-            # One kind of step for all, chosen by chance: a fixed order of kinds would not be reversible.
-            if random.uniform() < 0.5:
-                there = here + random.standard_normal((n, d)) @ self._jump.T
-                ratio = np.zeros(n)
-            else:
-                there = self.mixture.scatter(n, random)
-                ratio = self.mixture.log_density(here) - self.mixture.log_density(there)
-            found = self._height(there)
-            with np.errstate(invalid="ignore"):
-                accepted = np.log(random.uniform(size=n)) < found - height + ratio
-            here, height = np.where(accepted[:, None], there, here), np.where(accepted, found, height)
-        with np.errstate(invalid="ignore"):
-            gone = begun - height
-        return here, np.where(np.isnan(gone), -np.inf, gone)
 
     def _scaled(self, ranges: FloatArray) -> FloatArray:
         return np.asarray(np.arcsinh(ranges * (self._relative / self._absolute)) / self._relative)
@@ -631,7 +461,7 @@ class Emulated:
     def _distance(self, u: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.norm((u - self._mean[: u.shape[1]]) @ self._whiten.T, axis=1))
 
-    def _height(self, u: FloatArray) -> FloatArray:
+    def height(self, u: FloatArray) -> FloatArray:
         """Log posterior of the emulated model, less what distrusts it far out; minus infinity outside the bounds."""
         k = self._problem.n_model
         result = np.full(len(u), -np.inf)

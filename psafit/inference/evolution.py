@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import Ascent, ascend
+from psafit.inference.ascent import Ascent, Effort, ascend
 from psafit.inference.problem import Problem
 
 # Causes up to which a population looks: with more it takes up to a minute a model, and none of the study's rose by it.
@@ -43,9 +43,10 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
     Returns
     -------
     Ascent
-        The climb from the best member, the population's sets counted; nothing, of a model with more than two causes.
+        The climb from the best member, no start, the population's sets counted; nothing, of a model with more than two
+        causes.
     """
-    if len(problem.terms) > _SIMPLE:
+    if not len(known) or len(problem.terms) > _SIMPLE:
         return ascend(problem, np.empty((0, problem.n_dim)))
     rng = np.random.default_rng(seed)
     low, high = problem.bounds.T
@@ -77,5 +78,5 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
         if error.__cause__ is None:
             raise
         raise error.__cause__ from None  # SciPy blames itself for what the model has raised
-    end = ascend(problem, found.x[None])
-    return replace(end, n_sets=end.n_sets + _MEMBERS * found.nfev)
+    end = ascend(problem, found.x[None]).uncounted
+    return replace(end, effort=end.effort + Effort(n_sets=_MEMBERS * found.nfev))

@@ -1,10 +1,8 @@
-"""Best parameter values by lmfit, from many starts.
+"""Starts of climbs, and lmfit's part: the polish of the modes that they lead to.
 
-Four stages. Quasi-random draws of the prior are simulated, and each is judged by its posterior density at the best
-scatter for it. From the best draws that lie apart, all at once, Fisher scoring climbs the posterior of all parameters,
-scatter included (`psafit.inference.ascent`). A population looks for what those climbs have missed behind cliffs
-(`psafit.inference.evolution`). Each distinct top is polished by lmfit: a gradient's climb, and a simplex where a kink
-has stopped it.
+Quasi-random draws of the prior are simulated, and each is judged by its posterior density at the best scatter for it;
+the best that lie apart are starts (`psafit.inference.candidate.fit` climbs from them). Each mode found is polished by
+lmfit: a gradient's climb, and a simplex where a kink has stopped it.
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ import math
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import lmfit
@@ -22,23 +19,14 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
-from psafit.errors import ConvergenceError
 from psafit.inference import noise
-from psafit.inference.ascent import ascend
-from psafit.inference.evolution import evolved
 from psafit.inference.problem import Problem
 from psafit.physics import baseline
 
 # Difference steps in sampling coordinates of order one: cube root of the simulator's relative error (1e-12).
 _STEP = 1e-4
-# Two end points are one minimum when every physical coordinate agrees to five times this and the height does.
-_SAME_PLACE, _SAME_HEIGHT = 0.05, 0.5
-# Draws of the prior looked at for every start, and how far apart starts lie (in units of the prior's width).
-_DRAWS_PER_START, _APART = 32, 0.25
-# Iterations after which the lower half of the starts is given up, and iterations for the rest.
-_TRIAL, _REST = 6, 60
-# Tops this far below the best (nats) are not polished; at most so many are.
-_PROMISING, _MOST_BASINS = 20.0, 3
+# How far apart starts lie (in units of the prior's width).
+_APART = 0.25
 # Quantiles of a strength's prior at which a smaller model's optimum is a start for a larger one.
 _STRENGTHS = (0.05, 0.25, 0.5, 0.75, 0.95)
 # Scatter tried for a prediction: quantiles of each parameter's prior. The last is for a model that misses the readings
@@ -47,59 +35,6 @@ _SCATTER = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985, 0.99999)
 _TAILS = (0.2, 0.8)
 # What stands for a residual or a height that is not finite: worse than any, and its square still a number.
 _WORST = 1e12
-
-
-@dataclass(frozen=True)
-class Minimum:
-    """One local optimum of the posterior.
-
-    Parameters
-    ----------
-    values : (n_dim,) array
-        In the parameters' units.
-    log_posterior : float
-        In the sampling coordinate.
-    starts : int
-        Starts that ended here; none where a population or the posterior's draws led here.
-    """
-
-    values: FloatArray
-    log_posterior: float
-    starts: int
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """What the search found.
-
-    Parameters
-    ----------
-    minima : tuple of Minimum
-        Best first.
-    covariance : (n_minima, n_dim, n_dim) array
-        Inverse curvature at each minimum, in the sampling coordinate (Laplace approximation).
-    n_starts : int
-        Starts followed, the best of many more draws of the prior.
-    n_failed : int
-        Starts that ended where the model cannot be evaluated.
-    n_evaluations : int
-        Parameter sets simulated: draws of the prior, the population, and climbs but for the simplices that end them;
-        those of the search without the causes, too.
-    report : str
-        How lmfit's climb to the best minimum ended, and lmfit's table of that minimum, with errors from the curvature.
-    """
-
-    minima: tuple[Minimum, ...]
-    covariance: FloatArray
-    n_starts: int
-    n_failed: int
-    n_evaluations: int
-    report: str
-
-    @property
-    def best(self) -> Minimum:
-        """The highest of them."""
-        return self.minima[0]
 
 
 def _finite(x: FloatArray) -> FloatArray:
@@ -140,30 +75,6 @@ def gradient(f: Callable[[FloatArray], FloatArray], u: FloatArray, bounds: Float
     both = f(np.concatenate([above, below]))
     width = np.diag(above - below).reshape(-1, *[1] * (both.ndim - 1))
     return (both[: u.size] - both[u.size :]) / width
-
-
-def hessian(f: Callable[[FloatArray], FloatArray], u: FloatArray, step: float = 3e-3) -> FloatArray:
-    """Central second differences of a batched scalar function at one point, in one batch; (n_dim, n_dim)."""
-    n = u.size
-    steps = step * np.eye(n)
-    i, j = np.triu_indices(n)
-    plus, minus = steps[i] + steps[j], steps[i] - steps[j]
-    values = f(np.concatenate([u + plus, u - plus, u + minus, u - minus])).reshape(4, -1)
-    second = (values[0] + values[1] - values[2] - values[3]) / (4 * step * step)
-    result = np.empty((n, n))
-    result[i, j] = result[j, i] = second
-    return result
-
-
-def laplace_covariance(problem: Problem, u: FloatArray) -> FloatArray:
-    """Inverse of the negative curvature of the log posterior, made positive where the top is flat or at a bound."""
-    curvature = -hessian(problem.log_posterior, _inside(problem, u, 7e-3))
-    if not np.isfinite(curvature).all():
-        curvature = np.diag(np.full(u.size, 1.0))
-    values, vectors = np.linalg.eigh(curvature)
-    width = np.ptp(problem.bounds, axis=1).min()
-    values = np.maximum(values, (4.0 / width) ** 2)  # nowhere wider than a quarter of the narrowest bounds
-    return (vectors / values) @ vectors.T
 
 
 def _inside(problem: Problem, u: FloatArray, margin: float) -> FloatArray:
@@ -333,129 +244,22 @@ def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit
     return u, float(problem.log_posterior(u[None, :])[0]), result
 
 
-def _report(problem: Problem, top: FloatArray, result: lmfit.minimizer.MinimizerResult) -> str:
-    """Table of the parameters as lmfit prints it, with standard errors from the curvature of the posterior."""
-    errors = np.sqrt(np.diag(laplace_covariance(problem, top)))
-    # The climb went on from where lmfit's part of it ended.
+def report(result: lmfit.minimizer.MinimizerResult, top: FloatArray, covariance: FloatArray) -> str:
+    """How lmfit's climb ended, and its table of the parameters.
+
+    Parameters
+    ----------
+    result : MinimizerResult
+        Of `climb`.
+    top : (n_dim,) array
+        Where the climb went on to from where lmfit's part of it ended.
+    covariance : (n_dim, n_dim) array
+        Of the sampling coordinates there, for the standard errors.
+    """
     free = [p for p in result.params.values() if p.expr is None]
-    for p, value, error in zip(free, top, errors, strict=True):
+    for p, value, error in zip(free, top, np.sqrt(np.diag(covariance)), strict=True):
         p.value, p.stderr = float(value), float(error)
     for name, p in result.params.items():
         if p.expr is not None:
             p.stderr = p.value * result.params[f"ln_{name}"].stderr
     return f"{result.method}: {result.message}\n{lmfit.fit_report(result.params, show_correl=False)}"
-
-
-def _merge(
-    ends: list[tuple[FloatArray, float, int]], n_physical: int, height: float
-) -> list[tuple[FloatArray, float, int]]:
-    """Unite end points (coordinates, height, starts) that agree; highest first."""
-    distinct: list[tuple[FloatArray, float, int]] = []
-    for u, value, count in sorted(ends, key=lambda e: -e[1]):
-        for k, (v, other, n) in enumerate(distinct):
-            near = np.abs(u - v)[:n_physical].max() < _SAME_PLACE * 5
-            if near and abs(value - other) < height:
-                distinct[k] = (v, other, n + count)
-                break
-        else:
-            distinct.append((u, value, count))
-    return distinct
-
-
-def optimise(
-    problem: Problem,
-    *,
-    seed: int,
-    n_starts: int = 32,
-    known: FloatArray | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Optimum:
-    """Search for the top of the posterior from the `n_starts` best of many quasi-random draws of the prior.
-
-    Parameters
-    ----------
-    problem : Problem
-    seed : int
-        Of the scrambled Sobol sequence the starts come from.
-    n_starts : int
-    known : (n, n_dim) array, optional
-        Places that are known to be good, in sampling coordinates: they take the place of as many draws.
-    progress : callable
-        Called with (iterations done, iterations in all) of the climbs.
-
-    Returns
-    -------
-    Optimum
-
-    Raises
-    ------
-    ConvergenceError
-        If not one start led to a finite posterior.
-    """
-    starts, evaluations = starts_of(problem, seed, n_starts, n_starts * _DRAWS_PER_START)
-    given = np.empty((0, problem.n_dim)) if known is None else np.clip(known, *problem.bounds.T)
-    if problem.terms:
-        # The model without its causes lies within it: what fits there is a start here, too.
-        plain = replace(problem, terms=())
-        nested = optimise(plain, seed=seed, n_starts=max(n_starts // 4, 4))
-        evaluations += nested.n_evaluations
-        given = np.concatenate([given, widened(problem, nested.best.values, plain.names)])
-    given = given[:n_starts]
-    starts = np.concatenate([starts[: n_starts - len(given)], given])
-    climbed = ascend(problem, starts, schedule=((_TRIAL, max(n_starts // 2, 1)), (_REST, n_starts)), progress=progress)
-    evaluations += climbed.n_sets
-    found = np.isfinite(climbed.height)
-    ends = [(u, float(h), 1) for u, h in zip(climbed.u[found], climbed.height[found], strict=True)]
-    failed = n_starts - len(starts) + int((~found).sum())
-    if not ends:
-        raise ConvergenceError("search for a starting point with finite posterior", reached=0, required=1)
-    basins = _merge(ends, problem.n_physical, height=1.0)
-    promising = [b for b in basins if b[1] > basins[0][1] - _PROMISING][:_MOST_BASINS]
-    beyond = evolved(problem, climbed.u[[climbed.best]], seed=seed)
-    evaluations += beyond.n_sets
-    # Beside the starts' ends, none of which it may keep from being polished; one place where they agree.
-    other = [(u, float(h), 0) for u, h in zip(beyond.u, beyond.height, strict=True) if np.isfinite(h)]
-    promising = _merge([*promising, *other], problem.n_physical, height=1.0)
-    tops: list[tuple[FloatArray, float, int]] = []
-    report = ""
-    for u, _, count in promising:
-        top, value, result = climb(problem, u)
-        evaluations += int(result.nfev) * (1 + 2 * problem.n_dim)
-        if np.isfinite(value):
-            if not tops or value > max(t[1] for t in tops):
-                report = _report(problem, top, result)
-            tops.append((top, value, count))
-    if not tops:
-        raise ConvergenceError("search for a starting point with finite posterior", reached=0, required=1)
-    distinct = _merge(tops, problem.n_physical, _SAME_HEIGHT)
-    minima = tuple(Minimum(problem.to_physical(u), value, count) for u, value, count in distinct)
-    covariance = np.stack([laplace_covariance(problem, u) for u, _, _ in distinct])
-    return Optimum(minima, covariance, n_starts, failed, evaluations, report)
-
-
-def improve(problem: Problem, optimum: Optimum, start: FloatArray) -> Optimum:
-    """Put the top that lies above `start` before the minima found, all of which are lower than `start`.
-
-    Parameters
-    ----------
-    problem : Problem
-    optimum : Optimum
-    start : (n_dim,) array
-        Sampling coordinates.
-
-    Returns
-    -------
-    Optimum
-        The new minimum counts no starts.
-    """
-    top, value, result = climb(problem, start)
-    height = float(problem.log_posterior(start[None, :])[0])
-    if not value > height:
-        top, value = start, height
-    return replace(
-        optimum,
-        minima=(Minimum(problem.to_physical(top), value, 0), *optimum.minima),
-        covariance=np.concatenate([laplace_covariance(problem, top)[None], optimum.covariance]),
-        n_evaluations=optimum.n_evaluations + int(result.nfev) * (1 + 2 * problem.n_dim),
-        report=_report(problem, top, result),
-    )

@@ -154,6 +154,11 @@ class Problem:
         """Bounds in the sampling coordinate, (n_dim, 2)."""
         return np.array([[p.sampling_bounds.lower, p.sampling_bounds.upper] for p in self.parameters])
 
+    @cached_property
+    def widths(self) -> FloatArray:
+        """Distance of the bounds in the sampling coordinate, (n_dim,)."""
+        return np.asarray(np.ptp(self.bounds, axis=1))
+
     def without(self, *gone: Term) -> tuple[Problem, list[int]]:
         """The problem without some of its causes, and which of the coordinates are left."""
         rest = replace(self, terms=tuple(t for t in self.terms if t not in gone))

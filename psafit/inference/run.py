@@ -1,10 +1,11 @@
 """From a problem to a fitted, sampled and described posterior in a run folder.
 
-The folder holds `experiment/` (a copy of the data the run saw), `fit.json` once the search is done,
-`chain.h5` (the sampler's checkpoint), and at the end `posterior.nc` and `posterior.json`. Each stage that is already
-there is taken from the folder, so an interrupted run goes on where it stopped, and one whose chain gave up
-before it converged draws on. A chain that finds a better minimum than the search ends; the minimum is added, and
-sampling begins again. The records carry checksums: what somebody has changed is not taken for a result.
+The folder holds `experiment/` (a copy of the data the run saw), `fit.json` once the search is done, `importance/`
+(draws by importance sampling), `chain.h5` (the sampler's checkpoint), and at the end `posterior.nc` and
+`posterior.json`. Each stage that is already there is taken from the folder, so an interrupted run goes on where it
+stopped, and one whose sampler gave up before it converged draws on. Draws that find a better mode than the search end;
+the mode is added, and sampling begins again. The records carry checksums: what somebody has changed is not taken for a
+result.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ import importlib.metadata
 import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 import psafit
 from psafit.arrays import FloatArray
@@ -33,11 +35,16 @@ from psafit.files import (
     sole,
     write_atomically,
 )
-from psafit.inference import emcee_adaptor, identify, store
-from psafit.inference.candidate import built_up
+from psafit.inference import identify, store
+from psafit.inference.candidate import Candidate, built_up, principal, settle_at
+from psafit.inference.evidence import Weighed, weigh
 from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
-from psafit.inference.optimise import Minimum, Optimum, improve, laplace_covariance, optimise
+from psafit.inference.memory import Memory
+from psafit.inference.optimise import climb, report
 from psafit.inference.problem import Problem, refuse_still
+from psafit.inference.sample import SampleSettings, sample
+from psafit.inference.samplers import USUAL, sampler
+from psafit.inference.sampling import Chain, Progress, SamplerSettings, Target
 from psafit.inference.scale import read
 from psafit.parameters import SHARES
 from psafit.physics import plugin_versions, recorded, signatures
@@ -45,6 +52,8 @@ from psafit.physics.term import Term
 from psafit.records import (
     Brief,
     Fit,
+    ImportanceEntry,
+    ImportanceSummary,
     MinimumEntry,
     ParameterEntry,
     ParameterSummary,
@@ -60,8 +69,8 @@ _THIN = 0.5
 # A chain this much higher than the best minimum (nats) shows that the search has missed one. Sampling begins again at
 # most so many times.
 _MISSED, _RESTARTS = 1.0, 5
-# From so many causes on, a search from scratch ends on whatever hill is near: it is led there by smaller models.
-_MANY = 3
+# Draws of the prior that are looked at for each start.
+_DRAWS_PER_START = 32
 # Minima so far (nats) below the best hold a part of the walkers.
 _ALIKE = 5.0
 # In a folder whose search is not done yet, with the run's identity.
@@ -69,7 +78,7 @@ MARKER = ".psafit-run"
 # What posterior.json vouches for.
 _SIGNED = ("fit.json", "posterior.nc")
 _ANEW = "run psafit fit again with another --out"
-LIBRARIES = ("numpy", "scipy", "numba", "lmfit", "emcee", "arviz", "h5py", "pandas")
+LIBRARIES = ("numpy", "scipy", "numba", "lmfit", "arviz", "h5py", "pandas")
 
 
 @dataclass(frozen=True, repr=False)
@@ -85,16 +94,12 @@ class Run(Brief):
     draws: store.Draws
 
 
-def _sampler(settings: emcee_adaptor.Settings) -> dict[str, int | float]:
-    """The settings that determine a chain; where it gives up, and what is stored of it, are none of them."""
-    return {k: v for k, v in asdict(settings).items() if k not in ("max_steps", "stored")}
-
-
 def _determinants(
     problem: Problem,
     seed: int,
     n_starts: int,
-    sampler: Mapping[str, float],
+    sampled_by: str,
+    settings: Mapping[str, float],
     known: list[dict[str, float]],
     version: str = psafit.__version__,
 ) -> dict[str, Any]:
@@ -106,7 +111,8 @@ def _determinants(
         "priors": [p.signature for p in problem.parameters],
         "seed": seed,
         "starts": n_starts,
-        "sampler settings": dict(sampler),
+        "sampler": sampled_by,
+        "sampler settings": dict(settings),
         "version": version,
         "known places": known,
     }
@@ -121,6 +127,7 @@ def _recorded(record: Fit) -> dict[str, Any]:
         "priors": [[e.name, e.prior, e.lower, e.upper] for e in record.parameters],
         "seed": record.seed,
         "starts": record.n_starts,
+        "sampler": record.sampled_by,
         "sampler settings": record.sampler,
         "version": record.versions.get("psafit"),
         "known places": record.known,
@@ -136,10 +143,14 @@ def _identity(determinants: Mapping[str, Any]) -> str:
     return digest({word: value for word, value in determinants.items() if word != "known places" or value})
 
 
-def versions() -> dict[str, str]:
-    """Versions of psafit, Python, the libraries and the plugins that shape a result."""
+def versions(sampled_by: str = USUAL) -> dict[str, str]:
+    """Versions of psafit, Python, the libraries (of a sampler, too) and the plugins that shape a result."""
     found = {"psafit": psafit.__version__, "python": platform.python_version()}
-    return found | {name: importlib.metadata.version(name) for name in LIBRARIES} | plugin_versions()
+    return (
+        found
+        | {name: importlib.metadata.version(name) for name in (*LIBRARIES, *sampler(sampled_by).libraries)}
+        | plugin_versions()
+    )
 
 
 def fit(
@@ -151,7 +162,8 @@ def fit(
     seed: int = 1,
     n_starts: int = 32,
     known: Sequence[Mapping[str, float]] = (),
-    settings: emcee_adaptor.Settings | None = None,
+    sampled_by: str = USUAL,
+    settings: SamplerSettings | None = None,
     watcher: Watcher | None = None,
     command: Sequence[object] = (),
 ) -> Run:
@@ -170,11 +182,13 @@ def fit(
     seed : int
         Same seed, same result.
     n_starts : int
-        Starts of the search.
+        Starts of the search: half of them for each of two fits that share nothing, one more where they are odd.
     known : sequence of dict
         Values of all parameters at which it begins, too.
-    settings : Settings, optional
-        Of the sampler; `Settings.of` the problem by default.
+    sampled_by : str
+        Name of the sampler; see `psafit.inference.samplers`.
+    settings : SamplerSettings, optional
+        Of that sampler; its own for the problem by default.
     watcher : Watcher, optional
     command : sequence
         Words of the command line to be kept with the result.
@@ -194,13 +208,15 @@ def fit(
     problem = Problem(experiment, tuple(experiment.group(g).id for g in group_ids), tuple(terms))
     refuse_still(experiment.select(group_ids))
     places = _places(problem, known)
-    settings = settings or emcee_adaptor.Settings.of(problem)
+    n_starts += n_starts % 2
+    settings = settings or sampler(sampled_by).settings(problem)
     watcher = watcher or Silent()
-    determinants = _determinants(problem, seed, n_starts, _sampler(settings), places)
+    determinants = _determinants(problem, seed, n_starts, sampled_by, settings.determinants, places)
     with sole(folder):
         record = _claim(folder, determinants)
         with reporting(watcher, folder, "fit", _identity(determinants), FIT, COUNTED) as watcher:
-            return _fitted(problem, folder, record, determinants, seed, n_starts, places, settings, watcher, command)
+            asked = _Asked(problem, _identity(determinants), seed, n_starts, places, sampled_by, settings, command)
+            return _Work(folder, asked, watcher).run(record)
 
 
 def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
@@ -220,85 +236,183 @@ def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict
     return found
 
 
-def _fitted(
-    problem: Problem,
-    folder: Path,
-    record: Fit | None,
-    determinants: Mapping[str, Any],
-    seed: int,
-    n_starts: int,
-    known: list[dict[str, float]],
-    settings: emcee_adaptor.Settings,
-    watcher: Watcher,
-    command: Sequence[object],
-) -> Run:
-    """What `fit` does once it knows what it is asked for."""
-    identity = _identity(determinants)
-    if record is None:
-        write_experiment(problem.experiment, folder / "experiment")
-        watcher.stage("search")
-        places = problem.to_sampling(np.array([list(at.values()) for at in known])) if known else None
-        if not known and len(problem.terms) >= _MANY:
-            places = built_up(
-                problem, seed=seed, progress=lambda k, n: watcher.update(k, n, "models with fewer causes")
-            ).modes
-        optimum = optimise(
-            problem,
-            seed=seed,
-            n_starts=n_starts,
-            known=places,
-            progress=lambda k, n: watcher.update(k, n, "iterations of climbs"),
-        )
-        record = _record(problem, optimum, identity, seed, settings, command, known)
-        write_json(folder / "fit.json", record, sealed=True)
-    (folder / MARKER).unlink(missing_ok=True)
-    limit = settings.max_steps
-    if (folder / "posterior.json").exists():
-        finished = load(folder)
-        if finished.summary.converged:
-            return finished
-        limit += finished.summary.n_steps
+@dataclass(frozen=True)
+class _Asked:
+    """All that a run is asked for."""
 
-    while True:
-        # From the record even when fresh: the numbers in the file are the numbers used.
-        optimum = _optimum(problem, record)
-        ceiling = optimum.best.log_posterior + _MISSED if record.n_missed < _RESTARTS else math.inf
-        watcher.stage("sample")
-        chain = emcee_adaptor.sample(
-            problem,
-            optimum,
-            seed=seed,
-            path=folder / "chain.h5",
-            identity=identity,
-            settings=replace(settings, max_steps=limit),
-            progress=_teller(watcher, settings, limit),
-            ceiling=ceiling,
-        )
-        # The summary goes first and comes last: it must never describe other draws than those beside it.
-        (folder / "posterior.json").unlink(missing_ok=True)
-        if chain.height <= ceiling:
-            break
-        watcher.stage("climb")
-        optimum = improve(problem, optimum, chain.highest)
+    problem: Problem
+    identity: str
+    seed: int
+    n_starts: int
+    known: list[dict[str, float]]
+    sampled_by: str
+    settings: SamplerSettings
+    command: Sequence[object]
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One run: what its stages share, and the stages."""
+
+    folder: Path
+    asked: _Asked
+    watcher: Watcher
+
+    def run(self, record: Fit | None) -> Run:
+        """Every stage that is not in the folder yet."""
+        folder, settings = self.folder, self.asked.settings
+        if record is None:
+            write_experiment(self.asked.problem.experiment, folder / "experiment")
+            record = self._search()
+            write_json(folder / "fit.json", record, sealed=True)
+        (folder / MARKER).unlink(missing_ok=True)
+        limit = settings.max_steps
+        if (folder / "posterior.json").exists():
+            finished = load(folder)
+            if finished.summary.converged:
+                return finished
+            limit += finished.summary.n_steps
+        while True:
+            # From the record even when fresh: the numbers in the file are the numbers used.
+            found = _found(self.asked.problem, record)
+            ceiling = record.minima[0].log_posterior + _MISSED if record.n_missed < _RESTARTS else math.inf
+            weighed = self._weighed(found)
+            chain = self._drawn(found, weighed, limit, ceiling)
+            # The summary goes first and comes last: it must never describe other draws than those beside it.
+            (folder / "posterior.json").unlink(missing_ok=True)
+            if chain.height <= ceiling:
+                break
+            record = self._improved(record, found, chain)
+            limit = settings.max_steps
+        return self._described(record, weighed, chain)
+
+    def _search(self) -> Fit:
+        """Look for modes, and let lmfit polish them."""
+        asked, problem = self.asked, self.asked.problem
+        self.watcher.stage("search")
+        if asked.known:
+            places = problem.to_sampling(np.array([list(at.values()) for at in asked.known]))
+            known = [settle_at(problem, np.clip(places, *problem.bounds.T))]
+        elif problem.terms:
+            # From scratch, a search among causes that hold each other in place ends on whatever hill is near.
+            known = [
+                built_up(
+                    problem,
+                    seed=asked.seed,
+                    progress=lambda k, n: self.watcher.update(k, n, "models with fewer causes"),
+                )
+            ]
+        else:
+            known = []
+        per_fit = asked.n_starts // 2
+        how = SampleSettings(draws=per_fit * _DRAWS_PER_START, starts=per_fit)
+        found, _ = sample(problem, known, seed=asked.seed, settings=how, progress=self.watcher.update)
+        tops, evaluations = [], 0
+        for k, mode in enumerate(found.modes):
+            self.watcher.update(k, len(found.modes), "modes polished")
+            top, height, result = climb(problem, mode)
+            tops.append((height if math.isfinite(height) else -math.inf, k, top, result))
+            evaluations += int(result.nfev) * (1 + 2 * problem.n_dim)
+        polished = settle_at(problem, np.array([top for _, _, top, _ in tops]), found.starts)
+        _, _, top, result = max(tops, key=lambda polish: (polish[0], -polish[1]))
+        return Fit(
+            identity=asked.identity,
+            title=problem.experiment.title,
+            source=problem.experiment.source,
+            fingerprint=problem.experiment.fingerprint,
+            groups=list(problem.group_ids),
+            terms=[t.id for t in problem.terms],
+            engine=simulate(problem.design, problem.theta(polished.modes, problem.group_ids), problem.terms).engine,
+            seed=asked.seed,
+            parameters=[
+                ParameterEntry(
+                    p.name, p.symbol, p.unit, p.description, p.bounds.lower, p.bounds.upper, p.prior.describe(),
+                    p.source,
+                )
+                for p in problem.parameters
+            ],
+            n_physical=problem.n_physical,
+            minima=_entries(polished),
+            n_starts=asked.n_starts,
+            n_followed=found.effort.begun,
+            n_failed=found.effort.failed,
+            n_evaluations=found.effort.n_sets + evaluations,
+            n_missed=0,
+            sampled_by=asked.sampled_by,
+            sampler=asked.settings.determinants,
+            lmfit_report=report(result, top, polished.covariance[0]),
+            versions=versions(asked.sampled_by),
+            command=portable_command(asked.command),
+            known=asked.known,
+        )  # fmt: skip
+
+    def _weighed(self, found: Candidate) -> Weighed:
+        """Draws by importance sampling, kept in the folder."""
+
+        def make() -> dict[str, FloatArray]:
+            return {name: np.asarray(a, float) for name, a in vars(weigh(found, seed=self.asked.seed)).items()}
+
+        self.watcher.stage("weigh")
+        about = [self.asked.seed, found.modes.tolist()]
+        kept = Memory(self.folder / "importance").recall("draws", found.problem, about, make)
+        values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items()}
+        return Weighed(**values)
+
+    def _drawn(self, found: Candidate, weighed: Weighed, limit: int, ceiling: float) -> Chain:
+        """Draws of the posterior by the sampler."""
+        asked = self.asked
+        self.watcher.stage("sample")
+        target = Target(found, weighed, asked.seed, self.folder / "chain.h5", asked.identity, ceiling)
+        settings = replace(asked.settings, max_steps=limit)
+        return sampler(asked.sampled_by).draw(target, settings, _teller(self.watcher, limit))
+
+    def _improved(self, record: Fit, found: Candidate, chain: Chain) -> Fit:
+        """Add the mode that the search has missed, and begin the chain anew."""
+        problem = self.asked.problem
+        self.watcher.stage("climb")
+        top, height, result = climb(problem, chain.highest)
+        if not height > chain.height:
+            top = chain.highest
+        better = principal(settle_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts])))
         # The record comes last: killed before, the same chain is drawn again and finds the same.
-        (folder / "chain.h5").unlink()
+        (self.folder / "chain.h5").unlink(missing_ok=True)
         record = replace(
             record,
-            minima=_entries(problem, optimum),
-            n_evaluations=optimum.n_evaluations,
+            minima=_entries(better),
+            n_evaluations=record.n_evaluations + int(result.nfev) * (1 + 2 * problem.n_dim),
             n_missed=record.n_missed + 1,
-            lmfit_report=optimum.report,
+            lmfit_report=report(result, top, better.covariance[0]),
         )
-        write_json(folder / "fit.json", record, sealed=True)
-        limit = settings.max_steps
-    thin = max(1, int(_THIN * chain.autocorrelation_time.min()))
-    draws = store.Draws(
-        problem.names, problem.to_physical(chain.draws[:, ::thin]), chain.log_posterior[:, ::thin], identity
-    )
+        write_json(self.folder / "fit.json", record, sealed=True)
+        return record
+
+    def _described(self, record: Fit, weighed: Weighed, chain: Chain) -> Run:
+        """Keep the draws, walk the profiles, and say what the data determine."""
+        folder, problem, settings = self.folder, self.asked.problem, self.asked.settings
+        thin = max(1, int(_THIN * chain.autocorrelation_time.min()))
+        draws = store.Draws(
+            problem.names,
+            problem.to_physical(chain.draws[:, ::thin]),
+            chain.log_posterior[:, ::thin],
+            self.asked.identity,
+        )
+        _keep(folder / "posterior.nc", problem, draws, settings.stored)
+        self.watcher.stage("profile")
+        flat = problem.to_sampling(draws.flat)
+        top = flat[np.argmax(draws.log_posterior)]
+        profiles = identify.profiles(problem, top, lambda k, n: self.watcher.update(k, n, "profiles"))
+        files = {name: sha256(folder / name) for name in _SIGNED}
+        summary = _summarise(problem, chain, draws, weighed, thin, profiles, record, files)
+        write_json(folder / "posterior.json", summary, sealed=True)
+        return Run(folder, problem, record, summary, draws)
+
+
+def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int) -> None:
+    """Write `posterior.nc`, with the log likelihood of some of the draws."""
+    n_chains, n_kept = draws.values.shape[:2]
     flat = problem.to_sampling(draws.flat)
-    n_walkers, n_kept = draws.values.shape[:2]
-    every = math.ceil(len(flat) * problem.observed.size / settings.stored)
-    rows = flat.reshape(n_walkers, n_kept, -1)[:, ::every].reshape(-1, problem.n_dim)
+    every = math.ceil(len(flat) * problem.observed.size / stored)
+    rows = flat.reshape(n_chains, n_kept, -1)[:, ::every].reshape(-1, problem.n_dim)
     log_likelihood = np.concatenate(
         [
             problem.pointwise_log_likelihood(part).astype(np.float32)
@@ -307,20 +421,12 @@ def _fitted(
     )
     design = problem.design
     store.write(
-        folder / "posterior.nc",
+        path,
         draws,
-        log_likelihood.reshape(n_walkers, -1, problem.observed.size),
+        log_likelihood.reshape(n_chains, -1, problem.observed.size),
         problem.observed,
         {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "square": design.waveform},
     )
-
-    watcher.stage("profile")
-    top = flat[np.argmax(draws.log_posterior)]
-    profiles = identify.profiles(problem, top, lambda k, n: watcher.update(k, n, "profiles"))
-    files = {name: sha256(folder / name) for name in _SIGNED}
-    summary = _summarise(problem, chain, draws, thin, profiles, record, settings, files)
-    write_json(folder / "posterior.json", summary, sealed=True)
-    return Run(folder, problem, record, summary, draws)
 
 
 def load(folder: Path) -> Run:
@@ -351,7 +457,9 @@ def load(folder: Path) -> Run:
     chosen = recorded(record.terms, record.versions, folder / "fit.json")
     problem = Problem(experiment, tuple(record.groups), chosen)
     found = _recorded(record)
-    expected = _determinants(problem, record.seed, record.n_starts, record.sampler, record.known, found["version"])
+    expected = _determinants(
+        problem, record.seed, record.n_starts, record.sampled_by, record.sampler, record.known, found["version"]
+    )
     if differing := _differing(expected, found):
         if "data" in differing:
             kept = "put the files back that were fitted, or give another --out"
@@ -384,82 +492,40 @@ def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
     return record
 
 
-def _entries(problem: Problem, optimum: Optimum) -> list[MinimumEntry]:
+def _entries(found: Candidate) -> list[MinimumEntry]:
+    problem = found.problem
     return [
-        MinimumEntry(dict(zip(problem.names, m.values.tolist(), strict=True)), m.log_posterior, m.starts)
-        for m in optimum.minima
+        MinimumEntry(dict(zip(problem.names, values.tolist(), strict=True)), float(height), int(starts))
+        for values, height, starts in zip(problem.to_physical(found.modes), found.heights, found.starts, strict=True)
     ]
 
 
-def _engine(problem: Problem, optimum: Optimum) -> str:
-    """Path that the simulator takes at the minima."""
-    u = problem.to_sampling(np.array([m.values for m in optimum.minima]))
-    return simulate(problem.design, problem.theta(u, problem.group_ids), problem.terms).engine
+def _found(problem: Problem, record: Fit) -> Candidate:
+    """The modes as a record keeps them."""
+    values = np.array([[m.values[name] for name in problem.names] for m in record.minima])
+    return settle_at(problem, problem.to_sampling(values), np.array([m.starts for m in record.minima]))
 
 
-def _teller(watcher: Watcher, settings: emcee_adaptor.Settings, limit: int) -> Callable[[emcee_adaptor.Progress], None]:
-    return lambda s: watcher.update(
-        s.steps,
-        min(s.steps + s.steps_left, limit),
-        f"steps (at most {limit}), R-hat {s.r_hat:.5f} (goal: below {settings.r_hat}),"
-        f" {s.autocorrelation_times:.0f} autocorrelation times (goal {settings.autocorrelation_times:.0f})",
-    )
+def _teller(watcher: Watcher, limit: int) -> Callable[[Progress], None]:
+    def tell(s: Progress) -> None:
+        words = [f"steps (at most {limit})"]
+        if s.r_hat is not None:
+            words.append(f"R-hat {s.r_hat:.5f} (goal: below {s.wanted_r_hat})")
+        if s.autocorrelation_times is not None:
+            words.append(f"{s.autocorrelation_times:.0f} autocorrelation times (goal {s.wanted_times:.0f})")
+        watcher.update(s.steps, min(s.steps + s.steps_left, limit), ", ".join(words))
 
-
-def _record(
-    problem: Problem,
-    optimum: Optimum,
-    identity: str,
-    seed: int,
-    settings: emcee_adaptor.Settings,
-    command: Sequence[object],
-    known: list[dict[str, float]],
-) -> Fit:
-    return Fit(
-        identity=identity,
-        title=problem.experiment.title,
-        source=problem.experiment.source,
-        fingerprint=problem.experiment.fingerprint,
-        groups=list(problem.group_ids),
-        terms=[t.id for t in problem.terms],
-        engine=_engine(problem, optimum),
-        seed=seed,
-        parameters=[
-            ParameterEntry(
-                p.name, p.symbol, p.unit, p.description, p.bounds.lower, p.bounds.upper, p.prior.describe(), p.source
-            )
-            for p in problem.parameters
-        ],
-        n_physical=problem.n_physical,
-        minima=_entries(problem, optimum),
-        n_starts=optimum.n_starts,
-        n_failed=optimum.n_failed,
-        n_evaluations=optimum.n_evaluations,
-        n_missed=0,
-        sampler=_sampler(settings),
-        lmfit_report=optimum.report,
-        versions=versions(),
-        command=portable_command(command),
-        known=known,
-    )
-
-
-def _optimum(problem: Problem, record: Fit) -> Optimum:
-    minima = tuple(
-        Minimum(np.array([m.values[n] for n in problem.names]), m.log_posterior, m.starts) for m in record.minima
-    )
-    covariance = np.stack([laplace_covariance(problem, problem.to_sampling(m.values)) for m in minima])
-    return Optimum(minima, covariance, record.n_starts, record.n_failed, record.n_evaluations, record.lmfit_report)
+    return tell
 
 
 def _summarise(
     problem: Problem,
-    chain: emcee_adaptor.Chain,
+    chain: Chain,
     draws: store.Draws,
+    weighed: Weighed,
     thin: int,
     profiles: list[list[ProfilePoint]],
     record: Fit,
-    settings: emcee_adaptor.Settings,
     files: dict[str, str],
 ) -> PosteriorSummary:
     health = store.diagnostics(draws.values)
@@ -496,15 +562,18 @@ def _summarise(
         )
     kept = chain.draws.shape[1]
     reached = kept / float(chain.autocorrelation_time.max())
+    goal = record.sampler.get("r_hat", math.inf)
     # Rounded so that what misses its goal is never told as meeting it.
-    mixed = store.told_r_hat(float(chain.r_hat.max()), settings.r_hat)
+    mixed = store.told_r_hat(float(chain.r_hat.max()), goal)
     message = f"{math.floor(reached)} autocorrelation times, R-hat at most {mixed}"
     if not chain.converged:
-        message = (
-            f"not converged after {chain.burn_in + kept} steps ({message}; wanted"
-            f" {settings.autocorrelation_times:.0f} and {settings.r_hat}): repeat the command to draw on"
+        wanted = "".join(
+            f"; {words} {record.sampler[name]:g} wanted"
+            for name, words in (("autocorrelation_times", "of the first"), ("r_hat", "R-hat"))
+            if name in record.sampler
         )
-        message += _apart(problem.names, [m.log_posterior for m in record.minima], chain.r_hat, settings.r_hat)
+        message = f"not converged after {chain.burn_in + kept} steps ({message}{wanted}): repeat the command to draw on"
+        message += _apart(problem.names, [m.log_posterior for m in record.minima], chain.r_hat, goal)
     return PosteriorSummary(
         identity=record.identity,
         converged=chain.converged,
@@ -516,7 +585,33 @@ def _summarise(
         acceptance=chain.acceptance,
         autocorrelation_times=reached,
         parameters=entries,
+        importance=_compared(problem, sampled, weighed, float(min(health["ess_tail"]))),
         files=files,
+    )
+
+
+def _compared(problem: Problem, sampled: FloatArray, weighed: Weighed, effective: float) -> ImportanceSummary:
+    """Importance draws beside those of the sampler, (n, n_dim) in the sampling coordinate.
+
+    `effective` is what the latter are worth.
+    """
+    q = [0.05, 0.5, 0.95]
+    own, other = np.quantile(sampled, q, axis=0), weighed.quantiles(weighed.draws, q)
+    width = np.maximum(own[2] - own[0], 1e-12)
+    apart = (np.abs(other - own) / width).max(axis=0)
+    # Standard error of a limit of a normal distribution, in widths of its interval, times the root of the draws.
+    one = math.sqrt(q[0] * q[2]) / norm.pdf(norm.ppf(q[0])) / (norm.ppf(q[2]) - norm.ppf(q[0]))
+    values = problem.to_physical(other)
+    return ImportanceSummary(
+        log_evidence=weighed.log_evidence,
+        standard_error=weighed.doubt,
+        effective=weighed.effective,
+        pareto_k=weighed.pareto_k,
+        by_chance=2 * float(one) * math.hypot(weighed.effective**-0.5, effective**-0.5),
+        parameters=[
+            ImportanceEntry(name, float(values[1, k]), float(values[0, k]), float(values[2, k]), float(apart[k]))
+            for k, name in enumerate(problem.names)
+        ],
     )
 
 

@@ -129,15 +129,18 @@ def pareto_k(log_weights: FloatArray) -> float:
 
 def told_r_hat(value: float, goal: float) -> str:
     """An R-hat rounded up, to as many digits as tell whether it is below its goal; at least four."""
+    if not math.isfinite(value):
+        return "not defined"
     texts = (f"{math.ceil(10**n * value) / 10**n:.{n}f}" for n in range(4, 12))
     return next((text for text in texts if (float(text) < goal) == (value < goal)), f"{value:g}")
 
 
 def r_hat(values: FloatArray) -> FloatArray:
-    """Rank-normalised split R-hat of (n_chains, n_draws, n_dim) draws; (n_dim,)."""
+    """Rank-normalised split R-hat of (n_chains, n_draws, n_dim) draws; (n_dim,). NaN where all draws are the same."""
     az = _arviz()
 
-    return _each(az.rhat, values)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return _each(az.rhat, values)
 
 
 def diagnostics(values: FloatArray) -> dict[str, FloatArray]:

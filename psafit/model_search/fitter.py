@@ -20,8 +20,8 @@ from psafit.inference.evidence import Weighed
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
+from psafit.inference.sample import first, joined, second
 from psafit.model_search.loop import Foreseen, Ids, Model
-from psafit.model_search.sample import first, joined, second
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
 from psafit.workers import unordered
@@ -255,7 +255,7 @@ def _arrays(candidate: Candidate) -> Arrays:
     return {f.name: np.ascontiguousarray(getattr(candidate, f.name)) for f in fields(candidate) if f.name != "problem"}
 
 
-def _candidate(problem: Problem, arrays: Arrays) -> Candidate:
+def _candidate(problem: Problem, arrays: Mapping[str, Any]) -> Candidate:
     return Candidate(problem, **arrays)
 
 

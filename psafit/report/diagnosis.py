@@ -27,7 +27,9 @@ from psafit.report.fit import told_numerics, write_report
 from psafit.report.page import render, worst
 from psafit.report.wording import (
     NBSP,
+    compared,
     percent,
+    typeset,
 )
 from psafit.validate import log_ratio, root_mean_square, validate
 
@@ -107,7 +109,10 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "quick": result.quick,
         "gains": [tables.gain(name, result.gain[name]) for name in ("strict", "nested") if result.gain.get(name)],
         "extension": {"adopted": None, "strict": None}
-        | {which: run | {"model": model(run["terms"])} for which, run in result.extension.items()},
+        | {
+            which: run | {"model": model(run["terms"]), "compared": _compared(run)}
+            for which, run in result.extension.items()
+        },
         "ledger": tables.ledger(result.ledger),
         "begun": any("led_to" in entry for entry in result.ledger),
         "proposals": tables.proposals(result.next_experiment),
@@ -125,6 +130,11 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         },
     }
     return render("diagnosis.html.j2", folder / PAGE, **content)
+
+
+def _compared(run: dict[str, Any]) -> str:
+    """Whether the chain of an extension and importance draws agree; nothing where that is not on record."""
+    return typeset(compared(**run["importance"])) if "importance" in run else ""
 
 
 def _told(path: Path, model: str | None = None) -> dict[str, Told]:

@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
 from psafit.inference.run import Run
+from psafit.inference.samplers import sampler
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
 from psafit.report import fit_pictures
 from psafit.report.fit_pictures import Shown
 from psafit.report.page import render
 from psafit.report.wording import (
     NBSP,
+    compared,
     count,
     exact,
     factor,
@@ -31,6 +34,7 @@ from psafit.report.wording import (
     prefixed,
     rounded,
     symbol_html,
+    typeset,
     unit_text,
     with_unit,
 )
@@ -96,6 +100,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "left_out": len(shown) - len(pictured),
         "corners": fit_pictures.corner_pictures(run, marginals),
         "health": _health(run),
+        "importance": _importance(run),
         "traces": fit_pictures.trace_pictures(run, marginals),
         "priors": _prior_rows(run),
         "lmfit_report": run.fit.lmfit_report,
@@ -322,24 +327,22 @@ def _minima(run: Run) -> dict[str, Any]:
     rows = [
         [
             f"{rank}",
-            f"{m.starts} of {fit.n_starts}",
+            f"{m.starts} of {fit.n_followed}",
             fixed(m.log_posterior, 2).replace("-", "\N{MINUS SIGN}"),
             f"{best.log_posterior - m.log_posterior:.2f}",
             *(number(m.values[e.name]) for e in fit.parameters),
         ]
         for rank, m in enumerate(fit.minima[:_MAX_MINIMA], 1)
     ]
-    text = (
-        f"{count(fit.n_starts, 'start')} followed; the highest places they and a population led to were climbed to the"
-    )
-    text += f" top: {len(fit.minima)} distinct {'minimum' if len(fit.minima) == 1 else 'minima'}"
+    found = f"{len(fit.minima)} distinct {'minimum' if len(fit.minima) == 1 else 'minima'}"
+    text = f"Two fits with starts of their own look for minima, and lmfit polishes them: {found}. "
     if best.starts or fit.n_missed:
-        text += f". The best was reached {count(best.starts, 'time')}"
+        text += f"{best.starts} of {count(fit.n_followed, 'start')} reached the best"
     else:
-        text += ". No start led to the best, but the population (differential evolution)"
-    text += "; climbs that fell behind were given up"
+        text += f"None of {count(fit.n_followed, 'start')} reached the best, but a population (differential evolution)"
+    text += "; starts that fell behind were given up"
     if fit.n_failed:
-        text += f", and {count(fit.n_failed, 'start')} failed"
+        text += f", and {fit.n_failed} failed"
     text += f" ({fit.n_evaluations} evaluations)."
     if len(fit.minima) > 1:
         gap = best.log_posterior - fit.minima[1].log_posterior
@@ -349,8 +352,6 @@ def _minima(run: Run) -> dict[str, Any]:
         )
     if fit.n_missed:
         text += f" The search had missed {count(fit.n_missed, 'better one')}, which the sampler then found."
-    elif best.starts < 3 < fit.n_starts:
-        text += " So few starts found the best that a better one may have been missed."
     return {
         "text": text,
         "columns": columns,
@@ -391,16 +392,37 @@ def _health(run: Run) -> list[list[Any]]:
     verdict = {"text": "converged" if s.converged else "not converged", "kind": "good" if s.converged else "bad"}
     return [
         ["Verdict", verdict, s.message],
-        ["Walkers", str(s.n_walkers), "emcee: differential evolution and independent moves"],
-        ["Steps of each walker", f"{s.n_steps}", f"of which {s.burn_in} burn-in"],
-        ["Acceptance", percent(s.acceptance), "moves accepted; 20 to 50 % is healthy, more where strides are emulated"],
+        ["Chains", str(s.n_walkers), sampler(run.fit.sampled_by).about],
+        ["Steps of each", f"{s.n_steps}", f"of which {s.burn_in} burn-in"],
+        ["Acceptance", percent(s.acceptance), "proposals accepted; above 20 % is healthy"],
         ["Length after burn-in", f"{s.autocorrelation_times:.0f}", "autocorrelation times of the slowest parameter"],
         ["Kept", f"{run.draws.values.shape[0] * run.draws.values.shape[1]} draws", f"one step in {s.thinning}"
          if s.thinning > 1 else "every step"],
-        ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.4f}", "rank-normalised split R-hat; 1 is mixed"],
+        ["Largest R-hat", f"{max(p.r_hat for p in s.parameters):.4f}",
+         "rank-normalised split R-hat over ensembles of different seeds; 1 is mixed"],
         ["Smallest effective sample", f"{min(min(p.ess_bulk, p.ess_tail) for p in s.parameters):.0f}",
          "independent draws that the worst estimate is worth"],
     ]  # fmt: skip
+
+
+def _importance(run: Run) -> dict[str, Any]:
+    """The sampler's medians and limits beside those of importance sampling."""
+    other, symbols, worst = run.summary.importance, _symbols(run), run.summary.importance.furthest
+    rows = []
+    for e, own, beside in zip(run.fit.parameters, run.summary.parameters, other.parameters, strict=True):
+        cells: list[Any] = []
+        for one in (own, beside):
+            unit, (median, lower, upper) = prefixed(e.unit, one.median, one.lower, one.upper)
+            width = (upper - lower) / 2
+            cells += [with_unit(number(median, width), unit), with_unit(interval(lower, upper, width), unit)]
+        rows.append([symbols[own.name], *cells, fixed(beside.apart, 2)])
+    words = compared(worst.name, worst.apart, other.by_chance, other.effective)
+    return {
+        "text": typeset(words[0].upper() + words[1:]) + ".",
+        "rows": rows,
+        "trusted": other.pareto_k < TRUSTED,
+        "evidence": f"{fixed(other.log_evidence, 2)} ± {fixed(other.standard_error, 2)}".replace("-", "\N{MINUS SIGN}"),
+    }
 
 
 def _prior_rows(run: Run) -> list[list[Any]]:

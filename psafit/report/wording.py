@@ -211,3 +211,25 @@ def listed(items: Iterable[object]) -> Markup:
 def groups(ids: Sequence[object]) -> Markup:
     """``group 1``, ``groups 1 and 2``."""
     return Markup("group {}" if len(ids) == 1 else "groups {}").format(listed(ids))
+
+
+def compared(parameter: str, apart: float, by_chance: float, effective: float) -> str:
+    """Whether the sampler's draws and those of importance sampling agree, in plain words.
+
+    Parameters
+    ----------
+    parameter : str
+        That differs most.
+    apart, by_chance : float
+        By how much, and by how much draws so few would, in widths of the 90 % interval.
+    effective : float
+        What the importance draws are worth.
+    """
+    difference = f"no median and no limit differs by more than {fixed(apart, 2)} of the 90 % interval's width"
+    if apart <= 2 * by_chance:
+        return f"the sampler and {effective:.0f} importance draws agree: {difference}"
+    return (
+        f"the sampler and {effective:.0f} importance draws disagree on {parameter}: a median or a limit differs by"
+        f" {fixed(apart, 2)} of the 90 % interval's width, where {fixed(by_chance, 2)} would be chance; one of them has"
+        " missed a part of the posterior, as a rule the importance draws"
+    )

@@ -160,7 +160,7 @@ def test_interrupt_is_one_line(known_folder: Path, tmp_path: Path, monkeypatch, 
     def interrupted(*a: object, **k: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(running, "optimise", interrupted)
+    monkeypatch.setattr(running, "sample", interrupted)
     assert run(monkeypatch, "fit", known_folder, "--group", "1", "--out", tmp_path / "o") == 2
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 2 and "repeat the same command, which goes on" in said[1]  # below the stage's line

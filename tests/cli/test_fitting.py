@@ -14,7 +14,7 @@ from diagnoses_by_hand import make_experiment, make_record
 
 from psafit import cli, numerics
 from psafit.experiment import read_experiment
-from psafit.inference.emcee_adaptor import Settings
+from psafit.inference.samplers.emcee import Settings
 from psafit.report.reproduction import claims_table
 from psafit.reproduce import Reproduction
 
@@ -52,7 +52,7 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
 @pytest.mark.slow
 def test_what_has_not_converged_ends_with_one(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     """A chain that is too short, and a simulation whose error is more than would do; told in a line each."""
-    short = Settings(n_walkers=16, chunk=40, max_steps=40)
+    short = Settings(chunk=40, max_steps=40, tuned=15)
     monkeypatch.setattr(Settings, "of", classmethod(lambda cls, problem: short))
     words = ["fit", known_folder, "--group", 1, "--starts", 2, "--out", tmp_path / "r", "--no-report"]
     assert run(monkeypatch, *words) == 1
@@ -66,7 +66,7 @@ def test_what_has_not_converged_ends_with_one(known_folder: Path, tmp_path: Path
 def test_fit_writes_the_run_folder(fitted: Path) -> None:
     assert {p.name for p in fitted.iterdir()} == {
         "fit.json", "posterior.nc", "posterior.json", "numerics.json", "validation.json", "predictions.csv",
-        "report.html", "chain.h5", "experiment",
+        "report.html", "chain.h5", "experiment", "importance",
     }  # fmt: skip
     assert json.loads((fitted / "fit.json").read_text())["schema"] == 1
 

@@ -16,10 +16,10 @@ from psafit.diagnose.settings import Settings as Effort
 from psafit.diagnose.significance import lead
 from psafit.errors import InputError
 from psafit.experiment import fingerprint
-from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
 from psafit.inference.run import Silent, load
 from psafit.inference.run import fit as run_fit
+from psafit.inference.samplers.emcee import Settings
 from psafit.model_search import climb
 from psafit.physics import TERMS
 
@@ -213,7 +213,7 @@ def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_a_diagnosis_lies_beside_the_fit_of_the_same_readings(tmp_path):
     e = experiment(n=8)
-    settings = replace(Settings.of(problem(e)), max_steps=60, chunk=20)
+    settings = replace(Settings.of(problem(e)), max_steps=60, chunk=20, tuned=15)
     fitted = run_fit(e, ["a"], tmp_path, n_starts=4, settings=settings)
     with pytest.raises(InputError, match="already holds other files"):
         diagnose(experiment(n=8, seed=9), ["a"], tmp_path, quick=True, catalogue=FEW)

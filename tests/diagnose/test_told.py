@@ -14,8 +14,8 @@ from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, UNSEEN
 from psafit.diagnose.screening import VISIBLE, screen
 from psafit.diagnose.told import _cause, _word, furthest, misfit_of, sentences
+from psafit.inference.sample import sample
 from psafit.model_search import climb
-from psafit.model_search.sample import sample
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms
 

@@ -6,10 +6,10 @@ import pytest
 
 from psafit.experiment import Experiment
 from psafit.inference import run as running
-from psafit.inference.emcee_adaptor import Settings
 from psafit.inference.problem import Problem
+from psafit.inference.samplers.emcee import Settings
 
-QUICK = Settings(n_walkers=24, r_hat=1.03, max_steps=6000)
+QUICK = Settings(r_hat=1.03, max_steps=6000)
 
 
 @pytest.fixture(scope="session")

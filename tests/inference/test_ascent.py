@@ -111,7 +111,7 @@ def test_climbs_that_agree_are_one(problem):
     united = ascend(problem, starts, schedule=((3, 6), (20, 6)), unite=True)
     assert len(united.u) <= 2 < len(apart.u)
     assert united.height[united.best] == pytest.approx(apart.height[apart.best], abs=1e-9)
-    assert united.n_sets < apart.n_sets
+    assert united.effort.n_sets < apart.effort.n_sets
 
 
 def test_survivors_are_the_highest(problem):
@@ -132,7 +132,7 @@ def test_expansion_fits_data_made_from_it(problem):
     quiet = at.copy()
     quiet[problem.n_model] = problem.bounds[problem.n_model, 0] + 0.7  # little scatter: the data speak
     end = ascend_linearly(problem, quiet[None, :], predicted[None, :], slope, target[None, :])
-    assert end.n_sets == 0
+    assert end.effort.n_sets == 0
     assert end.predicted[0] == pytest.approx(target, rel=2e-3)
 
 

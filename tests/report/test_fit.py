@@ -224,3 +224,16 @@ def test_very_many_groups(tmp_path):
     kept = fit.fit_pictures.pictured(shown)
     assert len(kept) <= 25 and any(g.score.role == "fit" for g in kept)
     assert "the 57 other groups: typically" in fit._what_it_predicts(make_validation(run, predictions))
+
+
+def test_the_page_compares_the_sampler_with_importance_draws(tmp_path):
+    """Side by side, the largest difference in plain words; where it is more than chance, it says so."""
+    run = make_run(tmp_path / "a")
+    text = Reader(build(run).read_text("utf-8")).text
+    assert "The sampler and 480 importance draws agree: no median and no limit differs by more than 0.05" in text
+    assert "not to be trusted" not in text
+    off = [replace(p, apart=0.4) if p.name == "c_c" else p for p in run.summary.importance.parameters]
+    importance = replace(run.summary.importance, parameters=off, pareto_k=0.9)
+    text = Reader(build(replace(run, summary=replace(run.summary, importance=importance))).read_text("utf-8")).text
+    assert "disagree on c_c: a median or a limit differs by 0.40 of the 90 % interval" in text
+    assert "where 0.06 would be chance" in text and "not to be trusted" in text

@@ -17,52 +17,69 @@ from scipy.signal import lfilter
 
 from psafit.errors import InputError
 from psafit.experiment import Experiment
-from psafit.inference import emcee_adaptor
 from psafit.inference import run as running
-from psafit.inference.emcee_adaptor import Settings
-from psafit.inference.optimise import Minimum, Optimum, laplace_covariance, optimise
+from psafit.inference.candidate import settle_at
+from psafit.inference.mixture import StudentMixture
 from psafit.inference.problem import Problem
+from psafit.inference.sample import SampleSettings, sample
+from psafit.inference.samplers import emcee as ensembles
+from psafit.inference.samplers.emcee import SAMPLER, History, Proposal, Settings
+from psafit.inference.sampling import Chain, Target
 from psafit.physics import terms
 
-SHORT = Settings(n_walkers=16, chunk=40, max_steps=80)
+SHORT = Settings(chunk=40, max_steps=80, tuned=30)
+FEW = SampleSettings(draws=64, starts=4)
 
 
-def _chain(draws: np.ndarray) -> emcee.backends.Backend:
-    """A back-end with these draws, (n_steps, n_walkers, n_dim), in it."""
-    backend = emcee.backends.Backend()
-    backend.reset(*draws.shape[1:])
-    backend.chain, backend.log_prob = draws, -0.5 * (draws**2).sum(axis=2)
-    backend.accepted, backend.iteration, backend.initialized = np.full(draws.shape[1], len(draws)), len(draws), True
-    return backend
+def _history(draws: np.ndarray) -> History:
+    """Steps, (n_steps, n_all, n_dim)."""
+    return History(draws, -0.5 * (draws**2).sum(axis=2), np.full(draws.shape[1], len(draws)))
 
 
-def test_a_chain_is_long_enough_when_all_three_say_so() -> None:
-    """Length, effective samples and R-hat, each of which can be what is missing."""
-    assert Settings() == Settings(32, 250, 50.0, 1000.0, 1.01, 40_000)
+def test_chains_are_long_enough_when_all_three_say_so() -> None:
+    """Length, effective samples and R-hat, each of which can be what is missing; and none before moves are tuned."""
+    usual = Settings(n_walkers=8, ensembles=4, tuned=0)
     rng = np.random.default_rng(1)
     sound = rng.standard_normal((4000, 32, 2))
-    assert emcee_adaptor.chain_of(_chain(sound), Settings()).converged
+    assert ensembles.chain_of(_history(sound), usual).converged
+    assert not ensembles.chain_of(_history(sound), replace(usual, tuned=2500)).converged
     slow = lfilter([1.0], [1.0, -0.95], sound[:800], axis=0)  # an autocorrelation time of 39 steps
-    short = emcee_adaptor.chain_of(_chain(slow), replace(Settings(), r_hat=2.0, effective_samples=1.0))
+    short = ensembles.chain_of(_history(slow), replace(usual, r_hat=2.0, effective_samples=1.0))
     assert not short.converged and short.draws.shape[1] < 50 * short.autocorrelation_time.max()
-    few = emcee_adaptor.chain_of(_chain(sound[:, :4]), replace(Settings(n_walkers=4), effective_samples=50_000.0))
+    few = ensembles.chain_of(_history(sound[:, :4]), replace(usual, n_walkers=1, effective_samples=50_000.0))
     assert not few.converged and few.r_hat.max() < 1.01
-    apart = sound + np.arange(32)[:, None] / 31  # walkers that do not mix
-    stuck = emcee_adaptor.chain_of(_chain(apart), replace(Settings(), autocorrelation_times=0.0, effective_samples=0.0))
-    assert not stuck.converged and stuck.r_hat.max() > 1.01
+
+
+def test_an_ensemble_that_misses_a_mode_is_seen() -> None:
+    """Its walkers agree with each other, so that only other ensembles can tell: one in four sees one mode of two."""
+    rng = np.random.default_rng(2)
+    draws = rng.standard_normal((2000, 32, 2))
+    draws[:, :24, 0] += np.where(rng.uniform(size=(2000, 24)) < 0.2, 6.0, 0.0)
+    usual = Settings(n_walkers=8, ensembles=4, tuned=0)
+    found = ensembles.chain_of(_history(draws), usual)
+    assert found.r_hat[0] > 1.01 and found.r_hat[1] < 1.01 and not found.converged
+    # Where all see both it is not.
+    draws[:, 24:, 0] += np.where(rng.uniform(size=(2000, 8)) < 0.2, 6.0, 0.0)
+    assert ensembles.chain_of(_history(draws), usual).converged
+
+
+def target(problem: Problem, path: Path, identity: str = "x", seed: int = 9) -> Target:
+    """What a few starts find."""
+    return Target(*sample(problem, seed=1, settings=FEW), seed, path, identity)
+
+
+def silent(state: object) -> None:
+    """No progress."""
 
 
 @pytest.mark.slow
-def test_a_chain_begins_on_a_bent_ridge(known: Experiment, tmp_path: Path) -> None:
-    """Draws from the curvature at the top lie far below a ridge that bends; simulated ones of the emulated do not."""
+def test_chains_begin_on_a_bent_ridge(known: Experiment, tmp_path: Path) -> None:
+    """Draws from the curvature at the top lie far below a ridge that bends; importance draws do not."""
     bent = Problem(known, (1,), terms(["slew_limit", "soft_layer", "flight_friction"]))
-    optimum = optimise(bent, seed=1, n_starts=8)
-    settings = Settings(n_walkers=32, chunk=1, max_steps=1)
-    chain = emcee_adaptor.sample(bent, optimum, seed=1, path=tmp_path / "c.h5", identity="x", settings=settings)
-    drawn = emcee_adaptor.Proposal(bent, optimum).start(32, np.random.RandomState(1))
-    below = optimum.best.log_posterior - np.array([bent.log_posterior(drawn), chain.log_posterior.ravel()])
-    assert np.median(below[1]) < 3 * bent.n_dim
-    assert np.quantile(below[1], 0.9) < 0.5 * np.quantile(below[0], 0.9)
+    one = target(bent, tmp_path / "c.h5")
+    chain = SAMPLER.draw(one, replace(Settings.of(bent), chunk=1, max_steps=1), silent)
+    below = one.found.height - chain.log_posterior.ravel()
+    assert np.median(below) < 3 * bent.n_dim and np.quantile(below, 0.9) < 6 * bent.n_dim
 
 
 @pytest.mark.slow
@@ -70,7 +87,7 @@ def test_sampler_draws_the_posterior_it_is_given(problem: Problem, finished: run
     """Importance weights of a Laplace approximation reproduce emcee's means."""
     top = problem.to_sampling(np.array([finished.fit.minima[0].values[n] for n in problem.names]))
     rng = np.random.default_rng(3)
-    root = np.linalg.cholesky(1.5 * laplace_covariance(problem, top))
+    root = np.linalg.cholesky(1.5 * settle_at(problem, top[None]).covariance[0])
     z = rng.standard_t(5, (40_000, problem.n_dim))
     u = top + z @ root.T
     log_weight = problem.log_posterior(u) - stats.t(5).logpdf(z).sum(axis=1)
@@ -85,19 +102,22 @@ def test_sampler_draws_the_posterior_it_is_given(problem: Problem, finished: run
 
 
 def test_same_seed_same_draws_and_a_killed_chain_resumes(problem: Problem, tmp_path: Path) -> None:
-    optimum = optimise(problem, seed=1, n_starts=4)
+    """Stopped anywhere, also between two tunings of the moves, it goes on as if it had not been."""
+    one = target(problem, tmp_path / "a.h5")
 
-    def chain(name: str, steps: int) -> np.ndarray:
-        emcee_adaptor.sample(
-            problem, optimum, seed=9, path=tmp_path / name, identity="x",
-            settings=Settings(n_walkers=16, chunk=20, max_steps=steps),
-        )  # fmt: skip
+    def chain(name: str, steps: int, **changed: int) -> np.ndarray:
+        settings = replace(Settings(), chunk=20, tuned=45, max_steps=steps, **changed)
+        SAMPLER.draw(replace(one, path=tmp_path / name), settings, silent)
         return emcee.backends.HDFBackend(str(tmp_path / name), name="psafit", read_only=True).get_chain()
 
-    undisturbed = chain("a.h5", 60)
-    assert chain("b.h5", 20).shape[0] == 20  # stopped after the first checkpoint
-    assert np.array_equal(chain("b.h5", 60), undisturbed)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.h5"]  # nothing half-written stays
+    undisturbed = chain("a.h5", 70)
+    assert undisturbed.shape == (70, 64, problem.n_dim)
+    for stop in (10, 15, 33, 45):
+        assert len(chain("b.h5", stop)) == stop
+    assert np.array_equal(chain("b.h5", 70), undisturbed)
+    assert not np.array_equal(undisturbed[:, :16], undisturbed[:, 16:32])  # each ensemble has its own seed
+    assert not np.array_equal(chain("c.h5", 70, tuned_by=100), undisturbed)  # and the moves are tuned
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.h5", "c.h5"]  # nothing half-written stays
 
 
 class TwoHills:
@@ -122,16 +142,25 @@ class TwoHills:
         hills = np.logaddexp(np.log(self.masses) - 0.5 * squares, (-21.0 - lost)[:, None])
         return np.logaddexp(*hills.T) + self.log_prior(u)
 
-    def optimum(self, *log_masses: float) -> Optimum:
-        found = tuple(Minimum(c, m, 1) for c, m in zip(self.centres, log_masses, strict=True))
-        return Optimum(found, np.tile(np.eye(2), (2, 1, 1)), 2, 0, 0, "")
+    def proposal(self, *shares: float) -> Proposal:
+        parts = [(c, np.eye(2), s) for c, s in zip(self.centres, shares, strict=True)]
+        return Proposal(self, StudentMixture.of(parts))  # type: ignore[arg-type]
+
+    def run(self, path: Path, settings: Settings, *shares: float, begin: np.ndarray | None = None) -> Chain:
+        """Ensembles that move by differential evolution and independent draws."""
+        moves = [(emcee.moves.DEMove(), 0.7), (ensembles._move(self.proposal(*(shares or (0.7, 0.3))).move), 0.3)]
+        start = self.proposal(1.0, 1.0).draw(settings.n_walkers, np.random.default_rng(0)) if begin is None else begin
+        return ensembles.run(
+            self.log_posterior, lambda random: start, lambda steps: moves, n_dim=2, seed=1, path=path, identity="x",
+            settings=settings,
+        )  # fmt: skip
 
 
 def test_proposal_draws_the_density_it_claims() -> None:
     """Importance weights against the prior's box: the density integrates to one, and means agree with draws."""
     hills = TwoHills()
-    proposal = emcee_adaptor.Proposal(hills, hills.optimum(0.0, -1.0))  # type: ignore[arg-type]
-    draws = proposal.draw(200_000, np.random.RandomState(1))
+    proposal = hills.proposal(0.7, 0.3)
+    draws = proposal.draw(200_000, np.random.default_rng(1))
     edges = np.linspace(-40, 40, 801)
     middle = (edges[1:] + edges[:-1]) / 2
     grid = np.stack(np.meshgrid(middle, middle, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -164,49 +193,31 @@ def test_ctrl_c_ends_a_chain_between_steps_without_a_traceback(  # type: ignore[
 
     monkeypatch.setattr(hills, "log_posterior", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        emcee_adaptor.sample(
-            hills, hills.optimum(0.0, -1.0), seed=1, path=tmp_path / "c.h5", identity="x",
-            settings=Settings(n_walkers=20, max_steps=500),
-        )  # type: ignore[arg-type]  # fmt: skip
+        hills.run(tmp_path / "c.h5", Settings(max_steps=500))
     assert signal.getsignal(signal.SIGINT) is in_front
     assert len(calls) < 20 and capfd.readouterr() == ("", "")
 
 
-def test_modes_get_their_own_weights_and_a_stuck_walker_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modes_get_their_own_weights_and_a_stuck_walker_leaves(tmp_path: Path) -> None:
     hills = TwoHills()
-    begin = np.random.default_rng(0).standard_normal((20, 2))
+    begin = np.random.default_rng(0).standard_normal((16, 2))
     begin[0] = [-20.0, -20.0]  # alone where nobody else is
-    monkeypatch.setattr(emcee_adaptor.Proposal, "start", lambda *a: begin)
-    chain = emcee_adaptor.sample(
-        hills, hills.optimum(-3.0, 0.0), seed=1, path=tmp_path / "c.h5", identity="x",  # Laplace masses 80 times off
-        settings=Settings(n_walkers=20, r_hat=1.03, max_steps=8000),
-    )  # type: ignore[arg-type]  # fmt: skip
+    # Masses 80 times off.
+    chain = hills.run(tmp_path / "c.h5", Settings(tuned=0, max_steps=8000), 0.05, 1.0, begin=begin)
     assert chain.converged, (chain.draws.shape, chain.r_hat)
     assert (chain.draws.min(axis=(0, 1)) > [-10.0, -20.0]).all()
     assert np.mean(chain.draws[..., 0] < 6) == pytest.approx(0.8, abs=0.05)
 
 
-def test_negligible_minima_get_no_walker_and_the_others_at_least_a_scout(problem: Problem) -> None:
-    hills = TwoHills()
-    for drop, share in ((6.0, 0.9 * 0.01 / 1.01), (13.0, 0.0)):
-        proposal = emcee_adaptor.Proposal(hills, hills.optimum(0.0, -drop))  # type: ignore[arg-type]
-        draws = proposal.draw(20_000, np.random.RandomState(0))
-        near = np.mean(np.linalg.norm(draws - hills.centres[1], axis=1) < 4)
-        assert near == pytest.approx(share, abs=0.003)
-    start = emcee_adaptor.Proposal(problem, optimise(problem, seed=1, n_starts=4)).start(40, np.random.RandomState(0))
-    assert start.shape == (40, problem.n_dim) and np.isfinite(problem.log_posterior(start)).all()
-
-
 def test_a_foreign_checkpoint_is_refused(problem: Problem, tmp_path: Path) -> None:
-    optimum = optimise(problem, seed=1, n_starts=2)
-    path = tmp_path / "chain.h5"
-    path.write_bytes(b"rubbish")
+    one = target(problem, tmp_path / "chain.h5", "a")
+    one.path.write_bytes(b"rubbish")
     with pytest.raises(InputError, match="not a chain"):
-        emcee_adaptor.sample(problem, optimum, seed=1, path=path, identity="a", settings=SHORT)
-    path.unlink()
-    emcee_adaptor.sample(problem, optimum, seed=1, path=path, identity="a", settings=SHORT)
+        SAMPLER.draw(one, SHORT, silent)
+    one.path.unlink()
+    SAMPLER.draw(one, SHORT, silent)
     with pytest.raises(InputError, match="belongs to another run"):
-        emcee_adaptor.sample(problem, optimum, seed=1, path=path, identity="b", settings=SHORT)
+        SAMPLER.draw(replace(one, identity="b"), SHORT, silent)
 
 
 @pytest.mark.parametrize("how", ["no random state", "bad random state", "wider", "short", "nan"])
@@ -214,10 +225,7 @@ def test_a_damaged_checkpoint_is_refused(how: str, tmp_path: Path) -> None:
     hills = TwoHills()
 
     def sample(steps: int) -> None:
-        emcee_adaptor.sample(
-            hills, hills.optimum(0.0, -1.0), seed=1, path=tmp_path / "c.h5", identity="x",
-            settings=Settings(n_walkers=20, chunk=10, max_steps=steps),
-        )  # type: ignore[arg-type]  # fmt: skip
+        hills.run(tmp_path / "c.h5", Settings(chunk=10, max_steps=steps))
 
     sample(20)
     with h5py.File(tmp_path / "c.h5", "r+") as f:

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from psafit.errors import InputError
-from psafit.inference.nested import require
+from psafit.inference.samplers.nautilus import require
 
 
 def test_nautilus_is_asked_for_in_one_line(monkeypatch):

@@ -15,8 +15,8 @@ from psafit.inference.ascent import ascend
 from psafit.inference.candidate import fit, hills, settle_at
 from psafit.inference.evidence import weigh
 from psafit.inference.problem import Problem
+from psafit.inference.sample import sample
 from psafit.model_search import SearchSettings
-from psafit.model_search.sample import sample
 from psafit.physics import TERMS, terms
 
 
