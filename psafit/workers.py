@@ -15,7 +15,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,7 @@ from psafit.errors import InputError
 _LOOK_UP_S = 1.0
 # For a scheduler to answer, and for its first worker to come.
 _ANSWER_S, _WORKERS_S = 20, 60
+_CLIENT: ContextVar[Any] = ContextVar("client", default=None)  # of the Dask scheduler whose workers share work out
 _FOLDER = "psafit-{}-{}-"  # temporary, of a process that another one has started
 
 
@@ -115,23 +118,43 @@ def reach(scheduler: str) -> None:
 
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[int]:
-    """Let joblib use the workers of a Dask scheduler; gives their number."""
+    """Let `unordered` use the workers of a Dask scheduler; gives their number."""
     reach(scheduler)
+    from distributed import Client
     from distributed.scheduler import KilledWorker
 
-    # joblib brings its own link to Dask, and calls it by this address.
-    with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=_WORKERS_S):
+    # (Not by joblib's link to Dask, which waits for ever for work that Dask has given up.)
+    with Client(scheduler, timeout=_ANSWER_S, set_as_default=False) as client:  # type: ignore[no-untyped-call]
         try:
-            usable = joblib.effective_n_jobs(-1)
+            client.wait_for_workers(1, timeout=_WORKERS_S)
         except TimeoutError as error:
             raise InputError(f"the Dask scheduler at {scheduler} has no worker", "start some: dask worker") from error
+        before = _CLIENT.set(client)
         try:
-            yield max(usable, 2)  # one process alone would be this one
+            yield max(sum(client.ncores().values()), 2)  # one alone would be this one
         except KilledWorker as error:
             raise InputError(
                 "Dask gave up a piece of work that ended one worker after the other, perhaps for want of memory",
                 "repeat the same command, which goes on from what is done, with more memory for each worker",
             ) from error
+        finally:
+            _CLIENT.reset(before)
+
+
+def _on_cluster(
+    client: Any, jobs: int, work: Callable[..., Any], calls: Iterable[tuple[Any, ...]], waiting: int
+) -> Iterator[Any]:
+    """Results as they come from the workers of a Dask scheduler; parameters as of `unordered`."""
+    from distributed import as_completed
+
+    left, owner = iter(calls), os.getpid()
+    begun: Any = as_completed(loop=client.loop, with_results=True)  # type: ignore[no-untyped-call]
+    for call in islice(left, (1 + waiting) * jobs):
+        begun.add(client.submit(_attended, owner, work, call, pure=False))
+    for _, result in begun:
+        for call in islice(left, 1):
+            begun.add(client.submit(_attended, owner, work, call, pure=False))
+        yield result
 
 
 def unordered(
@@ -152,6 +175,8 @@ def unordered(
     waiting : int
         Calls that wait for each worker beside the one at which it is.
     """
+    if jobs > 1 and (client := _CLIENT.get()):
+        return _on_cluster(client, jobs, work, calls, waiting)
     if jobs < 2:
         return (_attended(os.getpid(), work, call) for call in calls)
     asked = (joblib.delayed(_attended)(os.getpid(), work, call) for call in calls)

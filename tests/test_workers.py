@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from psafit.errors import ConvergenceError, InputError, PsafitError
-from psafit.workers import ahead, cores
+from psafit.workers import ahead, cores, processes, unordered
 
 
 def test_errors_come_back_from_a_process_as_they_were_raised(tmp_path):
@@ -59,6 +59,17 @@ def test_what_a_process_cannot_do_is_raised():
 def test_a_process_ended_from_outside_is_told_of():
     with pytest.raises(InputError, match="ended from outside"):
         ahead(os._exit, [(1,), (1,)], 2)
+
+
+@pytest.mark.slow
+def test_work_that_ends_one_worker_of_a_cluster_after_the_other_is_told_of():
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        pytest.raises(InputError, match="Dask gave up a piece of work"),
+        processes(1, cluster.scheduler_address) as usable,
+    ):
+        list(unordered(usable, os._exit, [(1,)]))
 
 
 def test_a_plugin_that_fails_in_a_process_is_named_with_its_line(tmp_path: Path) -> None:

@@ -121,6 +121,9 @@ def test_a_drawn_design_is_one_of_similar_size(tmp_path: Path) -> None:
     for e in (blank, other):
         assert 4 <= len(e.groups) <= 7 and 180 <= sum(g.n_points for g in e.groups) <= 350
     assert blank.fingerprint != other.fingerprint
+    for n in (60, 300):
+        asked = [hide._drawn_design(np.random.default_rng(seed), n) for seed in range(9)]
+        assert all(n - 6 <= sum(g.n_points for g in e.groups) <= n for e in asked)
 
 
 @pytest.mark.parametrize(
