@@ -490,6 +490,9 @@ def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
     import psafit.challenge.campaign
     import psafit.experiment.importing
     import psafit.report.diagnosis  # noqa: F401 - what a case imports is imported once
+    from psafit.experiment.importing.units import unit
+
+    unit("Hz")  # pint reads its definitions
 
     known = commands()
     print(f"seed {given.seed}", flush=True)

@@ -135,7 +135,7 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "mega or milli": ("Frequency (mhz);Vpp;Range (um)\n1;40;76\n", "no frequency_hz among", 1),
     "radians a second": ("f (rad/s);Vpp;Range (um)\n1200;40;76\n", "no frequency_hz among", 1),
     "two of one": ("f set (Hz);f (Hz);f (Hz);Vpp;Range (um)\n1;1;1;4;7\n", "could all be frequency_hz --column", 1),
-    "repetitions that are none": ("f (Hz);Vpp;Range 10 (um);Range 20 (um)\n1;2;3;4\n", "could all be launch_range_um", 1),
+    "no repetitions": ("f (Hz);Vpp;Range 10 (um);Range 20 (um)\n1;2;3;4\n", "could all be launch_range_um", 1),
     "a displacement": ("f (Hz);Vpp;Displacement (µm)\n1;2;3\n", "'Displacement (µm)=launch_range_um'", 1),
     "a speed": ("f (Hz);Vpp;Launch speed (mm/s)\n1;2;3\n", "launch_speed_mm_s psafit cannot use that yet", 1),
     "an offset": (HEAD.strip() + ";DC offset (V)\n1200;20;76;10\n", "bias_v, which is not zero another one", 1),
@@ -398,7 +398,8 @@ def test_headings(text: str, column: str, volts: str | None, number: int | None)
     [
         ("1200", "1200", "1200"), ("1.2", "1.2", None), ("1,2", None, "1.2"), ("1.234", "1.234", "1234"),
         ("1,234", "1234", "1.234"), ("0.123", "0.123", None), ("1234.567", "1234.567", None),
-        ("1.234.567", None, "1234567"), ("1.234,5", None, "1234.5"), ("1 234", "1234", "1234"), ("1'234.5", "1234.5", None),
+        ("1.234.567", None, "1234567"), ("1.234,5", None, "1234.5"), ("1 234", "1234", "1234"),
+        ("1'234.5", "1234.5", None),
         ("1.5e3", "1.5E+3", None), (".5", "0.5", None), ("1_000", None, None), ("nan", None, None), ("--5", None, None),
         ("1.2.3", None, None), ("١", None, None), ("1,20,000", None, None), ("", None, None),
     ],

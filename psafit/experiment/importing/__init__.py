@@ -17,13 +17,13 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.importing.columns import WAVEFORM, choose
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, grids
-from psafit.experiment.importing.layout import Head, body, find_head
+from psafit.experiment.importing.layout import Head, body, find_head, names
 from psafit.experiment.importing.quantities import COLUMNS, SEPARATORS
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import Conditions, Group
 from psafit.experiment.table import CellFault
-from psafit.experiment.text import listed, shown
+from psafit.experiment.text import listed, meant, shown
 
 COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
@@ -58,6 +58,7 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
         with faults.kept():
             found += _tables(file, options)
     faults.end()
+    _check_mappings([tries[0] for tries in found], options)
     shapes = _waveforms([tries[0] for tries in found], options)
     tables: list[Table] = []
     for tries, shape in zip(found, shapes, strict=True):
@@ -122,6 +123,18 @@ def _content(table: Table) -> tuple[object, ...]:
     return tuple((shape, array.tobytes()) for shape, array in arrays if isinstance(array, np.ndarray))
 
 
+def _check_mappings(found: Sequence[tuple[Grid, Head]], options: Options) -> None:
+    """Each mapping is about a column of some table."""
+    faults = Faults()
+    for mapping in options.columns:
+        if not any(names(mapping, head.headings) for _, head in found):
+            known = [h.text for _, head in found for h in head.headings if h.text]
+            remedy = meant(mapping.heading, known) if known else "give the number of a column, from 1"
+            place = found[0][0].file if len(found) == 1 else None
+            faults.add(InputError(f"there is no column {shown(mapping.heading)}", remedy, file=place))
+    faults.end()
+
+
 def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str]:
     """The waveform of each table; empty where a column says it."""
     faults = Faults()
@@ -136,8 +149,8 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
                 raise InputError(f"--waveform {fault.what}", fault.remedy) from fault
     shapes = []
     for number, (grid, head) in enumerate(found):
-        mapped = any(m.column == WAVEFORM for m in options.columns)
-        said = mapped or any(h.is_waveform for h in head.headings)
+        mapped = {place: m.column for m in options.columns for place in names(m, head.headings)}
+        said = any(mapped.get(p, WAVEFORM if h.is_waveform else "") == WAVEFORM for p, h in enumerate(head.headings))
         shape = "" if not given else given[0] if len(given) == 1 else given[number]
         if said and shape:
             faults.add(

@@ -15,7 +15,7 @@ from psafit.experiment.importing.quantities import COLUMNS, QUANTITIES, VOLTS, V
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import CONDITION_COLUMNS
-from psafit.experiment.text import listed, meant, shown
+from psafit.experiment.text import listed, shown
 
 WAVEFORM = "waveform"
 
@@ -125,15 +125,14 @@ def _recognised(grid: Grid, head: Head, options: Options, faults: Faults) -> lis
     mapped: dict[int, Column] = {}
     for mapping in options.columns:
         places = names(mapping, head.headings)
-        if not places:
-            known = [h.text for h in head.headings if h.text]
-            what = f"there is no column {shown(mapping.heading)}"
-            faults.add(_error(grid, head, what, meant(mapping.heading, known) if known else "give its number, from 1"))
         single = mapping.column in (*CONDITION_COLUMNS, WAVEFORM, GROUPS)
         if len(places) > 1 and single:
             what = f"{len(places)} columns are called {shown(mapping.heading)}"
             faults.add(_error(grid, head, what, f"give the number of one: {option('2', mapping.column)}"))
         for place in places:
+            if place in mapped:
+                what = f"column {mapped[place].name} is named twice"
+                faults.add(_error(grid, head, what, "give --column once for each column"))
             said = mapping.unit
             mapped[place] = Column(
                 place, head.headings[place], mapping.column, said, said.volts if said else None, mapped=True

@@ -71,7 +71,7 @@ def _parsed(text: str) -> pint.Unit | None:
         if len(other) != 1:
             return None
         found = registry.parse_units("".join(other.pop()))
-    except pint.PintError:
+    except (pint.PintError, ValueError):  # a number, such as inf
         return None
     return found if all(name.endswith(BASES) for name in re.findall("[a-z_]+", str(found))) else None
 
