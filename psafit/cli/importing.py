@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from psafit.experiment.importing import Imported, Mapping, Table
 
 _VOLTS = ("peak", "pp", "rms")
-_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank": " "}
+_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank": " ", "blanks": "  "}
 
 
 @click.command("import", cls=Command, short_help="Make an experiment folder of what instruments write.")

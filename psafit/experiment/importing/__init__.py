@@ -18,7 +18,7 @@ from psafit.experiment.importing.columns import WAVEFORM, choose
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, grids
 from psafit.experiment.importing.layout import Head, body, find_head, names
-from psafit.experiment.importing.quantities import COLUMNS, SEPARATORS
+from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import Conditions, Group
@@ -72,6 +72,8 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
 def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
     """The tables of a file with their headings; a table of a text under each separator that it may have."""
     tries = [(grid, head) for grid in grids(file, options) if (head := find_head(grid, options))]
+    if any(head.known > 1 and grid.separator not in BLANKS for grid, head in tries):  # blanks are within headings
+        tries = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]
     most = max((head.known for _, head in tries), default=0)
     best = [(grid, head) for grid, head in tries if head.known == most]
     if not best:

@@ -198,6 +198,12 @@ def _repeated(columns: Sequence[Column]) -> bool:
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
     held = dict(options.values)
     there = listed(shown(h.text) for h in head.headings if h.text)
+    times = [c for c in chosen.unused if c.column == "time_us"]
+    if times and not chosen.of("frequency_hz") and "frequency_hz" not in held:
+        what = f"no frequency_hz among {there}: column {times[0].name} looks like a trace over time"
+        remedy = f"psafit cannot use traces yet; if it is none, say {option('NAME', 'frequency_hz', 'kHz')}"
+        faults.add(_error(grid, head, what, remedy))
+        return
     for column in CONDITION_COLUMNS:
         found = chosen.of(column)
         if found and column in held:
@@ -211,14 +217,10 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
             faults.add(_error(grid, head, f"no {column} among {there}", f"{remedy}, or --set {column}={value} if held"))
     if not chosen.readings:
         near = _nearest(chosen.unused, head, "launch_range_um")
-        over_time = [c for c in chosen.unused if c.column == "time_us"]
         what, remedy = f"no launch_range_um among {there}", f"say {option(near or 'NAME', 'launch_range_um')}"
         if chosen.not_yet:
             what = f"{what}, but {listed(f'{c.column} ({c.name})' for c in chosen.not_yet)}"
             remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
-        elif over_time:
-            what = f"{what}: column {over_time[0].name} looks like a trace over time"
-            remedy = f"psafit cannot use traces yet; if it is none, {remedy}"
         faults.add(_error(grid, head, what, remedy))
 
 

@@ -8,10 +8,11 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from psafit.errors import InputError
-from psafit.experiment.importing.quantities import SEPARATORS
+from psafit.experiment.importing.quantities import BLANKS, SEPARATORS
 from psafit.experiment.importing.records import Options
 from psafit.experiment.text import listed, shown, signed
 from psafit.files import read_error
@@ -30,7 +31,7 @@ class Row:
     line: int
     cells: tuple[Cell, ...]
 
-    @property
+    @cached_property
     def texts(self) -> tuple[str, ...]:
         """The cells as text."""
         return tuple(text_of(cell) for cell in self.cells)
@@ -130,14 +131,16 @@ def _separators(text: str, sample: int = 20_000) -> list[str]:
     """Separators that a text may have, the likeliest first; `sample` is the number of characters that are looked at."""
     import clevercsv
 
-    dialect = clevercsv.Detector().detect(text[:sample], delimiters=list(SEPARATORS))
+    marks = [mark for mark in SEPARATORS if len(mark) == 1]
+    dialect = clevercsv.Detector().detect(text[:sample], delimiters=marks)
     first = [dialect.delimiter] if dialect and dialect.delimiter else []
     return list(dict.fromkeys([*first, *(mark for mark in SEPARATORS if mark in text)])) or [","]
 
 
 def _rows(text: str, separator: str, file: Path) -> Iterator[Row]:
-    if separator == " ":  # aligned by any number of blanks
-        text = re.sub(r"(?m)^[ \t]+|[ \t]+$", "", re.sub(r"[ \t]+", " ", text))
+    if separator in BLANKS:  # aligned by any number of them
+        text = re.sub(rf"[ \t]{{{len(separator)},}}", "\t", re.sub(r"(?m)^[ \t]+|[ \t]+$", "", text))
+        separator = "\t"
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     while True:
         line = reader.line_num + 1

@@ -9,7 +9,7 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.numerals import is_number
-from psafit.experiment.importing.quantities import COMMENTS, SUMMARIES, words
+from psafit.experiment.importing.quantities import BLANKS, COMMENTS, SUMMARIES, words
 from psafit.experiment.importing.records import Mapping, Options
 from psafit.experiment.importing.units import Unit, unit
 from psafit.experiment.text import shown
@@ -73,7 +73,7 @@ def find_head(grid: Grid, options: Options, most_lines: int = 300) -> Head | Non
     """
     best: tuple[tuple[int, bool], Head] | None = None
     for index, row in enumerate(grid.rows[:most_lines]):
-        texts = _uncommented(row, grid.separator == " ")
+        texts = _uncommented(row, grid.separator in BLANKS)
         if sum(map(is_number, row.cells)) > sum(bool(t) and not is_number(t) for t in texts):
             continue
         headings = tuple(heading(text) for text in texts)
@@ -117,7 +117,7 @@ def _units(grid: Grid, headings: Sequence[Heading], first: int) -> tuple[tuple[U
         row = grid.rows[index]
         if row.is_blank:
             continue
-        texts = _uncommented(row, grid.separator == " ")
+        texts = _uncommented(row, grid.separator in BLANKS)
         found = [unit(text) for text in texts]
         if not any(found) or any(map(is_number, texts)) or len(texts) > len(headings):
             return none, first
@@ -175,7 +175,7 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
         text_rows = []
         if head.line and texts == again:
             fault("the headings once more: another table", "give each table a file of its own", row.line)
-        elif grid.separator == " " and len(texts) != len(again):
+        elif grid.separator in BLANKS and len(texts) != len(again):
             what = f"{len(texts)} cells in the row, {len(again)} headings: which one is empty cannot be told"
             fault(what, "fill it, quote headings of several words, or export with another separator", row.line)
         elif head.line and len(texts) > len(again):

@@ -60,7 +60,7 @@ QUANTITIES = (
     Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading"),
     Quantity("sigma_um", "um", ("sigma", "standard uncertainty", "standardunsicherheit"), "error"),
     Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
-    Quantity("time_us", "us", ("time", "t", "zeit", "x axis", "x"), "trace"),
+    Quantity("time_us", "us", ("time", "t", "zeit", "x axis"), "trace"),
     Quantity("displacement_um", "um", ("displacement", "auslenkung", "weg"), "trace"),
     Quantity("tip_displacement_um", "um", ("tip displacement",), "trace"),
 )
@@ -97,7 +97,8 @@ SUMMARIES = {
     "mean", "average", "avg", "median", "std", "sd", "std dev", "stdev", "min", "max", "minimum", "maximum", "sum",
     "total", "count", "mittelwert", "mittel", "standardabweichung", "summe", "moyenne", "ecart type",
 }  # fmt: skip
-SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", "  ": "two blanks or more", " ": "blanks"}
+BLANKS = (" ", "  ")
 COMMENTS = ("#", "%", "//", "!")
 
 

@@ -110,8 +110,8 @@ def _check_decimals(grid: Grid, head: Head, body: Body, chosen: Chosen) -> None:
     """Decimals behind a comma would stand in the next column, and be taken for what is left out."""
     used = {c.place for c in chosen.columns}
     texts = [row.texts for row in body.rows]
-    if any("." in text for row in texts for place, text in enumerate(row) if place in used):
-        return
+    if any(mark in text for row in texts for place, text in enumerate(row) if place in used for mark in ".,"):
+        return  # there are decimals, in quotes where they have commas
     for column in chosen.unused:
         cells = [row[column.place] if column.place < len(row) else "" for row in texts]
         if column.place - 1 == max(used) and not column.mapped and all(cell.isdigit() for cell in cells):
