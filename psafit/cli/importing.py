@@ -86,9 +86,8 @@ def import_files(
     imported = _on_rig(read_files(files, options), constants, rig)
     with filling(out):
         write_import(imported, out)
-        warnings = () if imported.missing else read_experiment(out).warnings
-    result = _result(imported, out, warnings)
-    write_result(json_file, result)
+        warnings = imported.warnings if imported.missing else read_experiment(out).warnings
+        write_result(json_file, _result(imported, out, warnings))
     if not quiet:
         for table in imported.tables:
             for line in _told(table):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import tomllib
 from collections.abc import Sequence
 from functools import cache
@@ -65,8 +66,8 @@ def suspicious_constants(constants: Constants) -> list[str]:
     return found
 
 
-def suspicious_readings(group: Group, constants: Constants) -> list[str]:
-    """Name columns whose scale points to another unit than the column's."""
+def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
+    """Name columns whose scale points to another unit than the column's; a rig may not be known yet."""
     found = []
     f_max = float(group.frequency_hz.max())
     if f_max <= 50:  # below this a stack hardly moves the ball, and kHz values end here
@@ -81,7 +82,7 @@ def suspicious_readings(group: Group, constants: Constants) -> list[str]:
     if v_max > 1000:
         found.append(f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?")
     r_max = float(group.launch_range_um.max())
-    string_um = constants.l * 1e6
+    string_um = constants.l * 1e6 if constants else math.inf
     still = float(group.launch_range_um[group.amplitude_v == 0].max(initial=0.0))
     if still > 0 and v_max > 0:
         found.append(f"the ball is launched by {still:g} um at 0 V; is that the reading's offset?")

@@ -34,7 +34,7 @@ def rows_of(tables: list[Table]) -> Rows:
     found: Rows = []
     for table in tables:
         for group in table.groups:
-            columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um)  # type: ignore[attr-defined]
+            columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um)
             found += zip(*(column.tolist() for column in columns), strict=True)
     return found
 
@@ -193,6 +193,27 @@ def test_what_is_unclear_is_asked_for(content: Any, said: str, line: int | None,
             },
             TWO[:1],
         ),
+        (
+            "F;a;b\n1.2;40;76\n",  # by name and by number
+            {
+                "columns": (
+                    Mapping("F", "frequency_hz", Unit("kHz")),
+                    Mapping("2", "amplitude_v", Unit("V", "pp")),
+                    Mapping("3", "launch_range_um", Unit("um")),
+                )
+            },
+            TWO[:1],
+        ),
+        (
+            "f (kHz);a;b\n1.2;40;76\n",
+            {
+                "columns": (
+                    Mapping("2", "amplitude_v", Unit("V", "pp")),
+                    Mapping("3", "launch_range_um", Unit("um")),
+                )
+            },
+            TWO[:1],
+        ),
         ("Set (Hz);f (Hz);Vpp;Range (um)\n1;1200;40;76\n", {"columns": (Mapping("Set", "ignore"),)}, TWO[:1]),
         ("F (Hz)^Vp^Range (um)\n1200^20^76\n", {"separator": "^"}, TWO[:1]),
         ("f (Hz);Vpp;Weite (µm)\n1200;40;76\n".encode("cp850"), {"encoding": "cp850"}, TWO[:1]),
@@ -279,6 +300,15 @@ def test_import_check_and_values(
     }  # fmt: skip
     assert run(monkeypatch, "import", "sinus.csv", "--waveform", "sine", "--rig", "rig", "--out", "more") == 0
     assert read_experiment("more").constants == data.constants
+
+
+def test_another_unit_is_suspected_before_the_rig_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("a.csv"), "Frequency (Hz);Vpp;Range (um)\n1.2;40;76\n1.35;40;75\n")
+    assert run(monkeypatch, "import", "a.csv", "--waveform", "sine", "--out", "rig") == 0
+    assert "every frequency is at or below 50 Hz (greatest 1.35); given in kHz?" in capsys.readouterr().err
 
 
 def test_constants_that_nobody_gave_are_left_to_be_filled_in(

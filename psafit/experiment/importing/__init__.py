@@ -21,7 +21,7 @@ from psafit.experiment.importing.layout import Head, body, find_head, names
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
-from psafit.experiment.records import Conditions, Group
+from psafit.experiment.records import Group
 from psafit.experiment.table import CellFault
 from psafit.experiment.text import listed, meant, shown
 
@@ -174,10 +174,9 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name, _ in options.values if name in COLUMNS]
     for name in dict.fromkeys(c.column for c in chosen.columns if c.column in COLUMNS):
         same = chosen.of(name)
-        unit, target = same[0].unit, COLUMNS[name].unit
-        factor = 1.0 if unit is None else float(unit.factor(target) or 1)
-        headings = tuple(c.option for c in same)
-        columns.append(Understood(name, headings, unit.text if unit else "", factor, same[0].volts))
+        units = {c.unit.text: c.unit.factor(COLUMNS[name].unit) for c in same if c.unit}
+        factor = float(next(iter(units.values())) or 1) if len(units) == 1 else 1.0
+        columns.append(Understood(name, tuple(c.option for c in same), ", ".join(units), factor, same[0].volts))
     columns.sort(key=lambda c: list(COLUMNS).index(c.column))
     cells = {row.line: row.texts for row in rows.rows}
     shown_rows = [
@@ -206,7 +205,7 @@ def _ordered(reading: Reading, columns: Sequence[Understood]) -> tuple[float, ..
     return tuple(values[c.column] for c in columns)
 
 
-def _group(number: int, part: Sequence[Reading]) -> Conditions:
+def _group(number: int, part: Sequence[Reading]) -> Group:
     """Readings as a group of its own."""
     names = [name for name, _ in part[0].values]
     columns = {name: np.array([dict(reading.values)[name] for reading in part]) for name in names}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from psafit.experiment.importing.quantities import VOLTS
 from psafit.experiment.importing.records import Table, Understood
+from psafit.experiment.plausible import disagreeing_groups, suspicious_readings
 from psafit.experiment.records import DEFINITION, Constants
 from psafit.experiment.text import one_line
 from psafit.experiment.writer import beliefs_text, group_text, head_text, limits_text, number_text, table_text
@@ -39,6 +40,13 @@ class Imported:
     def missing(self) -> tuple[str, ...]:
         """Constants that nobody gave."""
         return tuple(f.name for f in fields(Constants) if f.name not in self.constants)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What looks like another unit, as far as that can be told without the rig."""
+        groups = [group for table in self.tables for group in table.groups]
+        units = (line for group in groups for line in suspicious_readings(group, None))
+        return (*units, *disagreeing_groups(groups))
 
 
 def write_import(imported: Imported, folder: Path) -> None:

@@ -79,12 +79,12 @@ def find_head(grid: Grid, options: Options, most_lines: int = 300) -> Head | Non
         headings = tuple(heading(text) for text in texts)
         units, first = _units(grid, headings, index + 1)
         known = {h.quantities(u)[0].column for h, u in zip(headings, units, strict=True) if h.quantities(u)}
-        known |= {m.column for m in options.columns if names(m, headings) and not m.heading.isdigit()}
+        known |= {m.column for m in options.columns if names(m, headings)}
         below = next((r for r in grid.rows[first:] if not r.is_blank and not is_comment(r.texts[0])), None)
         score = len(known), below is not None and any(map(is_number, below.cells))
         if known and (best is None or score > best[0]):
             best = score, Head(row.line, headings, units, first, len(known))
-    if best is None or best[1].known < 2:
+    if best is None or best[1].known < max(2, len({m.column for m in options.columns})):
         return _without_headings(grid, options) or (best and best[1])
     return best[1]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from psafit.experiment.importing.quantities import Volts
 from psafit.experiment.importing.units import Unit
-from psafit.experiment.records import Conditions, Waveform
+from psafit.experiment.records import Group
 
 IGNORED = "ignore"
 GROUPS = "group"
@@ -81,7 +81,7 @@ class Understood:
     unit : str
         As written; empty where each cell has its own.
     factor : float
-        Number that the values were multiplied with; 1 where each cell has its own unit.
+        Number that the values were multiplied with; 1 where columns or cells have units of their own.
     volts : {"peak", "pp", "rms"} or None
     """
 
@@ -123,7 +123,7 @@ class Table:
         Headings that were recognised as a quantity that psafit cannot use, and that quantity.
     left_out : tuple of (int, str)
         Rows that hold no reading: line and text.
-    groups : tuple of Conditions
+    groups : tuple of Group
         What was read; `file` names the table that is to be written.
     """
 
@@ -138,7 +138,7 @@ class Table:
     unused: tuple[str, ...]
     not_yet: tuple[tuple[str, str], ...]
     left_out: tuple[tuple[int, str], ...]
-    groups: tuple[Conditions, ...] = field(repr=False)
+    groups: tuple[Group, ...] = field(repr=False)
 
     @property
     def place(self) -> str:
@@ -146,4 +146,4 @@ class Table:
         return f"{self.file.name}, sheet {self.sheet}" if self.sheet else self.file.name
 
 
-__all__ = ["GROUPS", "IGNORED", "Example", "Mapping", "Options", "Table", "Understood", "Waveform"]
+__all__ = ["GROUPS", "IGNORED", "Example", "Mapping", "Options", "Table", "Understood"]
