@@ -151,7 +151,7 @@ def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, fl
 
 def _told(table: Table) -> list[str]:
     """What was understood of a table, as lines."""
-    from psafit.experiment.importing.quantities import SEPARATORS, VOLTS
+    from psafit.experiment.importing.quantities import COLUMNS, SEPARATORS, VOLTS
 
     form = [f"headings in line {table.header_line}"] if table.header_line else ["no headings"]
     if not table.sheet:
@@ -173,7 +173,7 @@ def _told(table: Table) -> list[str]:
         lines.append(f"  and {len(table.left_out) - 3} more lines left out")
     for example in table.examples:
         readings = "; ".join(
-            ", ".join(f"{c.column} {v:g}" for c, v in zip(table.columns, reading, strict=True))
+            ", ".join(f"{v:.10g} {COLUMNS[c.column].unit}" for c, v in zip(table.columns, reading, strict=True))
             for reading in example.readings
         )
         lines.append(f"  line {example.line}: {' | '.join(example.cells)[:80]}  ->  {readings}")

@@ -129,7 +129,7 @@ def test_more_is_read_right(content: Any, rows: Rows, tmp_path: Path) -> None:
 
 ASKED: dict[str, tuple[Any, str, int | None]] = {
     "thousands or decimals": (HEAD + "1.200;20;76\n1.300;20;75\n", "'1.200' may be 1.200 or 1200", 2),
-    "volts": ("f (Hz);Amplitude (V);Range (um)\n1200;20;76\n", "zero to peak, peak to peak, or RMS? --volts pp", 1),
+    "volts": ("f (Hz);Amplitude (V);Range (um)\n1200;20;76\n", "zero to peak, peak to peak or RMS cannot be told --volts pp,", 1),
     "no unit": ("Frequency;Vpp;Range (um)\n1200;40;76\n", "'Frequency' gives no unit Frequency=frequency_hz:Hz", 1),
     "a unit of another kind": ("f (Hz);Vpp;Range (mm/s)\n1200;40;76\n", "no launch_range_um among Range", 1),
     "mega or milli": ("Frequency (mhz);Vpp;Range (um)\n1;40;76\n", "no frequency_hz among", 1),
@@ -281,7 +281,7 @@ def test_import_check_and_values(
     assert run(monkeypatch, *words, *RIG) == 0
     said = capsys.readouterr().out
     assert "amplitude_v      from 'Upp [V]', V, peak to peak" in said
-    assert "line 2: 1,2 | 40 | 76,00 | ok  ->  frequency_hz 1200, amplitude_v 20, launch_range_um 76" in said
+    assert "line 2: 1,2 | 40 | 76,00 | ok  ->  1200 Hz, 20 V, 76 um" in said
     assert "not used: 'Bemerkung'" in said
     assert run(monkeypatch, "check", "rig") == 0
     data = read_experiment("rig")

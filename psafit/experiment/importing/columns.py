@@ -263,7 +263,7 @@ def _volts(
         return said.pop()
     if own or (options.volts and not said):
         return options.volts
-    what = f"column {column.name}: volts from zero to peak, peak to peak, or RMS?"
+    what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS cannot be told"
     remedy = f"say --volts {', --volts '.join(VOLTS)}, or {option(column.option, column.column, 'Vpp')}"
     faults.add(_error(grid, head, what, remedy))
     return None
