@@ -258,10 +258,9 @@ def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> l
         if near := difflib.get_close_matches(name[:40], known, n=1):
             unit = near[0].rpartition("_")[2]
             meant.add(near[0])
-            add(
-                f"unknown column {shown(name)}",
-                f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?",
-            )
+            other = "" if re.fullmatch(r"\w+", name) else f" {_IMPORT}"
+            remedy = f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?{other}"
+            add(f"unknown column {shown(name)}", remedy)
         else:
             strange.append(shown(name))
     missing = [shown(n) for n in needed if n not in names and n not in meant]
@@ -314,4 +313,4 @@ def _number(cell: str, name: str) -> float:
         )
     if "," in cell:
         raise CellFault(f"{shown(cell)} has a comma", f"write a decimal point; {_IMPORT}")
-    raise CellFault(f"{shown(cell)} is not a number", "write the number alone, without a unit")
+    raise CellFault(f"{shown(cell)} is not a number", f"write the number alone, without a unit; {_IMPORT}")

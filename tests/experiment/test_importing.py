@@ -354,13 +354,16 @@ def test_bad_options_end_in_one_line_and_leave_nothing(
     assert not Path("rig").exists()
 
 
+CELLS = "frequency_hz,amplitude_v,launch_range_um\nHz,V,um\n1200,20,76\n"
+
+
 def test_check_points_to_import(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from folders import TOML
     from folders import write as write_folder
 
-    for content in (GERMAN, GERMAN.encode("utf-16"), GERMAN.encode("cp1252"), "f,V,L\n1,2,3\n", b"PK\x03\x04x"):
+    for content in (GERMAN, GERMAN.encode("utf-16"), GERMAN.encode("cp1252"), "f,V,L\n1,2,3\n", b"PK\x03\x04x", CELLS):
         folder = write_folder(tmp_path / "rig", TOML, a=content)
         assert run(monkeypatch, "check", folder) == 2
         assert "psafit import" in capsys.readouterr().err.splitlines()[0], content
