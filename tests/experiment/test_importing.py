@@ -129,7 +129,10 @@ def test_more_is_read_right(content: Any, rows: Rows, tmp_path: Path) -> None:
 
 ASKED: dict[str, tuple[Any, str, int | None]] = {
     "thousands or decimals": (HEAD + "1.200;20;76\n1.300;20;75\n", "'1.200' may be 1.200 or 1200", 2),
-    "volts": ("f (Hz);Amplitude (V);Range (um)\n1200;20;76\n", "zero to peak, peak to peak or RMS cannot be told --volts pp,", 1),
+    "volts": ("f (Hz);Amplitude (V);Range (um)\n1200;20;76\n", "zero to peak, peak to peak or RMS --volts pp,", 1),
+    "units of heading and row": ("frequency_hz;Vpp;Range\nkHz;V;um\n1;2;3\n", "is in 'Hz', and in 'kHz' by the row", 1),
+    "volts of heading and row": ("f;amplitude_v;Range\nkHz;Vpp;um\n1;2;3\n", "'amplitude_v' peak to peak or RMS", 1),
+    "volts of heading and cell": (HEAD + "1200;40 Vpp;3\n", "'40 Vpp' is peak to peak, and its column zero to peak", 2),
     "no unit": ("Frequency;Vpp;Range (um)\n1200;40;76\n", "'Frequency' gives no unit Frequency=frequency_hz:Hz", 1),
     "a unit of another kind": ("f (Hz);Vpp;Range (mm/s)\n1200;40;76\n", "no launch_range_um among Range", 1),
     "mega or milli": ("Frequency (mhz);Vpp;Range (um)\n1;40;76\n", "no frequency_hz among", 1),

@@ -238,7 +238,11 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
     unit = column.unit or head.unit(column.place)
     cells = [cell for cell in _cells(grid, head, column.place) if is_number(cell)]
     own = not unit and bool(cells) and all(isinstance(c, str) and c[-1:].isalpha() for c in cells)
-    if unit and unit.kind != target:
+    below = head.units[column.place]
+    if unit and below and not column.mapped and below.factor(target) != unit.factor(target):
+        what = f"column {column.name} is in {shown(unit.text)}, and in {shown(below.text)} by the row of units"
+        faults.add(_error(grid, head, what, f"say {option(column.option, column.column, target)}, or what it is in"))
+    elif unit and unit.kind != target:
         what = f"column {column.name}: {shown(unit.text)} is no unit of {column.column}"
         faults.add(_error(grid, head, what, f"say {option(column.option, column.column, target)}"))
     elif not unit and not own:
@@ -256,7 +260,8 @@ def _volts(
     grid: Grid, head: Head, column: Column, unit: Unit | None, options: Options, *, own: bool, faults: Faults
 ) -> Volts | None:
     """How the volts of a column are counted; where each cell says it by itself, that goes before."""
-    said = {v for v in (column.heading.volts, unit.volts if unit else None) if v}
+    below = head.units[column.place]
+    said = {v for v in (column.heading.volts, unit.volts if unit else None, below.volts if below else None) if v}
     if column.mapped:
         return column.volts or (said.pop() if len(said) == 1 else options.volts or "peak")
     if len(said) == 1:

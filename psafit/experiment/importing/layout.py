@@ -121,8 +121,7 @@ def _units(grid: Grid, headings: Sequence[Heading], first: int) -> tuple[tuple[U
         found = [unit(text) for text in texts]
         if not any(found) or any(map(is_number, texts)) or len(texts) > len(headings):
             return none, first
-        padded = (*found, *none)[: len(headings)]
-        return tuple(u if h.unit is None else None for u, h in zip(padded, headings, strict=True)), index + 1
+        return (*found, *none)[: len(headings)], index + 1
     return none, first
 
 

@@ -14,7 +14,7 @@ from psafit.experiment.importing.columns import WAVEFORM, Chosen, Column, option
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
-from psafit.experiment.importing.quantities import COLUMNS, CREST_SQUARED, WAVEFORMS, Volts, words
+from psafit.experiment.importing.quantities import COLUMNS, CREST_SQUARED, VOLTS, WAVEFORMS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.records import Waveform
 from psafit.experiment.table import CellFault, RowFaults, within
@@ -190,6 +190,9 @@ def _factor(number: Number, column: Column, waveform: Waveform, text: str) -> De
     if target != "V":
         return factor
     volts = number.unit.volts if number.unit and number.unit.volts else column.volts
+    if volts and column.volts and volts != column.volts:
+        what = f"{shown(text)} is {VOLTS[volts]}, and its column {VOLTS[column.volts]}"
+        raise CellFault(what, "count all volts of the column alike")
     if volts is None:
         raise CellFault(f"{shown(text)} may be zero to peak, peak to peak, or RMS", "say --volts peak, pp or rms")
     return factor * peak(volts, waveform)
