@@ -26,10 +26,11 @@ _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 
 @dataclass(frozen=True)
 class Row:
-    """A row, and the line where it begins."""
+    """A row: the line where it begins, its cells up to the last that is filled, and how many there are in all."""
 
     line: int
     cells: tuple[Cell, ...]
+    width: int
 
     @cached_property
     def texts(self) -> tuple[str, ...]:
@@ -151,9 +152,7 @@ def _rows(text: str, separator: str, file: Path) -> Iterator[Row]:
         except csv.Error as error:
             remedy = "close the quotes, or write plain numbers, without quotes"
             raise InputError(f"not valid CSV ({error})", remedy, file=file, line=line) from error
-        while cells and not cells[-1]:
-            del cells[-1]
-        yield Row(line, tuple(cells))
+        yield Row(line, _trimmed(cells), len(cells))
 
 
 def _sheets(file: Path, options: Options) -> list[Grid]:
@@ -174,7 +173,7 @@ def _sheets(file: Path, options: Options) -> list[Grid]:
     except BaseException as error:  # a panic of calamine's is no Exception
         raise damaged from error
     return [
-        Grid(file, tuple(Row(number, _trimmed(row)) for number, row in enumerate(rows, 1)), sheet=name)
+        Grid(file, tuple(Row(number, _trimmed(row), len(row)) for number, row in enumerate(rows, 1)), sheet=name)
         for name, rows in tables.items()
     ]
 

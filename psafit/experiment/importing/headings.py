@@ -89,7 +89,7 @@ def heading(text: str) -> Heading:
     if text in COLUMNS:  # to the letter: "Amplitude_V" is somebody else's
         own = COLUMNS[text]
         return Heading(text, words(text), Unit(own.unit), "peak" if own.unit == "V" else None, None, own.column)
-    if len(text) > 200:  # prose
+    if len(text) > 200 or not text.isprintable():  # prose, or damaged
         return Heading(text, words(text), None, None, None)
     rest, found = text, None
     for inside in _BRACKETS.finditer(text):

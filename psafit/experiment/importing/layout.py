@@ -191,6 +191,9 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
             fault(f"more than {most_rows} rows", "split the file", row.line)
             break
     faults.end()
+    if rows and head.line and not grid.sheet and (widest := max(row.width for row in rows)) < len(again):
+        fault(f"{len(again)} headings, and no row of more than {widest} cells", "give each column a heading", head.line)
+        faults.end()
     if not rows:
         raise InputError("no readings below the headings", "add them", file=grid.file, line=head.line or None)
     return Body(tuple(rows), (*left_out, *text_rows))

@@ -42,6 +42,8 @@ def counted(text: str) -> Volts | None:
 def unit(text: str) -> Unit | None:
     """The unit that a text is, such as ``kHz``, ``[mV]`` or ``Vpp``, if it is one of a quantity that psafit knows."""
     text = text.strip()
+    if not text.isprintable():
+        return None
     if text[:1] in ("(", "[", "<", "{") and text[-1:] in (")", "]", ">", "}"):
         text = text[1:-1].strip()
     if Unit(text).kind:
