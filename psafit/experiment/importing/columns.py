@@ -93,18 +93,16 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     if not len(faults):
         _check_unnamed(grid, head, found, faults)
     faults.end()
-    explicit = {c.column for c in found if c.mapped}
-    pushed = [c for c in found if not c.mapped and c.column in explicit - {IGNORED}]
-    used = [c for c in found if c not in pushed and c.column not in ("", IGNORED)]
-    unused = [c for c in found if c in pushed or c.column in ("", IGNORED)]
+    said = {c.column for c in found if c.mapped}
+    used = [c for c in found if c.column not in ("", IGNORED) and (c.mapped or c.column not in said)]
     usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, GROUPS}
     kept = [c for c in used if c.column in usable]
-    rest = [c for c in used if c.column not in usable]
-    _check_drive(grid, head, rest, faults)
+    not_yet = [c for c in used if c.column not in usable and _role(c.column) != "trace"]
+    _check_drive(grid, head, not_yet, faults)
     for column in dict.fromkeys(c.column for c in kept):
         _check_several(grid, head, [c for c in kept if c.column == column], faults)
-    not_yet = tuple(c for c in rest if _role(c.column) != "trace")
-    chosen = Chosen(tuple(kept), tuple(c for c in found if c in unused or (c in rest and c not in not_yet)), not_yet)
+    unused = [c for c in found if c not in kept and c not in not_yet]
+    chosen = Chosen(tuple(kept), tuple(unused), tuple(not_yet))
     _check_missing(grid, head, chosen, options, faults)
     faults.end()
     counted = [_with_unit(grid, head, c, options, faults) for c in kept]
