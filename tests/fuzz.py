@@ -68,6 +68,8 @@ class Reached(BaseException):
 CAUSES = ("reading_offset", "stack_stiffness")
 # What the diagnosis that is taken up again found undisturbed.
 UNDISTURBED = "undisturbed.json"
+# What the file that is imported holds, where it was not spoilt.
+TRUTH = "truth.json"
 CAMPAIGN = (
     f"challenge run --seed 11 --experiment rig --terms {CAUSES[0]} --each 0 --nothing 2 --pairs 0 --drawn 0"
     " --quiet --out campaign"
@@ -254,7 +256,8 @@ READERS: dict[str, tuple[list[str], list[str]]] = {
 }
 SHARE = {
     "definition": 0.14, "table": 0.14, "known": 0.12, "claims": 0.02, "plugin": 0.02, "run": 0.08, "chain": 0.04,
-    "diagnosis": 0.03, "pair": 0.02, "steps": 0.02, "challenge": 0.06, "campaign": 0.04, "options": 0.27,
+    "diagnosis": 0.03, "pair": 0.02, "steps": 0.02, "challenge": 0.06, "campaign": 0.04, "options": 0.17,
+    "import": 0.1,
 }  # fmt: skip
 
 
@@ -301,6 +304,8 @@ def set_up(kind: str, rng: random.Random, known: dict[str, list[str]], folder: P
     """Spoil something in `folder`; the command to run."""
     if kind == "options":
         return words_of(rng, known)
+    if kind == "import":
+        return import_words(rng, folder)
     patterns, readers = READERS[kind]
     files = sorted(f for pattern in patterns for f in folder.glob(pattern) if f.is_file())
     spoilt = rng.choice(files)
@@ -308,6 +313,18 @@ def set_up(kind: str, rng: random.Random, known: dict[str, list[str]], folder: P
     if spoilt.name == "answer.json" and rng.random() < 0.6:
         commit(spoilt.parent)
     return rng.choice(readers).split()
+
+
+def import_words(rng: random.Random, folder: Path) -> list[str]:
+    """A file as instruments write it, half of them spoilt, and the command that imports it."""
+    from foreign import draw
+
+    made = draw(rng, folder)
+    if rng.random() < 0.5:
+        spoil(made.file, rng)
+    else:
+        (folder / TRUTH).write_text(json.dumps(sorted(made.readings)), "utf-8")
+    return ["import", made.file.name, "--waveform", "sine", "--out", "new", *made.options]
 
 
 def listing(folder: Path) -> set[str]:
@@ -429,6 +446,15 @@ def another(folder: Path) -> str:
     return "" if found == expected else "another result"
 
 
+def misread(folder: Path) -> str:
+    """Whether an import holds other readings than the file that was not spoilt; empty for no."""
+    truth, found = folder / TRUTH, folder / "new" / "group1.csv"
+    if not truth.exists() or not found.exists():
+        return ""
+    rows = [[float(cell) for cell in line.split(",")] for line in found.read_text("utf-8").splitlines()[1:]]
+    return "" if sorted(rows) == json.loads(truth.read_text("utf-8")) else "other readings than in the file"
+
+
 # What begins long work, once options and inputs have been accepted.
 LONG = [
     "psafit.inference.run.fit", "psafit.diagnose.diagnose", "psafit.reproduce.reproduce",
@@ -462,7 +488,11 @@ def main() -> int:
 def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
     import psafit.api
     import psafit.challenge.campaign
+    import psafit.experiment.importing
     import psafit.report.diagnosis  # noqa: F401 - what a case imports is imported once
+    from psafit.experiment.importing.units import unit
+
+    unit("Hz")  # pint reads its definitions
 
     known = commands()
     print(f"seed {given.seed}", flush=True)
@@ -478,7 +508,7 @@ def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
             shutil.copytree(whole, place)
             words = set_up(kind, rng, known, place)
             result = run(kind, words, place)
-            wrong = fault(result) or (another(place) if kind == "steps" else "")
+            wrong = fault(result) or {"steps": another, "import": misread}.get(kind, lambda _: "")(place)
             shutil.rmtree(place)
             ends[kind, f"exit {result['code']}" if not wrong else "FAULT"] += 1
             if wrong:

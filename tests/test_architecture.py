@@ -33,13 +33,16 @@ LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 DRAWS = {"matplotlib", "cycler", "corner", "jinja2", "markupsafe"}
 TALKS = {"click", "rich"}
 COMES_WITH = {  # hard requirements of a declared library, met in its own interface
-    "arviz_stats": "arviz",  # from 1.0 on
+    "arviz-stats": "arviz",  # from 1.0 on
     "cycler": "matplotlib",
     "markupsafe": "jinja2",
     "pil": "matplotlib",
 }
 OPTIONAL = {"nautilus": "nautilus-sampler", "distributed": "distributed"}  # of an extra, and named so by a distribution
-HEAVY = ("scipy", "numba", "pandas", "matplotlib", "arviz", "lmfit", "emcee", "corner", "xarray", "h5py")
+HEAVY = (
+    "scipy", "numba", "pandas", "matplotlib", "arviz", "lmfit", "emcee", "corner", "xarray", "h5py", "pint",
+    "clevercsv",
+)  # fmt: skip
 
 
 class Import(NamedTuple):
@@ -161,7 +164,7 @@ def test_every_library_is_declared() -> None:
     """What psafit imports stands in pyproject.toml, not merely in the environment by way of another library."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     declared = {re.split(r"[<>=!~ \[;]", d, maxsplit=1)[0].lower() for d in project["dependencies"]}
-    names = [(i, i.target.split(".")[0].lower()) for i in EXTERNAL]
+    names = [(i, i.target.split(".")[0].lower().replace("_", "-")) for i in EXTERNAL]
     extras = str(project["optional-dependencies"])
     missing = [
         i for i, name in names if COMES_WITH.get(name, name) not in declared and OPTIONAL.get(name, "?") not in extras

@@ -52,6 +52,7 @@ class Block(NamedTuple):
     language: str
     text: str
     line: int  # of the first line within it
+    title: str = ""  # of a file that the page shows
 
 
 class Mention(NamedTuple):
@@ -63,8 +64,9 @@ class Mention(NamedTuple):
 
 
 def blocks(text: str) -> list[Block]:
-    found = re.finditer(r"^( *)```+(\w*)[^\n]*\n(.*?)^\1```+ *$", text, flags=re.MULTILINE | re.DOTALL)
-    return [Block(m[2], m[3], text.count("\n", 0, m.start(3)) + 1) for m in found]
+    fence = r"^( *)```+(\w*)(?: title=\"([^\"\n]*)\")?[^\n]*\n(.*?)^\1```+ *$"
+    found = re.finditer(fence, text, flags=re.MULTILINE | re.DOTALL)
+    return [Block(m[2], m[4], text.count("\n", 0, m.start(4)) + 1, m[3] or "") for m in found]
 
 
 def prose(text: str) -> str:
@@ -394,6 +396,8 @@ def run_page(
             run_python(block, page, names, capsys)
         elif block.language == "toml":
             run_toml(block, desk / "mine", monkeypatch)
+        elif block.title:
+            (desk / block.title).write_text(block.text, encoding="utf-8")
     return names
 
 
@@ -473,6 +477,13 @@ def test_the_cause_of_the_catalogue_page_is_one(desk: Path, monkeypatch, capsys)
     ranges = simulate(design, [[1e6, 1e4, 60.0, 1.0], [1e6, 1e4, 60.0, 2.0]], [term]).launch_range
     np.testing.assert_array_equal(ranges[0], simulate(design, [1e6, 1e4, 60.0]).launch_range[0])
     assert not np.allclose(ranges[0], ranges[1])
+
+
+def test_an_import_prints_what_its_page_shows(desk: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    file, command, printed = blocks((DOCS / "import.md").read_text("utf-8"))[:3]
+    (desk / file.title).write_text(file.text, encoding="utf-8")
+    run_shell(command, monkeypatch, make=False)
+    assert capsys.readouterr().out == printed.text
 
 
 # --- the tests themselves ---------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from psafit.cli.challenges import challenge
 from psafit.cli.common import BAD_INPUT, CHECK_FAILED, DONE, Group, discard_output, escaped
 from psafit.cli.diagnosing import diagnose
 from psafit.cli.fitting import check, fit, reproduce, validate
+from psafit.cli.importing import import_files
 from psafit.cli.reporting import report
 from psafit.cli.rig import check_cause, new, plan
 from psafit.cli.simulating import simulate
@@ -100,6 +101,9 @@ def commands() -> None:
     """Fit contact-impact drives, and find what the simulation gets wrong."""
 
 
-_ALL = (check, fit, diagnose, validate, reproduce, terms, simulate, report, watch, challenge, check_cause, new, plan)
+_ALL = (
+    check, fit, diagnose, validate, reproduce, terms, simulate, report, watch, challenge, check_cause, new,
+    import_files, plan,
+)  # fmt: skip
 for _command in _ALL:
     commands.add_command(_command)

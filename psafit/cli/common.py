@@ -77,9 +77,10 @@ class Command(click.Command):
         from psafit.files import ensure_writable
 
         places = [
-            (p.type.role, p.opts[0], ctx.params[p.name])
+            (p.type.role, p.opts[0], path)
             for p in self.params
-            if p.name and isinstance(p.type, Place) and ctx.params.get(p.name) is not None
+            if p.name and isinstance(p.type, Place) and (given := ctx.params.get(p.name)) is not None
+            for path in (given if isinstance(given, tuple) else (given,))
         ]
         inputs = [*(path for role, _, path in places if role == "input"), *plugins.files()]
         seen: dict[str, str] = {}

@@ -13,7 +13,7 @@ from pathlib import Path
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment.definition import DeclaredGroup, Definition
-from psafit.experiment.plausible import left_from_example, suspicious_constants, suspicious_readings
+from psafit.experiment.plausible import disagreeing_groups, left_from_example, suspicious_constants, suspicious_readings
 from psafit.experiment.records import (
     CONSTANT_UNITS,
     DEFINITION,
@@ -95,6 +95,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *left_from_example(title, source, constants, groups),
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
             *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
+            *disagreeing_groups(groups),
         ),
     )
 

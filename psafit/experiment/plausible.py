@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import tomllib
 from collections.abc import Sequence
 from functools import cache
@@ -18,7 +20,7 @@ _EXAMPLE = "EXAMPLE, replace:"
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit.
 _PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
     "M": (1e-6, 10.0, "kg", "grams"),
-    "m": (1e-6, 10.0, "kg", "grams"),
+    "m": (1e-6, 1.0, "kg", "grams"),
     "q": (1e-11, 1e-5, "m/V", "um/V or nm/V"),
     "l": (1e-3, 10.0, "m", "mm"),
     "k_s": (1e4, 1e12, "N/m", "N/um"),
@@ -64,8 +66,8 @@ def suspicious_constants(constants: Constants) -> list[str]:
     return found
 
 
-def suspicious_readings(group: Group, constants: Constants) -> list[str]:
-    """Name columns whose scale points to another unit than the column's."""
+def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
+    """Name columns whose scale points to another unit than the column's; a rig may not be known yet."""
     found = []
     f_max = float(group.frequency_hz.max())
     if f_max <= 50:  # below this a stack hardly moves the ball, and kHz values end here
@@ -80,7 +82,7 @@ def suspicious_readings(group: Group, constants: Constants) -> list[str]:
     if v_max > 1000:
         found.append(f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?")
     r_max = float(group.launch_range_um.max())
-    string_um = constants.l * 1e6
+    string_um = constants.l * 1e6 if constants else math.inf
     still = float(group.launch_range_um[group.amplitude_v == 0].max(initial=0.0))
     if still > 0 and v_max > 0:
         found.append(f"the ball is launched by {still:g} um at 0 V; is that the reading's offset?")
@@ -97,3 +99,42 @@ def suspicious_readings(group: Group, constants: Constants) -> list[str]:
             f"every sigma_um exceeds every launch range (least {group.sigma_um.min():g} um); given in another unit?"
         )
     return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]
+
+
+def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: float = 1.0) -> list[str]:
+    """One line for each two groups whose ranges differ by a factor where they share conditions.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    least : float
+        The least factor that is told, the median over the shared conditions. Sessions of one rig differ by less: those
+        of the study by up to 1.33.
+    scatter_um : float
+        Ranges up to this are left out: their ratio is scatter.
+    """
+    found = []
+    for first, second in itertools.combinations(groups, 2):
+        if (first.waveform, first.changed) != (second.waveform, second.changed):
+            continue
+        mine, others = _mean_ranges(first, scatter_um), _mean_ranges(second, scatter_um)
+        ratios = [others[condition] / mine[condition] for condition in mine if condition in others]
+        if not ratios:
+            continue
+        ratio = float(np.median(ratios))
+        factor = max(ratio, 1 / ratio)
+        if factor >= least:
+            counted = "peak to peak" if factor > 2**0.75 else "RMS"  # nearer to 2 than to its root
+            places = "one shared condition" if len(ratios) == 1 else f"{len(ratios)} shared conditions"
+            text = f"ranges are {ratio:.3g} times those of group {first.id} at {places}"
+            found.append(one_line(f"{second.file}: group {second.id}: {text}; are volts of one of them {counted}?"))
+    return found
+
+
+def _mean_ranges(group: Group, scatter_um: float) -> dict[tuple[float, float], float]:
+    """Mean of the ranges at each frequency and amplitude, those within the scatter left out."""
+    ranges: dict[tuple[float, float], list[float]] = {}
+    for f, v, um in zip(group.frequency_hz, group.amplitude_v, group.launch_range_um, strict=True):
+        ranges.setdefault((float(f), float(v)), []).append(float(um))
+    means = {condition: float(np.mean(read)) for condition, read in ranges.items()}
+    return {condition: mean for condition, mean in means.items() if mean > scatter_um}

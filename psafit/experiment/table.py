@@ -29,6 +29,7 @@ LIMITS = {
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_IMPORT = "psafit import reads other forms"
 _HEADER_REMEDY = f"the first line must read {','.join(REQUIRED_COLUMNS)} (and {OPTIONAL_COLUMNS[0]} if known)"
 
 
@@ -70,7 +71,7 @@ def read_csv(
         raise cells
     names = _header(cells, CONDITION_COLUMNS if planned else REQUIRED_COLUMNS, file, line)
     columns: list[list[float]] = [[] for _ in names]
-    faults = _RowFaults(file, scatter_um)
+    faults = RowFaults(file, scatter_um)
     n_rows = 0
     for line, cells in rows:
         if _is_empty(cells):
@@ -92,7 +93,7 @@ def read_csv(
                 try:
                     values[name] = _number(cell, name)
                     column.append(values[name])
-                except _Fault as fault:
+                except CellFault as fault:
                     faults.add(name, fault.what, fault.remedy, line)
             if values.get("launch_range_um", 0.0) < 0:
                 faults.below.append((line, cells[names.index("launch_range_um")].strip(), values))
@@ -108,7 +109,7 @@ def _is_empty(cells: list[str] | InputError) -> bool:
 
 def _rows(file: Path, most_bytes: int) -> Iterator[tuple[int, list[str] | InputError]]:
     """Rows of a CSV file that have any cells, with the line where each begins: a quoted cell may span lines."""
-    text = read_text(file, most_bytes)
+    text = read_text(file, most_bytes, "CSV (UTF-8); psafit import reads other text, and workbooks")
     row: list[str] = []  # the lines of one
 
     def lines() -> Iterator[str]:
@@ -145,7 +146,7 @@ def _unparsed(row: str, error: csv.Error) -> tuple[str, str]:
     return f"not valid CSV ({error})", "write plain numbers, without quotes"
 
 
-class _Fault(Exception):
+class CellFault(Exception):
     """What is wrong with one cell, wherever it stands."""
 
     def __init__(self, what: str, remedy: str) -> None:
@@ -153,7 +154,7 @@ class _Fault(Exception):
 
 
 @dataclass
-class _RowFaults:
+class RowFaults:
     """Faults of the rows of a file: of each kind the first few, and how many there are."""
 
     file: Path
@@ -163,6 +164,11 @@ class _RowFaults:
         default_factory=list
     )  # ranges: line, cell, values of the row
     _kinds: dict[tuple[str, str], tuple[list[InputError], list[int]]] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """Number of faults so far, ranges below zero left out."""
+        return sum(number for _, (number,) in self._kinds.values())
 
     def add(self, column: str, what: str, remedy: str, line: int) -> None:
         """Keep a fault; those of one column with one remedy are of a kind."""
@@ -231,7 +237,7 @@ def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> l
         faults.add(InputError(what, remedy, file=file, line=line))
 
     if separator := _other_separator(names):
-        add(f"columns are separated by {separator}", "separate them with commas, and write decimal points")
+        add(f"columns are separated by {separator}", f"separate them with commas, and write decimal points; {_IMPORT}")
         faults.end()
     if all(_NUMBER.fullmatch(name) for name in names):
         add(f"unknown column {shown(names[0])}: the file begins with numbers, without a header", _HEADER_REMEDY)
@@ -252,10 +258,9 @@ def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> l
         if near := difflib.get_close_matches(name[:40], known, n=1):
             unit = near[0].rpartition("_")[2]
             meant.add(near[0])
-            add(
-                f"unknown column {shown(name)}",
-                f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?",
-            )
+            other = "" if re.fullmatch(r"\w+", name) else f" {_IMPORT}"
+            remedy = f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?{other}"
+            add(f"unknown column {shown(name)}", remedy)
         else:
             strange.append(shown(name))
     missing = [shown(n) for n in needed if n not in names and n not in meant]
@@ -266,6 +271,8 @@ def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> l
     ):
         if wrong:
             remedy = _HEADER_REMEDY
+            if what == "unknown column":
+                remedy += f"; {_IMPORT}"
             if what == "missing column" and wrong == [shown("launch_range_um")]:
                 remedy += "; without readings it is a plan, which psafit simulate takes"
             add(f"{what}{'s' * (len(wrong) > 1)} {listed(wrong[:5])}{', ...' * (len(wrong) > 5)}", remedy)
@@ -273,29 +280,37 @@ def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> l
     return names
 
 
+def within(value: float, name: str, cell: str) -> float:
+    """A value within the limits of its column, or a `CellFault`; `cell` is what stands in the file.
+
+    A range may be below zero, for whoever sees all of them.
+    """
+    value += 0.0  # no negative zero: it would change the fingerprint
+    if not math.isfinite(value):
+        raise CellFault(f"{shown(cell)} is too large", "correct the value")
+    if name in ("frequency_hz", "sigma_um") and value <= 0:
+        raise CellFault(f"{shown(cell)} is not positive", "correct the value")
+    if name == "amplitude_v" and value < 0:
+        raise CellFault(f"{shown(cell)} is negative", "correct the value: an amplitude, zero to peak, has no sign")
+    low, high = LIMITS[name]
+    if not low <= value <= high and not -high <= value < 0:
+        raise CellFault(f"{shown(cell)} is beyond the limits {low:g} to {high:g}", "correct the value or its unit")
+    return value
+
+
 def _number(cell: str, name: str) -> float:
-    """The value of a cell within the limits of its column; a range may be below zero, for whoever sees all of them."""
+    """The value of a cell within the limits of its column."""
     if _NUMBER.fullmatch(cell):  # float() alone would take "1_000", "nan" and other digits
-        value = float(cell) + 0.0  # no negative zero: it would change the fingerprint
-        if not math.isfinite(value):
-            raise _Fault(f"{shown(cell)} is too large", "correct the value")
-        if name in ("frequency_hz", "sigma_um") and value <= 0:
-            raise _Fault(f"{shown(cell)} is not positive", "correct the value")
-        if name == "amplitude_v" and value < 0:
-            raise _Fault(f"{shown(cell)} is negative", "correct the value: an amplitude, zero to peak, has no sign")
-        low, high = LIMITS[name]
-        if not low <= value <= high and not -high <= value < 0:
-            raise _Fault(f"{shown(cell)} is beyond the limits {low:g} to {high:g}", "correct the value or its unit")
-        return value
+        return within(float(cell), name, cell)
     if not cell:
-        raise _Fault("is empty", "enter the value, or delete the row if nothing was read")
+        raise CellFault("is empty", "enter the value, or delete the row if nothing was read")
     if _NOT_FINITE.fullmatch(cell):
-        raise _Fault(f"{shown(cell)} is not finite", "enter the value, or delete the row if nothing was read")
+        raise CellFault(f"{shown(cell)} is not finite", "enter the value, or delete the row if nothing was read")
     if _THOUSANDS.fullmatch(cell):
-        raise _Fault(
+        raise CellFault(
             f"{shown(cell)} has a thousands separator",
-            "write the digits alone, with a decimal point if one is meant",
+            f"write the digits alone, with a decimal point if one is meant; {_IMPORT}",
         )
     if "," in cell:
-        raise _Fault(f"{shown(cell)} has a comma", "write a decimal point")
-    raise _Fault(f"{shown(cell)} is not a number", "write the number alone, without a unit")
+        raise CellFault(f"{shown(cell)} has a comma", f"write a decimal point; {_IMPORT}")
+    raise CellFault(f"{shown(cell)} is not a number", f"write the number alone, without a unit; {_IMPORT}")

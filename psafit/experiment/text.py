@@ -41,7 +41,7 @@ def unreadable(file: Path, error: OSError, remedy: str) -> InputError:
     return InputError(f"cannot be read ({error.strerror})", remedy, file=file)
 
 
-def _signed(raw: bytes) -> str:
+def signed(raw: bytes) -> str:
     """What a file is that begins so and is no text, with its article; empty where nobody knows."""
     kinds = {
         b"PK\x03\x04": "a zip file, such as a workbook (.xlsx, .ods)",
@@ -85,7 +85,7 @@ def read_text(file: Path, limit: int, form: str = "CSV (UTF-8)") -> str:
         raise read_error(error, file, f"cannot be read ({reason})", "check its name") from error
     if len(raw) > limit:
         raise InputError(f"larger than {limit // 1024**2} MiB", "split it, or keep measurements only", file=file)
-    if kind := _signed(raw):
+    if kind := signed(raw):
         raise InputError(f"{kind}, not text", f"save what it holds as {form}", file=file, line=1)
     if _wide(raw):
         raise InputError("not UTF-8 text but UTF-16", f"save it as {form}", file=file, line=1)

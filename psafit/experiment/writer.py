@@ -23,11 +23,13 @@ from psafit.experiment.records import (
     OPTIONAL_COLUMNS,
     REQUIRED_COLUMNS,
     Conditions,
+    Constants,
     Experiment,
     Group,
 )
 from psafit.experiment.table import read_csv
 from psafit.files import write_atomically
+from psafit.parameters import Belief
 
 
 def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Conditions] = ()) -> None:
@@ -48,7 +50,7 @@ def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Con
     """
     groups = [*experiment.groups, *planned]
     names = _names(groups)
-    written = [_block(group, name) for group, name in zip(groups, names, strict=True)]
+    written = [group_text(group, name) for group, name in zip(groups, names, strict=True)]
     head = _kept_definition(experiment) if names == [g.file for g in groups] else None
     if head is None:
         head = _definition(experiment)
@@ -56,7 +58,7 @@ def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Con
         written = written[len(experiment.groups) :]
     for group, name in zip(groups, names, strict=True):
         content = _kept_table(experiment.folder / group.file, group) if isinstance(group, Group) else None
-        write_atomically(folder / name, _table(group).encode() if content is None else content)
+        write_atomically(folder / name, table_text(group).encode() if content is None else content)
     write_atomically(folder / DEFINITION, "".join([head, *written]).encode())
 
 
@@ -108,30 +110,46 @@ def _kept_definition(experiment: Experiment) -> str | None:
 
 def _definition(experiment: Experiment) -> str:
     """The definition without its groups."""
-    lines = [f"title = {_quoted(experiment.title)}", f"source = {_quoted(experiment.source)}", "", "[constants]"]
-    lines += [f"{f.name} = {_number(getattr(experiment.constants, f.name))}" for f in fields(experiment.constants)]
-    if experiment.limits:
-        lines += ["", "[limits]"]
-        lines += [f"{name} = [{_number(low)}, {_number(high)}]" for name, (low, high) in experiment.limits]
-    for belief in experiment.beliefs:
-        numbers = [f"{f.name} = {_number(getattr(belief.prior, f.name))}" for f in fields(belief.prior) if f.init]
-        lines += ["", f"[prior.{_quoted(belief.name)}]", *numbers, f"source = {_quoted(belief.source)}"]
-    return "\n".join(lines) + "\n"
+    constants = [f"{f.name} = {number_text(getattr(experiment.constants, f.name))}\n" for f in fields(Constants)]
+    head = head_text(experiment.title, experiment.source)
+    return "".join(
+        [head, "\n[constants]\n", *constants, limits_text(experiment.limits), beliefs_text(experiment.beliefs)]
+    )
 
 
-def _block(group: Conditions, file: str) -> str:
+def head_text(title: str, source: str) -> str:
+    """The first lines of a definition."""
+    return f"title = {_quoted(title)}\nsource = {_quoted(source)}\n"
+
+
+def limits_text(limits: Sequence[tuple[str, tuple[float, float]]]) -> str:
+    """The table of limits; empty where there are none."""
+    lines = [f"{name} = [{number_text(low)}, {number_text(high)}]\n" for name, (low, high) in limits]
+    return "".join(["\n[limits]\n", *lines]) if lines else ""
+
+
+def beliefs_text(beliefs: Sequence[Belief]) -> str:
+    """The tables of what is known of parameters."""
+    text = ""
+    for belief in beliefs:
+        numbers = (f"{f.name} = {number_text(getattr(belief.prior, f.name))}\n" for f in fields(belief.prior) if f.init)
+        text += f"\n[prior.{_quoted(belief.name)}]\n{''.join(numbers)}source = {_quoted(belief.source)}\n"
+    return text
+
+
+def group_text(group: Conditions, file: str) -> str:
     """A group's part of the definition."""
     group_id = group.id if isinstance(group.id, int) else _quoted(group.id)
     lines = [
         "", "[[group]]", f"id = {group_id}", f"waveform = {_quoted(group.waveform)}", f"file = {_quoted(file)}",
     ]  # fmt: skip
     if group.changed:
-        changed = ", ".join(f"{name} = {_number(value)}" for name, value in group.changed)
+        changed = ", ".join(f"{name} = {number_text(value)}" for name, value in group.changed)
         lines.append(f"constants = {{ {changed} }}")
     return "\n".join(lines) + "\n"
 
 
-def _number(value: float) -> str:
+def number_text(value: float) -> str:
     """A number as people write it: whole ones without a point."""
     return repr(float(value)).removesuffix(".0")
 
@@ -144,8 +162,9 @@ def _quoted(text: str) -> str:
 _COLUMNS = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
 
 
-def _table(group: Conditions) -> str:
+def table_text(group: Conditions) -> str:
+    """The CSV file of a group."""
     names = [n for n in _COLUMNS if getattr(group, n, None) is not None]
     columns = [getattr(group, n).tolist() for n in names]
-    rows = (",".join(map(_number, row)) for row in zip(*columns, strict=True))
+    rows = (",".join(map(number_text, row)) for row in zip(*columns, strict=True))
     return "\n".join([",".join(names), *rows]) + "\n"

@@ -51,3 +51,27 @@ def test_sigma_in_another_unit_is_named(tmp_path: Path) -> None:
     csv = SIGMA + "1200,20,76,400\n3000,20,34,400\n"
     warnings = read_experiment(write(tmp_path, a=csv)).warnings
     assert ["every sigma_um exceeds" in line for line in warnings] == [True]
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (2.0, "2 times those of group 1 at one shared condition; are volts of one of them peak to peak?"),
+        (0.5, "0.5 times those of group 1 at one shared condition; are volts of one of them peak to peak?"),
+        (1.42, "1.42 times those of group 1 at one shared condition; are volts of one of them RMS?"),
+        (1.3, ""),
+    ],
+)
+def test_groups_that_share_a_condition_and_differ_are_named(tmp_path: Path, factor: float, said: str) -> None:
+    toml = TOML.replace('waveform = "square"', 'waveform = "sine"')
+    first = HEADER + "1200,20,50\n1200,2,0.3\n1300,20,45\n"
+    second = HEADER + f"1200,20,{50 * factor:.6g}\n1200,2,0.9\n1400,20,1\n"  # 0.3 against 0.9 is scatter
+    warnings = read_experiment(write(tmp_path, toml, first, second)).warnings
+    assert [w.partition("ranges are ")[2] for w in warnings] == [said] * bool(said)
+    other = toml.replace('file = "b.csv"', 'file = "b.csv"\nconstants = { l = 0.06 }')
+    assert not read_experiment(write(tmp_path, other, first, second)).warnings
+
+
+def test_a_stack_of_three_kilograms_is_named(tmp_path: Path) -> None:
+    (warning,) = read_experiment(write(tmp_path, TOML.replace("m = 0.005", "m = 3"))).warnings
+    assert "constant m = 3 kg is outside" in warning

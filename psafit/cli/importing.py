@@ -1,0 +1,231 @@
+"""`psafit import`: what instruments and spreadsheets write, as an experiment folder."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from psafit.cli.common import DONE, JSON, QUIET, Command, Place, count, escaped, shown_path, warn, write_result
+from psafit.errors import InputError
+
+if TYPE_CHECKING:
+    from psafit.experiment.importing import Imported, Mapping, Table
+
+_VOLTS = ("peak", "pp", "rms")
+_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank": " ", "blanks": "  "}
+
+
+@click.command("import", cls=Command, short_help="Make an experiment folder of what instruments write.")
+@click.argument("files", metavar="FILE...", type=Place("input"), nargs=-1, required=True)
+@click.option("--out", type=Place("folder"), required=True, help="Receives the folder; must be new, or empty.")
+@click.option("--waveform", metavar="NAME[,NAME...]", help="Of all tables, or one for each: sine or square.")
+@click.option(
+    "--column",
+    "columns",
+    multiple=True,
+    metavar="HEADING=COLUMN[:UNIT]",
+    help="What a column holds: 'Freq=frequency_hz:kHz', 'Note=ignore', '3=launch_range_um:um'; repeat.",
+)
+@click.option(
+    "--set",
+    "values",
+    multiple=True,
+    metavar="NAME=VALUE[:UNIT]",
+    help="A constant of the rig, or a condition that was held: M=27:g, amplitude_v=40:Vpp; repeat.",
+)
+@click.option("--rig", type=Place("input"), metavar="EXP", help="Take constants, limits and priors of this experiment.")
+@click.option("--volts", type=click.Choice(_VOLTS), help="How volts are counted where no heading says so.")
+@click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark; detected by default.")
+@click.option("--separator", type=click.Choice(list(_SEPARATORS)), help="Between cells; detected by default.")
+@click.option("--encoding", metavar="NAME", help="Of text, such as cp850; detected by default.")
+@click.option("--sheet", "sheets", multiple=True, metavar="NAME", help="Sheet of a workbook, a group each; repeat.")
+@QUIET
+@JSON
+def import_files(
+    files: tuple[Path, ...],
+    out: Path,
+    waveform: str | None,
+    columns: tuple[str, ...],
+    values: tuple[str, ...],
+    rig: Path | None,
+    volts: Any,
+    decimal: str | None,
+    separator: str | None,
+    encoding: str | None,
+    sheets: tuple[str, ...],
+    quiet: bool,
+    json_file: Path | None,
+) -> int:
+    """Make an experiment folder of what instruments and spreadsheets write.
+
+    FILE is text with any separator, or a workbook (.xlsx, .xls, .ods). Each is a group; columns are recognised by
+    name and unit. What was understood is printed. What may be understood in two ways is asked for.
+    """
+    from psafit.experiment import read_experiment
+    from psafit.experiment.importing import Options, read_files, write_import
+    from psafit.files import filling
+
+    if len({file.resolve() for file in files}) < len(files):
+        raise InputError("a file is named twice", "name each once: its readings would count twice")
+    constants, held = _values(values)
+    options = Options(
+        columns=tuple(map(_mapping, columns)),
+        values=held,
+        waveforms=tuple(part.strip() for part in waveform.split(",")) if waveform is not None else (),
+        volts=volts,
+        decimal=decimal,
+        separator=_SEPARATORS[separator] if separator else None,
+        encoding=encoding,
+        sheets=sheets,
+    )
+    imported = _on_rig(read_files(files, options), constants, rig)
+    with filling(out):
+        write_import(imported, out)
+        warnings = imported.warnings if imported.missing else read_experiment(out).warnings
+        write_result(json_file, _result(imported, out, warnings))
+    if not quiet:
+        for table in imported.tables:
+            for line in _told(table):
+                click.echo(escaped(line))
+        warn(warnings)
+        _next(imported, out)
+    return DONE
+
+
+def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | None) -> Imported:
+    """Tables, with what is known of the rig."""
+    from psafit.experiment import read_plan
+    from psafit.experiment.importing import Imported
+
+    if rig is None:
+        return Imported(tuple(tables), constants)
+    plan = read_plan(rig)
+    known = {f.name: getattr(plan.constants, f.name) for f in fields(plan.constants)}
+    return Imported(tuple(tables), known | constants, plan.limits, plan.beliefs)
+
+
+def _mapping(text: str) -> Mapping:
+    """What a ``--column`` says."""
+    from psafit.experiment.importing import COLUMN_NAMES, Mapping
+    from psafit.experiment.importing.units import unit as parsed
+    from psafit.experiment.text import meant, shown
+
+    heading, equals, rest = text.rpartition("=")
+    column, colon, unit = (part.strip() for part in rest.partition(":"))
+    if not equals or not heading.strip():
+        raise InputError(
+            f"--column {shown(text)} is not HEADING=COLUMN:UNIT", "write for example --column 'Freq=frequency_hz:kHz'"
+        )
+    if column not in COLUMN_NAMES:
+        raise InputError(f"--column {shown(text)}: {shown(column)} is no column", meant(column, COLUMN_NAMES))
+    said = parsed(unit) if colon else None
+    if colon and said is None:
+        raise InputError(f"--column {shown(text)}: {shown(unit)} is no unit", "write for example kHz, mV, Vpp or um")
+    return Mapping(heading.strip(), column, said)
+
+
+def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, float], ...]]:
+    """Constants and conditions that ``--set`` gives, in SI and psafit's units."""
+    from psafit.experiment import CONSTANT_UNITS
+    from psafit.experiment.importing.given import HELD, value
+    from psafit.experiment.text import listed, meant, shown
+
+    constants: dict[str, float] = {}
+    held: dict[str, float] = {}
+    known = (*CONSTANT_UNITS, *HELD)
+    for text in given:
+        name, _, number = (part.strip() for part in text.partition("="))
+        if name not in known:
+            near = meant(name, known) if name else f"choose from {listed(known)}"
+            raise InputError(f"--set {shown(text)}: there is no {shown(name)}", near)
+        if name in constants | held:
+            raise InputError(f"--set gives {name} twice", "give each once")
+        (constants if name in CONSTANT_UNITS else held)[name] = value(name, number, f"--set {shown(text)}")
+    return constants, tuple(held.items())
+
+
+def _told(table: Table) -> list[str]:
+    """What was understood of a table, as lines."""
+    from psafit.experiment.importing.quantities import COLUMNS, SEPARATORS, VOLTS
+
+    form = [f"headings in line {table.header_line}"] if table.header_line else ["no headings"]
+    if not table.sheet:
+        marks = {".": "decimal point", ",": "decimal comma"}
+        separated = SEPARATORS.get(table.separator, repr(table.separator))
+        form = [table.encoding.replace("_", "-"), f"separated by {separated}", marks[table.decimal], *form]
+    lines = [f"{table.place}: {', '.join(form)}"]
+    for column in table.columns:
+        if not column.headings:
+            lines.append(f"  {column.column:<16} given")
+            continue
+        volts = f", {VOLTS[column.volts]}" if column.volts else ""
+        headings = ", ".join(map(repr, column.headings))
+        lines.append(f"  {column.column:<16} from {headings}, {column.unit or 'unit in each cell'}{volts}")
+    lines += [f"  not used: {', '.join(map(repr, table.unused))}"] if table.unused else []
+    lines += [f"  not used: {heading!r} is {column}, which psafit cannot use yet" for heading, column in table.not_yet]
+    lines += [f"  line {line} left out: {text[:80]}" for line, text in table.left_out[:3]]
+    if len(table.left_out) > 3:
+        lines.append(f"  and {len(table.left_out) - 3} more lines left out")
+    for example in table.examples:
+        readings = "; ".join(
+            ", ".join(f"{v:.10g} {COLUMNS[c.column].unit}" for c, v in zip(table.columns, reading, strict=True))
+            for reading in example.readings
+        )
+        lines.append(f"  line {example.line}: {' | '.join(example.cells)[:80]}  ->  {readings}")
+    lines += [f"  group {g.id}: {g.waveform}, {count(g.n_points, 'reading')}, {g.file}" for g in table.groups]
+    return lines
+
+
+def _next(imported: Imported, out: Path) -> None:
+    """What to do with the folder."""
+    from psafit.experiment import DEFINITION
+
+    place = shlex.quote(shown_path(out))
+    click.echo(
+        f"wrote {shown_path(out / DEFINITION)} and {count(sum(len(t.groups) for t in imported.tables), 'group')}"
+    )
+    then = f"psafit check {place}"
+    if imported.missing:
+        file = shown_path(out / DEFINITION)
+        click.echo(f"no file tells {', '.join(imported.missing)}: fill them in in {file}, then: {then}")
+    else:
+        click.echo(f"go on with: {then}; psafit diagnose {place} --quick")
+
+
+def _result(imported: Imported, out: Path, warnings: Sequence[str]) -> dict[str, Any]:
+    """What ``--json`` holds."""
+    return {
+        "folder": str(out),
+        "constants": dict(imported.constants),
+        "missing_constants": list(imported.missing),
+        "warnings": list(warnings),
+        "tables": [_table_result(table) for table in imported.tables],
+    }
+
+
+def _table_result(table: Table) -> dict[str, Any]:
+    columns = [
+        {"column": c.column, "headings": list(c.headings), "unit": c.unit, "factor": c.factor, "volts": c.volts}
+        for c in table.columns
+    ]
+    return {
+        "file": str(table.file),
+        "sheet": table.sheet,
+        "encoding": table.encoding,
+        "separator": table.separator,
+        "decimal": table.decimal,
+        "header_line": table.header_line,
+        "columns": columns,
+        "not_used": list(table.unused),
+        "not_yet": [{"heading": heading, "column": column} for heading, column in table.not_yet],
+        "left_out": [{"line": line, "text": text} for line, text in table.left_out],
+        "groups": [{"id": g.id, "waveform": g.waveform, "file": g.file, "n_points": g.n_points} for g in table.groups],
+    }
+
+
+__all__ = ["import_files"]

@@ -1,0 +1,272 @@
+"""Which column of a table is which of psafit's: recognised by name and unit, or as the user says."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from psafit.errors import Faults, InputError
+from psafit.experiment.importing.grid import Grid
+from psafit.experiment.importing.headings import Heading
+from psafit.experiment.importing.layout import Head, names
+from psafit.experiment.importing.numerals import is_number, likeliest
+from psafit.experiment.importing.quantities import COLUMNS, QUANTITIES, VOLTS, Volts
+from psafit.experiment.importing.records import GROUPS, IGNORED, Options
+from psafit.experiment.importing.units import Unit
+from psafit.experiment.records import CONDITION_COLUMNS
+from psafit.experiment.text import listed, shown
+
+WAVEFORM = "waveform"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a file that is used.
+
+    Parameters
+    ----------
+    place : int
+        From 0.
+    heading : Heading
+    column : str
+        psafit's, `"waveform"` or `"group"`.
+    unit : Unit or None
+        None where each cell has its own.
+    volts : {"peak", "pp", "rms"} or None
+    mapped : bool
+        Whether the user says so.
+    """
+
+    place: int
+    heading: Heading
+    column: str
+    unit: Unit | None = None
+    volts: Volts | None = None
+    mapped: bool = False
+
+    @property
+    def name(self) -> str:
+        """What a message calls it."""
+        return shown(self.heading.text) if self.heading.text else f"number {self.place + 1}"
+
+    @property
+    def option(self) -> str:
+        """What ``--column`` calls it."""
+        return self.heading.text or str(self.place + 1)
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Columns that are used, and headings that are not: plain ones, and those psafit cannot use yet."""
+
+    columns: tuple[Column, ...]
+    unused: tuple[Column, ...]
+    not_yet: tuple[Column, ...]
+
+    def of(self, column: str) -> list[Column]:
+        """The columns of the file that hold a column of psafit's."""
+        return [c for c in self.columns if c.column == column]
+
+    @property
+    def readings(self) -> list[str]:
+        """Psafit's columns of readings that are there."""
+        return list(dict.fromkeys(c.column for c in self.columns if _role(c.column) == "reading"))
+
+
+def option(heading: str, column: str, unit: str = "") -> str:
+    """A ``--column`` option as it is typed."""
+    mapping = f"{heading}={column}:{unit}" if unit else f"{heading}={column}"
+    return f"--column {shlex.quote(mapping)}"
+
+
+def choose(grid: Grid, head: Head, options: Options) -> Chosen:
+    """Tell what each column holds.
+
+    Raises
+    ------
+    InputError
+        Where something needed is missing, or could be one of several: a line each, with the option that says it.
+    """
+    faults = Faults()
+    found = _recognised(grid, head, options, faults)
+    if not len(faults):
+        _check_unnamed(grid, head, found, faults)
+    faults.end()
+    said = {c.column for c in found if c.mapped}
+    used = [c for c in found if c.column not in ("", IGNORED) and (c.mapped or c.column not in said)]
+    usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, GROUPS}
+    kept = [c for c in used if c.column in usable]
+    not_yet = [c for c in used if c.column not in usable and _role(c.column) != "trace"]
+    _check_drive(grid, head, not_yet, faults)
+    for column in dict.fromkeys(c.column for c in kept):
+        _check_several(grid, head, [c for c in kept if c.column == column], faults)
+    unused = [c for c in found if c not in kept and c not in not_yet]
+    chosen = Chosen(tuple(kept), tuple(unused), tuple(not_yet))
+    _check_missing(grid, head, chosen, options, faults)
+    faults.end()
+    counted = [_with_unit(grid, head, c, options, faults) for c in kept]
+    faults.end()
+    return replace(chosen, columns=tuple(counted))
+
+
+def _role(column: str) -> str:
+    return COLUMNS[column].role if column in COLUMNS else ""
+
+
+def _error(grid: Grid, head: Head, what: str, remedy: str) -> InputError:
+    return InputError(what, remedy, file=grid.file, line=head.line or 1)
+
+
+def _recognised(grid: Grid, head: Head, options: Options, faults: Faults) -> list[Column]:
+    """Each column with what it is: empty for unknown, or `"ignore"`."""
+    mapped: dict[int, Column] = {}
+    for mapping in options.columns:
+        places = names(mapping, head.headings)
+        single = mapping.column in (*CONDITION_COLUMNS, WAVEFORM, GROUPS)
+        if len(places) > 1 and single:
+            what = f"{len(places)} columns are called {shown(mapping.heading)}"
+            faults.add(_error(grid, head, what, f"give the number of one: {option('2', mapping.column)}"))
+        for place in places:
+            if place in mapped:
+                what = f"column {mapped[place].name} is named twice"
+                faults.add(_error(grid, head, what, "give --column once for each column"))
+            said = mapping.unit
+            mapped[place] = Column(
+                place, head.headings[place], mapping.column, said, said.volts if said else None, mapped=True
+            )
+    found = []
+    for place, heading in enumerate(head.headings):
+        if place in mapped:
+            found.append(mapped[place])
+        elif heading.is_waveform:
+            found.append(Column(place, heading, WAVEFORM))
+        else:
+            could = heading.quantities(head.units[place])
+            found.append(Column(place, heading, could[0].column if len(could) == 1 else ""))
+    return found
+
+
+def _cells(grid: Grid, head: Head, place: int) -> list[object]:
+    """What stands in a column below the headings, empty cells left out."""
+    return [row.cells[place] for row in grid.rows[head.first :] if place < len(row.cells) and row.texts[place]]
+
+
+def _check_unnamed(grid: Grid, head: Head, found: Iterable[Column], faults: Faults) -> None:
+    """A column of numbers without a name is no reading that may be left out, unless it numbers the rows."""
+    for column in found:
+        cells = _cells(grid, head, column.place)
+        if column.heading.text or column.mapped or not head.line or not any(map(is_number, cells)):
+            continue
+        texts = [str(cell) for cell in cells]
+        if column.place == 0 and texts in ([str(k + start) for k in range(len(texts))] for start in (0, 1)):
+            continue
+        number = str(column.place + 1)
+        what = f"column {number} holds numbers and has no heading"
+        faults.add(_error(grid, head, what, f"give it one, or say {option(number, IGNORED)}"))
+
+
+def _check_drive(grid: Grid, head: Head, columns: Iterable[Column], faults: Faults) -> None:
+    """What changes the drive cannot be left out, unless it is zero."""
+    for column in columns:
+        numbers = [likeliest([cell]).number(cell) for cell in _cells(grid, head, column.place)]
+        if _role(column.column) == "drive" and any(n is not None and n.value != 0 for n in numbers):
+            what = f"column {column.name} holds {column.column}, which is not zero and which psafit cannot use yet"
+            remedy = f"a drive without it is another one; {option(column.option, IGNORED)} leaves it out all the same"
+            faults.add(_error(grid, head, what, remedy))
+
+
+def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Faults) -> None:
+    """Several columns of one quantity are repetitions, if they are readings and numbered; else it is asked."""
+    first = columns[0]
+    if len(columns) == 1 or (_role(first.column) == "reading" and (first.mapped or _repeated(columns))):
+        return
+    what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
+    faults.add(_error(grid, head, what, f"say which: {option(columns[-1].option, first.column)}"))
+
+
+def _repeated(columns: Sequence[Column]) -> bool:
+    """Whether columns are called alike, or alike but for numbers from 0 or 1."""
+    alike = len({c.heading.name for c in columns}) == 1
+    same = len({c.heading.text for c in columns}) == 1
+    numbers = sorted(-1 if c.heading.number is None else c.heading.number for c in columns)
+    return alike and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
+
+
+def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
+    held = dict(options.values)
+    there = listed(shown(h.text) for h in head.headings if h.text)
+    times = [c for c in chosen.unused if c.column == "time_us"]
+    if times and not chosen.of("frequency_hz") and "frequency_hz" not in held:
+        what = f"no frequency_hz among {there}: column {times[0].name} looks like a trace over time"
+        remedy = f"psafit cannot use traces yet; if it is none, say {option('NAME', 'frequency_hz', 'kHz')}"
+        faults.add(_error(grid, head, what, remedy))
+        return
+    for column in CONDITION_COLUMNS:
+        found = chosen.of(column)
+        if found and column in held:
+            remedy = f"leave out --set, or say {option(found[0].option, IGNORED)}"
+            faults.add(_error(grid, head, f"{column} is given, and column {found[0].name} holds it", remedy))
+        elif not found and column not in held:
+            example = {"frequency_hz": "kHz", "amplitude_v": "Vpp"}[column]
+            near = _nearest(chosen.unused, head, column)
+            remedy = f"say {option(near or 'NAME', column, '' if near else example)}"
+            value = {"frequency_hz": "1.2:kHz", "amplitude_v": "40:Vpp"}[column]
+            faults.add(_error(grid, head, f"no {column} among {there}", f"{remedy}, or --set {column}={value} if held"))
+    if not chosen.readings:
+        near = _nearest(chosen.unused, head, "launch_range_um")
+        what, remedy = f"no launch_range_um among {there}", f"say {option(near or 'NAME', 'launch_range_um')}"
+        if chosen.not_yet:
+            what = f"{what}, but {listed(f'{c.column} ({c.name})' for c in chosen.not_yet)}"
+            remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
+        faults.add(_error(grid, head, what, remedy))
+
+
+def _nearest(columns: Iterable[Column], head: Head, column: str) -> str:
+    """The one heading that has a unit of this quantity; empty where there are several."""
+    near = [c.option for c in columns if (u := head.unit(c.place)) and u.kind == COLUMNS[column].unit]
+    return near[0] if len(near) == 1 else ""
+
+
+def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults: Faults) -> Column:
+    """A column with its unit, and how its volts are counted."""
+    if column.column not in COLUMNS:
+        return column
+    target = COLUMNS[column.column].unit
+    unit = column.unit or head.unit(column.place)
+    cells = [cell for cell in _cells(grid, head, column.place) if is_number(cell)]
+    own = not unit and bool(cells) and all(isinstance(c, str) and c[-1:].isalpha() for c in cells)
+    below = head.units[column.place]
+    if unit and below and not column.mapped and below.factor(target) != unit.factor(target):
+        what = f"column {column.name} is in {shown(unit.text)}, and in {shown(below.text)} by the row of units"
+        faults.add(_error(grid, head, what, f"say {option(column.option, column.column, target)}, or what it is in"))
+    elif unit and unit.kind != target:
+        what = f"column {column.name}: {shown(unit.text)} is no unit of {column.column}"
+        faults.add(_error(grid, head, what, f"say {option(column.option, column.column, target)}"))
+    elif not unit and not own:
+        other = {"Hz": "kHz", "V": "mV", "um": "mm"}.get(target, target)
+        what = f"column {column.name} gives no unit"
+        remedy = f"say {option(column.option, column.column, target)}, or another unit such as {other}"
+        faults.add(_error(grid, head, what, remedy))
+    volts = None
+    if target == "V":
+        volts = _volts(grid, head, column, unit, options, own=own, faults=faults)
+    return replace(column, unit=unit, volts=volts)
+
+
+def _volts(
+    grid: Grid, head: Head, column: Column, unit: Unit | None, options: Options, *, own: bool, faults: Faults
+) -> Volts | None:
+    """How the volts of a column are counted; where each cell says it by itself, that goes before."""
+    below = head.units[column.place]
+    said = {v for v in (column.heading.volts, unit.volts if unit else None, below.volts if below else None) if v}
+    if column.mapped:
+        return column.volts or (said.pop() if len(said) == 1 else options.volts or "peak")
+    if len(said) == 1:
+        return said.pop()
+    if own or (options.volts and not said):
+        return options.volts
+    what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS cannot be told"
+    remedy = f"say --volts {', --volts '.join(VOLTS)}, or {option(column.option, column.column, 'Vpp')}"
+    faults.add(_error(grid, head, what, remedy))
+    return None

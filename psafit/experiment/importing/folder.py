@@ -1,0 +1,94 @@
+"""An experiment folder of what was imported."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from importlib.resources import files
+from pathlib import Path
+
+from psafit.experiment.importing.quantities import VOLTS
+from psafit.experiment.importing.records import Table, Understood
+from psafit.experiment.plausible import disagreeing_groups, suspicious_readings
+from psafit.experiment.records import DEFINITION, Constants
+from psafit.experiment.text import one_line
+from psafit.experiment.writer import beliefs_text, group_text, head_text, limits_text, number_text, table_text
+from psafit.files import write_atomically
+from psafit.parameters import Belief
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What a folder is to hold.
+
+    Parameters
+    ----------
+    tables : tuple of Table
+    constants : mapping of str to float
+        Those of the rig that are known, SI. The others are left to be filled in.
+    limits : tuple of (str, (float, float))
+    beliefs : tuple of Belief
+    """
+
+    tables: tuple[Table, ...]
+    constants: Mapping[str, float]
+    limits: tuple[tuple[str, tuple[float, float]], ...] = ()
+    beliefs: tuple[Belief, ...] = ()
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Constants that nobody gave."""
+        return tuple(f.name for f in fields(Constants) if f.name not in self.constants)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What looks like another unit, as far as that can be told without the rig."""
+        groups = [group for table in self.tables for group in table.groups]
+        units = (line for group in groups for line in suspicious_readings(group, None))
+        return (*units, *disagreeing_groups(groups))
+
+
+def write_import(imported: Imported, folder: Path) -> None:
+    """Write an experiment folder; a constant that is missing is a comment that says what to fill in.
+
+    Parameters
+    ----------
+    imported : Imported
+    folder : Path
+        Exists.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    source = "; ".join(dict.fromkeys(one_line(table.place) for table in imported.tables))
+    parts = [head_text(one_line(folder.resolve().name) or "imported", source), "\n[constants]\n"]
+    described = _descriptions()
+    for f in fields(Constants):
+        value = imported.constants.get(f.name)
+        comment = described[f.name]
+        parts.append(
+            f"# {f.name} =   # {comment}\n" if value is None else f"{f.name} = {number_text(value)} # {comment}\n"
+        )
+    parts += [limits_text(imported.limits), beliefs_text(imported.beliefs)]
+    for table in imported.tables:
+        parts.append(f"\n# {one_line(table.place)}: {one_line('; '.join(map(_told, table.columns)))}\n")
+        for group in table.groups:
+            parts.append(group_text(group, group.file).lstrip("\n"))
+            write_atomically(folder / group.file, table_text(group).encode())
+    write_atomically(folder / DEFINITION, "".join(parts).encode())
+
+
+def _told(column: Understood) -> str:
+    if not column.headings:
+        return f"{column.column} was given"
+    volts = f" {VOLTS[column.volts]}" if column.volts else ""
+    return f"{column.column} from {', '.join(column.headings)} in {column.unit or 'the unit of each cell'}{volts}"
+
+
+def _descriptions() -> dict[str, str]:
+    """What the example of `psafit new` says of each constant."""
+    text = files("psafit").joinpath("templates", DEFINITION).read_text("utf-8")
+    return dict(re.findall(r"^(\w+) = \S+\s+# (.*)$", text.partition("[constants]")[2], flags=re.MULTILINE))

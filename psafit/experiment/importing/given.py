@@ -1,0 +1,62 @@
+"""Values that a command line gives: constants of the rig, and conditions that were held."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+
+from psafit.errors import InputError
+from psafit.experiment.definition import LIMITS as CONSTANT_LIMITS
+from psafit.experiment.importing.numerals import NOTATIONS
+from psafit.experiment.importing.quantities import COLUMNS
+from psafit.experiment.importing.units import factor_of, unit
+from psafit.experiment.records import CONDITION_COLUMNS, CONSTANT_UNITS, OPTIONAL_COLUMNS
+from psafit.experiment.table import CellFault, within
+from psafit.experiment.text import shown
+
+HELD = (*CONDITION_COLUMNS, *OPTIONAL_COLUMNS)
+
+
+def value(name: str, text: str, place: str) -> float:
+    """The value of a constant, SI, or of a condition, in psafit's unit.
+
+    Parameters
+    ----------
+    name : str
+    text : str
+        A number with a decimal point, and behind a colon its unit, if it is not psafit's.
+    place : str
+        Where it was given, for a message.
+
+    Raises
+    ------
+    InputError
+        If it is no number, has no such unit, or is impossible.
+    """
+    number, colon, said = (part.strip() for part in text.partition(":"))
+    target = CONSTANT_UNITS.get(name) or COLUMNS[name].unit
+    found = NOTATIONS["."].value(number)
+    if found is None or "," in number:
+        raise InputError(f"{place}: {shown(number)} is no number", f"write for example {name}=1.2:{target}")
+    factor = Decimal(1) if not colon else _factor(name, said, target)
+    if factor is None:
+        raise InputError(f"{place}: {shown(said)} is no unit of {name}", f"give it in {target}")
+    result = float(found * factor)
+    if name in HELD:
+        try:
+            return within(result, name, text)
+        except CellFault as fault:
+            raise InputError(f"{place}: {fault.what}", fault.remedy) from fault
+    low, high = CONSTANT_LIMITS[name]
+    if not low <= result <= high:
+        raise InputError(f"{place} is beyond the limits {low:g} to {high:g} {target}", f"give it in {target}")
+    return result
+
+
+def _factor(name: str, said: str, target: str) -> Decimal | None:
+    if name in CONSTANT_UNITS:
+        return factor_of(said, target)
+    found = unit(said)
+    factor = found.factor(target) if found else None
+    if found is None or factor is None or found.volts == "rms":
+        return None
+    return factor / 2 if found.volts == "pp" else factor

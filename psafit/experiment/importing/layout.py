@@ -1,0 +1,199 @@
+"""Where in a file the table is: its headings, its row of units, its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from psafit.errors import Faults, InputError
+from psafit.experiment.importing.grid import Grid, Row
+from psafit.experiment.importing.headings import Heading, heading
+from psafit.experiment.importing.numerals import is_number
+from psafit.experiment.importing.quantities import BLANKS, COMMENTS, SUMMARIES, words
+from psafit.experiment.importing.records import Mapping, Options
+from psafit.experiment.importing.units import Unit, unit
+from psafit.experiment.text import shown
+
+
+@dataclass(frozen=True)
+class Head:
+    """The headings of a table.
+
+    Parameters
+    ----------
+    line : int
+        Where they stand; 0 where there are none.
+    headings : tuple of Heading
+    units : tuple of Unit or None
+        Those of a row below the headings.
+    first : int
+        Index of the row that comes next.
+    known : int
+        Number of quantities that were recognised.
+    """
+
+    line: int
+    headings: tuple[Heading, ...]
+    units: tuple[Unit | None, ...]
+    first: int
+    known: int
+
+    def unit(self, place: int) -> Unit | None:
+        """The unit that heading or row of units give a column."""
+        return self.headings[place].unit or self.units[place]
+
+
+def names(mapping: Mapping, headings: Sequence[Heading]) -> list[int]:
+    """Columns, from 0, that a mapping is about: those of this heading, with or without unit, or of this number."""
+    text = " ".join(mapping.heading.split()).casefold()
+    for same in (
+        lambda h: h.text.casefold() == text,
+        lambda h: words(h.text) == words(text) != "",
+        lambda h: h.name == words(text) != "",
+    ):
+        if found := [place for place, h in enumerate(headings) if same(h)]:
+            return found
+    return [int(text) - 1] if text.isascii() and text.isdigit() and 0 < int(text[:6]) <= len(headings) else []
+
+
+def is_comment(text: str) -> bool:
+    """Whether a row that begins with this text is a comment."""
+    return text.startswith(COMMENTS)
+
+
+def find_head(grid: Grid, options: Options, most_lines: int = 300) -> Head | None:
+    """The row of a file in which most headings are recognised; None where none is.
+
+    Parameters
+    ----------
+    grid : Grid
+    options : Options
+    most_lines : int
+        How far down it is looked for.
+    """
+    best: tuple[tuple[int, bool], Head] | None = None
+    for index, row in enumerate(grid.rows[:most_lines]):
+        texts = _uncommented(row, grid.separator in BLANKS)
+        if sum(map(is_number, row.cells)) > sum(bool(t) and not is_number(t) for t in texts):
+            continue
+        headings = tuple(heading(text) for text in texts)
+        units, first = _units(grid, headings, index + 1)
+        known = {h.quantities(u)[0].column for h, u in zip(headings, units, strict=True) if h.quantities(u)}
+        known |= {m.column for m in options.columns if names(m, headings)}
+        below = next((r for r in grid.rows[first:] if not r.is_blank and not is_comment(r.texts[0])), None)
+        score = len(known), below is not None and any(map(is_number, below.cells))
+        if known and (best is None or score > best[0]):
+            best = score, Head(row.line, headings, units, first, len(known))
+    if best is None or best[1].known < max(2, len({m.column for m in options.columns})):
+        return _without_headings(grid, options) or (best and best[1])
+    return best[1]
+
+
+def _without_headings(grid: Grid, options: Options) -> Head | None:
+    """A table whose columns are all named by the user, by their numbers."""
+    places = [int(m.heading) - 1 for m in options.columns if m.heading.isascii() and m.heading.isdigit()]
+    if not places or len(places) < len(options.columns):
+        return None
+    for index, row in enumerate(grid.rows):
+        if all(0 <= p < len(row.cells) and is_number(row.cells[p]) for p in places):
+            width = len(row.cells)
+            return Head(0, (heading(""),) * width, (None,) * width, index, len(places))
+    return None
+
+
+def _uncommented(row: Row, aligned: bool) -> tuple[str, ...]:
+    """The cells of a row that may be a comment that holds the headings; `aligned` by blanks, a mark is a cell."""
+    texts = row.texts
+    if texts and is_comment(texts[0]):
+        bare = texts[0].lstrip("".join(COMMENTS) + " ")
+        return texts[1:] if aligned and not bare else (bare, *texts[1:])
+    return texts
+
+
+def _units(grid: Grid, headings: Sequence[Heading], first: int) -> tuple[tuple[Unit | None, ...], int]:
+    """The units of a row below headings, and the index of the row behind that; none where it is no row of units."""
+    none = (None,) * len(headings)
+    for index in range(first, len(grid.rows)):
+        row = grid.rows[index]
+        if row.is_blank:
+            continue
+        texts = _uncommented(row, grid.separator in BLANKS)
+        found = [unit(text) for text in texts]
+        gap = grid.separator in BLANKS and len(texts) < len(headings)  # which one has no unit cannot be told
+        if not any(found) or any(map(is_number, texts)) or len(texts) > len(headings) or gap:
+            return none, first
+        return (*found, *none)[: len(headings)], index + 1
+    return none, first
+
+
+@dataclass(frozen=True)
+class Body:
+    """The rows of a table that hold readings, and those that do not, with line and text."""
+
+    rows: tuple[Row, ...]
+    left_out: tuple[tuple[int, str], ...]
+
+
+def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
+    """Tell readings from comments, footers and the like.
+
+    Parameters
+    ----------
+    grid : Grid
+    head : Head
+    needed : sequence of int
+        Columns that hold something that is used.
+    most_rows : int
+
+    Raises
+    ------
+    InputError
+        On rows that may be readings or not.
+    """
+    faults, rows, left_out = Faults(), [], []
+    text_rows: list[tuple[int, str]] = []
+    again = tuple(h.text for h in head.headings)
+
+    def fault(what: str, remedy: str, line: int) -> None:
+        faults.add(InputError(what, remedy, file=grid.file, line=line))
+
+    for row in grid.rows[head.first :]:
+        texts = row.texts
+        filled = [place for place, text in enumerate(texts) if text]
+        used = [place for place in needed if place in filled]
+        if not filled:
+            continue
+        if is_comment(texts[0]) and not is_number(row.cells[0]):
+            left_out.append((row.line, " ".join(filter(None, texts))))
+            continue
+        if not used or (len(filled) == 1 and not is_number(row.cells[filled[0]])):
+            if any(char.isalnum() for text in texts for char in text):
+                text_rows.append((row.line, " ".join(filter(None, texts))))
+            continue
+        for line, text in text_rows:
+            fault(f"{shown(text)} stands between readings", "put # before it, or give each table a file", line)
+        text_rows = []
+        if head.line and texts == again:
+            fault("the headings once more: another table", "give each table a file of its own", row.line)
+        elif grid.separator in BLANKS and len(texts) != len(again):
+            what = f"{len(texts)} cells in the row, {len(again)} headings: which one is empty cannot be told"
+            fault(what, "fill it, quote headings of several words, or export with another separator", row.line)
+        elif head.line and len(texts) > len(again):
+            comma = "; decimal commas need another separator" if grid.separator == "," else ""
+            fault(
+                f"{len(texts)} cells in the row, {len(again)} headings", f"give each column a heading{comma}", row.line
+            )
+        elif words(texts[filled[0]]) in SUMMARIES:
+            fault(f"{shown(texts[filled[0]])} sums up readings and is none", "put # before it, or delete it", row.line)
+        else:
+            rows.append(row)
+        if len(rows) > most_rows:
+            fault(f"more than {most_rows} rows", "split the file", row.line)
+            break
+    faults.end()
+    if rows and head.line and not grid.sheet and (widest := max(row.width for row in rows)) < len(again):
+        fault(f"{len(again)} headings, and no row of more than {widest} cells", "give each column a heading", head.line)
+        faults.end()
+    if not rows:
+        raise InputError("no readings below the headings", "add them", file=grid.file, line=head.line or None)
+    return Body(tuple(rows), (*left_out, *text_rows))

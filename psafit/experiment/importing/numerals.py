@@ -1,0 +1,84 @@
+"""Numbers as text, with a decimal point or comma and thousands, units behind them or not."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+
+from psafit.experiment.importing.grid import Cell
+from psafit.experiment.importing.units import Unit, unit
+
+_SPACES = " \u00a0\u202f\u2009"
+_QUOTES = "'’"
+_WITH_UNIT = re.compile(r"([+\-−]?[\d.,].*?)\s*([A-Za-zµμ][A-Za-zµμ/^\d²³ .-]*)?")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number, exactly as it is written, and the unit behind it."""
+
+    value: Decimal
+    unit: Unit | None = None
+
+
+class Notation:
+    """A way to write numbers: the decimal mark; in thousands stand the other mark, blanks or apostrophes."""
+
+    def __init__(self, decimal: str) -> None:
+        self.decimal = decimal
+        marks = re.escape(f"{'.' if decimal == ',' else ','}{_SPACES}{_QUOTES}")
+        mark = re.escape(decimal)
+        self._plain = re.compile(rf"[+-]?(?:\d+(?:{mark}\d*)?|{mark}\d+)(?:[eE][+-]?\d{{1,3}})?", re.ASCII)
+        self._grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}([{marks}])\d{{3}}(?:\1\d{{3}})*(?:{mark}\d*)?", re.ASCII)
+
+    def value(self, text: str) -> Decimal | None:
+        """The value of a number; None where it is none in this notation."""
+        if found := self._grouped.fullmatch(text):
+            text = text.replace(found[1], "")
+        elif not self._plain.fullmatch(text):
+            return None
+        try:
+            return Decimal(text.replace(self.decimal, "."))
+        except InvalidOperation:  # more digits than decimal numbers have
+            return None
+
+    def number(self, cell: Cell) -> Number | None:
+        """The number in a cell; None where there is none."""
+        if isinstance(cell, int | float) and not isinstance(cell, bool):
+            return Number(Decimal(repr(cell))) if math.isfinite(cell) else None
+        if not isinstance(cell, str):
+            return None
+        if (value := self.value(cell)) is not None:
+            return Number(value)
+        if not (parts := _WITH_UNIT.fullmatch(cell)) or not parts[2]:
+            return None
+        value, said = self.value(parts[1]), unit(parts[2])
+        return None if value is None or said is None else Number(value, said)
+
+
+NOTATIONS = {".": Notation("."), ",": Notation(",")}
+
+
+def is_number(cell: Cell) -> bool:
+    """Whether a cell holds a number in some notation."""
+    return any(notation.number(cell) is not None for notation in NOTATIONS.values())
+
+
+def ambiguous(cells: Sequence[tuple[int, Cell]]) -> tuple[int, str, tuple[Decimal, Decimal]] | None:
+    """The first cell, given with their lines, that has two values where every cell is a number in both notations."""
+    found = None
+    for line, cell in cells:
+        point, comma = (notation.number(cell) for notation in NOTATIONS.values())
+        if point is None or comma is None:
+            return None
+        if found is None and point.value != comma.value:
+            found = line, str(cell), (point.value, comma.value)
+    return found
+
+
+def likeliest(cells: Sequence[Cell]) -> Notation:
+    """The notation in which most cells are numbers."""
+    return max(NOTATIONS.values(), key=lambda n: sum(n.number(cell) is not None for cell in cells))

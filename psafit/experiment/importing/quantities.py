@@ -1,0 +1,107 @@
+"""What a column may hold, how instruments and spreadsheets call it, and in which unit psafit keeps it.
+
+Another observable is one line in `QUANTITIES`. Whether psafit can use a quantity is not said here: it can, once its
+column is one of those that `psafit.experiment.table` reads.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from psafit.experiment.table import LIMITS
+
+Volts = Literal["peak", "pp", "rms"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity that a column may hold.
+
+    Parameters
+    ----------
+    column : str
+        psafit's name of it, which ends in its unit.
+    unit : str
+        Unit in which psafit keeps it.
+    names : tuple of str
+        What it is called, in words of small letters.
+    role : {"condition", "reading", "error", "drive", "trace"}
+        What of an experiment it is; `"error"` is the known error of a reading.
+    """
+
+    column: str
+    unit: str
+    names: tuple[str, ...]
+    role: Literal["condition", "reading", "error", "drive", "trace"]
+
+    @property
+    def usable(self) -> bool:
+        """Whether psafit can use it."""
+        return self.column in LIMITS
+
+
+_RANGES = (
+    "launch range", "range", "launch distance", "distance", "flight distance", "launch", "throw", "wurfweite", "weite",
+    "reichweite", "flugweite", "portee", "portée", "alcance",
+)  # fmt: skip
+_SPEEDS = ("launch speed", "launch velocity", "speed", "velocity", "geschwindigkeit", "vitesse", "v")
+_TENSIONS = (
+    "amplitude", "ampl", "amp", "voltage", "voltage amplitude", "amplitude voltage", "spannung", "spannungsamplitude",
+    "antriebsspannung", "tension", "v", "u", "volt", "volts", "",
+)  # fmt: skip
+QUANTITIES = (
+    Quantity("frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition"),
+    Quantity("amplitude_v", "V", _TENSIONS, "condition"),
+    Quantity("launch_range_um", "um", _RANGES, "reading"),
+    Quantity("launch_speed_mm_s", "mm/s", _SPEEDS, "reading"),
+    Quantity("contact_time_us", "us", ("contact time", "contact duration", "kontaktzeit", "kontaktdauer"), "reading"),
+    Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading"),
+    Quantity("sigma_um", "um", ("sigma", "standard uncertainty", "standardunsicherheit"), "error"),
+    Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
+    Quantity("time_us", "us", ("time", "t", "zeit", "x axis"), "trace"),
+    Quantity("displacement_um", "um", ("displacement", "auslenkung", "weg"), "trace"),
+    Quantity("tip_displacement_um", "um", ("tip displacement",), "trace"),
+)
+COLUMNS = {quantity.column: quantity for quantity in QUANTITIES}
+# What pint calls the units of this field, prefixes left out: it knows hundreds of others, with short names.
+BASES = ("hertz", "volt", "meter", "micron", "inch", "thou", "second", "newton", "gram")
+UNITS = tuple(dict.fromkeys(quantity.unit for quantity in QUANTITIES))
+
+# Words that say nothing of what is measured. "Generator", "input" and "monitor" are none: an amplifier lies between.
+NEUTRAL = {"measured", "drive", "driving", "excitation", "ball", "stack", "piezo", "applied", "the"}
+# A reading that is called no more than that is the one psafit knows in the unit of its column.
+GENERIC = {
+    "reading", "measurement", "trial", "shot", "run", "rep", "repeat", "replicate", "r", "messung", "messwert", "wurf",
+    "versuch", "essai",
+}  # fmt: skip
+# How a voltage is counted.
+COUNTED: dict[Volts, tuple[str, ...]] = {
+    "pp": (
+        "peak to peak", "peak peak", "pk to pk", "pk pk", "pkpk", "p to p", "p p", "pp", "ptp", "spitze spitze", "ss",
+    ),
+    "rms": ("rms", "eff", "effektiv", "effective"),
+    "peak": ("zero to peak", "0 to peak", "0 peak", "0 pk", "0 p", "0p", "peak", "pk", "p", "spitze", "scheitel"),
+}  # fmt: skip
+VOLTS: dict[Volts, str] = {"peak": "zero to peak", "pp": "peak to peak", "rms": "RMS"}
+# Peak over RMS, squared, of the waveforms about zero.
+CREST_SQUARED = {"sine": 2, "square": 1, "triangle": 3}
+WAVEFORMS = {
+    "sine": ("sine", "sin", "sinus", "sinusoidal", "sine wave"),
+    "square": ("square", "squ", "rect", "rectangle", "rectangular", "rechteck", "square wave"),
+}
+WAVEFORM_NAMES = {"waveform", "wave form", "wave", "signalform", "kurvenform", "wellenform"}
+# First cell of a row that sums up others.
+SUMMARIES = {
+    "mean", "average", "avg", "median", "std", "sd", "std dev", "stdev", "min", "max", "minimum", "maximum", "sum",
+    "total", "count", "mittelwert", "mittel", "standardabweichung", "summe", "moyenne", "ecart type",
+}  # fmt: skip
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", "  ": "two blanks or more", " ": "blanks"}
+BLANKS = (" ", "  ")
+COMMENTS = ("#", "%", "//", "!")
+
+
+def words(text: str) -> str:
+    """Text as words of small letters, signs left out: ``Pk-Pk_1`` is ``pk pk 1``."""
+    return " ".join(re.findall(r"[^\W_]+", text.casefold()))

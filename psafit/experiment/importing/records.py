@@ -1,0 +1,149 @@
+"""What is asked of an import, and what comes of it: frozen records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from psafit.experiment.importing.quantities import Volts
+from psafit.experiment.importing.units import Unit
+from psafit.experiment.records import Group
+
+IGNORED = "ignore"
+GROUPS = "group"
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """What the user says of a column.
+
+    Parameters
+    ----------
+    heading : str
+        As it stands in the file, with or without its unit, or the number of the column, from 1.
+    column : str
+        psafit's column, `"waveform"`, `"group"` (a new label begins another group) or `"ignore"`.
+    unit : Unit or None
+        Unit of the values; None for the one of the heading.
+    """
+
+    heading: str
+    column: str
+    unit: Unit | None = None
+
+
+@dataclass(frozen=True)
+class Options:
+    """What no file tells, or tells in two ways.
+
+    Parameters
+    ----------
+    columns : tuple of Mapping
+    values : tuple of (str, float)
+        Conditions that were held: psafit's column, and its value in the unit of that.
+    waveforms : tuple of str
+        One for all tables, or one for each; empty where a column says it.
+    volts : {"peak", "pp", "rms"} or None
+        How volts are counted where no heading says so.
+    decimal : {".", ","} or None
+        Decimal mark; None for the one under which all numbers can be read.
+    separator : str or None
+        Between cells; None to detect it.
+    encoding : str or None
+        Of text; None to detect it.
+    sheets : tuple of str
+        Sheets of a workbook, each a group; empty where only one holds a table.
+    most_bytes, most_rows : int
+        A larger file is refused: it is no sweep of launches.
+    """
+
+    columns: tuple[Mapping, ...] = ()
+    values: tuple[tuple[str, float], ...] = ()
+    waveforms: tuple[str, ...] = ()
+    volts: Volts | None = None
+    decimal: str | None = None
+    separator: str | None = None
+    encoding: str | None = None
+    sheets: tuple[str, ...] = ()
+    most_bytes: int = 2**27
+    most_rows: int = 1_000_000
+
+
+@dataclass(frozen=True)
+class Understood:
+    """How a column of psafit's came from the columns of a file.
+
+    Parameters
+    ----------
+    column : str
+    headings : tuple of str
+        Those it was read from: several where readings were repeated, none where the value was given.
+    unit : str
+        As written; empty where each cell has its own.
+    factor : float
+        Number that the values were multiplied with; 1 where columns or cells have units of their own.
+    volts : {"peak", "pp", "rms"} or None
+    """
+
+    column: str
+    headings: tuple[str, ...]
+    unit: str
+    factor: float
+    volts: Volts | None = None
+
+
+@dataclass(frozen=True)
+class Example:
+    """A row of a file, and the readings that came of it, each a value of every column."""
+
+    line: int
+    cells: tuple[str, ...]
+    readings: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a file, understood.
+
+    Parameters
+    ----------
+    file : Path
+    sheet : str
+        Of a workbook; empty for text.
+    encoding, separator, decimal : str
+        Of text; empty for a workbook, and where nothing hangs on it.
+    header_line : int
+        Line of the headings; 0 where there are none.
+    columns : tuple of Understood
+    examples : tuple of Example
+        The first rows.
+    unused : tuple of str
+        Headings that were left out, since they are none of psafit's or were to be ignored.
+    not_yet : tuple of (str, str)
+        Headings that were recognised as a quantity that psafit cannot use, and that quantity.
+    left_out : tuple of (int, str)
+        Rows that hold no reading: line and text.
+    groups : tuple of Group
+        What was read; `file` names the table that is to be written.
+    """
+
+    file: Path
+    sheet: str
+    encoding: str
+    separator: str
+    decimal: str
+    header_line: int
+    columns: tuple[Understood, ...]
+    examples: tuple[Example, ...]
+    unused: tuple[str, ...]
+    not_yet: tuple[tuple[str, str], ...]
+    left_out: tuple[tuple[int, str], ...]
+    groups: tuple[Group, ...] = field(repr=False)
+
+    @property
+    def place(self) -> str:
+        """File, and sheet where there is one."""
+        return f"{self.file.name}, sheet {self.sheet}" if self.sheet else self.file.name
+
+
+__all__ = ["GROUPS", "IGNORED", "Example", "Mapping", "Options", "Table", "Understood"]

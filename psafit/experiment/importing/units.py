@@ -1,0 +1,89 @@
+"""Units as they are written, by pint: factors are exact decimal numbers."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cache
+
+import pint
+
+from psafit.experiment.importing.quantities import BASES, COUNTED, UNITS, Volts, words
+
+# What a unit looks like. Anything else is not shown to pint, which would compute it.
+_UNIT = re.compile(r"[A-Za-zµμ]+(?:\^-?[1-3]|[²³])?(?:[/*·][A-Za-zµμ]+(?:\^-?[1-3]|[²³])?){0,2}")
+_VOLTS = re.compile(r"([a-zµμ]?V(?:olts?)?)[\s_.-]*(\S.*)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as it is written, and how its volts are counted where that is said."""
+
+    text: str
+    volts: Volts | None = None
+
+    def factor(self, target: str) -> Decimal | None:
+        """Number that a value in this unit is multiplied with to be one in `target`; None where it is another kind."""
+        return factor_of(self.text, target)
+
+    @property
+    def kind(self) -> str:
+        """The unit of psafit's that it can be turned into; empty where there is none."""
+        return next((unit for unit in UNITS if self.factor(unit) is not None), "")
+
+
+def counted(text: str) -> Volts | None:
+    """How volts are counted: ``pk-pk`` is peak to peak."""
+    said = words(text)
+    return next((volts for volts, names in COUNTED.items() if said in names), None)
+
+
+def unit(text: str) -> Unit | None:
+    """The unit that a text is, such as ``kHz``, ``[mV]`` or ``Vpp``, if it is one of a quantity that psafit knows."""
+    text = text.strip()
+    if not text.isprintable():
+        return None
+    if text[:1] in ("(", "[", "<", "{") and text[-1:] in (")", "]", ">", "}"):
+        text = text[1:-1].strip()
+    if Unit(text).kind:
+        return Unit(text)
+    if (found := _VOLTS.fullmatch(text)) and (volts := counted(found[2])) and Unit(found[1]).kind == "V":
+        return Unit(found[1], volts)
+    return None
+
+
+@cache
+def _registry() -> pint.UnitRegistry[Decimal]:
+    return pint.UnitRegistry(non_int_type=Decimal)
+
+
+@cache
+def _parsed(text: str) -> pint.Unit | None:
+    """A unit; None where it is none, or could be two: ``MHZ`` is mega or milli."""
+    registry = _registry()
+    if len(text) > 20 or not _UNIT.fullmatch(text):
+        return None
+    try:
+        found = registry.parse_units(text)
+    except pint.UndefinedUnitError:
+        spelt = {text.lower(), text[:1].upper() + text[1:].lower()}
+        names = {name[:2] for t in spelt for name in registry.parse_unit_name(t, case_sensitive=False)}
+        other = {name for name in names if name[1].endswith(BASES)}
+        if len(other) != 1:
+            return None
+        found = registry.parse_units("".join(other.pop()))
+    except (pint.PintError, ValueError):  # a number, such as inf
+        return None
+    return found if all(name.endswith(BASES) for name in re.findall("[a-z_]+", str(found))) else None
+
+
+@cache
+def factor_of(text: str, target: str) -> Decimal | None:
+    """Number that a value in a unit is multiplied with to be one in `target`; None where it is another kind."""
+    found, registry = _parsed(text), _registry()
+    if found is None or found.dimensionality != registry.Unit(target).dimensionality:
+        return None
+    if target == "Hz" and not str(found).endswith("hertz"):  # radians a second have the same dimension
+        return None
+    return Decimal(registry.Quantity(Decimal(1), found).to(target).magnitude)

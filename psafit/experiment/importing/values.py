@@ -1,0 +1,218 @@
+"""Cells as values in psafit's units, row by row."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from itertools import zip_longest
+from typing import get_args
+
+from psafit.errors import InputError
+from psafit.experiment.importing.columns import WAVEFORM, Chosen, Column, option
+from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
+from psafit.experiment.importing.layout import Body, Head
+from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
+from psafit.experiment.importing.quantities import COLUMNS, CREST_SQUARED, VOLTS, WAVEFORMS, Volts, words
+from psafit.experiment.importing.records import GROUPS, IGNORED, Options
+from psafit.experiment.records import Waveform
+from psafit.experiment.table import CellFault, RowFaults, within
+from psafit.experiment.text import listed, shown
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading: where it stands, which group it is of, and the value of each of psafit's columns."""
+
+    line: int
+    waveform: Waveform
+    group: str
+    values: tuple[tuple[str, float], ...]
+
+
+def readings(
+    grid: Grid, head: Head, chosen: Chosen, body: Body, options: Options, waveform: str
+) -> tuple[list[Reading], str]:
+    """Read every row.
+
+    Parameters
+    ----------
+    grid : Grid
+    head : Head
+    chosen : Chosen
+    body : Body
+    options : Options
+    waveform : str
+        Of rows whose waveform stands in no column.
+
+    Returns
+    -------
+    list of Reading
+        In the order of the file; repetitions one after the other.
+    str
+        The decimal mark.
+
+    Raises
+    ------
+    InputError
+        On every cell that cannot be read or is impossible, and on numbers that can be read in two ways.
+    """
+    quantities = [c for c in chosen.columns if c.column in COLUMNS]
+    notation = _notation(grid, body, quantities, options)
+    if grid.separator == ",":
+        _check_decimals(grid, head, body, chosen)
+    faults = RowFaults(grid.file, scatter_um=1.0)
+    found = []
+    for row in body.rows:
+        before = faults.count
+        shape = _waveform(row, chosen, waveform, faults)
+        values = {c: _value(row, c, notation, shape, faults) for c in quantities}
+        labels = [text_of(_cell(row, c)) for c in chosen.of(GROUPS)]
+        repetitions = _repetitions(values, chosen)
+        if faults.count == before and not repetitions:
+            what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
+            faults.add(chosen.readings[0], what, remedy, row.line)
+        others = {c.column: v for c, v in values.items() if c.column not in chosen.readings and v is not None}
+        for read in repetitions if faults.count == before else ():
+            known = dict(options.values) | others | {c.column: v for c, v in read.items()}
+            found.append(Reading(row.line, shape, " ".join(labels), tuple(known.items())))
+            faults.below += [(row.line, text_of(_cell(row, c)), known) for c, v in read.items() if v < 0]
+    faults.end(len(body.rows))
+    return found, notation.decimal
+
+
+def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float]]:
+    """What was read together, time after time; a cell that is empty was not read."""
+    columns = [chosen.of(name) for name in chosen.readings]
+    times = (filter(None, time) for time in zip_longest(*columns))
+    read = [{c: v for c in time if (v := values[c]) is not None} for time in times]
+    return [time for time in read if time]
+
+
+def _cell(row: Row, column: Column) -> Cell:
+    return row.cells[column.place] if column.place < len(row.cells) else ""
+
+
+def _notation(grid: Grid, body: Body, columns: Sequence[Column], options: Options) -> Notation:
+    """How numbers are written in the whole file; asked for where that makes a difference and cannot be told."""
+    if options.decimal:
+        return NOTATIONS[options.decimal]
+    cells = [(row.line, cell) for row in body.rows for c in columns if text_of(cell := _cell(row, c))]
+    if two := ambiguous(cells):
+        line, text, values = two
+        what = f"{shown(text)} may be {values[0]:f} or {values[1]:f}, and no other number of the file tells which"
+        raise InputError(what, "say --decimal . or --decimal ,", file=grid.file, line=line)
+    return likeliest([cell for _, cell in cells])
+
+
+def _check_decimals(grid: Grid, head: Head, body: Body, chosen: Chosen) -> None:
+    """Decimals behind a comma would stand in the next column, and be taken for what is left out."""
+    used = {c.place for c in chosen.columns}
+    texts = [row.texts for row in body.rows]
+    if any(mark in text for row in texts for place, text in enumerate(row) if place in used for mark in ".,"):
+        return  # there are decimals, in quotes where they have commas
+    for column in chosen.unused:
+        cells = [row[column.place] if column.place < len(row) else "" for row in texts]
+        if column.place - 1 == max(used) and not column.mapped and all(cell.isdigit() for cell in cells):
+            what = f"the numbers in column {column.name} may be the decimals of those before them"
+            remedy = f"if they are not, say {option(column.option, IGNORED)}; else export with another separator"
+            raise InputError(what, remedy, file=grid.file, line=body.rows[0].line)
+
+
+def _waveform(row: Row, chosen: Chosen, given: str, faults: RowFaults) -> Waveform:
+    """The waveform of a row."""
+    column = next(iter(chosen.of(WAVEFORM)), None)
+    text = given if column is None else text_of(_cell(row, column))
+    try:
+        return known_waveform(text)
+    except CellFault as fault:
+        faults.add(WAVEFORM, fault.what, fault.remedy, row.line)
+        return get_args(Waveform)[0]
+
+
+def known_waveform(text: str) -> Waveform:
+    """Psafit's waveform of this name, or a `CellFault`."""
+    known: tuple[Waveform, ...] = get_args(Waveform)
+    for name in known:
+        if words(text) in (words(name), *WAVEFORMS.get(name, ())):
+            return name
+    remedy = f"psafit knows {listed(known)}; another drive is none of them, so do not enter it as one"
+    raise CellFault(f"{shown(text)} is no waveform that psafit knows", remedy)
+
+
+def _value(row: Row, column: Column, notation: Notation, waveform: Waveform, faults: RowFaults) -> float | None:
+    """The value of a cell; None where it is empty, and may be, or where there is a fault."""
+    cell = _cell(row, column)
+    text = text_of(cell)
+    if not text and COLUMNS[column.column].role == "reading":
+        return None  # a repetition that was left out
+    try:
+        number = notation.number(cell)
+        if number is None:
+            raise CellFault(*_no_number(cell, text, notation))
+        return within(float(number.value * _factor(number, column, waveform, text)), column.column, text)
+    except CellFault as fault:
+        faults.add(column.column, fault.what, fault.remedy, row.line)
+        return None
+
+
+def _no_number(cell: Cell, text: str, notation: Notation) -> tuple[str, str]:
+    """What stands in the place of a number, and the remedy."""
+    if not text:
+        return "is empty", "enter the value, or delete the row if nothing was read"
+    if not isinstance(cell, str):
+        kind = "a truth value" if isinstance(cell, bool) else f"a {type(cell).__name__}"
+        return f"{shown(text)} is no number but {kind}", "spreadsheets turn 1.2 into a date: enter it anew"
+    other = next(n for n in NOTATIONS.values() if n is not notation)
+    if other.number(cell) is not None:
+        return (
+            f"{shown(text)} is no number with {shown(notation.decimal)} as decimal mark, as the others have",
+            f"write all numbers alike, or say --decimal {other.decimal}",
+        )
+    remedy = "correct it; if nothing was read, delete the row, or empty the cell of a repetition"
+    return f"{shown(text)} is not a number", remedy
+
+
+def _factor(number: Number, column: Column, waveform: Waveform, text: str) -> Decimal:
+    """Number that turns a value into psafit's unit."""
+    target = COLUMNS[column.column].unit
+    unit = number.unit or column.unit
+    if unit is None:
+        said = shlex.quote(f"{column.option}={column.column}:{target}")
+        raise CellFault(f"{shown(text)} has no unit, as others have", f"add it, or say --column {said}")
+    factor = unit.factor(target)
+    if factor is None:
+        raise CellFault(f"{shown(text)} is in no unit of {column.column}", f"give it in {target}")
+    if number.unit and column.unit and column.unit.factor(target) != factor:
+        what = f"{shown(text)} has another unit than its column, {column.unit.text}"
+        raise CellFault(what, "give it in the unit of the column")
+    if target != "V":
+        return factor
+    volts = number.unit.volts if number.unit and number.unit.volts else column.volts
+    if volts and column.volts and volts != column.volts:
+        what = f"{shown(text)} is {VOLTS[volts]}, and its column {VOLTS[column.volts]}"
+        raise CellFault(what, "count all volts of the column alike")
+    if volts is None:
+        raise CellFault(f"{shown(text)} may be zero to peak, peak to peak, or RMS", "say --volts peak, pp or rms")
+    return factor * peak(volts, waveform)
+
+
+def peak(volts: Volts, waveform: str) -> Decimal:
+    """Peak of a voltage that is 1 as it is counted."""
+    if volts != "rms":
+        return Decimal("0.5") if volts == "pp" else Decimal(1)
+    if waveform not in CREST_SQUARED:
+        raise CellFault(f"volts are RMS, and the peak of {waveform} does not follow", "give them zero to peak")
+    return Decimal(CREST_SQUARED[waveform]).sqrt()
+
+
+def groups_of(found: Sequence[Reading]) -> dict[tuple[Waveform, str], list[Reading]]:
+    """Readings by waveform and label, in the order of the file."""
+    parts: dict[tuple[Waveform, str], list[Reading]] = {}
+    for reading in found:
+        parts.setdefault((reading.waveform, reading.group), []).append(reading)
+    return parts
+
+
+__all__ = ["Reading", "groups_of", "known_waveform", "peak", "readings"]

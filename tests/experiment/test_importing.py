@@ -1,0 +1,449 @@
+"""Files as instruments and spreadsheets write them: read right, or asked about in one clear line."""
+
+from __future__ import annotations
+
+import json
+import random
+from datetime import date
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import run
+from foreign import draw
+
+from psafit.errors import InputError
+from psafit.experiment import read_experiment
+from psafit.experiment.importing import Mapping, Options, Table, read_files
+from psafit.experiment.importing.headings import heading
+from psafit.experiment.importing.numerals import NOTATIONS
+from psafit.experiment.importing.units import Unit, unit
+
+RIG = [
+    word
+    for value in ("M=27:g", "m=5:g", "q=120:nm/V", "l=90:mm", "k_s=48.9:N/um", "g=9.81")
+    for word in ("--set", value)
+]
+Rows = list[tuple[float, float, float]]
+SINE = Options(waveforms=("sine",))
+
+
+def rows_of(tables: list[Table]) -> Rows:
+    found: Rows = []
+    for table in tables:
+        for group in table.groups:
+            columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um)
+            found += zip(*(column.tolist() for column in columns), strict=True)
+    return found
+
+
+def write(file: Path, content: str | bytes | list[list[Any]]) -> Path:
+    """Text as UTF-8, bytes as they are, rows as a workbook."""
+    if isinstance(content, list):
+        from openpyxl import Workbook
+
+        book = Workbook()
+        for row in content:
+            book.active.append(row)
+        file = file.with_suffix(".xlsx")
+        book.save(file)
+        return file
+    file.write_bytes(content.encode() if isinstance(content, str) else content)
+    return file
+
+
+def imported(folder: Path, content: Any, options: Options = SINE) -> Rows:
+    return rows_of(read_files([write(folder / "sweep.csv", content)], options))
+
+
+def refused(folder: Path, content: Any, options: Options = SINE) -> InputError:
+    with pytest.raises(InputError) as caught:
+        imported(folder, content, options)
+    lines = str(caught.value).splitlines()
+    assert all(line.isprintable() and len(line) < 600 for line in lines)
+    return caught.value
+
+
+GERMAN = "Frequenz [kHz];Upp [V];Wurfweite [µm];Bemerkung\n1,2;40;76,00;ok\n1,3;40;75,5;\n"
+TWO: Rows = [(1200, 20, 76), (1300, 20, 75.5)]
+SEVEN = {
+    "semicolons, decimal commas, Windows-1252": GERMAN.encode("cp1252"),
+    "UTF-16 with tabs": GERMAN.replace(";", "\t").encode("utf-16"),
+    "workbook": [["Frequency (kHz)", "Vpp (V)", "Launch range (µm)"], [1.2, 40, 76.0], [1.3, 40, 75.5]],
+    "oscilloscope: preamble, row of units": (
+        "Model,DSOX2024A\nRecord Length,41,points\n\n"
+        "Frequency,Pk-Pk(1),Launch range\nkHz,mV,um\n1.2,40000,76.00\n1.3,40000,75.5\n"
+    ),
+    "comments, thousands, blanks": (
+        '# logger 2.1\n# gain 20\n"f (Hz)" "Drive (Vp)" "Range (um)"\n"1,200" 20 76\n# a pause\n"1,300" 20 75.5\n'
+    ),
+    "byte order mark, quotes, DOS lines": (
+        "\ufeff"
+        + '"Frequency (Hz)","Peak voltage (V)","Launch range (mm)"\r\n"1200","20","0.076"\r\n1300,20,0.0755\r\n'
+    ),
+    "bars, RMS, exponents, a footer": (
+        "Freq. / MHz|Voltage / Vrms|Launch distance / nm\n1.2E-3|14.142135623730951|7.60E+4\n"
+        "1.3E-3|14.142135623730951|7.55E+4\nEnd of file\n"
+    ),
+}
+
+
+@pytest.mark.parametrize("content", SEVEN.values(), ids=SEVEN.keys())
+def test_seven_kinds_of_files_are_read_right(content: Any, tmp_path: Path) -> None:
+    np.testing.assert_allclose(imported(tmp_path, content), TWO, rtol=1e-15)
+
+
+HEAD = "Frequency (Hz);Amplitude (Vp);Launch range (µm)\n"
+READ: dict[str, tuple[Any, Rows]] = {
+    "psafit's own": ("frequency_hz,amplitude_v,launch_range_um\n1200,20,76\n1300,20,75.5\n", TWO),
+    "repetitions, one left out": (
+        "f (Hz);U (Vp);R1 (um);R2 (um)\n1200;20;76;75.5\n1300;20;;74\n",
+        [(1200, 20, 76), (1200, 20, 75.5), (1300, 20, 74)],
+    ),
+    "repetitions of one name": (
+        "f (Hz);U (Vp);Range (um);Range (um)\n1200;20;76;75.5\n",
+        [(1200, 20, 76), (1200, 20, 75.5)],
+    ),
+    "a unit in each cell": (
+        "Frequency;Amplitude;Launch range\n800 Hz;40 Vpp;76 µm\n1.2 kHz;20 Vp;0.0755 mm\n",
+        [(800, 20, 76), (1200, 20, 75.5)],
+    ),
+    "thousands by points": (HEAD + "1.200;20;76,00\n1.300;20;75,5\n", TWO),
+    "thousands by apostrophes": (HEAD + "1'200;20;76\n1'300;20;75.5\n", TWO),
+    "thousands by narrow blanks": (HEAD + "1\u202f200;20;76\n1\u202f300;20;75.5\n", TWO),
+    "columns in another order": ("Range (um);Vpp;No.;f (kHz)\n76;40;1;1.2\n75.5;40;2;1.3\n", TWO),
+    "an index without a name": (",f (Hz),Vpp,Range (um)\n0,1200,40,76\n1,1300,40,75.5\n", TWO),
+    "headings in a comment": ("# frequency_hz amplitude_v launch_range_um\n1200 20 76\n1300 20 75.5\n", TWO),
+    "units that capitals fail": ("F (KHZ);U (VPP);RANGE (UM)\n1.2;40;76\n1.3;40;75.5\n", TWO),
+    "old Macintosh lines": ((HEAD + "1200;20;76\n1300;20;75.5\n").replace("\n", "\r"), TWO),
+    "no offset": (HEAD.strip() + ";DC offset (V)\n1200;20;76;0.0\n1300;20;75.5;0\n", TWO),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "rows"), READ.values(), ids=READ.keys())
+def test_more_is_read_right(content: Any, rows: Rows, tmp_path: Path) -> None:
+    assert imported(tmp_path, content) == rows
+
+
+ASKED: dict[str, tuple[Any, str, int | None]] = {
+    "thousands or decimals": (HEAD + "1.200;20;76\n1.300;20;75\n", "'1.200' may be 1.200 or 1200", 2),
+    "volts": ("f (Hz);Amplitude (V);Range (um)\n1200;20;76\n", "zero to peak, peak to peak or RMS --volts pp,", 1),
+    "units of heading and row": ("frequency_hz;Vpp;Range\nkHz;V;um\n1;2;3\n", "is in 'Hz', and in 'kHz' by the row", 1),
+    "volts of heading and row": ("f;amplitude_v;Range\nkHz;Vpp;um\n1;2;3\n", "'amplitude_v' peak to peak or RMS", 1),
+    "volts of heading and cell": (HEAD + "1200;40 Vpp;3\n", "'40 Vpp' is peak to peak, and its column zero to peak", 2),
+    "no unit": ("Frequency;Vpp;Range (um)\n1200;40;76\n", "'Frequency' gives no unit Frequency=frequency_hz:Hz", 1),
+    "a unit of another kind": ("f (Hz);Vpp;Range (mm/s)\n1200;40;76\n", "no launch_range_um among Range", 1),
+    "mega or milli": ("Frequency (mhz);Vpp;Range (um)\n1;40;76\n", "no frequency_hz among", 1),
+    "radians a second": ("f (rad/s);Vpp;Range (um)\n1200;40;76\n", "no frequency_hz among", 1),
+    "two of one": ("f set (Hz);f (Hz);f (Hz);Vpp;Range (um)\n1;1;1;4;7\n", "could all be frequency_hz --column", 1),
+    "no repetitions": ("f (Hz);Vpp;Range 10 (um);Range 20 (um)\n1;2;3;4\n", "could all be launch_range_um", 1),
+    "a displacement": ("f (Hz);Vpp;Displacement (µm)\n1;2;3\n", "'Displacement (µm)=launch_range_um'", 1),
+    "a speed": ("f (Hz);Vpp;Launch speed (mm/s)\n1;2;3\n", "launch_speed_mm_s psafit cannot use that yet", 1),
+    "an offset": (HEAD.strip() + ";DC offset (V)\n1200;20;76;10\n", "bias_v, which is not zero another one", 1),
+    "a trace": ("Time (s),CH1 (V)\n0,1\n1e-6,2\n", "no frequency_hz trace over time", 1),
+    "a mean": (HEAD + "1200;20;76\n1300;20;75\nMean;20;75.5\n", "'Mean' sums up readings put # before it", 4),
+    "a second table": (HEAD + "1200;20;76\n" + HEAD + "1300;20;75\n", "another table a file of its own", 3),
+    "words between readings": (HEAD + "1200;20;76\nSquare\n1300;20;75\n", "'Square' stands between readings", 3),
+    "an overflow": (HEAD + "1200;20;9.9E37\n", "beyond the limits", 2),
+    "a word": (HEAD + "1200;20;76\n1300;20;over\n", "'over' is not a number delete the row", 3),
+    "an empty cell": (HEAD + "1200;;76\n", "amplitude_v is empty enter the value", 2),
+    "no reading": (HEAD + "1200;20;\n", "launch_range_um is empty", 2),
+    "a date": (
+        [["f (Hz)", "Vpp", "Range (um)"], [1200, 40, date(2026, 2, 1)]], "is no number but a date turn 1.2 into", 2,
+    ),
+    "decimal commas between commas": ("f (Hz),Vpp,Range (um)\n1200,40,76,0\n", "4 cells another separator", 2),
+    "decimals in a note": ("f (Hz),Vpp,Range (um),Note\n1200,40,76,05\n", "may be the decimals Note=ignore", 2),
+    "two marks": (HEAD + "1200;20;76.5\n1300;20;75.5\n1400;20;74,5\n", "'74,5' as decimal mark --decimal ,", 4),
+    "a heading too many": ("f (Hz);R 1 (um);Vp;R 2 (um);No.\n1;20;7;3\n", "5 headings, and no row of more than", 1),
+    "a damaged heading": ("f (Hz);U (V\x8ep);R (um)\n1;20;7\n", "no amplitude_v among", 1),
+    "a unit between blanks": ("f No. Vp R\nkHz V um\n1 1 40 76\n", "no launch_range_um among", 2),
+    "a cell between blanks": ("f_Hz Vpp R_um\n1200 40 76\n1300 76\n", "2 cells in the row, 3 headings", 3),
+    "numbers without a name": ("f (Hz);Vpp;Range (um);\n1;2;3;4\n", "headings give each column a heading", 2),
+    "no heading known": ("a;b;c\n1;2;3\n", "no column is recognised --column", 1),
+    "no table": ("", "no column is recognised", 1),
+    "a reading below zero": (HEAD + "1200;20;76\n1300;20;-0.02\n", "is negative, by no more than scatter enter 0", 3),
+    "binary": (b"\x00\x01\x02\xff" * 50, "", 1),
+    "a broken workbook": (b"PK\x03\x04" + b"x" * 200, "no workbook save it anew", None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "said", "line"), ASKED.values(), ids=ASKED.keys())
+def test_what_is_unclear_is_asked_for(content: Any, said: str, line: int | None, tmp_path: Path) -> None:
+    error = refused(tmp_path, content)
+    message = " ".join(str(error).split())
+    for words in said.split(" " * 2):
+        assert all(word in message for word in words.split()), message
+    assert error.line == line
+    assert error.file is not None and error.file.stem == "sweep"
+    assert len(error.remedy) > 5
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "rows"),
+    [
+        (HEAD + "1.200;20;76\n", {"decimal": "."}, [(1.2, 20, 76)]),
+        (HEAD + "1.200;20;76\n", {"decimal": ","}, [(1200, 20, 76)]),
+        ("f (Hz);U (V);Range (um)\n1200;40;76\n", {"volts": "pp"}, [(1200, 20, 76)]),
+        ("Freq;Vpp;Range (um)\n1.2;40;76\n", {"columns": (Mapping("Freq", "frequency_hz", Unit("kHz")),)}, TWO[:1]),
+        ("f (Hz);Range (um)\n1200;76\n", {"values": (("amplitude_v", 20.0),)}, TWO[:1]),
+        (
+            "1,2;40;76\n",
+            {
+                "columns": (
+                    Mapping("1", "frequency_hz", Unit("kHz")),
+                    Mapping("2", "amplitude_v", Unit("V", "pp")),
+                    Mapping("3", "launch_range_um", Unit("um")),
+                )
+            },
+            TWO[:1],
+        ),
+        (
+            "F;a;b\n1.2;40;76\n",  # by name and by number
+            {
+                "columns": (
+                    Mapping("F", "frequency_hz", Unit("kHz")),
+                    Mapping("2", "amplitude_v", Unit("V", "pp")),
+                    Mapping("3", "launch_range_um", Unit("um")),
+                )
+            },
+            TWO[:1],
+        ),
+        (
+            "f (kHz);a;b\n1.2;40;76\n",
+            {
+                "columns": (
+                    Mapping("2", "amplitude_v", Unit("V", "pp")),
+                    Mapping("3", "launch_range_um", Unit("um")),
+                )
+            },
+            TWO[:1],
+        ),
+        ("Set (Hz);f (Hz);Vpp;Range (um)\n1;1200;40;76\n", {"columns": (Mapping("Set", "ignore"),)}, TWO[:1]),
+        ("F (Hz)^Vp^Range (um)\n1200^20^76\n", {"separator": "^"}, TWO[:1]),
+        ("f (Hz);Vpp;Weite (µm)\n1200;40;76\n".encode("cp850"), {"encoding": "cp850"}, TWO[:1]),
+    ],
+)
+def test_what_is_said_settles_it(content: Any, options: dict[str, Any], rows: Rows, tmp_path: Path) -> None:
+    assert imported(tmp_path, content, Options(waveforms=("sine",), **options)) == rows
+
+
+def test_a_column_may_tell_waveform_and_group(tmp_path: Path) -> None:
+    text = "Waveform;f (Hz);Vrms;Range (um);Day\nSinus;1200;14;76;1\nRechteck;1200;20;93;1\nsine;1200;14;75;2\n"
+    (table,) = read_files([write(tmp_path / "a.csv", text)], Options(columns=(Mapping("Day", "group"),)))
+    assert [(g.id, g.waveform, g.n_points) for g in table.groups] == [(1, "sine", 1), (2, "square", 1), (3, "sine", 1)]
+    assert [float(g.amplitude_v[0]) for g in table.groups] == pytest.approx([14 * 2**0.5, 20, 14 * 2**0.5], rel=1e-15)
+
+
+def test_a_drive_that_is_not_known_is_not_called_another(tmp_path: Path) -> None:
+    error = refused(tmp_path, GERMAN, Options(waveforms=("sawtooth",)))
+    assert "'sawtooth'" in str(error) and "do not enter it as one" in str(error)
+    assert "--waveform sine" in str(refused(tmp_path, GERMAN, Options()))
+
+
+def test_sheets(tmp_path: Path) -> None:
+    from openpyxl import Workbook
+
+    book = Workbook()
+    for name, volts in (("low", 20), ("high", 40)):
+        sheet = book.create_sheet(name)
+        sheet.append(["f (kHz)", "Vpp", "Range (µm)"])
+        sheet.append([1.2, volts, 76])
+    file = tmp_path / "book.xlsx"
+    book.save(file)
+    with pytest.raises(InputError, match=r"sheets low, high hold tables; say which: --sheet"):
+        read_files([file], SINE)
+    tables = read_files([file], Options(waveforms=("sine", "square"), sheets=("high", "low")))
+    assert [t.place for t in tables] == ["book.xlsx, sheet high", "book.xlsx, sheet low"]
+    assert [(g.id, g.waveform, float(g.amplitude_v[0])) for t in tables for g in t.groups] == [
+        (1, "sine", 20), (2, "square", 10),
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="no sheet 'mid'"):
+        read_files([file], Options(waveforms=("sine",), sheets=("mid",)))
+
+
+def test_drawn_files_are_read_right_or_asked_about(tmp_path: Path) -> None:
+    asked = 0
+    for number in range(300):
+        made = draw(random.Random(f"test-{number}"), tmp_path)
+        volts: Any = made.options[1] if made.options else None
+        try:
+            found = rows_of(read_files([made.file], Options(waveforms=("sine",), volts=volts)))
+        except InputError:
+            asked += 1
+            continue
+        assert sorted(found) == sorted(made.readings), number
+    assert asked < 45  # 15 %; a reader that refuses everything is never wrong
+
+
+def test_import_check_and_values(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("sinus.csv"), GERMAN.encode("cp1252"))
+    write(Path("rechteck.csv"), HEAD + "1200;12;30\n")
+    words = ["import", "sinus.csv", "rechteck.csv", "--waveform", "sine,square", "--out", "rig", "--json", "told.json"]
+    assert run(monkeypatch, *words, *RIG) == 0
+    said = capsys.readouterr().out
+    assert "amplitude_v      from 'Upp [V]', V, peak to peak" in said
+    assert "line 2: 1,2 | 40 | 76,00 | ok  ->  1200 Hz, 20 V, 76 um" in said
+    assert "not used: 'Bemerkung'" in said
+    assert run(monkeypatch, "check", "rig") == 0
+    data = read_experiment("rig")
+    assert data.source == "sinus.csv; rechteck.csv"
+    assert not data.warnings
+    assert (data.constants.M, data.constants.m, data.constants.q) == (0.027, 0.005, 1.2e-7)
+    assert (data.constants.l, data.constants.k_s, data.constants.g) == (0.09, 4.89e7, 9.81)
+    first, second = data.groups
+    assert (first.waveform, second.waveform) == ("sine", "square")
+    columns = (first.frequency_hz, first.amplitude_v, first.launch_range_um)
+    assert list(zip(*(c.tolist() for c in columns), strict=True)) == TWO
+    told = json.loads(Path("told.json").read_text("utf-8"))
+    assert told["missing_constants"] == [] and len(told["tables"]) == 2
+    assert told["tables"][0]["columns"][1] == {
+        "column": "amplitude_v", "headings": ["Upp [V]"], "unit": "V", "factor": 1.0, "volts": "pp",
+    }  # fmt: skip
+    assert run(monkeypatch, "import", "sinus.csv", "--waveform", "sine", "--rig", "rig", "--out", "more") == 0
+    assert read_experiment("more").constants == data.constants
+
+
+def test_another_unit_is_suspected_before_the_rig_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("a.csv"), "Frequency (Hz);Vpp;Range (um)\n1.2;40;76\n1.35;40;75\n")
+    assert run(monkeypatch, "import", "a.csv", "--waveform", "sine", "--out", "rig") == 0
+    assert "every frequency is at or below 50 Hz (greatest 1.35); given in kHz?" in capsys.readouterr().err
+
+
+def test_constants_that_nobody_gave_are_left_to_be_filled_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("sinus.csv"), GERMAN)
+    assert run(monkeypatch, "import", "sinus.csv", "--waveform", "sine", "--out", "rig", "--set", "M=27:g") == 0
+    assert "no file tells m, q, l, k_s, g: fill them in" in capsys.readouterr().out
+    assert run(monkeypatch, "check", "rig") == 2
+    assert "experiment.toml:4: constants m, q, l, k_s, g are missing" in capsys.readouterr().err
+    assert "# l = # m, the string" in " ".join(Path("rig/experiment.toml").read_text("utf-8").split())
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--column", "Freq"], "is not HEADING=COLUMN:UNIT"),
+        (["--column", "Freq=frequenzy_hz"], "did you mean frequency_hz"),
+        (["--column", "Freq=frequency_hz:parsec"], "'parsec' is no unit"),
+        (["--column", "Nothing=ignore"], "there is no column 'Nothing'"),
+        (["--set", "mass=3"], "there is no 'mass'"),
+        (["--set", "M=3:V"], "'V' is no unit of M; give it in kg"),
+        (["--set", "M=1,5"], "'1,5' is no number"),
+        (["--set", "M=1e9"], "beyond the limits"),
+        (["--set", "M=1", "--set", "M=1"], "gives M twice"),
+        (["--set", "amplitude_v=20"], "amplitude_v is given, and column 'Upp [V]' holds it"),
+        (["--encoding", "klingon"], "unknown encoding 'klingon'"),
+        (["--waveform", "sine,sine"], "2 waveforms for 1 tables"),
+        (["sinus.csv"], "a file is named twice"),
+        (["missing.csv"], "missing.csv: cannot be read (No such file or directory)"),
+    ],
+)
+def test_bad_options_end_in_one_line_and_leave_nothing(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("sinus.csv"), GERMAN)
+    given = words if "--waveform" in words else [*words, "--waveform", "sine"]
+    assert run(monkeypatch, "import", "sinus.csv", "--out", "rig", *given) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+    assert not Path("rig").exists()
+
+
+CELLS = "frequency_hz,amplitude_v,launch_range_um\nHz,V,um\n1200,20,76\n"
+
+
+def test_check_points_to_import(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from folders import TOML
+    from folders import write as write_folder
+
+    for content in (GERMAN, GERMAN.encode("utf-16"), GERMAN.encode("cp1252"), "f,V,L\n1,2,3\n", b"PK\x03\x04x", CELLS):
+        folder = write_folder(tmp_path / "rig", TOML, a=content)
+        assert run(monkeypatch, "check", folder) == 2
+        assert "psafit import" in capsys.readouterr().err.splitlines()[0], content
+
+
+def test_another_observable_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quantity that the tables know is recognised by name, unit and number; that it cannot be used yet is said."""
+    from psafit.experiment.importing import headings, quantities
+
+    new = quantities.Quantity("rebound_height_um", "um", ("rebound height",), "reading")
+    monkeypatch.setattr(headings, "QUANTITIES", (*quantities.QUANTITIES, new))
+    monkeypatch.setitem(quantities.COLUMNS, new.column, new)
+    (table,) = read_files([write(tmp_path / "a.csv", HEAD.strip() + ";Rebound height 1 (mm)\n1200;20;76;3\n")], SINE)
+    assert table.not_yet == (("Rebound height 1 (mm)", "rebound_height_um"),)
+
+
+@pytest.mark.parametrize(
+    ("text", "target", "factor"),
+    [
+        ("kHz", "Hz", "1000"), ("KHZ", "Hz", "1000"), ("MHz", "Hz", "1000000"), ("µm", "um", "1"), ("μm", "um", "1"),
+        ("nm", "um", "0.001"), ("inch", "um", "25400"), ("m/s", "mm/s", "1000"), ("mV", "V", "0.001"),
+        ("ms", "us", "1000"), ("mN", "N", "0.001"),
+    ],
+)  # fmt: skip
+def test_factors_are_exact(text: str, target: str, factor: str) -> None:
+    assert Unit(text).factor(target) == Decimal(factor)
+
+
+@pytest.mark.parametrize("text", ["rad/s", "rpm", "mhz", "pp", "9**9**9", "dBV", "°C", "parsec", "", "a" * 5000, "()"])
+def test_what_is_no_unit(text: str) -> None:
+    assert unit(text) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "volts", "number"),
+    [
+        ("Frequency (kHz)", "frequency_hz", None, None),
+        ("f/kHz", "frequency_hz", None, None),
+        ("FREQUENCY_MHz", "frequency_hz", None, None),
+        ("U_pp / V", "amplitude_v", "pp", None),
+        ("Peak-to-peak voltage [mV]", "amplitude_v", "pp", None),
+        ("Drive voltage (Vrms)", "amplitude_v", "rms", None),
+        ("Amplitude (V)", "amplitude_v", None, None),
+        ("amplitude_v", "amplitude_v", "peak", None),
+        ("Amplitude_V", "amplitude_v", None, None),
+        ("Generator voltage (Vpp)", "", None, None),
+        ("Launch range 2 [µm]", "launch_range_um", None, 2),
+        ("Reading 3 in um", "launch_range_um", None, 3),
+        ("Range (V)", "", None, None),
+        ("Amplitude (µm)", "", None, None),
+        ("v (mm/s)", "launch_speed_mm_s", None, None),
+        ("Contact time (ms)", "contact_time_us", None, None),
+        ("Peak force (mN)", "peak_force_n", None, None),
+    ],
+)
+def test_headings(text: str, column: str, volts: str | None, number: int | None) -> None:
+    found = heading(text)
+    assert [q.column for q in found.quantities()] == ([column] if column else [])
+    if column:
+        assert (found.volts, found.number) == (volts, number)
+
+
+@pytest.mark.parametrize(
+    ("text", "point", "comma"),
+    [
+        ("1200", "1200", "1200"), ("1.2", "1.2", None), ("1,2", None, "1.2"), ("1.234", "1.234", "1234"),
+        ("1,234", "1234", "1.234"), ("0.123", "0.123", None), ("1234.567", "1234.567", None),
+        ("1.234.567", None, "1234567"), ("1.234,5", None, "1234.5"), ("1 234", "1234", "1234"),
+        ("1'234.5", "1234.5", None),
+        ("1.5e3", "1.5E+3", None), (".5", "0.5", None), ("1_000", None, None), ("nan", None, None), ("--5", None, None),
+        ("1.2.3", None, None), ("١", None, None), ("1,20,000", None, None), ("", None, None),
+    ],
+)  # fmt: skip
+def test_numbers(text: str, point: str | None, comma: str | None) -> None:
+    for mark, expected in ((".", point), (",", comma)):
+        found = NOTATIONS[mark].value(text)
+        assert found == (None if expected is None else Decimal(expected))
