@@ -42,6 +42,8 @@ Every cause sits in a slot of the rig: the **drive** (from the command to the vo
 to the tip), the **contact** (from the tip to the ball), the **flight** (from the separation to the turn of the swing)
 or the **reading** (from the swing to the number written down). At the neutral value of its first parameter it vanishes
 exactly, and the model is the study's. Bounds say what is possible, the prior what is plausible, and its source why.
+Priors of strengths have a broad part of 5 %: a value far beyond the plausible costs a dozen nats and is flagged, it is
+not forbidden. Each cause says how probable it is to be at work before any reading; the prior over sets follows.
 
 Where no cause acts in contact in a way that bends the equations of motion, the launch has a closed form, without any
 time step; otherwise the stepper follows the motion (see [numerics.md](numerics.md)). Either is compared with a scalar
@@ -176,6 +178,8 @@ def section(e: CauseEntry) -> Iterator[str]:
         )
     yield "\n".join(table)
     yield "\n".join(f"- *Prior of* ${p.symbol}$: {cell(p.source)}." for p in parameters)
+    why = cell(e.because) or "a surprise, like most causes"
+    yield f"*At work, before any reading:* probability {number(e.probability)}; {why}."
     s = e.symptom
     sign = {1: "raises the range", -1: "lowers the range", 0: "may raise or lower the range"}[s.sign]
     where = "sine and square" if len(s.waveforms) > 1 else f"{s.waveforms[0]} only"

@@ -79,7 +79,7 @@ class Searched(Generic[Content]):
 def search(
     catalogue: Sequence[str],
     fitter: Fitter[Content],
-    log_prior: Callable[[int], float],
+    log_prior: Callable[[Ids], float],
     settings: SearchSettings | None = None,
     *,
     starts: Sequence[Ids] = (),
@@ -92,7 +92,7 @@ def search(
     catalogue : sequence of str
     fitter : Fitter
     log_prior : callable
-        Log prior probability of one set of so many causes.
+        Log prior probability of a set.
     settings : SearchSettings, optional
     starts : sequence of sets
         Models to fit before all else, beside the one without causes.
@@ -106,7 +106,7 @@ def search(
     done: dict[Ids, int] = {}
 
     def value(model: Model[Content]) -> float:
-        return model.log_evidence + log_prior(len(model.ids))
+        return model.log_evidence + log_prior(model.ids)
 
     def shows(model: Model[Content]) -> bool:
         parts = [m.log_evidence for m in models.values() if set(m.ids) < set(model.ids)]

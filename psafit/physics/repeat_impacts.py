@@ -35,6 +35,8 @@ TERM = Term(
     title="repeated impacts",
     equation=r"\text{contacts count within } N_\mathrm{cyc}/f",
     description=__doc__ or "",
+    probability=0.8,
+    because="a generator runs on unless it is told not to, and the study mentions no burst",
     parameters=(
         Parameter(
             "repeat_cycles",

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Parameter, Uniform
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 
@@ -40,13 +40,15 @@ TERM = Term(
     title="height at separation",
     equation=r"L_r^2 = v^2 l/g + w x_2^2",
     description=__doc__ or "",
+    probability=0.9,
+    because="a vibrometer reads displacement from rest: the place counts, whatever the study's equations neglect",
     parameters=(
         Parameter(
             "separation_weight",
             "w",
             "1",
             Bounds(0.0, 1.0),
-            Uniform(),
+            Tailed(Normal(1.0, 0.1)),
             "weight of the ball's place at separation in the swing's energy",
             "1 by conservation of energy, 0 by the study's neglect (Section 3.3); between where the reading's zero"
             " follows the ball",

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 
@@ -36,16 +36,18 @@ TERM = Term(
     title="ball slides on a support",
     equation=r"\ddot x = -(g/l) x - a_s, \quad a_s = \mu N/M",
     description=__doc__ or "",
+    probability=0.03,
+    because="the study hangs the ball on a string; that something beneath carries it would be said",
     parameters=(
         Parameter(
             "sliding_support_a",
             "a_s",
             "m/s^2",
             Bounds(0.0, 10.0),
-            Normal(2.0, 0.7),
+            Tailed(Normal(0.0, 2.0)),
             "deceleration by sliding friction",
-            "mu g with kinetic friction of smooth steel on metal, glass, ceramics, plastics or paper, mu = 0.1-0.3;"
-            " 10 m/s^2 is mu = 1 under the whole weight",
+            "mu g times the part of the weight that is borne, which is unknown, with mu = 0.1-0.3 of smooth steel on"
+            " metal, glass, ceramics, plastics or paper; 10 m/s^2 is mu = 1 under the whole weight",
             neutral=0.0,
         ),
     ),

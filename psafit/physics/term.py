@@ -227,6 +227,11 @@ class Term:
     checks : tuple of Check
     literal : callable
         ``literal(world, p)`` edits a `World` for the scalar reference; `p` as floats.
+    probability : float
+        How probable it is, before any reading, that the cause is at work. The default expects one surprise in a
+        catalogue of two dozen causes.
+    because : str
+        Why, where that is not the default.
     setup : callable, optional
         ``setup(rig, p)`` returns the changed `Setup`; `p` is (n_sets, n_parameters).
     law : callable, optional
@@ -262,6 +267,8 @@ class Term:
     reference: str
     checks: tuple[Check, ...]
     literal: Callable[[World, Sequence[float]], None]
+    probability: float = 0.04
+    because: str = ""
     setup: Callable[[Setup, FloatArray], Setup] | None = None
     law: Callable[[float, float, Any, Any], None] | None = None
     stack_factor: Callable[[float, Any], float] | None = None
@@ -283,6 +290,8 @@ class Term:
         for parameter in self.parameters:
             if parameter.neutral is None and parameter is self.parameters[0]:
                 raise ValueError(f"{self.id}: parameter {parameter.name} has no neutral value")
+        if not 0.0 < self.probability < 1.0:
+            raise ValueError(f"{self.id}: probability {self.probability} is not between 0 and 1")
         if not self.checks:
             raise ValueError(f"{self.id}: no check by hand")
         if not self.faces:
@@ -308,9 +317,9 @@ class Term:
 
     @property
     def determinants(self) -> list[Any]:
-        """What a search among causes knows it by: the signature, and those of its parameters, priors included."""
+        """What a search among causes knows it by: the signature, its probability, and those of its parameters."""
         latent = [self.latent] if self.latent else []
-        return [self.signature, *(p.signature for p in (*self.parameters, *latent))]
+        return [self.signature, self.probability, *(p.signature for p in (*self.parameters, *latent))]
 
     @property
     def stepped(self) -> bool:
