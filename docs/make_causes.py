@@ -235,8 +235,9 @@ verdict on given data.
 
 APART = """\
 What stays close with all six groups needs another kind of measurement. A ball that leans by $x_0$ is held back by the
-constant deceleration $g x_0/l$, as by friction $a_f$: `preload` and `flight_friction` differ only by how the ball sits
-before the launch. Lean it on purpose by a known amount, or watch the free swing: its decay shows friction but no lean.
+constant deceleration $g x_0/l$, as by a friction $a_s$: `preload` and `sliding_support` differ by how the ball sits
+before the launch, and by whether it swings back. Lean it on purpose by a known amount, or watch the free swing: its
+decay shows friction but no lean.
 A frequency sweep at one voltage cannot show what bends the growth with the voltage, nor a single session its own gain.
 `stroke_tolerance` and `swing_drag` scale all ranges alike and `stack_stiffness` acts through its ratio to the damping,
 so that $k_c$, $c_s$ and $c_c$ make up for them: measure the stroke of the free tip with the vibrometer, and how a

@@ -21,8 +21,8 @@ PARAMETERS: tuple[Parameter, ...] = (
         LogNormal(1e6, 10.0),
         "contact stiffness",
         "Hertz contact of a 27 g steel ball (radius 9.4 mm) on ceramic: 4/3 E* sqrt(R) = 6.7e9 N/m^1.5, that is 6.7"
-        " MN/m at 1 um (Johnson, Contact Mechanics, 1985, eq. 4.23-4.24); a rough or glued face has a third of it,"
-        " paper or tape a tenth or less",
+        " MN/m at a micrometre (Johnson, Contact Mechanics, 1985, eq. 4.23-4.24); a rough or glued face has a third"
+        " of it, paper or tape a tenth or less",
     ),
     Parameter(
         "c_s",

@@ -3,11 +3,12 @@ r"""A ball that leans on the tip.
 .. math::
     L_r = \sqrt{(x_0 + x_2)^2 + v^2 l/g} - x_0 \quad \text{(small angles)}.
 
-If the pendulum's equilibrium lies :math:`x_0` behind the contact plane, the string presses the ball on the tip with
-:math:`M g x_0/l`, the contact is indented before the drive starts, and the ball swings out against that offset from
-its place :math:`x_2` at separation. Exactly, by energy: :math:`\cos\theta_m = \cos\theta_s - v^2/(2 g l)`, with
-:math:`l\sin\theta_s = x_0 + x_2` and :math:`L_r = l\sin\theta_m - x_0`. For :math:`v^2 l/g \ll x_0^2` the range is
-:math:`v^2 l/(2 g x_0)`: quadratic in the speed, not linear. Assumed: the ball rests before every launch.
+If the pendulum's equilibrium lies :math:`x_0` behind the ball's place of rest, the string presses the ball on the tip
+with :math:`M g x_0/l`, the contact is indented before the drive starts, and the ball swings out against that offset
+from its place :math:`x_2` at separation. Places count from the rest, as a vibrometer reads them. Exactly, by energy:
+:math:`\cos\theta_m = \cos\theta_s - v^2/(2 g l)`, with :math:`l\sin\theta_s = x_0 + x_2` and :math:`L_r =
+l\sin\theta_m - x_0`. For :math:`v^2 l/g \ll x_0^2` the range is :math:`v^2 l/(2 g x_0)`: quadratic in the speed, not
+linear. Assumed: the ball rests before every launch.
 
 As :math:`x_0 \to 0` the place :math:`x_2` stays in the energy, which the baseline neglects (Section 3.3): a small step
 separates a vanishing :math:`x_0` from :math:`x_0 = 0`, where the cause is absent.
@@ -55,7 +56,7 @@ TERM = Term(
             "m",
             Bounds(0.0, 0.045),
             Tailed(Normal(0.0, 4e-3)),
-            "distance of the pendulum's equilibrium behind the contact plane",
+            "distance of the pendulum's equilibrium behind the ball's place of rest",
             "whoever wants contact at every launch sets the frame some millimetres in; 4 mm is 2.5 degrees of a 90"
             " mm string (an estimate; a micrometre stage sets 10 um). 45 mm is a string at 30 degrees, no pendulum"
             " beside its stack any more",
@@ -67,7 +68,7 @@ TERM = Term(
         " sides of the peak and at low voltage",
         sign=-1,
         frequency="mixed",
-        amplitude="falls",
+        amplitude="mixed",
     ),
     reference="elementary: energy of a pendulum started off its equilibrium",
     checks=(

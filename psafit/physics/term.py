@@ -57,13 +57,17 @@ class Setup:
     gap : array, m
         Distance of the ball from the tip at rest.
     lean : array, m
-        How far the pendulum's equilibrium lies behind the contact plane: the ball presses with ``M g lean/l``.
+        How far the pendulum's equilibrium lies behind the ball's place of rest: the ball presses with ``M g lean/l``.
     bond : array, N
         The contact holds past d = 0 until ``k_c |d|`` exceeds it.
     pull : array
         What is left of a negative contact force while d >= 0; 1: all of it.
     cycles : array
-        Periods of the drive within which the tip may strike a launched ball again; 0: one contact.
+        Periods of the drive within which the tip may strike a launched ball again, unless the ball has reached the
+        apex of its hop before; 0: one contact.
+    rub : array, m/s^2
+        Friction of what the ball slides on, over its mass: against its motion in contact, between strikes and in
+        flight; a ball at rest is held by up to as much.
     """
 
     k_c: FloatArray
@@ -83,6 +87,7 @@ class Setup:
     bond: FloatArray
     pull: FloatArray
     cycles: FloatArray
+    rub: FloatArray
 
     @classmethod
     def of(cls, constants: Constants, theta: FloatArray) -> Setup:
@@ -145,6 +150,7 @@ class World:
     bond: float = 0.0
     pull: float = 1.0
     cycles: float = 0.0
+    rub: float = 0.0
     stroke: Callable[[float], float] = field(init=False)
     memory_rate: Callable[[float, float, float], float] = field(init=False)
     elastic: Callable[[float, float], float] = field(init=False)

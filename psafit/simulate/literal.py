@@ -3,11 +3,14 @@ r"""Scalar reference of the extended model: one trajectory at a time, to the las
 The causes edit a `World`; this module integrates that world literally, as the ordinary differential equations
 
 .. math::
-    m \ddot x_1 &= -c_s \dot x_1 - k_s x_1 + k_s (S(u) - z) - F_c, \qquad M \ddot x_2 = F_c - P_0, \\
+    m \ddot x_1 &= -c_s \dot x_1 - k_s x_1 + k_s (S(u) - z) - F_c, \qquad M \ddot x_2 = F_c - P_0 - R, \\
     F_c &= F_\mathrm{elastic}(d, \dot d) + F_\mathrm{damping}(d, \dot d), \qquad d = x_1 - x_2 - g_0, \\
     \dot u &= \text{lag and slew of the amplifier}, \qquad \dot z = \texttt{memory\_rate}(z, u, \dot u),
 
-with :math:`P_0 = M g x_0/l`. It knows no closed form of the motion and shares no code with the batch simulator.
+with :math:`P_0 = M g x_0/l` and Coulomb's friction :math:`R = M r \operatorname{sgn}\dot x_2`, which holds a ball at
+rest by up to :math:`M r`. The launch range is the apex of the first hop, from the ball's rest: a flight that the tip
+ends before its apex is none. A ball that makes no hop reads the highest place to which the tip carried it, where its
+place counts at all. It knows no closed form of the motion and shares no code with the batch simulator.
 
 Method: Radau IIA collocation (`psafit.simulate.literal_scheme`), piece by piece. The right-hand side is smooth within
 every piece: edges and quarter periods of the command, kinks of the amplifier, zeros of the voltage, of its rate and of
@@ -53,7 +56,7 @@ class LiteralLaunch:
     velocity : float, m/s
         Of the ball at the separation; NaN unless launched.
     place : float, m
-        x2 at the separation; NaN unless launched.
+        x2 from rest at the separation; without one the highest.
     outcome : {"launched", "no launch"}
     """
 
@@ -118,9 +121,12 @@ def launch_in(
     world: World, point: Point, *, group: int = 0, rtol: float = 1e-12, most_steps: int = 400_000
 ) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
-    separation = None if point.amplitude == 0.0 else _Drive(world, point, rtol, most_steps).run()
+    drive = _Drive(world, point, rtol, most_steps)
+    separation = None if point.amplitude == 0.0 else drive.run()
     if separation is None:
-        return LiteralLaunch(float(world.reading(0.0, group)), math.nan, math.nan, math.nan, "no launch")
+        share = 1.0 if world.lean > 0.0 else math.sqrt(world.offset_weight)
+        reading = float(world.reading(share * drive.highest, group))
+        return LiteralLaunch(reading, math.nan, math.nan, drive.highest, "no launch")
     when, speed, place = separation
     reach = swing(world, speed, place, rtol=rtol)
     return LiteralLaunch(float(world.reading(reach, group)), when, speed, place, "launched")
@@ -254,6 +260,12 @@ class _Drive:
         self.world = world
         self.command = _Command(point, world.phase)
         self.seat = world.M * world.g * world.lean / world.l
+        self.grip = world.M * world.rub
+        # Held by friction, or sliding this way.
+        self.held, self.way = self.grip > 0.0, 0.0
+        self.rest = self.highest = 0.0
+        self.counts = world.lean > 0.0 or world.offset_weight > 0.0
+        self.launched = False
         self.threshold = -world.bond / world.k_c
         volt, q = point.amplitude, world.q
         self.volt = volt
@@ -316,7 +328,19 @@ class _Drive:
             effort = elastic + (damping - self.damper * w)  # exactly the elastic force where the damping is c_c d'
         a1 = (world.k_s * ((world.stroke(u) - z) - x1) - world.c_s * v1 - force) / world.m
         memory = world.memory_rate(z, u, du) if self.memory else 0.0
-        return [v1, a1, w, a1 - (force - self.seat) / world.M, (effort - self.seat) / world.M, du, memory]
+        if self.held:
+            return [v1, a1, w, a1, (effort - force) / world.M, du, memory]
+        against = self.seat + self.way * self.grip
+        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, memory]
+
+    def speed(self, y: Sequence[float] | FloatArray) -> float:
+        """The ball's."""
+        return float(y[_P] + (self.damper * y[_D] / self.world.M if self.contact else 0.0))
+
+    def push(self, y: Sequence[float] | FloatArray) -> float:
+        """Force on the ball but friction."""
+        force = self.raw_force(float(y[_D]), float(y[_W])) if self.contact else 0.0
+        return (self.world.pull * force if self.relaxed else force) - self.seat
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, size = self.world, self.clock.size
@@ -345,7 +369,8 @@ class _Drive:
                     world.memory_rate(z, *self.voltage(tau, u - e)),
                 )
                 memory_by_u = (ahead - behind) / (2.0 * e)
-        m, ball = world.m, world.M
+        m, ball = world.m, math.inf if self.held else world.M
+        by_p = (0.0 if self.held else by_w) - self.damper if self.contact else 0.0
         return [
             [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
             [-world.k_s / m, -world.c_s / m, -by_d / m, -by_w / m, 0.0, by_u / m, -world.k_s / m],
@@ -354,7 +379,7 @@ class _Drive:
                 -world.k_s / m, -world.c_s / m, -by_d / m - by_d / ball, -by_w / m - by_w / ball, 0.0,
                 by_u / m, -world.k_s / m,
             ],
-            [0.0, 0.0, by_d / ball, (by_w - self.damper) / ball if self.contact else 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, 0.0],
             [0.0, 0.0, 0.0, 0.0, 0.0, lag, 0.0],
             [0.0, 0.0, 0.0, 0.0, 0.0, memory_by_u, memory_by_z],
         ]  # fmt: skip
@@ -381,6 +406,15 @@ class _Drive:
                 found.append(Monitor("zero", lambda tau, y: y[_D], -1 if self.below else 1))
             if world.pull != 1.0 and not self.below:
                 found.append(Monitor("pull", lambda tau, y: self.raw_force(y[_D], y[_W]), -1 if self.relaxed else 1))
+        if self.held and self.contact:
+            found.append(Monitor("forth", lambda tau, y: self.grip - self.push(y), 1))
+            found.append(Monitor("back", lambda tau, y: self.grip + self.push(y), 1))
+        elif self.grip > 0.0 and not self.held:
+            found.append(Monitor("rest", lambda tau, y: self.way * self.speed(y), 1))
+        elif self.launched and not self.contact and self.seat > 0.0:
+            found.append(Monitor("apex", lambda tau, y: y[_P], 1))
+        elif self.contact and self.counts and not self.launched:
+            found.append(Monitor("top", lambda tau, y: self.speed(y), 0))
         if self.memory:
             found.append(Monitor("memory", lambda tau, y: y[_Z], 0, 1e-14 * max(self.clock.size[_Z], TINY)))
         if self.amplifier == "follow":
@@ -430,6 +464,7 @@ class _Drive:
         else:
             y[_D] = -world.gap
             self.contact = world.gap == 0.0 and (world.stroke(self.volt) > 0.0) == (ahead > 0.0)
+        self.rest = float(y[_X1] - y[_D]) - world.gap
         y[_P] = -self.damper * y[_D] / world.M if self.contact else 0.0
         self.clock.size = np.maximum(self.clock.size, np.abs(y))
         self.set_amplifier(0.0)
@@ -481,18 +516,23 @@ class _Drive:
                 command.turn()
             else:
                 command.pass_by(tau)
+            if event == "apex" or (event == "rest" and self.launched and not self.contact):
+                break  # the hop is over
             if event in ("touch", "end"):
                 before = None
                 self.switch(y)
                 if event == "end":
                     speed = float(y[_P])
                     if speed > 0.0:
-                        launch = command.time, speed, float(y[_X1] - y[_D]) - world.gap
+                        launch = command.time, speed, float(y[_X1] - y[_D]) - world.gap - self.rest
+                        self.launched = True
                         if command.time >= horizon:
                             break
+            if event in ("top", "rest"):
+                self.highest = max(self.highest, float(y[_X1] - y[_D]) - world.gap - self.rest)
             self.bend(y, event, edge)
             if edge and launch is None and command.index % command.per_period == 0:
-                mode = (self.contact, self.relaxed, self.below, self.amplifier)
+                mode = (self.contact, self.relaxed, self.below, self.amplifier, self.held, self.way)
                 if before is not None and before[1] == mode:
                     close = 1e-12 * clock.size + self.noise(clock.size, 1.0)
                     close[_P] = math.inf  # the speed is x1' less d'
@@ -520,6 +560,13 @@ class _Drive:
             y[_D] = 0.0
             self.below = not self.below
             self.relaxed = not self.below and self.world.pull != 1.0 and self.raw_force(0.0, float(y[_W])) < 0.0
+        elif event == "rest":
+            y[_P] -= self.speed(y)
+            y[_W] = y[_V1]
+            push = self.push(y)
+            self.held, self.way = abs(push) <= self.grip, math.copysign(1.0, push)
+        elif event in ("forth", "back"):
+            self.held, self.way = False, 1.0 if event == "forth" else -1.0
         elif event == "pull":
             self.relaxed = not self.relaxed
         elif event == "memory":
@@ -571,7 +618,7 @@ class _Swing:
 
     def field(self, tau: float, y: list[float]) -> list[float]:
         world = self.world
-        return [y[1], -world.g * math.sin(self.start + y[0] / world.l) - world.deceleration(y[0], y[1])]
+        return [y[1], -world.g * math.sin(self.start + y[0] / world.l) - world.rub - world.deceleration(y[0], y[1])]
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, (x, v) = self.world, y
@@ -610,14 +657,14 @@ def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> f
         free = length * drop * (cos_rest + cos_top) / (sin_top + rest) if sin_top + rest > 0.0 else 0.0
     far = max(abs(free), abs(offset))
     if all(
-        world.deceleration(share * far, pace * speed) == 0.0
+        world.rub + world.deceleration(share * far, pace * speed) == 0.0
         for share in (0.0, 1e-3, 0.1, 0.3, 0.7, 1.0)
         for pace in (1.0, 0.7, 0.3, 0.1, 1e-3)
     ):
         return free
     angle = math.asin(start)
     system = _Swing(world, angle)
-    brake = world.g * abs(start) + abs(world.deceleration(0.0, speed)) + speed * math.sqrt(world.g / length)
+    brake = world.g * abs(start) + world.rub + abs(world.deceleration(0.0, speed)) + speed * math.sqrt(world.g / length)
     clock = Clock(0.1 * speed / brake, np.array([0.0, speed]), rtol)
     monitors = [
         Monitor("top", lambda tau, y: y[1], 1, 0.0),
