@@ -31,7 +31,7 @@ def branch(z0: float, u0: float, u: float, q: float, p: Any) -> float:
 def literal(world: World, p: Sequence[float]) -> None:
     """Rate ``s q u' - |u'| z/U``."""
     s, scale = p
-    world.memory_rate = lambda z, u, du: s * world.q * du - abs(du) * z / scale
+    world.memories.append(lambda z, u, du: s * world.q * du - abs(du) * z / scale)
 
 
 TERM = Term(

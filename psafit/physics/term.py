@@ -23,6 +23,7 @@ from psafit.arrays import FloatArray
 from psafit.experiment import Constants
 from psafit.parameters import Parameter
 
+Memory = Callable[[float, float, float], float]
 Slot = Literal["drive", "stack", "contact", "flight", "reading"]
 Trend = Literal["grows", "falls", "flat", "mixed"]
 SLOTS: tuple[Slot, ...] = ("drive", "stack", "contact", "flight", "reading")
@@ -120,9 +121,10 @@ class World:
     Parameters
     ----------
     stroke : callable
-        ``stroke(u)``: free displacement, m, of the stack at voltage `u`; the drive's force is ``k_s (stroke - z)``.
-    memory_rate : callable
-        ``memory_rate(z, u, du)``: rate, m/s, of the hysteresis state `z` (m) at voltage `u` (V), rate `du` (V/s).
+        ``stroke(u)``: free displacement, m, of the stack at voltage `u`; the drive's force is ``k_s (stroke - sum z)``.
+    memories : list of callable
+        Each ``rate(z, u, du)``: rate, m/s, of a hysteresis state `z` (m) of its own, at voltage `u` (V) and its rate
+        `du` (V/s).
     elastic, damping : callable
         ``elastic(d, rate)``, ``damping(d, rate)``: the two parts of the contact force, N.
     deceleration : callable
@@ -152,7 +154,7 @@ class World:
     cycles: float = 0.0
     rub: float = 0.0
     stroke: Callable[[float], float] = field(init=False)
-    memory_rate: Callable[[float, float, float], float] = field(init=False)
+    memories: list[Memory] = field(default_factory=list)
     elastic: Callable[[float, float], float] = field(init=False)
     damping: Callable[[float, float], float] = field(init=False)
     deceleration: Callable[[float, float], float] = field(init=False)
@@ -161,7 +163,6 @@ class World:
 
     def __post_init__(self) -> None:
         self.stroke = lambda u: self.q * u
-        self.memory_rate = lambda z, u, du: 0.0
         self.elastic = lambda d, rate: self.k_c * d
         self.damping = lambda d, rate: self.c_c * rate
         self.deceleration = lambda x, v: 0.0

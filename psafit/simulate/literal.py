@@ -3,9 +3,9 @@ r"""Scalar reference of the extended model: one trajectory at a time, to the las
 The causes edit a `World`; this module integrates that world literally, as the ordinary differential equations
 
 .. math::
-    m \ddot x_1 &= -c_s \dot x_1 - k_s x_1 + k_s (S(u) - z) - F_c, \qquad M \ddot x_2 = F_c - P_0 - R, \\
+    m \ddot x_1 &= -c_s \dot x_1 - k_s x_1 + k_s (S(u) - \textstyle\sum z) - F_c, \qquad M \ddot x_2 = F_c - P_0 - R, \\
     F_c &= F_\mathrm{elastic}(d, \dot d) + F_\mathrm{damping}(d, \dot d), \qquad d = x_1 - x_2 - g_0, \\
-    \dot u &= \text{lag and slew of the amplifier}, \qquad \dot z = \texttt{memory\_rate}(z, u, \dot u),
+    \dot u &= \text{lag and slew of the amplifier}, \qquad \dot z_i = \texttt{memories}_i(z_i, u, \dot u),
 
 with :math:`P_0 = M g x_0/l` and Coulomb's friction :math:`R = M r \operatorname{sgn}\dot x_2`, which holds a ball at
 rest by up to :math:`M r`. The launch range is the apex of the first hop, from the ball's rest: a flight that the tip
@@ -34,7 +34,7 @@ from scipy.optimize import brentq
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
-from psafit.physics.term import Term, World
+from psafit.physics.term import Memory, Term, World
 from psafit.simulate.literal_scheme import EPS, TINY, Clock, Monitor, advance
 from psafit.simulate.reference import Point
 
@@ -208,30 +208,30 @@ class _Ramp:
 
     active: list[int]
 
-    def __init__(self, world: World, start: float, direction: float) -> None:
-        self.world, self.start, self.direction = world, start, direction
+    def __init__(self, rate: Memory, q: float, start: float, direction: float) -> None:
+        self.rate, self.q, self.start, self.direction = rate, q, start, direction
         self.active = [0]
 
     def field(self, tau: float, y: list[float]) -> list[float]:
-        return [self.world.memory_rate(y[0], self.start + self.direction * tau, self.direction)]
+        return [self.rate(y[0], self.start + self.direction * tau, self.direction)]
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
-        step = max(1e-6 * abs(y[0]), 1e-9 * self.world.q)
+        step = max(1e-6 * abs(y[0]), 1e-9 * self.q)
         return [[(self.field(tau, [y[0] + step])[0] - self.field(tau, [y[0] - step])[0]) / (2.0 * step)]]
 
     def noise(self, size: FloatArray, h: float) -> FloatArray:
         return 4 * EPS * size
 
 
-def jump(world: World, z: float, start: float, end: float, rtol: float = 1e-12) -> float:
-    """Hysteresis state, m, after the voltage jumped from `start` to `end`."""
+def jump(rate: Memory, q: float, z: float, start: float, end: float, rtol: float = 1e-12) -> float:
+    """Hysteresis state, m, with this rate, after the voltage jumped from `start` to `end`; `q` (m/V) is its scale."""
     direction = 1.0 if end > start else -1.0
     clock = Clock(0.1 * abs(end - start), np.array([abs(z)]), rtol)
     y = np.array([z])
     stops = [0.0, end] if start * end < 0.0 else [end]
     for stop in stops:
         while start != stop:
-            ramp = _Ramp(world, start, direction)
+            ramp = _Ramp(rate, q, start, direction)
             gone, y, event = advance(
                 ramp, y, abs(stop - start), clock, [Monitor("z", lambda tau, row: row[0], noise=1e-14 * clock.size[0])]
             )
@@ -250,7 +250,7 @@ _Amplifier = Literal["follow", "lag", "up", "down"]
 class _Drive:
     """The rig from rest to the last separation; also the equations of the piece it is in.
 
-    State: x1, x1', d, d', P, u, z. In contact P is the ball's speed less ``c_c d/M`` (where the damping force is
+    State: x1, x1', d, d', P, u, then every z. In contact P is the ball's speed less ``c_c d/M`` (where the damping is
     ``c_c d'``), otherwise the speed.
     """
 
@@ -265,16 +265,20 @@ class _Drive:
         self.held, self.way = self.grip > 0.0, 0.0
         self.rest = self.highest = 0.0
         self.counts = world.lean > 0.0 or world.offset_weight > 0.0
-        self.launched = False
+        self.launched, self.rising = False, True
         self.threshold = -world.bond / world.k_c
         volt, q = point.amplitude, world.q
         self.volt = volt
-        # The state z = 0 stays 0 where its rate is 0 whatever the voltage does: then it need not be carried.
-        self.memory = any(
-            world.memory_rate(0.0, share * volt, way * volt) != 0.0
-            for share in (-1.0, -0.6, -0.1, 0.0, 0.1, 0.6, 1.0)
-            for way in (-1.0, 1.0)
-        )
+        # A state z = 0 stays 0 where its rate is 0 whatever the voltage does: then it need not be carried.
+        self.memories = [
+            rate
+            for rate in world.memories
+            if any(
+                rate(0.0, share * volt, way * volt) != 0.0
+                for share in (-1.0, -0.6, -0.1, 0.0, 0.1, 0.6, 1.0)
+                for way in (-1.0, 1.0)
+            )
+        ]
         # Less c_c d/M, the ball's speed gains digits where the damping force is c_c d', and costs some otherwise.
         plain = all(
             world.damping(d, w) == world.c_c * w
@@ -290,7 +294,7 @@ class _Drive:
             swift.append(1.0 / world.lag)
         self.first_step = 0.1 / max(swift)
         self.stack_rate = math.sqrt(world.k_s / world.m) + world.c_s / world.m
-        size = np.zeros(7)
+        size = np.zeros(_Z + len(self.memories))
         size[_U] = volt
         self.clock = Clock(self.first_step, size, rtol, most_steps=most_steps)
         self.reach = max(abs(world.stroke(volt)), abs(world.stroke(-volt)), q * volt)
@@ -315,7 +319,7 @@ class _Drive:
 
     def field(self, tau: float, y: list[float]) -> list[float]:
         world = self.world
-        x1, v1, d, w, _, u, z = y
+        x1, v1, d, w, _, u, *states = y
         u, du = self.voltage(tau, u)
         if not self.contact:
             force, effort = 0.0, 0.0
@@ -326,12 +330,12 @@ class _Drive:
             elastic, damping = world.elastic(d, w), world.damping(d, w)
             force = elastic + damping
             effort = elastic + (damping - self.damper * w)  # exactly the elastic force where the damping is c_c d'
-        a1 = (world.k_s * ((world.stroke(u) - z) - x1) - world.c_s * v1 - force) / world.m
-        memory = world.memory_rate(z, u, du) if self.memory else 0.0
+        a1 = (world.k_s * ((world.stroke(u) - sum(states)) - x1) - world.c_s * v1 - force) / world.m
+        rates = [rate(z, u, du) for rate, z in zip(self.memories, states, strict=True)]
         if self.held:
-            return [v1, a1, w, a1, (effort - force) / world.M, du, memory]
+            return [v1, a1, w, a1, (effort - force) / world.M, du, *rates]
         against = self.seat + self.way * self.grip
-        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, memory]
+        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, *rates]
 
     def speed(self, y: Sequence[float] | FloatArray) -> float:
         """The ball's."""
@@ -344,7 +348,7 @@ class _Drive:
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, size = self.world, self.clock.size
-        _, _, d, w, _, u, z = y
+        _, _, d, w, _, u, *states = y
         by_d = by_w = 0.0
         if self.contact:
             e = max(1e-6 * abs(d), 1e-9 * float(size[_D]), 1e-60)
@@ -353,35 +357,37 @@ class _Drive:
             by_w = world.c_c + (self.bent_force(d, w + e) - self.bent_force(d, w - e)) / (2.0 * e)
             if self.relaxed:
                 by_d, by_w = world.pull * by_d, world.pull * by_w
-        by_u = memory_by_u = memory_by_z = lag = 0.0
+        by_u = lag = 0.0
         if self.amplifier != "follow":
             e = 1e-6 * self.volt
             by_u = world.k_s * (world.stroke(u + e) - world.stroke(u - e)) / (2.0 * e)
             lag = -1.0 / world.lag if self.amplifier == "lag" else 0.0
-        if self.memory:
-            u, du = self.voltage(tau, u)
+        n = len(states)
+        memory = []
+        for k, (rate, z) in enumerate(zip(self.memories, states, strict=True)):
             e = max(1e-6 * abs(z), 1e-9 * self.reach)
-            memory_by_z = (world.memory_rate(z + e, u, du) - world.memory_rate(z - e, u, du)) / (2.0 * e)
+            now = self.voltage(tau, u)
+            row = [0.0] * (_Z + n)
+            row[_Z + k] = (rate(z + e, *now) - rate(z - e, *now)) / (2.0 * e)
             if self.amplifier != "follow":
                 e = 1e-6 * self.volt
-                ahead, behind = (
-                    world.memory_rate(z, *self.voltage(tau, u + e)),
-                    world.memory_rate(z, *self.voltage(tau, u - e)),
-                )
-                memory_by_u = (ahead - behind) / (2.0 * e)
+                ahead, behind = rate(z, *self.voltage(tau, u + e)), rate(z, *self.voltage(tau, u - e))
+                row[_U] = (ahead - behind) / (2.0 * e)
+            memory.append(row)
         m, ball = world.m, math.inf if self.held else world.M
         by_p = (0.0 if self.held else by_w) - self.damper if self.contact else 0.0
+        still, by_z = [0.0] * n, [-world.k_s / m] * n
         return [
-            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [-world.k_s / m, -world.c_s / m, -by_d / m, -by_w / m, 0.0, by_u / m, -world.k_s / m],
-            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, *still],
+            [-world.k_s / m, -world.c_s / m, -by_d / m, -by_w / m, 0.0, by_u / m, *by_z],
+            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, *still],
             [
                 -world.k_s / m, -world.c_s / m, -by_d / m - by_d / ball, -by_w / m - by_w / ball, 0.0,
-                by_u / m, -world.k_s / m,
+                by_u / m, *by_z,
             ],
-            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, lag, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, memory_by_u, memory_by_z],
+            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, *still],
+            [0.0, 0.0, 0.0, 0.0, 0.0, lag, *still],
+            *memory,
         ]  # fmt: skip
 
     def noise(self, size: FloatArray, h: float) -> FloatArray:
@@ -391,7 +397,7 @@ class _Drive:
         kick = pushes / world.m * h / (1.0 + h * self.stack_rate)
         # P is a quadrature over the others, as accurate as they are.
         near = min(far, kick * h)
-        return 4 * EPS * np.array([near, kick, near, kick, math.inf, self.volt, far])
+        return 4 * EPS * np.array([near, kick, near, kick, math.inf, self.volt, *[far] * len(self.memories)])
 
     # what ends a piece
 
@@ -414,9 +420,13 @@ class _Drive:
         elif self.launched and not self.contact and self.seat > 0.0:
             found.append(Monitor("apex", lambda tau, y: y[_P], 1))
         elif self.contact and self.counts and not self.launched:
-            found.append(Monitor("top", lambda tau, y: self.speed(y), 0))
-        if self.memory:
-            found.append(Monitor("memory", lambda tau, y: y[_Z], 0, 1e-14 * max(self.clock.size[_Z], TINY)))
+            # A turn is where the place is flattest: a little noise in the speed moves it by the square of that.
+            noise = 1e-9 * self.reach * command.omega + 1e-12 * self.damper * float(self.clock.size[_D]) / world.M
+            found.append(Monitor("top", lambda tau, y: self.speed(y), 1 if self.rising else -1, noise))
+        for k in range(len(self.memories)):
+            at = _Z + k
+            noise = 1e-14 * max(self.clock.size[at], TINY)
+            found.append(Monitor(f"memory {k}", lambda tau, y, at=at: y[at], 0, noise))  # type: ignore[misc]
         if self.amplifier == "follow":
             return found
         noise = 1e-13 * self.volt
@@ -455,7 +465,7 @@ class _Drive:
     def start(self) -> FloatArray:
         """Rest in static equilibrium; sets whether the ball is in contact."""
         world, command = self.world, self.command
-        y = np.zeros(7)
+        y = np.zeros(_Z + len(self.memories))
         ahead = command.value(0.0) or command.rate(0.0) or command.value(0.5 * command.remaining())
         if self.seat > 0.0:
             y[_X1] = -self.seat / world.k_s
@@ -475,8 +485,9 @@ class _Drive:
     def follow(self, y: FloatArray, tau: float) -> None:
         """Set the voltage to the command; a jump carries the hysteresis state with it."""
         u = self.command.value(tau)
-        if self.memory and tau == 0.0 and abs(u - y[_U]) > 4 * EPS * self.volt:
-            y[_Z] = jump(self.world, float(y[_Z]), float(y[_U]), u, self.clock.rtol)
+        if tau == 0.0 and abs(u - y[_U]) > 4 * EPS * self.volt:
+            for k, rate in enumerate(self.memories, start=_Z):
+                y[k] = jump(rate, self.world.q, float(y[k]), float(y[_U]), u, self.clock.rtol)
         y[_U] = u
 
     def run(self) -> tuple[float, float, float] | None:
@@ -503,8 +514,7 @@ class _Drive:
             self.active = [_X1, _V1, _D, _W, _P]
             if self.amplifier != "follow":
                 self.active.append(_U)
-            if self.memory:
-                self.active.append(_Z)
+            self.active += range(_Z, y.size)
             tau, y, event = advance(self, y, end, clock, self.monitors())
             idle = idle + 1 if tau == 0.0 else 0
             if idle > 20:
@@ -565,12 +575,14 @@ class _Drive:
             y[_W] = y[_V1]
             push = self.push(y)
             self.held, self.way = abs(push) <= self.grip, math.copysign(1.0, push)
+        elif event == "top":
+            self.rising = not self.rising
         elif event in ("forth", "back"):
             self.held, self.way = False, 1.0 if event == "forth" else -1.0
         elif event == "pull":
             self.relaxed = not self.relaxed
-        elif event == "memory":
-            y[_Z] = 0.0
+        elif event.startswith("memory"):
+            y[_Z + int(event.split()[1])] = 0.0
         elif event == "voltage":
             y[_U] = 0.0
         elif event == "limit":

@@ -625,6 +625,8 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             fresh = True
             lost_d = 0.0
             if event == 3:
+                if not separated_once:
+                    highest = max(highest, x2 - rest)
                 if separated_once and regime == FREE:
                     break  # the hop is over
                 v2 = lost_v2 = 0.0
