@@ -117,6 +117,25 @@ def literal_launch(
     return launch_in(literal_world(theta, terms, constants), point, group=group, rtol=rtol, most_steps=most_steps)
 
 
+def energy(
+    point: Point, theta: Sequence[float], terms: Sequence[tuple[Term, Sequence[float]]], constants: Constants
+) -> tuple[float, float]:
+    """What the ball has gained at its launch, and what the drive and the press at rest have given by then, J.
+
+    The work is that of the piezoelectric force, ``k_s (S - sum z) dx1``. Both are zero without a launch. Parameters and
+    errors as of `literal_launch`.
+    """
+    world = literal_world(theta, terms, constants)
+    drive = _Drive(world, point, 1e-9, 400_000, counts_work=True)
+    launch = drive.run() if point.amplitude > 0.0 else None
+    if launch is None:
+        return 0.0, 0.0
+    _, speed, place = launch
+    seat = drive.seat
+    stored = seat * (seat / world.k_s + _seated(world, seat)) if seat > 0.0 else 0.0
+    return 0.5 * world.M * speed * speed + seat * place, drive.work + stored
+
+
 def launch_in(
     world: World, point: Point, *, group: int = 0, rtol: float = 1e-12, most_steps: int = 400_000
 ) -> LiteralLaunch:
@@ -243,21 +262,22 @@ def jump(rate: Memory, q: float, z: float, start: float, end: float, rtol: float
 
 # --- the motion while the drive acts ------------------------------------------------------------------
 
-_X1, _V1, _D, _W, _P, _U, _Z = range(7)
+_X1, _V1, _D, _W, _P, _U, _E, _Z = range(8)
 _Amplifier = Literal["follow", "lag", "up", "down"]
 
 
 class _Drive:
     """The rig from rest to the last separation; also the equations of the piece it is in.
 
-    State: x1, x1', d, d', P, u, then every z. In contact P is the ball's speed less ``c_c d/M`` (where the damping is
-    ``c_c d'``), otherwise the speed.
+    State: x1, x1', d, d', P, u, the drive's work E (J), then every z. In contact P is the ball's speed less ``c_c
+    d/M`` (where the damping is ``c_c d'``), otherwise the speed.
     """
 
     active: list[int]
 
-    def __init__(self, world: World, point: Point, rtol: float, most_steps: int) -> None:
-        self.world = world
+    def __init__(self, world: World, point: Point, rtol: float, most_steps: int, *, counts_work: bool = False) -> None:
+        self.world, self.counts_work = world, counts_work
+        self.work = 0.0  # until the launch
         self.command = _Command(point, world.phase)
         self.seat = world.M * world.g * world.lean / world.l
         self.grip = world.M * world.rub
@@ -319,7 +339,7 @@ class _Drive:
 
     def field(self, tau: float, y: list[float]) -> list[float]:
         world = self.world
-        x1, v1, d, w, _, u, *states = y
+        x1, v1, d, w, _, u, _, *states = y
         u, du = self.voltage(tau, u)
         if not self.contact:
             force, effort = 0.0, 0.0
@@ -330,12 +350,14 @@ class _Drive:
             elastic, damping = world.elastic(d, w), world.damping(d, w)
             force = elastic + damping
             effort = elastic + (damping - self.damper * w)  # exactly the elastic force where the damping is c_c d'
-        a1 = (world.k_s * ((world.stroke(u) - sum(states)) - x1) - world.c_s * v1 - force) / world.m
+        free = world.stroke(u) - sum(states)
+        power = world.k_s * free * v1 if self.counts_work else 0.0
+        a1 = (world.k_s * (free - x1) - world.c_s * v1 - force) / world.m
         rates = [rate(z, u, du) for rate, z in zip(self.memories, states, strict=True)]
         if self.held:
-            return [v1, a1, w, a1, (effort - force) / world.M, du, *rates]
+            return [v1, a1, w, a1, (effort - force) / world.M, du, power, *rates]
         against = self.seat + self.way * self.grip
-        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, *rates]
+        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, power, *rates]
 
     def speed(self, y: Sequence[float] | FloatArray) -> float:
         """The ball's."""
@@ -348,7 +370,7 @@ class _Drive:
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, size = self.world, self.clock.size
-        _, _, d, w, _, u, *states = y
+        _, v1, d, w, _, u, _, *states = y
         by_d = by_w = 0.0
         if self.contact:
             e = max(1e-6 * abs(d), 1e-9 * float(size[_D]), 1e-60)
@@ -376,17 +398,19 @@ class _Drive:
             memory.append(row)
         m, ball = world.m, math.inf if self.held else world.M
         by_p = (0.0 if self.held else by_w) - self.damper if self.contact else 0.0
+        force = world.k_s * (world.stroke(self.voltage(tau, u)[0]) - sum(states))
         still, by_z = [0.0] * n, [-world.k_s / m] * n
         return [
-            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, *still],
-            [-world.k_s / m, -world.c_s / m, -by_d / m, -by_w / m, 0.0, by_u / m, *by_z],
-            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, *still],
+            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
+            [-world.k_s / m, -world.c_s / m, -by_d / m, -by_w / m, 0.0, by_u / m, 0.0, *by_z],
+            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *still],
             [
                 -world.k_s / m, -world.c_s / m, -by_d / m - by_d / ball, -by_w / m - by_w / ball, 0.0,
-                by_u / m, *by_z,
+                by_u / m, 0.0, *by_z,
             ],
-            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, *still],
-            [0.0, 0.0, 0.0, 0.0, 0.0, lag, *still],
+            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, 0.0, *still],
+            [0.0, 0.0, 0.0, 0.0, 0.0, lag, 0.0, *still],
+            [0.0, force, 0.0, 0.0, 0.0, by_u * v1, 0.0, *(m * v1 * b for b in by_z)],
             *memory,
         ]  # fmt: skip
 
@@ -397,7 +421,7 @@ class _Drive:
         kick = pushes / world.m * h / (1.0 + h * self.stack_rate)
         # P is a quadrature over the others, as accurate as they are.
         near = min(far, kick * h)
-        return 4 * EPS * np.array([near, kick, near, kick, math.inf, self.volt, *[far] * len(self.memories)])
+        return 4 * EPS * np.array([near, kick, near, kick, math.inf, self.volt, math.inf, *[far] * len(self.memories)])
 
     # what ends a piece
 
@@ -514,6 +538,7 @@ class _Drive:
             self.active = [_X1, _V1, _D, _W, _P]
             if self.amplifier != "follow":
                 self.active.append(_U)
+            self.active += [_E] if self.counts_work else []
             self.active += range(_Z, y.size)
             tau, y, event = advance(self, y, end, clock, self.monitors())
             idle = idle + 1 if tau == 0.0 else 0
@@ -535,7 +560,7 @@ class _Drive:
                     speed = float(y[_P])
                     if speed > 0.0:
                         launch = command.time, speed, float(y[_X1] - y[_D]) - world.gap - self.rest
-                        self.launched = True
+                        self.launched, self.work = True, float(y[_E])
                         if command.time >= horizon:
                             break
             if event in ("top", "rest"):
