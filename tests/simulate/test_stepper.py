@@ -251,3 +251,23 @@ def test_a_slew_limit_too_fast_to_matter_does_not(phase, inverse_slew):
     assert limited.launched.all()
     # The ramp is over long before the ball moves.
     assert limited.launch_range == pytest.approx(free.launch_range, rel=1e-2)
+
+
+def test_friction_holds_a_ball_that_is_pushed_too_little() -> None:
+    """k_c q V = 0.12 mN against 27 mN: it does not move at all, and with friction enough to a tenth it does."""
+    chosen = terms(["sliding_support", "separation_height"])
+    low = Design.sweep(RIG, "sine", [100.0, 1000.0], 1e-3)
+    held, free = (simulate(low, [1e6, 1e3, 30.0, a, 1.0], chosen) for a in (1.0, 1e-4))
+    assert held.launch_range.tolist() == [[0.0, 0.0]] and held.separation_place.tolist() == [[0.0, 0.0]]
+    assert (free.launch_range > 0).all()
+
+
+def test_the_first_hop_does_not_depend_on_how_long_the_drive_runs_on() -> None:
+    """A leaning ball is struck again when it comes back; what is read is the flight that reached its apex before."""
+    chosen = terms(["preload", "repeat_impacts"])
+    design = Design.sweep(RIG, "sine", np.geomspace(100, 2000, 12), 20.0)
+    ranges = [simulate(design, [1.1e6, 500.0, 60.0, 3e-3, n], chosen).launch_range[0] for n in (8.0, 10.0)]
+    once = simulate(design, [1.1e6, 500.0, 60.0, 3e-3, 0.0], chosen).launch_range[0]
+    assert ranges[0] == pytest.approx(ranges[1], rel=1e-6)
+    # Where the hop of the first contact ends before the tip is back, it is that hop.
+    assert np.mean(np.abs(ranges[0] / once - 1) < 1e-6) > 0.3
