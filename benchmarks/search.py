@@ -105,7 +105,7 @@ def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int,
 
 def log_prior(ids: Ids) -> float:
     """Log prior probability of a set of causes."""
-    return ladder.log_prior(len(ids), len(TERMS))
+    return ladder.log_prior(ids, ladder.beliefs(TERMS))
 
 
 def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float, float, Candidate]:

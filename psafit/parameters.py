@@ -1,9 +1,9 @@
 r"""Parameters: what is possible (bounds), what is plausible (prior), and the coordinate they are sampled in.
 
-Every prior is a truncated normal or a uniform density in the *sampling coordinate* :math:`u`, which is
-:math:`\ln x` for scales (stiffness, damping, scatter) and otherwise :math:`x` in units of the prior's own width, so
-that steps of searchers and samplers mean the same in every coordinate. Densities are normalised over the bounds, so
-that model evidences compare.
+Every prior is a truncated normal, one with a broad part beside it, or a uniform density in the *sampling coordinate*
+:math:`u`, which is :math:`\ln x` for scales (stiffness, damping, scatter) and otherwise :math:`x` in units of the
+prior's own width, so that steps of searchers and samplers mean the same in every coordinate. Densities are normalised
+over the bounds, so that model evidences compare.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from psafit.arrays import FloatArray
 
 Coordinate = Literal["linear", "log"]
-# Outside this part of its prior, or this close to a bound (share of the bounds), a value is called implausible.
-_SURPRISING, _AT_BOUND = 0.025, 1e-3
+# Where less than this share of the prior is as thin as at a value or thinner, the value is called implausible.
+_SURPRISING = 0.05
 SHARES = np.linspace(0.0005, 0.9995, 1000)
 # Widths that knowledge of one's own rig may give a prior, in units of the usual one.
 _NARROWEST, _WIDEST = 1e-3, 1e2
@@ -133,8 +133,86 @@ class Uniform:
         return "uniform" if self.coordinate == "linear" else "uniform in the logarithm"
 
 
+@dataclass(frozen=True)
+class Tailed:
+    r"""A normal prior with a broad part: what is far from plausible costs a dozen nats, not a thousand.
+
+    .. math:: (1 - s)\, N(u) + s\, C(u), \qquad C = \text{Cauchy's density about the same middle}.
+
+    A normal density forbids what lies dozens of standard deviations off as surely as a bound does, without the reason
+    that a bound needs. Where it stands for a physical quantity, a few per cent belong to all that nobody thought of.
+    Both parts are normalised over the bounds.
+
+    Parameters
+    ----------
+    core : Normal or LogNormal
+        What is plausible.
+    share : float
+        Probability of the broad part.
+    widening : float
+        Half width at half maximum of the broad part, in standard deviations of the core.
+    """
+
+    core: Normal | LogNormal
+    share: float = 0.05
+    widening: float = 3.0
+
+    @property
+    def coordinate(self) -> Coordinate:
+        """The coordinate it lives in."""
+        return self.core.coordinate
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Centre and standard deviation of the core, in the coordinate it lives in."""
+        core = self.core
+        if isinstance(core, Normal):
+            return core.mean, core.sd
+        return math.log(core.median), math.log(core.factor)
+
+    def _broad(self, lower: float, upper: float) -> tuple[float, float, float, float]:
+        """Centre and half width of the broad part, and its angles at the bounds."""
+        centre, sd = self.middle
+        width = self.widening * sd
+        return centre, width, math.atan((lower - centre) / width), math.atan((upper - centre) / width)
+
+    def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Log density at `u`, normalised over [lower, upper]."""
+        centre, width, a, b = self._broad(lower, upper)
+        broad = -np.log1p(np.square((u - centre) / width)) - math.log(width * (b - a))
+        core = self.core.log_density(u, lower, upper)
+        return np.logaddexp(core + math.log1p(-self.share), broad + math.log(self.share))
+
+    def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Point below which the fraction `p` of the mass lies: between the quantiles of the two parts, by bisection."""
+        p = np.asarray(p, dtype=float)
+        centre, width, a, b = self._broad(lower, upper)
+        mean, sd = self.middle
+        below, above = ndtr((lower - mean) / sd), ndtr((upper - mean) / sd)
+        ends = [
+            self.core.quantile(p, lower, upper),
+            np.clip(centre + width * np.tan(a + p * (b - a)), lower, upper),
+        ]
+        low, high = np.minimum(*ends), np.maximum(*ends)
+        while True:
+            middle = 0.5 * (low + high)
+            if not ((low < middle) & (middle < high)).any():
+                return middle
+            core = (ndtr((middle - mean) / sd) - below) / (above - below)
+            broad = (np.arctan((middle - centre) / width) - a) / (b - a)
+            short = (1 - self.share) * core + self.share * broad < p
+            low, high = np.where(short, middle, low), np.where(short, high, middle)
+
+    def describe(self) -> str:
+        """Words for tables."""
+        return f"{self.core.describe()}; {100 * self.share:g} % in a Cauchy tail {self.widening:g} times as wide"
+
+
 def broadened(prior: Prior, factor: float) -> Prior | None:
     """The same about the same middle, so many times as wide; None for one that has no middle."""
+    if isinstance(prior, Tailed):
+        core = broadened(prior.core, factor)
+        return replace(prior, core=core)  # type: ignore[arg-type]
     if isinstance(prior, Normal):
         return Normal(prior.mean, prior.sd * factor)
     return LogNormal(prior.median, prior.factor**factor) if isinstance(prior, LogNormal) else None
@@ -218,7 +296,8 @@ class Parameter:
         if not self.bounds.lower <= middle <= self.bounds.upper:
             raise ValueError(f"has its middle within {self.bounds.lower:g} to {self.bounds.upper:g} {self.unit}")
         width = math.log(prior.factor) if isinstance(prior, LogNormal) else prior.sd
-        usual = math.log(self.prior.factor) if isinstance(self.prior, LogNormal) else self.scale
+        own = self.core
+        usual = math.log(own.factor) if isinstance(own, LogNormal) else self.scale
         if not _NARROWEST * usual <= width <= _WIDEST * usual:
             ends = [_NARROWEST * usual, _WIDEST * usual]
             ends, word = ([math.exp(x) for x in ends], "factor") if prior.coordinate == "log" else (ends, "sd")
@@ -230,12 +309,17 @@ class Parameter:
         """What determines what it may be, as JSON can say it: keys of kept work are made of it."""
         return [self.name, self.prior.describe(), self.bounds.lower, self.bounds.upper]
 
+    @property
+    def core(self) -> Prior:
+        """The prior without its broad part."""
+        return self.prior.core if isinstance(self.prior, Tailed) else self.prior
+
     @cached_property
     def scale(self) -> float:
         """What one unit of a linear sampling coordinate means, in the parameter's unit; 1 for a logarithmic one."""
         if self.prior.coordinate == "log":
             return 1.0
-        return self.prior.sd if isinstance(self.prior, Normal) else 0.25 * (self.bounds.upper - self.bounds.lower)
+        return self.core.sd if isinstance(self.core, Normal) else 0.25 * (self.bounds.upper - self.bounds.lower)
 
     @cached_property
     def sampling_bounds(self) -> Bounds:
@@ -265,21 +349,30 @@ class Parameter:
         return np.where(inside, density, -np.inf)
 
     @cached_property
-    def parabola(self) -> tuple[float, float, float] | None:
-        """Centre, width and top of the log prior, a parabola of the sampling coordinate; None where it is none.
+    def shape(self) -> tuple[float, float, float, float, float] | None:
+        """Centre, width and top of the log prior's parabola, and half width and top of its broad part.
 
-        A uniform prior is one of infinite width.
+        All in the sampling coordinate; None for a prior of another kind. A uniform prior is a parabola of infinite
+        width; without a broad part, the top of that is minus infinity.
         """
-        if isinstance(self.prior, Normal):
-            centre, width = self.prior.mean / self.scale, self.prior.sd / self.scale
-        elif isinstance(self.prior, LogNormal):
-            centre, width = math.log(self.prior.median), math.log(self.prior.factor)
-        elif isinstance(self.prior, Uniform):
+        core, broad, wide = self.core, -math.inf, 1.0
+        if isinstance(core, Normal):
+            centre, width = core.mean / self.scale, core.sd / self.scale
+        elif isinstance(core, LogNormal):
+            centre, width = math.log(core.median), math.log(core.factor)
+        elif isinstance(core, Uniform):
             centre, width = 0.0, math.inf
         else:
             return None
-        low = self.sampling_bounds.lower
-        return centre, width, float(self.log_prior(low)) + 0.5 * ((low - centre) / width) ** 2
+        low, high = self.sampling_bounds.lower, self.sampling_bounds.upper
+        at_low = core.log_density(np.asarray(low * self.scale), low * self.scale, high * self.scale)
+        top = float(at_low) + math.log(self.scale) + 0.5 * ((low - centre) / width) ** 2
+        if isinstance(self.prior, Tailed):
+            wide = self.prior.widening * width
+            angle = math.atan((high - centre) / wide) - math.atan((low - centre) / wide)
+            top += math.log1p(-self.prior.share)
+            broad = math.log(self.prior.share / (wide * angle))
+        return centre, width, top, wide, broad
 
     def prior_quantile(self, p: ArrayLike) -> FloatArray:
         """Sampling coordinate below which the prior holds the fraction `p`."""
@@ -297,19 +390,11 @@ class Parameter:
         return float(np.interp(float(self.to_sampling(value)), self.prior_quantile(SHARES), SHARES))
 
     def is_implausible(self, value: float) -> bool:
-        """Whether a value lies where the prior has less than one chance in twenty, or at a bound that is not neutral.
+        """Whether a value lies where the prior is thin: as thin or thinner in less than one chance in twenty.
 
-        A cause that acts to one side only has its twentieth on that side: its neutral end is no surprise. Where all is
-        equally plausible, nothing is implausible.
+        That is either tail, or the one tail there is, whatever value is neutral. Where all is equally plausible,
+        nothing is implausible.
         """
-        if isinstance(self.prior, Uniform):
-            return False
-        share = self.prior_share(value)
-        ends = [end for end in (self.bounds.lower, self.bounds.upper) if end != self.neutral]
-        if len(ends) == 1:
-            surprising = (1 - share if ends[0] == self.bounds.upper else share) < 2 * _SURPRISING
-        else:
-            surprising = not _SURPRISING <= share <= 1 - _SURPRISING
-        reach = _AT_BOUND * (self.sampling_bounds.upper - self.sampling_bounds.lower)
-        pressed = any(abs(float(self.to_sampling(value)) - float(self.to_sampling(end))) < reach for end in ends)
-        return bool(surprising or pressed)
+        density = self.log_prior(self.prior_quantile(SHARES))
+        own = float(self.log_prior(self.to_sampling(value)))
+        return bool(np.mean(density <= own + 1e-9) < _SURPRISING)

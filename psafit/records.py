@@ -99,6 +99,10 @@ class CauseEntry:
         The calculations by hand.
     path : str
         Of the simulator: "closed form" or "stepper".
+    probability : float
+        That it is at work, before any reading.
+    because : str
+        Why.
     plugin : str
         Leading digits of the SHA-256 of its file, where that is no part of psafit.
     """
@@ -114,6 +118,8 @@ class CauseEntry:
     reference: str
     checks: list[str]
     path: str
+    probability: float = 0.04
+    because: str = ""
     plugin: str = ""
 
 

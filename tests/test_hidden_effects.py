@@ -232,10 +232,10 @@ def without(part: str, patch: pytest.MonkeyPatch) -> None:
     else:
         priced = ladder.log_prior
         odds = {
-            "single causes": lambda n_causes, n: -1e6 if n_causes == 1 else priced(n_causes, n),
-            "combinations": lambda n_causes, n: -1e6 if n_causes > 1 else priced(n_causes, n),
+            "single causes": lambda ids, beliefs: -1e6 if len(ids) == 1 else priced(ids, beliefs),
+            "combinations": lambda ids, beliefs: -1e6 if len(ids) > 1 else priced(ids, beliefs),
             # Causes are paid for, not only free: of few, none need gain anything by luck.
-            "the price of a cause": lambda n_causes, n: PAID * n_causes,
+            "the price of a cause": lambda ids, beliefs: PAID * len(ids),
         }
         for module in (ladder, model_search):
             patch.setattr(module, "log_prior", odds[part])

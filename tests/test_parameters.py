@@ -9,7 +9,7 @@ import pytest
 from scipy import integrate, stats
 
 from psafit.inference import noise
-from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Prior, Uniform
+from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Prior, Tailed, Uniform
 from psafit.physics import baseline
 
 DECLARED = baseline.PARAMETERS + noise.PARAMETERS
@@ -50,6 +50,41 @@ def test_half_normal_far_tail_and_uniform() -> None:
     assert flat.to_physical(flat.prior_quantile(0.5)) == pytest.approx(np.exp(0.5))
 
 
+TAILED = [
+    (Tailed(Normal(0.0, 4e-3)), 0.0, 0.045),
+    (Tailed(LogNormal(2.0, 3.0), share=0.2, widening=5.0), 1e-3, 1e6),
+    (Tailed(Normal(1.0, 0.05)), 0.0, 1.0),
+]
+
+
+@pytest.mark.parametrize(("prior", "low", "high"), TAILED)
+def test_a_prior_with_a_broad_part_is_a_mixture_of_scipys(prior: Tailed, low: float, high: float) -> None:
+    p = parameter(prior, low, high)
+    (centre, sd), wide = prior.middle, prior.widening * prior.middle[1]
+    ends = np.log([low, high]) if prior.coordinate == "log" else np.array([low, high])
+    normal = stats.truncnorm(*(ends - centre) / sd, loc=centre, scale=sd)
+    cauchy = stats.cauchy(centre, wide)
+    mass = np.diff(cauchy.cdf(ends))[0]
+
+    def share(x: np.ndarray) -> np.ndarray:
+        part = (cauchy.cdf(x) - cauchy.cdf(ends[0])) / mass
+        return (1 - prior.share) * normal.cdf(x) + prior.share * part
+
+    x = np.linspace(*ends, 41)
+    density = (1 - prior.share) * normal.pdf(x) + prior.share * cauchy.pdf(x) / mass
+    assert p.log_prior(x / p.scale) == pytest.approx(np.log(density * p.scale), rel=1e-10)
+    q = np.array([0.0, 1e-6, 0.3, 0.95, 0.999999, 1.0])
+    assert share(np.asarray(p.prior_quantile(q)) * p.scale) == pytest.approx(q, abs=1e-14)
+
+
+def test_what_is_far_from_plausible_costs_a_dozen_nats_and_a_flag() -> None:
+    """A bond of 0.25 N where 5 mN is usual."""
+    p = replace(parameter(Tailed(Normal(0.0, 5e-3)), 0.0, 1.0), neutral=0.0)
+    cost = [float(p.log_prior(0.0) - p.log_prior(p.to_sampling(x))) for x in (0.015, 0.05, 0.25, 1.0)]
+    assert 3 < cost[0] < 5 and 5 < cost[1] < cost[2] < 12 and cost[3] < 14
+    assert [p.is_implausible(x) for x in (0.0, 5e-3, 0.015, 0.25)] == [False, False, True, True]
+
+
 def test_outside_bounds_is_impossible() -> None:
     p = baseline.PARAMETERS[0]
     assert p.log_prior(p.to_sampling(p.bounds.upper) + 1e-9) == -np.inf
@@ -66,7 +101,7 @@ def test_bad_declarations_are_refused() -> None:
 
 
 def test_one_value_in_twenty_is_implausible() -> None:
-    """To both sides, or to the one side on which a cause acts; and what is pressed against a bound."""
+    """Where its prior is thinnest: in both tails, or in the one there is."""
     draws = np.linspace(0.0005, 0.9995, 1000)
     both = parameter(LogNormal(2.0, 3.0), 1e-4, 1e5)
     one = replace(parameter(Normal(0.0, 0.1), 0.0, 0.5), neutral=0.0)
@@ -75,6 +110,8 @@ def test_one_value_in_twenty_is_implausible() -> None:
         assert np.mean([p.is_implausible(x) for x in values]) == pytest.approx(0.05, abs=0.003)
         assert [p.prior_share(float(x)) for x in values[::99]] == pytest.approx(draws[::99], abs=2e-3)
     assert not one.is_implausible(0.0) and one.is_implausible(0.5) and both.is_implausible(1e-4)
+    off = replace(parameter(Normal(2.0, 0.7), 0.0, 10.0), neutral=0.0)
+    assert [off.is_implausible(x) for x in (0.05, 0.7, 2.0, 3.0, 3.5)] == [True, False, False, False, True]
     most = replace(parameter(Normal(1.0, 0.1), 0.05, 1.0), neutral=1.0)
     assert [most.is_implausible(x) for x in (1.0, 0.9995, 0.9, 0.7, 0.3)] == [False, False, False, True, True]
     flat = parameter(Uniform(), 0.0, 1.0)

@@ -27,7 +27,6 @@ from psafit.diagnose.record import RESULT
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, remove_temporaries, sole
-from psafit.model_search.ladder import SIZE_WEIGHTS
 from psafit.physics import TERMS, plugin_versions
 from psafit.records import plain, read_content, read_json, write_json
 from psafit.workers import processes, reach, scratch, unordered
@@ -186,12 +185,13 @@ def plan(
         wanted.append(("two", [ids[i] for i in both], None, "", _PAIR_NATS))
     wanted += [("outside", [], name, "", None) for name in outside for _ in range(outside_each)]
     kinds: tuple[Kind, ...] = ("nothing", "one", "two")
-    odds = np.array(SIZE_WEIGHTS[: min(len(ids), 2) + 1])
-    upto = np.round(drawn * np.cumsum(odds) / odds.sum()).astype(int)
-    for size in np.repeat(np.arange(len(odds)), np.diff(upto, prepend=0)):
-        chosen = sorted(int(i) for i in rng.choice(len(ids), size=size, replace=False))
+    believed = np.array([t.probability for t in TERMS if t.id in ids])
+    for _ in range(drawn):
+        # As a diagnosis believes, of sets of at most two: the odds of what is expected of every rig are those of a set.
+        while (chosen := np.flatnonzero(rng.random(len(ids)) < believed)).size >= len(kinds):
+            pass
         # Of a part of the catalogue, truths are not what a diagnosis believes, which looks for all of it.
-        wanted.append((kinds[size], [ids[i] for i in chosen], None, PRIOR if terms is None else "", None))
+        wanted.append((kinds[chosen.size], [ids[i] for i in chosen], None, PRIOR if terms is None else "", None))
     # Seeds before the shuffle: the same data set whatever else is planned of its kind later in the list.
     seeds = [int(np.random.default_rng([seed, 11, k]).integers(2**32)) for k in range(len(wanted))]
     specs = []

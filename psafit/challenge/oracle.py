@@ -36,7 +36,7 @@ from psafit.simulate.sensitivity import Side, in_scatter, plausible
 # A rival this close to the truth, nats of ranges without scatter, cannot be told from it by anybody.
 CONFUSABLE_NATS = 3.0
 # A rival starts weak, from where least squares find their way, and as strong as it plausibly is.
-_RIVAL_SHARES = (0.05, 0.5)
+_RIVAL_SHARES = (0.05, 0.5, 0.95)
 _RIVAL_STEPS = 20
 _INSIDE = 1e-3
 

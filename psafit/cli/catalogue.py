@@ -95,6 +95,9 @@ def _declaration(entry: CauseEntry) -> str:
             f"{sign}; effect with frequency: {s.frequency}, with amplitude: {s.amplitude}; {' and '.join(s.waveforms)}",
         )
     )
+    lines.append(
+        _wrapped("at work", f"probability {entry.probability:g} before any reading; {entry.because or 'a surprise'}")
+    )
     lines.append(_wrapped("reference", entry.reference))
     lines += [_wrapped("check" if i == 0 else "", check) for i, check in enumerate(entry.checks)]
     lines.append(_wrapped("simulated", f"by the {entry.path}"))

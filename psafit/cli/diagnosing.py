@@ -157,6 +157,8 @@ def _tell(result: Diagnosis) -> None:
         click.echo(f"  {result.restricted}")
     for sentence in result.sentences:
         click.echo(f"  {sentence}")
+    for sentence in result.breaks:
+        click.echo(f"  {sentence}")
     click.echo(f"  {result.searched}")
     unnamed = result.mostly_unnamed
     if unnamed or result.verdict == "unexplained":

@@ -16,6 +16,7 @@ from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show, told
 from psafit.diagnose.confusable import confusable
+from psafit.diagnose.laws import broken
 from psafit.diagnose.leftover import leftover, stretch
 from psafit.diagnose.misfit import examine, passes
 from psafit.diagnose.record import (
@@ -262,7 +263,10 @@ class _Work:
             # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
             left = leftover(leader)
             bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
-            verdict = conclude(ladder, before, after, left, bare)
+            verdict = conclude(ladder, before, after, left, bare, broken(leader, self.settings.laws))
+            held = [ladder.baseline if verdict.verdict == "adequate" else leader]
+            held += [ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held]]
+            laws = [law for model in held for law in broken(model, self.settings.laws)]
             misfit = told.misfit_of(before, after, left, ladder.baseline, leader)
             if verdict.verdict == "unexplained" and verdict.named:
                 misfit["remains"] = verdict.remains
@@ -325,6 +329,7 @@ class _Work:
             next_experiment=proposal,
             predictions=PREDICTIONS,
             files={name: sha256(self.folder / name) for name in tables},
+            laws=laws,
             sentences=told.sentences(
                 verdict,
                 before,

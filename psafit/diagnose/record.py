@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from psafit.diagnose.settings import Settings
 from psafit.errors import InputError
@@ -118,6 +118,41 @@ class ScreeningResult:
     room: float | None = None
 
 
+Law = Literal["carried", "energy"]
+
+
+@dataclass(frozen=True)
+class Broken:
+    """One law that a model breaks, where it breaks it most.
+
+    Parameters
+    ----------
+    law : {"carried", "energy"}
+    terms : list of str
+        The model's causes.
+    group : str or int
+    frequency_hz, amplitude_v : float
+        Of the reading.
+    value, limit : float
+        What the model says, and what the law allows: ranges in um ("carried", at least), energies in J ("energy", at
+        most).
+    readings : int
+        At which the law is broken, of those that were asked.
+    text : str
+        The same in words.
+    """
+
+    law: Law
+    terms: list[str]
+    group: GroupId
+    frequency_hz: float
+    amplitude_v: float
+    value: float
+    limit: float
+    readings: int
+    text: str
+
+
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Brief):
     """`diagnosis.json`.
@@ -171,6 +206,8 @@ class Diagnosis(Brief):
         Causes of the catalogue that the diagnosis was asked not to look at.
     settings : Settings
         How much work went into each part.
+    laws : list of Broken
+        Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
     """
 
     _told = ("verdict", "named", "title", "quick")
@@ -206,6 +243,20 @@ class Diagnosis(Brief):
     identity: str = ""
     left_out: list[str] = field(default_factory=list)
     settings: Settings = field(default_factory=Settings)
+    laws: list[Broken] = field(default_factory=list)
+
+    @property
+    def breaks(self) -> list[str]:
+        """Return a sentence for each law that is broken."""
+        laws = {
+            "carried": "A ball cannot move less than the tip carries it",
+            "energy": "A ball cannot gain more than the drive gives",
+        }
+        return [
+            f"{laws[b.law]}. {' + '.join(b.terms) or 'The baseline'} breaks that law at"
+            f" {b.readings} reading{'' if b.readings == 1 else 's'}, most at {b.text}."
+            for b in self.laws
+        ]
 
     @property
     def restricted(self) -> str:

@@ -8,6 +8,25 @@ from psafit.model_search import SearchSettings
 
 
 @dataclass(frozen=True)
+class LawSettings:
+    """When a law counts as broken.
+
+    Parameters
+    ----------
+    margin : float
+        Widths of a reading's scatter by which a range may lie below what the tip carries the ball to.
+    energy : float
+        Share of the drive's work by which the ball's energy may exceed it: far above the reference's error.
+    held : int
+        Alternatives, the most probable first, that are asked beside the model adopted.
+    """
+
+    margin: float = 2.0
+    energy: float = 1e-3
+    held: int = 3
+
+
+@dataclass(frozen=True)
 class Settings:
     """Options of `psafit.diagnose.diagnose`; they belong to the identity of a result.
 
@@ -28,6 +47,8 @@ class Settings:
     steps : int
         Steps at which a chain for an adopted extension gives up, if its own rule is not met before; none is drawn at
         0. A chain that needs more is continued by the same command.
+    laws : LawSettings
+        When a law that holds whatever the causes are counts as broken.
     """
 
     search: SearchSettings = field(default_factory=SearchSettings)
@@ -36,6 +57,7 @@ class Settings:
     rehearsed: int = 4
     searches: int = 0
     steps: int = 40_000
+    laws: LawSettings = field(default_factory=LawSettings)
 
     @classmethod
     def usual(cls, quick: bool) -> Settings:

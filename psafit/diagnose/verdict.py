@@ -1,9 +1,10 @@
 r"""From the ladder, the tests and the leftover to a verdict.
 
 * ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
-* ``explained``: one set of causes has 95 % of what the catalogue's sets have together, and the tests find nothing left
-  once it is adopted. That no other set does as well is said only where those that were not sampled have less than a
-  hundredth of the probability together.
+* ``explained``: one set of causes has 95 % of what the catalogue's sets have together, the tests find nothing left
+  once it is adopted, and its fit breaks no law that holds whatever the causes are (`psafit.diagnose.laws`). That no
+  other set does as well is said only where those that were not sampled have less than a hundredth of the probability
+  together.
 * ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
 * ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
   cause.
@@ -14,10 +15,12 @@ Probabilities are those of `psafit.model_search.ladder`: a set stands for its su
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
+from psafit.diagnose.record import Broken
 from psafit.model_search import Ids, Ladder
 from psafit.model_search.ladder import CREDIBLE
 from psafit.text import fixed, significant
@@ -60,7 +63,14 @@ class Verdict:
     remains: bool = False
 
 
-def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftover, bare: Leftover) -> Verdict:
+def conclude(
+    ladder: Ladder,
+    before: Misfit,
+    after: Misfit | None,
+    left: Leftover,
+    bare: Leftover,
+    laws: Sequence[Broken] = (),
+) -> Verdict:
     """Draw the conclusion.
 
     Parameters
@@ -72,6 +82,8 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         Of the leader, where that is not the baseline.
     left, bare : Leftover
         Of the leader, and of the baseline.
+    laws : sequence of Broken
+        Laws that the leader breaks.
     """
     beside, instead = _odds(ladder, left, bare)
     unnamed = (beside + instead) / (1 + beside + instead)
@@ -128,6 +140,9 @@ def conclude(ladder: Ladder, before: Misfit, after: Misfit | None, left: Leftove
         )
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
     what = " + ".join(named)
+    if laws:
+        reasons.append(f"{what} fits, but cannot be the answer: it breaks a law that holds whatever the causes are.")
+        return Verdict("unexplained", named, (), probability, unnamed, inclusion, tuple(reasons))
     kept, other = unnamed >= 1 - CREDIBLE, ladder.looked_at.no_other()
     left_over = f"the tests find nothing left, but a discrepancy without a name keeps {fixed(unnamed, per_cent=True)} %"
     reasons.append(

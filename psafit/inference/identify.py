@@ -43,10 +43,10 @@ class _Likelihood(Problem):
     """
 
     @cached_property
-    def _parabolas(self) -> FloatArray:
-        found = np.tile([[0.0], [np.inf], [0.0]], self.n_dim)
+    def _shapes(self) -> FloatArray:
+        found = np.tile([[0.0], [np.inf], [0.0], [1.0], [-np.inf]], self.n_dim)
         own = slice(len(baseline.PARAMETERS), self.n_model)
-        found[:, own] = super()._parabolas[:, own]
+        found[:, own] = super()._shapes[:, own]
         return found
 
     def height(self, ends: Ascent, columns: Sequence[int]) -> FloatArray:

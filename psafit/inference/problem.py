@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
@@ -218,24 +219,46 @@ class Problem:
         return self.to_physical(u)[:, self.n_model :]
 
     @cached_property
-    def _parabolas(self) -> FloatArray:
-        """Centre, width and top of each log prior, (3, n_dim); NaN where it is no parabola."""
-        return np.array([p.parabola or (np.nan, np.nan, np.nan) for p in self.parameters]).T
+    def _shapes(self) -> FloatArray:
+        """The shape of each log prior, (5, n_dim), as `Parameter.shape` has it; NaN where it is of another kind."""
+        return np.array([p.shape or (np.nan,) * 5 for p in self.parameters]).T
 
     def log_prior(self, u: FloatArray) -> FloatArray:
         """Log prior density in the sampling coordinate, minus infinity outside the bounds; (n_sets,)."""
-        centre, width, top = self._parabolas
-        each = top - 0.5 * np.square((u - centre) / width)
+        centre, width, top, wide, broad = self._shapes
+        away = u - centre
+        each = top - 0.5 * np.square(away / width)
+        tailed = np.isfinite(broad)
+        if tailed.any():
+            tail = broad[tailed] - np.log1p(np.square(away[:, tailed] / wide[tailed]))
+            each[:, tailed] = np.logaddexp(each[:, tailed], tail)
         for i in np.flatnonzero(np.isnan(top)):
             each[:, i] = self.parameters[i].log_prior(u[:, i])
         inside = ((u >= self.bounds[:, 0]) & (u <= self.bounds[:, 1])).all(axis=1)  # False for NaN too
         return np.where(inside, each.sum(axis=1), -np.inf)
 
     def prior_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """First derivative, and negative second, of the log prior by each coordinate; (n_sets, n_dim) each."""
-        centre, width, top = self._parabolas
+        """First derivative, and negative second, of the log prior by each coordinate; (n_sets, n_dim) each.
+
+        Where the log prior bends upwards, in a tail, zero stands for the second.
+        """
+        centre, width, top, wide, broad = self._shapes
         second = np.broadcast_to(width**-2.0, u.shape).copy()
         first = (centre - u) * second
+        tailed = np.isfinite(broad)
+        if tailed.any():
+            away, half = (u - centre)[:, tailed], wide[tailed]
+            bulge = 1.0 + np.square(away / half)
+            tail = broad[tailed] - np.log(bulge)
+            part = expit(top[tailed] - 0.5 * np.square(away / width[tailed]) - tail)  # the core's share of the density
+            flat = -2.0 * away / (half**2 * bulge)
+            bent = 2.0 * (1.0 - np.square(away / half)) / np.square(half * bulge)
+            steep, curved = first[:, tailed], second[:, tailed]
+            slope = part * steep + (1.0 - part) * flat
+            first[:, tailed] = slope
+            second[:, tailed] = np.maximum(
+                part * curved + (1.0 - part) * bent - part * (1.0 - part) * np.square(steep - flat), 0.0
+            )
         h = 1e-3
         for i in np.flatnonzero(np.isnan(top)):
             inside = np.clip(u[:, i], self.bounds[i, 0] + h, self.bounds[i, 1] - h)

@@ -16,7 +16,7 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
 from psafit.model_search.fitter import ProblemFitter
-from psafit.model_search.ladder import SIZE_WEIGHTS, Ladder, log_prior, rank
+from psafit.model_search.ladder import Ladder, beliefs, log_prior, rank
 from psafit.model_search.loop import Ids, search
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
@@ -64,15 +64,15 @@ def climb(
     -------
     Ladder
     """
-    settings, n = settings or SearchSettings(), len(catalogue)
-    if not 0 < settings.most_causes < len(SIZE_WEIGHTS):
-        raise InputError(f"most_causes = {settings.most_causes}", f"choose 1 to {len(SIZE_WEIGHTS) - 1}")
+    settings, believed = settings or SearchSettings(), beliefs(catalogue)
+    if settings.most_causes < 1:
+        raise InputError(f"most_causes = {settings.most_causes}", "choose 1 or more")
     with processes(jobs, scheduler) as usable:
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
         with closing(fitter):
             found = search(
-                [t.id for t in catalogue], fitter, lambda size: log_prior(size, n), settings,
+                [t.id for t in catalogue], fitter, lambda ids: log_prior(ids, believed), settings,
                 starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate),
                 progress=progress,
             )  # fmt: skip
-    return rank(found, n, settings)
+    return rank(found, believed, settings)

@@ -1,9 +1,9 @@
 """The ladder that a search leaves: models, and a probability for each.
 
-*Prior over models.* The number of causes that matter is 0 to 6 with weights 0.4, 0.36, 0.16, 0.06, 0.015, 0.004,
-0.001, shared equally by all sets of that size in the catalogue. Half of the weight of "something is wrong" lies on one
-cause, and each further cause is about as surprising as the first. Models that were fitted and not sampled are counted
-with what the fit says, so that a leader is not certain only because its rivals were not sampled.
+*Prior over models.* Causes are at work independently of each other, each with the probability that its file declares
+and gives a reason for. Most are surprises: of two dozen such causes about one is expected. A few are not, as that a dry
+contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a leader is
+not certain only because its rivals were not sampled.
 
 *What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
 refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
@@ -14,6 +14,7 @@ at work, and nothing else that these readings show".
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,9 +25,7 @@ from psafit.inference.evidence import Weighed, weigh
 from psafit.model_search.fitter import Fitted
 from psafit.model_search.loop import Ids, Searched
 from psafit.model_search.settings import SearchSettings
-
-SIZE_WEIGHTS = (0.40, 0.36, 0.16, 0.06, 0.015, 0.004, 0.001)
-"""Prior probability of 0 to 6 causes."""
+from psafit.physics.term import Term
 
 CREDIBLE = 0.95
 """Probability of the reported set."""
@@ -74,8 +73,8 @@ class Ladder:
     log_evidence : dict
     weighed : dict
         Posterior draws and evidence of the models that were sampled; the others have Laplace's.
-    n_catalogue : int
-        Causes that were looked at.
+    beliefs : dict
+        Prior probability of each cause that was looked at; see `beliefs`.
     missed : float
         Chance that the search has missed the set that would lead.
     """
@@ -84,7 +83,7 @@ class Ladder:
     probability: dict[Ids, float]
     log_evidence: dict[Ids, float]
     weighed: dict[Ids, Weighed]
-    n_catalogue: int
+    beliefs: Mapping[str, float]
     missed: float = 0.0
 
     def of(self, ids: Ids) -> Candidate:
@@ -113,7 +112,7 @@ class Ladder:
 
     def log_prior(self, ids: Ids) -> float:
         """Log prior probability of a model."""
-        return log_prior(len(ids), self.n_catalogue)
+        return log_prior(ids, self.beliefs)
 
     def rivals(self, named: Ids) -> tuple[Ids, ...]:
         """Sets that do as well as the named one: the most probable ones, down to the last that must be listed.
@@ -150,17 +149,21 @@ class Ladder:
         return self.of(ids).log_likelihood - self.baseline.log_likelihood
 
 
-def log_prior(n_causes: int, n_catalogue: int) -> float:
-    """Log prior probability of one model with so many causes out of a catalogue."""
-    weights = SIZE_WEIGHTS[: n_catalogue + 1]
-    return math.log(weights[n_causes] / sum(weights) / math.comb(n_catalogue, n_causes))
+def beliefs(catalogue: Sequence[Term]) -> dict[str, float]:
+    """How probable each cause of a catalogue is to be at work, before any reading."""
+    return {t.id: t.probability for t in catalogue}
 
 
-def rank(searched: Searched[Fitted], n_catalogue: int, settings: SearchSettings) -> Ladder:
+def log_prior(ids: Ids, beliefs: Mapping[str, float]) -> float:
+    """Log prior probability of a set: that its causes are at work, and no other of the catalogue."""
+    return sum(math.log(p) if id in ids else math.log1p(-p) for id, p in beliefs.items())
+
+
+def rank(searched: Searched[Fitted], beliefs: Mapping[str, float], settings: SearchSettings) -> Ladder:
     """Posterior probabilities of the models, what adds nothing visible counted with what it is added to."""
     value = {ids: searched.models[ids].log_evidence for ids in sorted(searched.models, key=sorted)}
     weighed = {ids: m.content.draws for ids, m in searched.models.items() if m.content.draws is not None}
-    mass = {ids: v + log_prior(len(ids), n_catalogue) for ids, v in value.items()}
+    mass = {ids: v + log_prior(ids, beliefs) for ids, v in value.items()}
     # Evidences are known with an error; probabilities are their mean over it.
     doubt = np.array([weighed[ids].doubt if ids in weighed else settings.doubt for ids in mass])
     shaken = np.array(list(mass.values())) + doubt * np.random.default_rng(0).standard_normal((_SHAKES, len(mass)))
@@ -177,6 +180,6 @@ def rank(searched: Searched[Fitted], n_catalogue: int, settings: SearchSettings)
         probability={ids: share[ids] for ids in order},
         log_evidence=value,
         weighed=weighed,
-        n_catalogue=n_catalogue,
+        beliefs=beliefs,
         missed=settings.missed,
     )

@@ -114,7 +114,7 @@ class Searched(Generic[Content]):
 def search(
     catalogue: Sequence[str],
     fitter: Fitter[Content],
-    log_prior: Callable[[int], float],
+    log_prior: Callable[[Ids], float],
     settings: SearchSettings | None = None,
     *,
     starts: Sequence[Ids] = (),
@@ -128,7 +128,7 @@ def search(
     catalogue : sequence of str
     fitter : Fitter
     log_prior : callable
-        Log prior probability of one set of so many causes.
+        Log prior probability of a set.
     settings : SearchSettings, optional
     starts : sequence of sets
         Models to fit before all else, beside the one without causes.
@@ -145,7 +145,7 @@ def search(
     passes = functools.cache(passes)
 
     def value(model: Model[Content]) -> float:
-        return model.log_evidence + log_prior(len(model.ids))
+        return model.log_evidence + log_prior(model.ids)
 
     def shows(model: Model[Content]) -> bool:
         parts = [m.log_evidence for m in models.values() if set(m.ids) < set(model.ids)]
@@ -169,15 +169,16 @@ def search(
         keep(fitter.again([models[ids] for ids in wanted if ids in models], model))
         if neighbours is exchanged:
             found = fitter.carried(new, models, model)
-            least = max(map(value, models.values())) - 2 * settings.window
+            least = max(value(m) for m in models.values() if shows(m)) - 2 * settings.window
             new = [m.ids for m in found if value(m) >= least]
             keep(found)
         keep(fitter.short(new, models, model))
 
     while True:
-        least = max(map(value, models.values())) - settings.window
-        near = [m for m in models.values() if value(m) >= least and shows(m)]
-        leader = max(near, key=value)
+        shown = [m for m in models.values() if shows(m)]
+        leader = max(shown, key=value)
+        least = value(leader) - settings.window
+        near = [m for m in shown if value(m) >= least]
         left = [m for m in near if not m.sampled or done[m.ids] < len(kinds)]
         if not left:
             larger = [m for m in models.values() if {*m.ids} > {*leader.ids} and len(m.ids) == len(leader.ids) + 1]

@@ -18,6 +18,7 @@ from psafit.parameters import Belief, Parameter
 from psafit.physics import (
     adhesion,
     amplifier_lag,
+    anchored_stroke,
     baseline,
     drive_saturation,
     field_dependent_d33,
@@ -51,7 +52,8 @@ _BUILT_IN: tuple[Term, ...] = tuple(
     module.TERM
     for module in (
         amplifier_lag, slew_limit, start_phase,  # drive
-        field_dependent_d33, drive_saturation, hysteresis, modal_mass, stack_stiffness, stroke_tolerance,  # stack
+        anchored_stroke, field_dependent_d33, drive_saturation, hysteresis,  # stack: its stroke
+        modal_mass, stack_stiffness, stroke_tolerance,  # stack: its body
         hertz_exponent, soft_layer, hunt_crossley, indentation_damping,  # contact: its law
         no_tension, adhesion, gap, preload, repeat_impacts,  # contact: its begin and end
         flight_friction, sliding_support, swing_drag, separation_height,  # flight

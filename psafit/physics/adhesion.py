@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
 from psafit.physics.term import Check, Setup, Symptom, Term, World
 
@@ -41,16 +41,20 @@ TERM = Term(
     title="adhesion",
     equation=r"F_c \text{ holds for } d < 0 \text{ until } k_c |d| > F_\mathrm{ad}",
     description=__doc__ or "",
+    probability=0.03,
+    because="macroscopic bodies rarely stick, and a ball that sticks is noticed when it is hung",
     parameters=(
         Parameter(
             "adhesion_force",
             r"F_\mathrm{ad}",
             "N",
             Bounds(0.0, 1.0),
-            Normal(0.0, 5e-3),
+            Tailed(Normal(0.0, 5e-3)),
             "pull-off force",
             "ball of 9.4 mm radius (27 g of steel): 1.5 pi w R = 2.2 mN at w = 50 mJ/m^2, a water meniscus 4 pi R"
-            " gamma = 8.5 mN; roughness lowers both by ten or more; the edge of a tape can hold some 0.1 N",
+            " gamma = 8.5 mN; roughness lowers both by ten or more (that macroscopic faces rarely stick was read, not"
+            " by how much); the edge of a tape can hold some 0.1 N (an estimate). 1 N carries four such balls:"
+            " whoever hangs it would see it stick",
             neutral=0.0,
         ),
     ),

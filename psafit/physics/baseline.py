@@ -20,8 +20,9 @@ PARAMETERS: tuple[Parameter, ...] = (
         Bounds(1e3, 1e9),
         LogNormal(1e6, 10.0),
         "contact stiffness",
-        "Hertz contact of a 27 g steel ball (radius 9.4 mm) on ceramic at 0.1-1 N: (6 E*^2 R F)^(1/3) = 2-5 MN/m"
-        " (Johnson, Contact Mechanics, 1985, eq. 4.23-4.24); paper or tape on the ball softens it tenfold or more",
+        "Hertz contact of a 27 g steel ball (radius 9.4 mm) on ceramic: 4/3 E* sqrt(R) = 6.7e9 N/m^1.5, that is 6.7"
+        " MN/m at a micrometre (Johnson, Contact Mechanics, 1985, eq. 4.23-4.24); a rough or glued face has a third"
+        " of it, paper or tape a tenth or less",
     ),
     Parameter(
         "c_s",
@@ -30,8 +31,9 @@ PARAMETERS: tuple[Parameter, ...] = (
         Bounds(1.0, 1e6),
         LogNormal(1e3, 10.0),
         "structural damping of the stack",
-        "2 zeta sqrt(k_s m): 10-50 N s/m for the loss tangent of a soft PZT (0.01-0.05); the study lets it stand in"
-        " for hysteresis as well (Section 3.1), hence the wide upper side",
+        "2 zeta sqrt(k_s m), zeta = tan(delta)/2: 5-25 N s/m for the loss tangent of a soft PZT (0.01-0.05), some"
+        " hundreds with glue and clamp; the study lets it stand in for hysteresis (Section 3.1) and finds 14,000, hence"
+        " the wide prior. Thousands are no damping but a lag c_s/k_s, and stand for something else",
     ),
     Parameter(
         "c_c",

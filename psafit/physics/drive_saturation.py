@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 
@@ -34,13 +34,15 @@ TERM = Term(
     title="stroke saturates",
     equation=r"F_e = k_s q u / \sqrt{1 + (b u)^2}",
     description=__doc__ or "",
+    probability=0.02,
+    because=("strokes of the data sheet are proportional up to 150 V; only an output stage near its supply would clip"),
     parameters=(
         Parameter(
             "saturation_b",
             "b",
             "1/V",
             Bounds(0.0, 0.5),
-            Normal(0.0, 0.005),
+            Tailed(Normal(0.0, 0.005)),
             "one over the voltage at which the stroke saturates",
             "the strain of soft PZT is still rising at 1-2 kV/mm (Uchino 1997), 100-200 V on 0.1 mm layers, and the"
             " data sheet's strokes at 100 and 150 V are proportional: U_sat > 150 V; an output stage meant for +-20 V"

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 
@@ -40,10 +40,10 @@ TERM = Term(
             "a_f",
             "m/s^2",
             Bounds(0.0, 1.0),
-            Normal(0.0, 0.02),
+            Tailed(Normal(0.0, 0.02)),
             "constant deceleration of the swing",
             "mu g r/l with mu = 0.2 and a support of radius 0.1-1 mm: 0.002-0.02 m/s^2; friction terms of real"
-            " pendulums in Squire (1986)",
+            " pendulums in Squire (1986, not read). 1 m/s^2 is mu = 1 on a support of a tenth of the string",
             neutral=0.0,
         ),
     ),

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
 from psafit.physics.term import Check, Setup, Symptom, Term, World
 
@@ -40,16 +40,19 @@ TERM = Term(
     title="gap at rest",
     equation=r"d = x_1 - x_2 - g_0",
     description=__doc__ or "",
+    probability=0.05,
+    because="the study has the ball contacting exactly; placed by hand, within a micrometre",
     parameters=(
         Parameter(
             "gap_width",
             "g_0",
             "m",
             Bounds(0.0, 2e-5),
-            Normal(0.0, 1e-6),
+            Tailed(Normal(0.0, 1e-6)),
             "distance of the ball from the tip at rest",
             "touch is judged by eye or by the vibrometer's first motion, 0.1-2 um; the ball's rest motion is of the"
-            " same size; a gap beyond the 2.4 um stroke would leave 20 V without effect",
+            " same size; 20 um is more than the stroke at the full 150"
+            " V (17.4 um): nothing would ever be launched",
             neutral=0.0,
         ),
     ),

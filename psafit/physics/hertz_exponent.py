@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 D_0 = 1e-6
@@ -50,16 +50,19 @@ TERM = Term(
     title="Hertzian contact",
     equation=r"F = k_c d \, (|d|/d_0)^{n-1} + c_c \dot d, \quad d_0 = 1\,\mu\mathrm{m}",
     description=__doc__ or "",
+    probability=0.7,
+    because="a ball on a flat face is Hertzian by geometry, unless paper or tape lies between",
     parameters=(
         Parameter(
             "hertz_n",
             "n",
             "1",
             Bounds(1.0, 3.0),
-            Normal(1.0, 0.5),
+            Tailed(Normal(1.5, 0.15)),
             "exponent of the contact force",
-            "1.5 for a sphere on a flat (Johnson, Contact Mechanics, 1985, eq. 4.23); 1 flat punch; 2 cone; up to 3 for"
-            " rough or layered surfaces (Greenwood and Tripp 1967)",
+            "1.5 for a sphere on a flat (Johnson, Contact Mechanics, 1985, eq. 4.23); more where faces are rough"
+            " (Greenwood and Tripp 1967 was not read; how much is not verified). 1 is a flat punch, and nothing"
+            " elastic is below; 2 is a cone, and 3 is beyond every shape that a ball on a face can have",
             neutral=1.0,
         ),
     ),

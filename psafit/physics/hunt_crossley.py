@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 
@@ -49,10 +49,11 @@ TERM = Term(
             r"\lambda",
             "s/m",
             Bounds(0.0, 1000.0),
-            Normal(0.0, 20.0),
+            Tailed(Normal(0.0, 20.0)),
             "damping over elastic force, per rate of indentation",
-            "hard metals 0.12-0.5 s/m (alpha = 0.08-0.32 s/m, Hunt and Crossley 1975); a lossy film that keeps e ="
-            " 0.5-0.9 at the tip's 2 cm/s needs 3(1 - e^2)/(4 v) = 7-28 s/m (Lankarani and Nikravesh 1990)",
+            "hard metals 0.12-0.5 s/m (alpha = 0.08-0.32 s/m, from memory of Hunt and Crossley 1975); a lossy film"
+            " that keeps e = 0.5-0.9 at the tip's 2 cm/s needs 3(1 - e^2)/(4 v) = 7-28 s/m (Lankarani and Nikravesh"
+            " 1990)",
             neutral=0.0,
         ),
     ),

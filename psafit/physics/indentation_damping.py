@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 D_0 = 1e-6
@@ -58,9 +58,10 @@ TERM = Term(
             "p",
             "1",
             Bounds(0.0, 1.5),
-            Normal(0.0, 0.5),
+            Tailed(Normal(0.0, 0.5)),
             "exponent of the damping's growth with indentation",
-            "1/4 (Tsuji, Tanaka and Ishida 1992), 1/2 (Kuwabara and Kono 1987), 1-3/2 (Hunt and Crossley 1975)",
+            "1/4 (Tsuji, Tanaka and Ishida 1992), 1/2 (Kuwabara and Kono 1987), 1-3/2 (Hunt and Crossley 1975), of"
+            " all of which abstracts at most were read; no law of the literature grows faster than 3/2",
             neutral=0.0,
         ),
     ),

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Parameter, Uniform
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
 from psafit.physics.term import Check, Setup, Symptom, Term, World
 
@@ -40,13 +40,15 @@ TERM = Term(
     title="contact cannot pull",
     equation=r"F_c \to (1 - s) F_c \text{ where } F_c < 0,\ d \ge 0",
     description=__doc__ or "",
+    probability=0.9,
+    because="a dry contact does not pull; the study describes none but a dry one",
     parameters=(
         Parameter(
             "no_tension_s",
             "s",
             "1",
             Bounds(0.0, 1.0),
-            Uniform(),
+            Tailed(Normal(1.0, 0.05)),
             "part of the contact's pull that is absent",
             "1 for dry solids (Brogliato, Nonsmooth Mechanics, 2016, ch. 2: the pull of a Kelvin-Voigt contact is an"
             " artefact); less where a film or tape lies between",

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 
@@ -42,13 +42,15 @@ TERM = Term(
     title="gain of each session",
     equation=r"L_\mathrm{read} = L e^{s z_g}, \quad z_g \sim \mathcal{N}(0, 1)",
     description=__doc__ or "",
+    probability=0.08,
+    because="sessions differ: a ball hung anew, a laser aimed anew",
     parameters=(
         Parameter(
             "reading_gain_spread",
             "s",
             "1",
             Bounds(0.0, 0.5),
-            Normal(0.0, 0.1),
+            Tailed(Normal(0.0, 0.1)),
             "spread of the sessions' gains, in logarithms",
             "decoder 1 %, beam 5-15 degrees off 0.4-3 %; a ball hung anew, struck off centre or with other tape, some"
             " 10 % (the study: the range depends strongly on the load conditions, Section 2.2)",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 
@@ -46,7 +46,7 @@ TERM = Term(
             "b",
             "m",
             Bounds(0.0, 1e-5),
-            Normal(0.0, 3e-7),
+            Tailed(Normal(0.0, 3e-7)),
             "rest motion that adds to every reading",
             "a ball on a 90 mm string over a laboratory floor moves by 0.1-1 um at 1.7 Hz; the vibrometer's own"
             " resolution (Table 1: 0.05 pm) is far below",

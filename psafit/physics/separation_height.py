@@ -1,11 +1,12 @@
-r"""A swing that starts where the ball left the tip.
+r"""A swing that starts where the ball left the tip, and a ball that stays on it.
 
 .. math:: L_r^2 = v^2 l/g + w\, x_2^2 \quad \text{(small angles)}.
 
 The tip carries the ball some way before they part; there the pendulum already has the potential energy of :math:`x_2`,
 which the study neglects (Section 3.3). Mechanics asks for :math:`w = 1` when the string hangs plumb at the contact
-plane and the range is read from there; less when the rest place of the reading moves along. Matters where :math:`x_2`,
-at most 2.4 um plus indentation, is comparable with the range.
+plane and the range is read from there; less when the zero of the reading moves along. A ball that makes no hop then
+reads :math:`\sqrt w` times the highest place to which the tip carries it. Matters where :math:`x_2`, at most 2.4 um
+plus indentation, is comparable with the range.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Parameter, Uniform
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.term import Check, Symptom, Term, World
 
 
@@ -40,13 +41,15 @@ TERM = Term(
     title="height at separation",
     equation=r"L_r^2 = v^2 l/g + w x_2^2",
     description=__doc__ or "",
+    probability=0.9,
+    because="a vibrometer reads displacement from rest: the place counts, whatever the study's equations neglect",
     parameters=(
         Parameter(
             "separation_weight",
             "w",
             "1",
             Bounds(0.0, 1.0),
-            Uniform(),
+            Tailed(Normal(1.0, 0.1)),
             "weight of the ball's place at separation in the swing's energy",
             "1 by conservation of energy, 0 by the study's neglect (Section 3.3); between where the reading's zero"
             " follows the ball",

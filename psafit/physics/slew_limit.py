@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
 from psafit.physics.term import Check, Setup, Symptom, Term, World
 
@@ -42,10 +42,11 @@ TERM = Term(
             "1/S",
             "s/V",
             Bounds(0.0, 1e-3),
-            Normal(0.0, 2e-5),
+            Tailed(Normal(0.0, 2e-5)),
             "one over the largest rate of the voltage",
-            "current limits of piezo amplifiers, 20 mA (bench-top controllers) to 1 A (power amplifiers), into 1.5 uF"
-            " (Table 1): S = 1.3e4-6.7e5 V/s, 1/S = 1.5e-6-7.5e-5 s/V",
+            "current limits of piezo amplifiers, 20 mA (bench-top controllers) to 1 A (power amplifiers), into 1.5"
+            " uF (Table 1): S = 1.3e4-6.7e5 V/s, 1/S = 1.5e-6-7.5e-5 s/V. Beyond 1e-3 s/V, 1.5 mA, the rise to 20 V"
+            " takes 20 ms and no reading would depend on the waveform",
             neutral=0.0,
         ),
     ),

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, LogNormal, Parameter
+from psafit.parameters import Bounds, LogNormal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
 from psafit.physics.term import Check, Setup, Symptom, Term, World
 
@@ -46,7 +46,7 @@ TERM = Term(
             "r_k",
             "1",
             Bounds(0.05, 5.0),
-            LogNormal(0.9, 1.3),
+            Tailed(LogNormal(0.9, 1.3)),
             "stiffness over the data sheet's",
             "data sheets give stack stiffness to about 20 % (935 N over 17.4 um would be 53.7 N/um beside the stated"
             " 48.9); 20-200 um of cyanoacrylate (1.5 GPa) under 25 mm^2 are 1.9e9-1.9e8 N/m in series: r_k = 0.97-0.8",

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.parameters import Bounds, Normal, Parameter
+from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
 from psafit.physics.term import Check, Setup, Symptom, Term, World
 
@@ -42,7 +42,7 @@ TERM = Term(
             r"\phi_0",
             "rad",
             Bounds(-math.pi / 2, math.pi / 2),
-            Normal(0.0, 0.3),
+            Tailed(Normal(0.0, 0.3)),
             "phase at which the sine starts",
             "generators in burst mode start at a set phase, 0 by default; output filters and trigger delays of some"
             " 10 us turn a 1 kHz sine by 0.1 rad; a free-running generator would start anywhere",

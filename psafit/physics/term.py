@@ -23,6 +23,7 @@ from psafit.arrays import FloatArray
 from psafit.experiment import Constants
 from psafit.parameters import Parameter
 
+Memory = Callable[[float, float, float], float]
 Slot = Literal["drive", "stack", "contact", "flight", "reading"]
 Trend = Literal["grows", "falls", "flat", "mixed"]
 SLOTS: tuple[Slot, ...] = ("drive", "stack", "contact", "flight", "reading")
@@ -57,13 +58,17 @@ class Setup:
     gap : array, m
         Distance of the ball from the tip at rest.
     lean : array, m
-        How far the pendulum's equilibrium lies behind the contact plane: the ball presses with ``M g lean/l``.
+        How far the pendulum's equilibrium lies behind the ball's place of rest: the ball presses with ``M g lean/l``.
     bond : array, N
         The contact holds past d = 0 until ``k_c |d|`` exceeds it.
     pull : array
         What is left of a negative contact force while d >= 0; 1: all of it.
     cycles : array
-        Periods of the drive within which the tip may strike a launched ball again; 0: one contact.
+        Periods of the drive within which the tip may strike a launched ball again, unless the ball has reached the
+        apex of its hop before; 0: one contact.
+    rub : array, m/s^2
+        Friction of what the ball slides on, over its mass: against its motion in contact, between strikes and in
+        flight; a ball at rest is held by up to as much.
     """
 
     k_c: FloatArray
@@ -83,6 +88,7 @@ class Setup:
     bond: FloatArray
     pull: FloatArray
     cycles: FloatArray
+    rub: FloatArray
 
     @classmethod
     def of(cls, constants: Constants, theta: FloatArray) -> Setup:
@@ -115,9 +121,10 @@ class World:
     Parameters
     ----------
     stroke : callable
-        ``stroke(u)``: free displacement, m, of the stack at voltage `u`; the drive's force is ``k_s (stroke - z)``.
-    memory_rate : callable
-        ``memory_rate(z, u, du)``: rate, m/s, of the hysteresis state `z` (m) at voltage `u` (V), rate `du` (V/s).
+        ``stroke(u)``: free displacement, m, of the stack at voltage `u`; the drive's force is ``k_s (stroke - sum z)``.
+    memories : list of callable
+        Each ``rate(z, u, du)``: rate, m/s, of a hysteresis state `z` (m) of its own, at voltage `u` (V) and its rate
+        `du` (V/s).
     elastic, damping : callable
         ``elastic(d, rate)``, ``damping(d, rate)``: the two parts of the contact force, N.
     deceleration : callable
@@ -145,8 +152,9 @@ class World:
     bond: float = 0.0
     pull: float = 1.0
     cycles: float = 0.0
+    rub: float = 0.0
     stroke: Callable[[float], float] = field(init=False)
-    memory_rate: Callable[[float, float, float], float] = field(init=False)
+    memories: list[Memory] = field(default_factory=list)
     elastic: Callable[[float, float], float] = field(init=False)
     damping: Callable[[float, float], float] = field(init=False)
     deceleration: Callable[[float, float], float] = field(init=False)
@@ -155,7 +163,6 @@ class World:
 
     def __post_init__(self) -> None:
         self.stroke = lambda u: self.q * u
-        self.memory_rate = lambda z, u, du: 0.0
         self.elastic = lambda d, rate: self.k_c * d
         self.damping = lambda d, rate: self.c_c * rate
         self.deceleration = lambda x, v: 0.0
@@ -227,6 +234,11 @@ class Term:
     checks : tuple of Check
     literal : callable
         ``literal(world, p)`` edits a `World` for the scalar reference; `p` as floats.
+    probability : float
+        How probable it is, before any reading, that the cause is at work. The default expects one surprise in a
+        catalogue of two dozen causes.
+    because : str
+        Why, where that is not the default.
     setup : callable, optional
         ``setup(rig, p)`` returns the changed `Setup`; `p` is (n_sets, n_parameters).
     law : callable, optional
@@ -262,6 +274,8 @@ class Term:
     reference: str
     checks: tuple[Check, ...]
     literal: Callable[[World, Sequence[float]], None]
+    probability: float = 0.04
+    because: str = ""
     setup: Callable[[Setup, FloatArray], Setup] | None = None
     law: Callable[[float, float, Any, Any], None] | None = None
     stack_factor: Callable[[float, Any], float] | None = None
@@ -283,6 +297,8 @@ class Term:
         for parameter in self.parameters:
             if parameter.neutral is None and parameter is self.parameters[0]:
                 raise ValueError(f"{self.id}: parameter {parameter.name} has no neutral value")
+        if not 0.0 < self.probability < 1.0:
+            raise ValueError(f"{self.id}: probability {self.probability} is not between 0 and 1")
         if not self.checks:
             raise ValueError(f"{self.id}: no check by hand")
         if not self.faces:
@@ -308,9 +324,9 @@ class Term:
 
     @property
     def determinants(self) -> list[Any]:
-        """What a search among causes knows it by: the signature, and those of its parameters, priors included."""
+        """What a search among causes knows it by: the signature, its probability, and those of its parameters."""
         latent = [self.latent] if self.latent else []
-        return [self.signature, *(p.signature for p in (*self.parameters, *latent))]
+        return [self.signature, self.probability, *(p.signature for p in (*self.parameters, *latent))]
 
     @property
     def stepped(self) -> bool:

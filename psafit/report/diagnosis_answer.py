@@ -94,7 +94,10 @@ def _few(p: float, n: int = 0) -> str:
 
 def wrong(result: Diagnosis, experiment: Experiment) -> Markup:
     """What is wrong, and why: the causes, how sure that is, how large they are; and readings that stand out."""
-    return _why(result) + _outliers(result, experiment) + Markup(" {}").format(result.restricted)
+    laws = Markup("").join(
+        Markup(" <strong>{}</strong>").format(told.replace(" um,", f"{NBSP}µm,")) for told in result.breaks
+    )
+    return _why(result) + laws + _outliers(result, experiment) + Markup(" {}").format(result.restricted)
 
 
 def _outliers(result: Diagnosis, experiment: Experiment) -> Markup:
@@ -168,6 +171,8 @@ def _why(result: Diagnosis) -> Markup:
     simpler = any("a smooth curve in its place is simpler" in told for told in result.sentences)
     remains = result.misfit.get("remains", not simpler)  # an older record says so in its sentences alone
     why = "structure remains that no cause describes" if remains else "a smooth curve in its place is more probable"
+    if not remains and any(set(b.terms) == set(result.named) for b in result.laws):
+        why = "it breaks a law that holds whatever the causes are"
     return head + Markup("The best extension is {}{}, but {} (probability of an unnamed discrepancy {}).{}{}").format(
         named, share, why, words.share(result.unnamed), _sizes(result) + _implausible(result), also
     )

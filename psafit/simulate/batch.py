@@ -127,7 +127,9 @@ def path_of(terms: Sequence[Term]) -> str:
 def _needs_steps(rig: Setup) -> NDArray[np.bool_]:
     """Where the motion is not one linear phase from rest to separation."""
     turned = (rig.phase < 0.0) | (rig.phase > 0.5 * np.pi)
-    return (rig.inverse_slew > 0.0) | (rig.gap > 0.0) | (rig.pull != 1.0) | (rig.cycles > 0.0) | turned
+    return (
+        (rig.inverse_slew > 0.0) | (rig.gap > 0.0) | (rig.pull != 1.0) | (rig.cycles > 0.0) | (rig.rub > 0.0) | turned
+    )
 
 
 def _contact(
@@ -178,7 +180,8 @@ def _contact(
     if exact.size:
         when[exact], speed[exact], place[exact], status[exact] = closed_form.separation(design, rig.take(exact), placed)
         # A ball that its pendulum draws after the retreating tip is not launched yet: only steps follow it further.
-        back = status == closed_form.DRAWN_BACK
+        # Nor do their places count that it does not leave.
+        back = (status == closed_form.DRAWN_BACK) | (placed & (status == closed_form.NO_SEPARATION))
         back[stepped] = False
         rows = np.flatnonzero(back.any(axis=1))
         if rows.size:
@@ -284,7 +287,19 @@ def _simulate(
     swung = np.empty(speed.shape)
     steps = flight.STEPS if tolerance <= stepper.TOLERANCE else flight.FEW_STEPS
     flight.swing(
-        speed, place, status, rig.l, rig.g, rig.lean, weight, loss[0], loss[1], np.ascontiguousarray(sets), steps, swung
+        speed,
+        place,
+        status,
+        rig.l,
+        rig.g,
+        rig.lean,
+        rig.rub,
+        weight,
+        loss[0],
+        loss[1],
+        np.ascontiguousarray(sets),
+        steps,
+        swung,
     )
     for k, term in enumerate(terms):
         if term.reading:

@@ -25,6 +25,8 @@ def declaration(term: Term) -> CauseEntry:
         reference=term.reference,
         checks=[check.working for check in term.checks],
         path=path_of([term]),
+        probability=term.probability,
+        because=term.because,
         plugin=term.plugin,
     )  # fmt: skip
 

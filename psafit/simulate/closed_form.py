@@ -458,7 +458,7 @@ def _square(pole, weight, lead, n_roots, f, volt, lift, horizon, placed, amplitu
 
 
 def _launch(  # type: ignore[no-untyped-def]
-    pole, weight, lead, roots, spring, damper, lift, seat, phase, horizon, placed, square, frequency, voltage,
+    pole, weight, lead, roots, spring, damper, lift, phase, horizon, placed, square, frequency, voltage,
     when, speed, where, status,
 ):  # fmt: skip
     n_sets, n_points = when.shape
@@ -489,7 +489,7 @@ def _launch(  # type: ignore[no-untyped-def]
                 continue
             when[i, j] = t
             speed[i, j] = spring[i] * once - damper[i] * lift[i]
-            where[i, j] = spring[i] * twice + damper[i] * once - seat[i]
+            where[i, j] = spring[i] * twice + damper[i] * once
             status[i, j] = LAUNCHED if speed[i, j] > 0.0 else DRAWN_BACK
 
 
@@ -516,7 +516,8 @@ def separation(
     design : Design
         Measurement conditions.
     rig : Setup
-        ``k_c > 0``, dampings >= 0; no gap, no slew limit, ``0 <= phase <= pi/2``, ``pull = 1``, ``cycles = 0``.
+        ``k_c > 0``, dampings >= 0; no gap, no slew limit, ``0 <= phase <= pi/2``, ``pull = 1``, ``cycles = 0``,
+        ``rub = 0``.
     placed : bool
         Whether the ball's place is needed; it is meaningless otherwise.
     """
@@ -535,7 +536,7 @@ def separation(
             found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in (when, speed, where, status))
             launch(
                 batch.pole, batch.weight, batch.lead, batch.roots, one.k_c / one.M, one.c_c / one.M,
-                (press + one.bond) / one.k_c, press * (1 / one.k_s + 1 / one.k_c), one.phase,
+                (press + one.bond) / one.k_c, one.phase,
                 contact_horizon(one.k_c, one.M), placed, design.waveform == SQUARE, design.frequency,
                 design.amplitude, *found,
             )  # fmt: skip

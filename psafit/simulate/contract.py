@@ -399,13 +399,13 @@ def _word(value: Any) -> str:
 
 
 def moved(cause: Term, design: Design) -> Outcome:
-    """Every parameter moves the prediction: from a plausible value to one that the prior exceeds once in ten times."""
+    """Every parameter moves the prediction: from a plausible value to one of the two that bound 80 % of its prior."""
     usual = plausible(cause)
     sizes = {}
     for i, p in enumerate(cause.parameters):
-        changed = usual.copy()
-        changed[i] = p.to_physical(p.prior_quantile(0.9))
-        sizes[p.name] = max(_shift(cause, design, theta, changed, usual) for theta in RIGS.values())
+        changed = np.array([usual, usual])
+        changed[:, i] = p.to_physical(p.prior_quantile([0.1, 0.9]))
+        sizes[p.name] = max(_shift(cause, design, theta, row, usual) for theta in RIGS.values() for row in changed)
     if cause.latent:
         sizes[cause.latent.name] = float(np.abs(effect(cause, design).log_change).max(axis=1).min())
     least = {name: 1e-3 if cause.latent and name == cause.latent.name else 1e-4 for name in sizes}

@@ -5,9 +5,13 @@ the pendulum's lowest point, at the height :math:`h_s = l - \sqrt{l^2 - s^2}`,
 
 .. math:: L_r = \sqrt{H (2l - H)} - x_0, \qquad H = h + h_s ,
 
-which keeps its digits for microscopic swings. Losses (`Term.deceleration`) are integrated with the fifth-order method
-of Dormand and Prince in steps of at most a fortieth of the rise, with an error of 1e-10, or of a twelfth, with one of
-3e-8, where that will do; the last step's length is found by Newton's method.
+and this is what a vibrometer reads: the ball's displacement from its rest at the apex of the first hop. A flight that
+the tip ends before its apex is no hop; `stepper` sees to that. A ball that makes none reads the highest place to which
+the tip carried it. The study leaves the place at separation out (:math:`h_s = 0`), and so does the baseline.
+
+The form keeps its digits for microscopic swings. Losses (`Term.deceleration`, friction) are integrated with the
+fifth-order method of Dormand and Prince in steps of at most a fortieth of the rise, with an error of 1e-10, or of a
+twelfth, with one of 3e-8, where that will do; the last step's length is found by Newton's method.
 """
 
 from __future__ import annotations
@@ -22,38 +26,40 @@ STEPS, FEW_STEPS = 40, 12
 
 
 @compiled
-def _loss(x, v, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
-    """Deceleration by all causes."""
-    total = 0.0
+def _loss(x, v, rub, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
+    """Deceleration by friction and by the functions of all causes."""
+    total = rub
     for k in range(len(loss_at)):
         total += call_deceleration(loss_at[k], x, v, theta_at + loss_p[k])
     return total
 
 
 @compiled
-def _slow(x, v, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
+def _slow(x, v, angle, length, g, rub, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
     """Rate of the speed along the arc."""
-    return -g * math.sin(angle + x / length) - _loss(x, v, loss_at, loss_p, theta_at)
+    return -g * math.sin(angle + x / length) - _loss(x, v, rub, loss_at, loss_p, theta_at)
 
 
 @compiled
-def _step(x, v, h, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
+def _step(x, v, h, angle, length, g, rub, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
     """One step of Dormand and Prince's fifth-order method (J. Comp. Appl. Math. 6 (1980) 19)."""
-    a1 = _slow(x, v, angle, length, g, loss_at, loss_p, theta_at)
+    a1 = _slow(x, v, angle, length, g, rub, loss_at, loss_p, theta_at)
     v2 = v + h * a1 / 5.0
-    a2 = _slow(x + h * v / 5.0, v2, angle, length, g, loss_at, loss_p, theta_at)
+    a2 = _slow(x + h * v / 5.0, v2, angle, length, g, rub, loss_at, loss_p, theta_at)
     v3 = v + h * (3.0 * a1 + 9.0 * a2) / 40.0
-    a3 = _slow(x + h * (3.0 * v + 9.0 * v2) / 40.0, v3, angle, length, g, loss_at, loss_p, theta_at)
+    a3 = _slow(x + h * (3.0 * v + 9.0 * v2) / 40.0, v3, angle, length, g, rub, loss_at, loss_p, theta_at)
     v4 = v + h * (44.0 * a1 - 168.0 * a2 + 160.0 * a3) / 45.0
-    a4 = _slow(x + h * (44.0 * v - 168.0 * v2 + 160.0 * v3) / 45.0, v4, angle, length, g, loss_at, loss_p, theta_at)
+    a4 = _slow(
+        x + h * (44.0 * v - 168.0 * v2 + 160.0 * v3) / 45.0, v4, angle, length, g, rub, loss_at, loss_p, theta_at
+    )
     v5 = v + h * (19372.0 * a1 - 76080.0 * a2 + 64448.0 * a3 - 1908.0 * a4) / 6561.0
     x5 = x + h * (19372.0 * v - 76080.0 * v2 + 64448.0 * v3 - 1908.0 * v4) / 6561.0
-    a5 = _slow(x5, v5, angle, length, g, loss_at, loss_p, theta_at)
+    a5 = _slow(x5, v5, angle, length, g, rub, loss_at, loss_p, theta_at)
     v6 = v + h * (9017.0 / 3168.0 * a1 - 355.0 / 33.0 * a2 + 46732.0 / 5247.0 * a3 + 49.0 / 176.0 * a4
                   - 5103.0 / 18656.0 * a5)  # fmt: skip
     x6 = x + h * (9017.0 / 3168.0 * v - 355.0 / 33.0 * v2 + 46732.0 / 5247.0 * v3 + 49.0 / 176.0 * v4
                   - 5103.0 / 18656.0 * v5)  # fmt: skip
-    a6 = _slow(x6, v6, angle, length, g, loss_at, loss_p, theta_at)
+    a6 = _slow(x6, v6, angle, length, g, rub, loss_at, loss_p, theta_at)
     w1, w3, w4, w5, w6 = 35.0 / 384.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0
     return (
         x + h * (w1 * v + w3 * v3 + w4 * v4 + w5 * v5 + w6 * v6),
@@ -62,27 +68,27 @@ def _step(x, v, h, angle, length, g, loss_at, loss_p, theta_at):  # type: ignore
 
 
 @compiled
-def _rise(v, start, length, g, loss_at, loss_p, theta_at, n_steps):  # type: ignore[no-untyped-def]
+def _rise(v, start, length, g, rub, loss_at, loss_p, theta_at, n_steps):  # type: ignore[no-untyped-def]
     """Angle at which a swing with losses turns back; at most a right angle."""
     angle = math.asin(min(max(start / length, -1.0), 1.0))
     # No longer than the free pendulum's quarter period, nor than the loss alone needs to stop the ball.
     span = 0.5 * math.pi * math.sqrt(length / g)
-    slow = -_slow(0.0, v, angle, length, g, loss_at, loss_p, theta_at)
+    slow = -_slow(0.0, v, angle, length, g, rub, loss_at, loss_p, theta_at)
     if slow > 0.0:
         span = min(span, 2.0 * v / slow)
     h = span / n_steps
     x = 0.0
     for _ in range(100 * n_steps):
-        new_x, new_v = _step(x, v, h, angle, length, g, loss_at, loss_p, theta_at)
+        new_x, new_v = _step(x, v, h, angle, length, g, rub, loss_at, loss_p, theta_at)
         if new_v <= 0.0:
             last = h
             for _ in range(20):
-                slope = _slow(new_x, new_v, angle, length, g, loss_at, loss_p, theta_at)
+                slope = _slow(new_x, new_v, angle, length, g, rub, loss_at, loss_p, theta_at)
                 change = new_v / slope
                 if not abs(change) > 1e-10 * h:
                     break
                 last = min(max(last - change, 0.0), 2.0 * h)
-                new_x, new_v = _step(x, v, last, angle, length, g, loss_at, loss_p, theta_at)
+                new_x, new_v = _step(x, v, last, angle, length, g, rub, loss_at, loss_p, theta_at)
             return min(angle + new_x / length, 0.5 * math.pi)
         x, v = new_x, new_v
         if angle + x / length >= 0.5 * math.pi:
@@ -91,16 +97,13 @@ def _rise(v, start, length, g, loss_at, loss_p, theta_at, n_steps):  # type: ign
 
 
 @compiled
-def swing(speed, place, status, length, g, lean, weight, loss_at, loss_p, theta, n_steps, out):  # type: ignore[no-untyped-def]
-    """Launch ranges, m, (n_sets, n_points), into `out`; zero where the ball was not launched."""
+def swing(speed, place, status, length, g, lean, rub, weight, loss_at, loss_p, theta, n_steps, out):  # type: ignore[no-untyped-def]
+    """Launch ranges, m, (n_sets, n_points), into `out`; see the module."""
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
     for i in range(speed.shape[0]):
         l, x_0 = length[i], lean[i]
         for j in range(speed.shape[1]):
-            if status[i, j] != LAUNCHED:
-                out[i, j] = 0.0
-                continue
             v = speed[i, j]
             start = 0.0
             if x_0 > 0.0:
@@ -108,9 +111,13 @@ def swing(speed, place, status, length, g, lean, weight, loss_at, loss_p, theta,
             elif weight[i] > 0.0:
                 start = math.sqrt(weight[i]) * place[i, j]
             start = min(max(start, -l), l)
+            if status[i, j] != LAUNCHED:
+                # No hop: what the tip carried the ball to, where the place counts.
+                out[i, j] = max(start - x_0, 0.0)
+                continue
             # Causes at their neutral values lose nothing, to the last digit.
-            if _loss(0.0, v, loss_at, loss_p, first + i * stride) != 0.0:
-                top = _rise(v, start, l, g[i], loss_at, loss_p, first + i * stride, n_steps)
+            if _loss(0.0, v, rub[i], loss_at, loss_p, first + i * stride) != 0.0:
+                top = _rise(v, start, l, g[i], rub[i], loss_at, loss_p, first + i * stride, n_steps)
                 out[i, j] = l * math.sin(top) - x_0
             else:
                 height = v * v / (2.0 * g[i]) + start * start / (l + math.sqrt(l * l - start * start))

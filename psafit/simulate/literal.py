@@ -3,11 +3,14 @@ r"""Scalar reference of the extended model: one trajectory at a time, to the las
 The causes edit a `World`; this module integrates that world literally, as the ordinary differential equations
 
 .. math::
-    m \ddot x_1 &= -c_s \dot x_1 - k_s x_1 + k_s (S(u) - z) - F_c, \qquad M \ddot x_2 = F_c - P_0, \\
+    m \ddot x_1 &= -c_s \dot x_1 - k_s x_1 + k_s (S(u) - \textstyle\sum z) - F_c, \qquad M \ddot x_2 = F_c - P_0 - R, \\
     F_c &= F_\mathrm{elastic}(d, \dot d) + F_\mathrm{damping}(d, \dot d), \qquad d = x_1 - x_2 - g_0, \\
-    \dot u &= \text{lag and slew of the amplifier}, \qquad \dot z = \texttt{memory\_rate}(z, u, \dot u),
+    \dot u &= \text{lag and slew of the amplifier}, \qquad \dot z_i = \texttt{memories}_i(z_i, u, \dot u),
 
-with :math:`P_0 = M g x_0/l`. It knows no closed form of the motion and shares no code with the batch simulator.
+with :math:`P_0 = M g x_0/l` and Coulomb's friction :math:`R = M r \operatorname{sgn}\dot x_2`, which holds a ball at
+rest by up to :math:`M r`. The launch range is the apex of the first hop, from the ball's rest: a flight that the tip
+ends before its apex is none. A ball that makes no hop reads the highest place to which the tip carried it, where its
+place counts at all. It knows no closed form of the motion and shares no code with the batch simulator.
 
 Method: Radau IIA collocation (`psafit.simulate.literal_scheme`), piece by piece. The right-hand side is smooth within
 every piece: edges and quarter periods of the command, kinks of the amplifier, zeros of the voltage, of its rate and of
@@ -31,7 +34,7 @@ from scipy.optimize import brentq
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
-from psafit.physics.term import Term, World
+from psafit.physics.term import Memory, Term, World
 from psafit.simulate.literal_scheme import EPS, TINY, Clock, Monitor, advance
 from psafit.simulate.reference import Point
 
@@ -53,7 +56,7 @@ class LiteralLaunch:
     velocity : float, m/s
         Of the ball at the separation; NaN unless launched.
     place : float, m
-        x2 at the separation; NaN unless launched.
+        x2 from rest at the separation; without one the highest.
     outcome : {"launched", "no launch"}
     """
 
@@ -114,13 +117,35 @@ def literal_launch(
     return launch_in(literal_world(theta, terms, constants), point, group=group, rtol=rtol, most_steps=most_steps)
 
 
+def energy(
+    point: Point, theta: Sequence[float], terms: Sequence[tuple[Term, Sequence[float]]], constants: Constants
+) -> tuple[float, float]:
+    """What the ball has gained at its launch, and what the drive and the press at rest have given by then, J.
+
+    The work is that of the piezoelectric force, ``k_s (S - sum z) dx1``. Both are zero without a launch. Parameters and
+    errors as of `literal_launch`.
+    """
+    world = literal_world(theta, terms, constants)
+    drive = _Drive(world, point, 1e-9, 400_000, counts_work=True)
+    launch = drive.run() if point.amplitude > 0.0 else None
+    if launch is None:
+        return 0.0, 0.0
+    _, speed, place = launch
+    seat = drive.seat
+    stored = seat * (seat / world.k_s + _seated(world, seat)) if seat > 0.0 else 0.0
+    return 0.5 * world.M * speed * speed + seat * place, drive.work + stored
+
+
 def launch_in(
     world: World, point: Point, *, group: int = 0, rtol: float = 1e-12, most_steps: int = 400_000
 ) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
-    separation = None if point.amplitude == 0.0 else _Drive(world, point, rtol, most_steps).run()
+    drive = _Drive(world, point, rtol, most_steps)
+    separation = None if point.amplitude == 0.0 else drive.run()
     if separation is None:
-        return LiteralLaunch(float(world.reading(0.0, group)), math.nan, math.nan, math.nan, "no launch")
+        share = 1.0 if world.lean > 0.0 else math.sqrt(world.offset_weight)
+        reading = float(world.reading(share * drive.highest, group))
+        return LiteralLaunch(reading, math.nan, math.nan, drive.highest, "no launch")
     when, speed, place = separation
     reach = swing(world, speed, place, rtol=rtol)
     return LiteralLaunch(float(world.reading(reach, group)), when, speed, place, "launched")
@@ -202,30 +227,30 @@ class _Ramp:
 
     active: list[int]
 
-    def __init__(self, world: World, start: float, direction: float) -> None:
-        self.world, self.start, self.direction = world, start, direction
+    def __init__(self, rate: Memory, q: float, start: float, direction: float) -> None:
+        self.rate, self.q, self.start, self.direction = rate, q, start, direction
         self.active = [0]
 
     def field(self, tau: float, y: list[float]) -> list[float]:
-        return [self.world.memory_rate(y[0], self.start + self.direction * tau, self.direction)]
+        return [self.rate(y[0], self.start + self.direction * tau, self.direction)]
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
-        step = max(1e-6 * abs(y[0]), 1e-9 * self.world.q)
+        step = max(1e-6 * abs(y[0]), 1e-9 * self.q)
         return [[(self.field(tau, [y[0] + step])[0] - self.field(tau, [y[0] - step])[0]) / (2.0 * step)]]
 
     def noise(self, size: FloatArray, h: float) -> FloatArray:
         return 4 * EPS * size
 
 
-def jump(world: World, z: float, start: float, end: float, rtol: float = 1e-12) -> float:
-    """Hysteresis state, m, after the voltage jumped from `start` to `end`."""
+def jump(rate: Memory, q: float, z: float, start: float, end: float, rtol: float = 1e-12) -> float:
+    """Hysteresis state, m, with this rate, after the voltage jumped from `start` to `end`; `q` (m/V) is its scale."""
     direction = 1.0 if end > start else -1.0
     clock = Clock(0.1 * abs(end - start), np.array([abs(z)]), rtol)
     y = np.array([z])
     stops = [0.0, end] if start * end < 0.0 else [end]
     for stop in stops:
         while start != stop:
-            ramp = _Ramp(world, start, direction)
+            ramp = _Ramp(rate, q, start, direction)
             gone, y, event = advance(
                 ramp, y, abs(stop - start), clock, [Monitor("z", lambda tau, row: row[0], noise=1e-14 * clock.size[0])]
             )
@@ -237,32 +262,43 @@ def jump(world: World, z: float, start: float, end: float, rtol: float = 1e-12) 
 
 # --- the motion while the drive acts ------------------------------------------------------------------
 
-_X1, _V1, _D, _W, _P, _U, _Z = range(7)
+_X1, _V1, _D, _W, _P, _U, _E, _Z = range(8)
 _Amplifier = Literal["follow", "lag", "up", "down"]
 
 
 class _Drive:
     """The rig from rest to the last separation; also the equations of the piece it is in.
 
-    State: x1, x1', d, d', P, u, z. In contact P is the ball's speed less ``c_c d/M`` (where the damping force is
-    ``c_c d'``), otherwise the speed.
+    State: x1, x1', d, d', P, u, the drive's work E (J), then every z. In contact P is the ball's speed less ``c_c
+    d/M`` (where the damping is ``c_c d'``), otherwise the speed.
     """
 
     active: list[int]
 
-    def __init__(self, world: World, point: Point, rtol: float, most_steps: int) -> None:
-        self.world = world
+    def __init__(self, world: World, point: Point, rtol: float, most_steps: int, *, counts_work: bool = False) -> None:
+        self.world, self.counts_work = world, counts_work
+        self.work = 0.0  # until the launch
         self.command = _Command(point, world.phase)
         self.seat = world.M * world.g * world.lean / world.l
+        self.grip = world.M * world.rub
+        # Held by friction, or sliding this way.
+        self.held, self.way = self.grip > 0.0, 0.0
+        self.rest = self.highest = 0.0
+        self.counts = world.lean > 0.0 or world.offset_weight > 0.0
+        self.launched, self.rising = False, True
         self.threshold = -world.bond / world.k_c
         volt, q = point.amplitude, world.q
         self.volt = volt
-        # The state z = 0 stays 0 where its rate is 0 whatever the voltage does: then it need not be carried.
-        self.memory = any(
-            world.memory_rate(0.0, share * volt, way * volt) != 0.0
-            for share in (-1.0, -0.6, -0.1, 0.0, 0.1, 0.6, 1.0)
-            for way in (-1.0, 1.0)
-        )
+        # A state z = 0 stays 0 where its rate is 0 whatever the voltage does: then it need not be carried.
+        self.memories = [
+            rate
+            for rate in world.memories
+            if any(
+                rate(0.0, share * volt, way * volt) != 0.0
+                for share in (-1.0, -0.6, -0.1, 0.0, 0.1, 0.6, 1.0)
+                for way in (-1.0, 1.0)
+            )
+        ]
         # Less c_c d/M, the ball's speed gains digits where the damping force is c_c d', and costs some otherwise.
         plain = all(
             world.damping(d, w) == world.c_c * w
@@ -278,7 +314,7 @@ class _Drive:
             swift.append(1.0 / world.lag)
         self.first_step = 0.1 / max(swift)
         self.stack_rate = math.sqrt(world.k_s / world.m) + world.c_s / world.m
-        size = np.zeros(7)
+        size = np.zeros(_Z + len(self.memories))
         size[_U] = volt
         self.clock = Clock(self.first_step, size, rtol, most_steps=most_steps)
         self.reach = max(abs(world.stroke(volt)), abs(world.stroke(-volt)), q * volt)
@@ -303,7 +339,7 @@ class _Drive:
 
     def field(self, tau: float, y: list[float]) -> list[float]:
         world = self.world
-        x1, v1, d, w, _, u, z = y
+        x1, v1, d, w, _, u, _, *states = y
         u, du = self.voltage(tau, u)
         if not self.contact:
             force, effort = 0.0, 0.0
@@ -314,13 +350,27 @@ class _Drive:
             elastic, damping = world.elastic(d, w), world.damping(d, w)
             force = elastic + damping
             effort = elastic + (damping - self.damper * w)  # exactly the elastic force where the damping is c_c d'
-        a1 = (world.k_s * ((world.stroke(u) - z) - x1) - world.c_s * v1 - force) / world.m
-        memory = world.memory_rate(z, u, du) if self.memory else 0.0
-        return [v1, a1, w, a1 - (force - self.seat) / world.M, (effort - self.seat) / world.M, du, memory]
+        free = world.stroke(u) - sum(states)
+        power = world.k_s * free * v1 if self.counts_work else 0.0
+        a1 = (world.k_s * (free - x1) - world.c_s * v1 - force) / world.m
+        rates = [rate(z, u, du) for rate, z in zip(self.memories, states, strict=True)]
+        if self.held:
+            return [v1, a1, w, a1, (effort - force) / world.M, du, power, *rates]
+        against = self.seat + self.way * self.grip
+        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, power, *rates]
+
+    def speed(self, y: Sequence[float] | FloatArray) -> float:
+        """The ball's."""
+        return float(y[_P] + (self.damper * y[_D] / self.world.M if self.contact else 0.0))
+
+    def push(self, y: Sequence[float] | FloatArray) -> float:
+        """Force on the ball but friction."""
+        force = self.raw_force(float(y[_D]), float(y[_W])) if self.contact else 0.0
+        return (self.world.pull * force if self.relaxed else force) - self.seat
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, size = self.world, self.clock.size
-        _, _, d, w, _, u, z = y
+        _, v1, d, w, _, u, _, *states = y
         by_d = by_w = 0.0
         if self.contact:
             e = max(1e-6 * abs(d), 1e-9 * float(size[_D]), 1e-60)
@@ -329,34 +379,39 @@ class _Drive:
             by_w = world.c_c + (self.bent_force(d, w + e) - self.bent_force(d, w - e)) / (2.0 * e)
             if self.relaxed:
                 by_d, by_w = world.pull * by_d, world.pull * by_w
-        by_u = memory_by_u = memory_by_z = lag = 0.0
+        by_u = lag = 0.0
         if self.amplifier != "follow":
             e = 1e-6 * self.volt
             by_u = world.k_s * (world.stroke(u + e) - world.stroke(u - e)) / (2.0 * e)
             lag = -1.0 / world.lag if self.amplifier == "lag" else 0.0
-        if self.memory:
-            u, du = self.voltage(tau, u)
+        n = len(states)
+        memory = []
+        for k, (rate, z) in enumerate(zip(self.memories, states, strict=True)):
             e = max(1e-6 * abs(z), 1e-9 * self.reach)
-            memory_by_z = (world.memory_rate(z + e, u, du) - world.memory_rate(z - e, u, du)) / (2.0 * e)
+            now = self.voltage(tau, u)
+            row = [0.0] * (_Z + n)
+            row[_Z + k] = (rate(z + e, *now) - rate(z - e, *now)) / (2.0 * e)
             if self.amplifier != "follow":
                 e = 1e-6 * self.volt
-                ahead, behind = (
-                    world.memory_rate(z, *self.voltage(tau, u + e)),
-                    world.memory_rate(z, *self.voltage(tau, u - e)),
-                )
-                memory_by_u = (ahead - behind) / (2.0 * e)
-        m, ball = world.m, world.M
+                ahead, behind = rate(z, *self.voltage(tau, u + e)), rate(z, *self.voltage(tau, u - e))
+                row[_U] = (ahead - behind) / (2.0 * e)
+            memory.append(row)
+        m, ball = world.m, math.inf if self.held else world.M
+        by_p = (0.0 if self.held else by_w) - self.damper if self.contact else 0.0
+        force = world.k_s * (world.stroke(self.voltage(tau, u)[0]) - sum(states))
+        still, by_z = [0.0] * n, [-world.k_s / m] * n
         return [
-            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [-world.k_s / m, -world.c_s / m, -by_d / m, -by_w / m, 0.0, by_u / m, -world.k_s / m],
-            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
+            [-world.k_s / m, -world.c_s / m, -by_d / m, -by_w / m, 0.0, by_u / m, 0.0, *by_z],
+            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *still],
             [
                 -world.k_s / m, -world.c_s / m, -by_d / m - by_d / ball, -by_w / m - by_w / ball, 0.0,
-                by_u / m, -world.k_s / m,
+                by_u / m, 0.0, *by_z,
             ],
-            [0.0, 0.0, by_d / ball, (by_w - self.damper) / ball if self.contact else 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, lag, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, memory_by_u, memory_by_z],
+            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, 0.0, *still],
+            [0.0, 0.0, 0.0, 0.0, 0.0, lag, 0.0, *still],
+            [0.0, force, 0.0, 0.0, 0.0, by_u * v1, 0.0, *(m * v1 * b for b in by_z)],
+            *memory,
         ]  # fmt: skip
 
     def noise(self, size: FloatArray, h: float) -> FloatArray:
@@ -366,7 +421,7 @@ class _Drive:
         kick = pushes / world.m * h / (1.0 + h * self.stack_rate)
         # P is a quadrature over the others, as accurate as they are.
         near = min(far, kick * h)
-        return 4 * EPS * np.array([near, kick, near, kick, math.inf, self.volt, far])
+        return 4 * EPS * np.array([near, kick, near, kick, math.inf, self.volt, math.inf, *[far] * len(self.memories)])
 
     # what ends a piece
 
@@ -381,8 +436,21 @@ class _Drive:
                 found.append(Monitor("zero", lambda tau, y: y[_D], -1 if self.below else 1))
             if world.pull != 1.0 and not self.below:
                 found.append(Monitor("pull", lambda tau, y: self.raw_force(y[_D], y[_W]), -1 if self.relaxed else 1))
-        if self.memory:
-            found.append(Monitor("memory", lambda tau, y: y[_Z], 0, 1e-14 * max(self.clock.size[_Z], TINY)))
+        if self.held and self.contact:
+            found.append(Monitor("forth", lambda tau, y: self.grip - self.push(y), 1))
+            found.append(Monitor("back", lambda tau, y: self.grip + self.push(y), 1))
+        elif self.grip > 0.0 and not self.held:
+            found.append(Monitor("rest", lambda tau, y: self.way * self.speed(y), 1))
+        elif self.launched and not self.contact and self.seat > 0.0:
+            found.append(Monitor("apex", lambda tau, y: y[_P], 1))
+        elif self.contact and self.counts and not self.launched:
+            # A turn is where the place is flattest: a little noise in the speed moves it by the square of that.
+            noise = 1e-9 * self.reach * command.omega + 1e-12 * self.damper * float(self.clock.size[_D]) / world.M
+            found.append(Monitor("top", lambda tau, y: self.speed(y), 1 if self.rising else -1, noise))
+        for k in range(len(self.memories)):
+            at = _Z + k
+            noise = 1e-14 * max(self.clock.size[at], TINY)
+            found.append(Monitor(f"memory {k}", lambda tau, y, at=at: y[at], 0, noise))  # type: ignore[misc]
         if self.amplifier == "follow":
             return found
         noise = 1e-13 * self.volt
@@ -421,7 +489,7 @@ class _Drive:
     def start(self) -> FloatArray:
         """Rest in static equilibrium; sets whether the ball is in contact."""
         world, command = self.world, self.command
-        y = np.zeros(7)
+        y = np.zeros(_Z + len(self.memories))
         ahead = command.value(0.0) or command.rate(0.0) or command.value(0.5 * command.remaining())
         if self.seat > 0.0:
             y[_X1] = -self.seat / world.k_s
@@ -430,6 +498,7 @@ class _Drive:
         else:
             y[_D] = -world.gap
             self.contact = world.gap == 0.0 and (world.stroke(self.volt) > 0.0) == (ahead > 0.0)
+        self.rest = float(y[_X1] - y[_D]) - world.gap
         y[_P] = -self.damper * y[_D] / world.M if self.contact else 0.0
         self.clock.size = np.maximum(self.clock.size, np.abs(y))
         self.set_amplifier(0.0)
@@ -440,8 +509,9 @@ class _Drive:
     def follow(self, y: FloatArray, tau: float) -> None:
         """Set the voltage to the command; a jump carries the hysteresis state with it."""
         u = self.command.value(tau)
-        if self.memory and tau == 0.0 and abs(u - y[_U]) > 4 * EPS * self.volt:
-            y[_Z] = jump(self.world, float(y[_Z]), float(y[_U]), u, self.clock.rtol)
+        if tau == 0.0 and abs(u - y[_U]) > 4 * EPS * self.volt:
+            for k, rate in enumerate(self.memories, start=_Z):
+                y[k] = jump(rate, self.world.q, float(y[k]), float(y[_U]), u, self.clock.rtol)
         y[_U] = u
 
     def run(self) -> tuple[float, float, float] | None:
@@ -468,8 +538,8 @@ class _Drive:
             self.active = [_X1, _V1, _D, _W, _P]
             if self.amplifier != "follow":
                 self.active.append(_U)
-            if self.memory:
-                self.active.append(_Z)
+            self.active += [_E] if self.counts_work else []
+            self.active += range(_Z, y.size)
             tau, y, event = advance(self, y, end, clock, self.monitors())
             idle = idle + 1 if tau == 0.0 else 0
             if idle > 20:
@@ -481,18 +551,23 @@ class _Drive:
                 command.turn()
             else:
                 command.pass_by(tau)
+            if event == "apex" or (event == "rest" and self.launched and not self.contact):
+                break  # the hop is over
             if event in ("touch", "end"):
                 before = None
                 self.switch(y)
                 if event == "end":
                     speed = float(y[_P])
                     if speed > 0.0:
-                        launch = command.time, speed, float(y[_X1] - y[_D]) - world.gap
+                        launch = command.time, speed, float(y[_X1] - y[_D]) - world.gap - self.rest
+                        self.launched, self.work = True, float(y[_E])
                         if command.time >= horizon:
                             break
+            if event in ("top", "rest"):
+                self.highest = max(self.highest, float(y[_X1] - y[_D]) - world.gap - self.rest)
             self.bend(y, event, edge)
             if edge and launch is None and command.index % command.per_period == 0:
-                mode = (self.contact, self.relaxed, self.below, self.amplifier)
+                mode = (self.contact, self.relaxed, self.below, self.amplifier, self.held, self.way)
                 if before is not None and before[1] == mode:
                     close = 1e-12 * clock.size + self.noise(clock.size, 1.0)
                     close[_P] = math.inf  # the speed is x1' less d'
@@ -520,10 +595,19 @@ class _Drive:
             y[_D] = 0.0
             self.below = not self.below
             self.relaxed = not self.below and self.world.pull != 1.0 and self.raw_force(0.0, float(y[_W])) < 0.0
+        elif event == "rest":
+            y[_P] -= self.speed(y)
+            y[_W] = y[_V1]
+            push = self.push(y)
+            self.held, self.way = abs(push) <= self.grip, math.copysign(1.0, push)
+        elif event == "top":
+            self.rising = not self.rising
+        elif event in ("forth", "back"):
+            self.held, self.way = False, 1.0 if event == "forth" else -1.0
         elif event == "pull":
             self.relaxed = not self.relaxed
-        elif event == "memory":
-            y[_Z] = 0.0
+        elif event.startswith("memory"):
+            y[_Z + int(event.split()[1])] = 0.0
         elif event == "voltage":
             y[_U] = 0.0
         elif event == "limit":
@@ -571,7 +655,7 @@ class _Swing:
 
     def field(self, tau: float, y: list[float]) -> list[float]:
         world = self.world
-        return [y[1], -world.g * math.sin(self.start + y[0] / world.l) - world.deceleration(y[0], y[1])]
+        return [y[1], -world.g * math.sin(self.start + y[0] / world.l) - world.rub - world.deceleration(y[0], y[1])]
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, (x, v) = self.world, y
@@ -610,14 +694,14 @@ def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> f
         free = length * drop * (cos_rest + cos_top) / (sin_top + rest) if sin_top + rest > 0.0 else 0.0
     far = max(abs(free), abs(offset))
     if all(
-        world.deceleration(share * far, pace * speed) == 0.0
+        world.rub + world.deceleration(share * far, pace * speed) == 0.0
         for share in (0.0, 1e-3, 0.1, 0.3, 0.7, 1.0)
         for pace in (1.0, 0.7, 0.3, 0.1, 1e-3)
     ):
         return free
     angle = math.asin(start)
     system = _Swing(world, angle)
-    brake = world.g * abs(start) + abs(world.deceleration(0.0, speed)) + speed * math.sqrt(world.g / length)
+    brake = world.g * abs(start) + world.rub + abs(world.deceleration(0.0, speed)) + speed * math.sqrt(world.g / length)
     clock = Clock(0.1 * speed / brake, np.array([0.0, speed]), rtol)
     monitors = [
         Monitor("top", lambda tau, y: y[1], 1, 0.0),

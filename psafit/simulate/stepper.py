@@ -347,15 +347,26 @@ def _is_noise(bern, n, theta, resolved):  # type: ignore[no-untyped-def]
     return middle < resolved
 
 
+@compiled(inside=True)
+def _top(speed, push, h, ball, bern, stack):  # type: ignore[no-untyped-def]
+    """How far the ball gets in a step in which it turns back."""
+    bern[0] = speed
+    store(bern, 1, times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball) + speed)
+    theta = min(_first_root(bern, DEGREE, 0.0, stack), 1.0)
+    _, once = basis(theta)
+    return h * (theta * speed + h * total(times(A, 0, once) * push) / ball)
+
+
 @compiled(borrows=True)
 def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, reference, grows):  # type: ignore[no-untyped-def]
     """Follow one trajectory to the launch.
 
-    Returns (outcome, time, speed of the ball, its place, steps taken).
+    Returns (outcome, time, speed of the ball, its place, steps taken); the place is the highest where it is not
+    launched.
     """
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
-    gap, lean, bond, pull, cycles = rig[12], rig[13], rig[14], rig[15], rig[16]
+    gap, lean, bond, pull, cycles, rub = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
     law_at, law_p, factor_at, _, branch_at, branch_p = calls
     S, T1, T2, U1, U2, G, made, made_linear = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
@@ -368,7 +379,9 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     for k in range(n_branch):
         mem_z[k], mem_u[k] = 0.0, 0.0
 
-    press = ball * g * lean / length
+    press, grip = ball * g * lean / length, ball * rub
+    # Friction holds the ball until a force exceeds its grip; then `load` is what opposes the motion, in its direction.
+    stuck, way, opposed = grip > 0.0, 0.0, press
     x1 = v1 = x2 = v2 = w = 0.0
     lost_d = lost_v2 = 0.0  # what the sums lack of these
     d = -gap
@@ -376,18 +389,19 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     if lean > 0.0:
         d = _seat(press, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
         x1 = -press / k_s
-        x2 = x1 - d - gap
+        x2 = x1 - d
         regime = PUSH
     elif gap > 0.0 or piece[_drive.SIGN] <= 0.0:
         regime = FREE
     else:
         regime = PUSH
+    rest, highest = x2, 0.0
     release = -bond / k_c
     separated_once = False
     last_time, last_speed, last_place = math.nan, 0.0, 0.0
     waiting = HORIZON_PERIODS / f
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
-    window = cycles / f
+    window = cycles / f  # until when a launched ball may be struck again
     fractions = load(C, 0)
     F = kept = splat(0.0)
 
@@ -430,8 +444,11 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         elapsed = fractions * h
         stroke = _strokes(piece, elapsed + t, q, theta_at, calls, mem_z, mem_u, scratch)
         r = (stroke - (elapsed * v1 + x1)) * k_s - c_s * v1
-        alpha = times(T2, at, r) + ((elapsed * (0.5 * press / ball) + w) * elapsed + d)
-        beta = times(T1, at, r) + (elapsed * (press / ball) + w)
+        # A ball that is held does not answer the force.
+        V1, V2 = (T1, T2) if stuck else (U1, U2)
+        against = 0.0 if stuck else opposed / ball
+        alpha = times(T2, at, r) + ((elapsed * (0.5 * against) + w) * elapsed + d)
+        beta = times(T1, at, r) + (elapsed * against + w)
 
         failed = False
         kappa = pull if regime == PULL else 1.0
@@ -439,9 +456,9 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             F, kappa = splat(0.0), 0.0
         elif n_law == 0:
             # A linear law needs no iteration: f = G (k_c alpha + c_c beta).
-            which = 1 if regime == PULL else 0
+            which = (1 if regime == PULL else 0) + (2 if stuck else 0)
             if not made_linear[which, level]:
-                _make_linear(G, which, level, kappa * k_c, U2, kappa * c_c, U1)
+                _make_linear(G, which, level, kappa * k_c, V2, kappa * c_c, V1)
                 made_linear[which, level] = True
             F = times(G, (which * _LEVELS + level) * NODES * NODES, alpha * k_c + beta * c_c)
         else:
@@ -452,7 +469,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 start, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
                 F = splat(start)
             F, found = _contact(
-                F, alpha, beta, kappa, U1, U2, at, k_c, c_c, theta_at, calls, nodes,
+                F, alpha, beta, kappa, V1, V2, at, k_c, c_c, theta_at, calls, nodes,
                 _NEWTON_REST * tolerance * ball * reference / h,
             )  # fmt: skip
             failed = not found
@@ -467,11 +484,11 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         reached = reference
         # Error: what the ends of the series of ball's and stack's acceleration leave out.
         acceleration = times(S, at, r - F * kappa)
-        w_node = beta - times(U1, at, F) * kappa
+        w_node = beta - times(V1, at, F) * kappa
         swing = times(ONCE_TO_BERNSTEIN, 0, w_node) * h + d
         error = 1e6
         if not failed:
-            push = F * kappa - press
+            push = splat(0.0) if stuck else F * kappa - opposed
             if grows:
                 reached = max(reference, abs(v2 + h * total(load(A, (NODES - 1) * NODES) * push) / ball))
             error = h * (_tail(F) * kappa / ball + _tail(acceleration)) / (tolerance * reached)
@@ -544,6 +561,24 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                     continue
                 cut, event = theta, 2
 
+        if grip > 0.0 and not stuck:
+            # The ball comes to rest.
+            gained = times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball)
+            theta, floor = _crossing(v2, gained + v2, 0.0, way, fresh, slip / h, bern, stack)
+            if theta < cut:
+                cut, event = theta, 3
+        elif grip > 0.0 and regime != FREE:
+            # The force tears it off.
+            for side in (1.0, -1.0):
+                margin = (F * kappa - press) * -side + grip
+                floor = 1e-11 * -least(size(margin) * -1.0)
+                if fresh:
+                    floor = max(floor, _RESOLVED * error * tolerance * reached * ball / h)
+                store(bern, 0, times(VALUES_TO_BERNSTEIN, 0, margin))
+                theta = _first_root(bern, NODES - 1, floor, stack)
+                if theta < cut:
+                    cut, event, way = theta, 4, side
+
         # Advance to the end of the step or to the cut.
         whole = cut > 1.0
         if whole:
@@ -552,6 +587,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         else:
             _, once = basis(cut)
             twice = times(A, 0, once)
+        before, x2_before = v2, x2
         x1 += h * (cut * v1 + h * total(twice * acceleration))
         x2 += h * (cut * v2 + h * total(twice * push) / ball)
         v1 += h * total(once * acceleration)
@@ -559,6 +595,8 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         d, lost_d = _add(d, lost_d, h * total(once * w_node))
         if grows:
             reference = max(reference, abs(v2))
+        if before > 0.0 >= v2 and not separated_once:
+            highest = max(highest, _top(before, push, h, ball, bern, stack) + x2_before - rest)
         w = v1 - v2
         t = t + cut * h
         if t > (waiting if regime == FREE else horizon):
@@ -586,7 +624,24 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             carried = False
             fresh = True
             lost_d = 0.0
-            if event == 0 and regime == FREE:
+            if event == 3:
+                if not separated_once:
+                    highest = max(highest, x2 - rest)
+                if separated_once and regime == FREE:
+                    break  # the hop is over
+                v2 = lost_v2 = 0.0
+                force = 0.0
+                if regime != FREE:
+                    values, _ = basis(cut)
+                    force = kappa * total(values * F)
+                w = v1
+                stuck = abs(force - press) <= grip
+                way = math.copysign(1.0, force - press)
+                opposed = press + way * grip
+            elif event == 4:
+                stuck = False
+                opposed = press + way * grip
+            elif event == 0 and regime == FREE:
                 if separated_once and t > window:
                     break
                 d = 0.0
@@ -602,9 +657,11 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                 regime = FREE
                 if v2 > 0.0:
                     separated_once = True
-                    last_time, last_speed, last_place = t, v2, x2
+                    last_time, last_speed, last_place = t, v2, x2 - rest
                     if cycles == 0.0:
                         break
+                    # Beyond the apex the hop is over: what strikes the ball then is another launch.
+                    window = cycles / f if opposed <= 0.0 else min(cycles / f, t + v2 * ball / opposed)
             elif event == 1:
                 regime = PULL if regime == PUSH else PUSH
             else:
@@ -620,7 +677,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
         slow = last_speed < _SLOW * reference and tolerance * reference > _ROUNDING * q * volt * f
         outcome = _TOO_SLOW if slow and step < MOST_STEPS - 1 else LAUNCHED
         return outcome, last_time, last_speed, last_place, step
-    return NO_SEPARATION, math.nan, 0.0, x2, step
+    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), step
 
 
 @compiled(borrows=True)
@@ -641,8 +698,8 @@ def _one_set(rig, theta_at, wanted, square, frequency, voltage, calls, tolerance
     n = NODES
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
-        np.empty((_LEVELS, n, n)), np.empty((2, _LEVELS, n, n)), np.zeros(_LEVELS, np.bool_),
-        np.zeros((2, _LEVELS), np.bool_),
+        np.empty((_LEVELS, n, n)), np.empty((4, _LEVELS, n, n)), np.zeros(_LEVELS, np.bool_),
+        np.zeros((4, _LEVELS), np.bool_),
     )  # fmt: skip
     nodes = (np.empty(6), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     work = (
@@ -703,6 +760,8 @@ def separation(
     wanted: NDArray[np.bool_] | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], NDArray[np.int64]]:
     """Time (s), ball speed (m/s) and place (m) at the launch, what happened, and steps taken; (n_sets, n_points).
+
+    Places count from the ball's rest. Without a launch it is the highest place to which the tip carried the ball.
 
     Parameters
     ----------

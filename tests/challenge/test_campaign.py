@@ -20,7 +20,6 @@ from psafit.challenge.campaign import LEVELS, PRIOR, content_hash, load, plan, r
 from psafit.challenge.score import score
 from psafit.errors import InputError
 from psafit.experiment import Experiment
-from psafit.model_search.ladder import SIZE_WEIGHTS
 from psafit.physics import TERMS
 
 
@@ -49,8 +48,9 @@ def test_the_full_plan_has_all_that_the_targets_ask_for() -> None:
     assert {s.outside for s in specs if s.kind == "outside"} == {o.name for o in OUTSIDE}
     assert sum(s.kind == "two" for s in specs) >= 10 and {s.design for s in specs} == {"given", "drawn"}
     drawn = [s for s in specs if s.level == PRIOR]
-    sizes = np.bincount([len(s.terms) for s in drawn], minlength=3) / len(drawn)
-    assert sizes == pytest.approx(np.array(SIZE_WEIGHTS[:3]) / sum(SIZE_WEIGHTS[:3]), abs=0.02)
+    likely = {t.id for t in TERMS if t.probability > 0.5}
+    assert drawn and max(len(s.terms) for s in drawn) == 2
+    assert np.mean([id in likely for s in drawn for id in s.terms]) > 0.7
     assert all(s.nats is None and s.outside is None for s in drawn)
     assert not {s.seed for s in specs} & {s.seed for s in plan(2)}
     assert plan(1) == plan(1)

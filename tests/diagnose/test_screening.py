@@ -81,7 +81,7 @@ def test_a_stronger_effect_than_any_tried_is_looked_for_towards_neutral():
     assert q[1] == pytest.approx(ratio.prior_share(ratio.neutral)) and gain.tolist() == [5.0, 0.0, -9.0]
     # A layer of a hundredth of what is plausible shows where ranges are small.
     layer = terms(["soft_layer"])
-    depth = float(layer[0].strength.to_physical(layer[0].strength.prior_quantile(0.004)))
+    depth = float(layer[0].strength.to_physical(layer[0].strength.prior_quantile(0.016)))
     one = fit(problem(experiment(["soft_layer"], [depth], relative=0.005)), (), seed=1, draws=512, most=8)
     found = screen(one, layer)[0]
     assert found.strength[0] < float(layer[0].strength.to_physical(layer[0].strength.prior_quantile(0.02)))

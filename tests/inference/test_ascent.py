@@ -146,8 +146,8 @@ def test_frozen_coordinates_stay(problem):
 
 
 def test_a_coordinate_at_its_bound_is_held_there():
-    # On group 1 nothing speaks for a field-dependent stroke: the climb ends at its neutral bound.
-    one = Problem(EXPERIMENT, (EXPERIMENT.group(1).id,), terms(["field_dependent_d33"]))
+    # On group 1 nothing speaks for a loss that scales with the force: the climb ends at its neutral bound.
+    one = Problem(EXPERIMENT, (EXPERIMENT.group(1).id,), terms(["hunt_crossley"]))
     base = replace(one, terms=())
     start = ascend(base, starts_of(base, 3, 4, 256)[0])
     row = one.prior_transform(np.full(one.n_dim, 0.5))

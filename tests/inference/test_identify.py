@@ -62,13 +62,13 @@ def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
 
 
 def test_a_profile_does_not_lean_on_what_a_cause_cannot_be() -> None:
-    """With flat priors for all, c_c = 180 N s/m came out best, beside a lean of thirty times its prior's width."""
-    problem = Problem(read_experiment("experiments/psa"), (1,), terms(["preload"]))
+    """With flat priors for all, c_c = 180 N s/m came out best, beside a friction of thirty times its prior's width."""
+    problem = Problem(read_experiment("experiments/psa"), (1,), terms(["flight_friction"]))
     near = {
         "k_c": 5.1e6,
         "c_s": 1.0e5,
         "c_c": 26.0,
-        "preload_offset": 1.7e-4,
+        "flight_friction_a": 0.0185,
         "sigma_rel": 0.019,
         "sigma_abs": 1.94,
         "nu": 16,

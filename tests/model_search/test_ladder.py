@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -10,24 +11,32 @@ from truths import FEW
 
 from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import Fitted
-from psafit.model_search.ladder import SIZE_WEIGHTS, Ladder, log_prior, rank
+from psafit.model_search.ladder import Ladder, beliefs, log_prior, rank
 from psafit.model_search.loop import Ids, Model, Searched
+from psafit.physics import TERMS
+
+BELIEFS = dict.fromkeys("abcdefghijklmnopqrstuvwx", 0.04)
 
 
-def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float], n_catalogue: int = 24) -> Ladder:
+def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float]) -> Ladder:
     """The ladder of models with these evidences, some of them sampled, with a standard error."""
     models = {}
     for ids, value in evidence.items():
         draws = SimpleNamespace(doubt=sampled[ids]) if ids in sampled else None
         fitted = Fitted(SimpleNamespace(ids=ids), draws)  # type: ignore[arg-type]
         models[ids] = Model(ids, value, 0.0, ids in sampled, fitted)
-    return rank(Searched(models, frozenset()), n_catalogue, SearchSettings())
+    return rank(Searched(models, frozenset()), BELIEFS, SearchSettings())
 
 
-def test_prior_probabilities_of_models_sum_to_one() -> None:
-    for n in (1, 3, 23):
-        sizes = range(min(n, len(SIZE_WEIGHTS) - 1) + 1)
-        assert sum(math.comb(n, k) * math.exp(log_prior(k, n)) for k in sizes) == pytest.approx(1)
+def test_prior_probabilities_of_models_sum_to_one_and_expect_few_surprises() -> None:
+    some = {"a": 0.9, "b": 0.04, "c": 0.2}
+    sets = [ids for k in range(4) for ids in itertools.combinations(some, k)]
+    assert sum(math.exp(log_prior(ids, some)) for ids in sets) == pytest.approx(1)
+    assert math.exp(log_prior(("a", "c"), some)) == pytest.approx(0.9 * 0.96 * 0.2)
+    believed = beliefs(TERMS)
+    assert believed["no_tension"] > 0.5 and believed["gap"] < 0.1
+    surprises = sum(p for p in believed.values() if p < 0.5)
+    assert 0.7 < surprises < 2.5
 
 
 def test_a_cause_that_adds_nothing_visible_is_counted_with_what_it_is_added_to() -> None:
@@ -37,7 +46,7 @@ def test_a_cause_that_adds_nothing_visible_is_counted_with_what_it_is_added_to()
     assert sum(found.probability.values()) == pytest.approx(1)
     assert found.leader.ids == ("a",)
     ratio = math.log(found.probability["a", "c"] / found.probability["a",])
-    price = log_prior(2, 24) - log_prior(1, 24)
+    price = log_prior(("a", "c"), BELIEFS) - log_prior(("a",), BELIEFS)
     assert ratio == pytest.approx(3.1 + price - math.log1p(math.exp(2.9 + price)))
 
 
@@ -62,7 +71,7 @@ def test_no_set_more_probable_than_a_listed_one_is_left_out(best: float) -> None
     heights = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
     models = tuple(fitted(ids, height) for ids, height in heights.items())
     probability = {tuple(ids): p for ids, p in likely.items()}
-    found = Ladder(models, probability, {}, {}, 24).rivals(("a",))  # type: ignore[arg-type]
+    found = Ladder(models, probability, {}, {}, BELIEFS).rivals(("a",))  # type: ignore[arg-type]
     assert found[:3] == (("b", "c"), ("g",), ("d",))
     assert len(found) == (3 if best > 0.95 else 4)
 

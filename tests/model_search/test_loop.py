@@ -16,8 +16,8 @@ CATALOGUE = tuple("abcdefgh")
 Evidence = Callable[[Ids], float]
 
 
-def flat(n_causes: int) -> float:
-    return -2.0 * n_causes
+def flat(ids: Ids) -> float:
+    return -2.0 * len(ids)
 
 
 class Fake:
@@ -70,7 +70,7 @@ def test_nothing_hidden_costs_one_fit_a_cause() -> None:
 def test_causes_that_add_up_are_all_found() -> None:
     fake = Fake(additive({"b": 30.0, "e": 20.0, "g": 15.0}))
     found = search(CATALOGUE, fake, flat)
-    best = max(found.models.values(), key=lambda m: m.log_evidence + flat(len(m.ids)))
+    best = max(found.models.values(), key=lambda m: m.log_evidence + flat(m.ids))
     assert best.ids == ("b", "e", "g") and best.sampled and best.ids in found.expanded
 
 
@@ -126,7 +126,7 @@ def test_a_pair_that_shows_only_beside_a_third_is_reached_by_an_exchange(low: fl
     held = lambda ids: max((v for s, v in worth.items() if {*s} <= {*ids}), default=0.0)  # noqa: E731
     fake = Fake(lambda ids: worth.get(ids, held(ids)), carrying=low)
     found = search(CATALOGUE, fake, flat, SearchSettings(most_causes=2))
-    assert max(found.models.values(), key=lambda m: m.log_evidence + flat(len(m.ids))).ids == ("b", "c")
+    assert max(found.models.values(), key=lambda m: m.log_evidence + flat(m.ids)).ids == ("b", "c")
     assert ("b", "c") in fake.carried_over and ("b", "c") in fake.fitted  # first from what is known, then in earnest
     assert ("c", "h") in found.models and ("c", "h") not in fake.fitted
 
@@ -145,7 +145,7 @@ def test_the_best_of_any_function_whose_best_has_a_way_within_the_window(seed: i
     noise = {ids: float(rng.normal(-40, 10)) for ids in every_set()}
     fake = Fake(lambda ids: level.get(ids, min(noise[ids], 0.0)))
     found = search(CATALOGUE, fake, flat, SearchSettings(window=window))
-    assert max(found.models.values(), key=lambda m: m.log_evidence + flat(len(m.ids))).ids == way[0]
+    assert max(found.models.values(), key=lambda m: m.log_evidence + flat(m.ids)).ids == way[0]
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -155,7 +155,7 @@ def test_all_that_comes_within_the_window_is_sampled_and_nothing_beyond(seed: in
     table = {ids: float(rng.normal(4.0 * len(ids), 6.0)) for ids in every_set(4)}
     fake = Fake(table.__getitem__)
     found = search(CATALOGUE, fake, flat, settings)
-    value = {ids: m.log_evidence + flat(len(ids)) for ids, m in found.models.items()}
+    value = {ids: m.log_evidence + flat(ids) for ids, m in found.models.items()}
     best = max(value.values())
 
     def shows(ids: Ids) -> bool:

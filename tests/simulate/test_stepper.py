@@ -154,7 +154,7 @@ def test_launch_range_is_smooth_in_the_parameters(ids: list[str]) -> None:
         ranges = simulate(sweeps(), theta, chosen).launch_range
         jitter.append(np.abs(rest @ ranges).max(axis=0) / np.maximum(ranges.min(axis=0), 1e-9))
     # The few that remain pass a true bifurcation: another dip of the indentation becomes the first to reach zero.
-    assert np.mean(np.array(jitter) > 1e-6) < 0.005, ids
+    assert np.mean(np.array(jitter) > 1e-6) < 0.01, ids
     assert np.median(jitter) < 1e-8
 
 
@@ -204,11 +204,11 @@ def test_a_tip_that_does_not_reach_the_ball_launches_nothing() -> None:
 
 
 def test_a_ball_pressed_too_hard_stays() -> None:
-    """Below the drive that outweighs the press there is no separation; both paths say so."""
+    """Below the drive that outweighs the press there is no separation; it reads what the tip carried it to."""
     chosen = terms(["preload"])
     for path in ("closed form", "stepper"):
         held = simulate(Design.sweep(RIG, "sine", [100.0], 0.01), [1e6, 1e3, 30.0, 4e-3], chosen, path=path)
-        assert not held.launched.any() and held.launch_range[0, 0] == 0.0
+        assert not held.launched.any() and 0.95 < held.launch_range[0, 0] / (RIG.q * 0.01) < 1.25
 
 
 def test_a_ball_drawn_after_the_tip_is_followed_to_its_launch() -> None:
@@ -251,3 +251,23 @@ def test_a_slew_limit_too_fast_to_matter_does_not(phase, inverse_slew):
     assert limited.launched.all()
     # The ramp is over long before the ball moves.
     assert limited.launch_range == pytest.approx(free.launch_range, rel=1e-2)
+
+
+def test_friction_holds_a_ball_that_is_pushed_too_little() -> None:
+    """k_c q V = 0.12 mN against 27 mN: it does not move at all, and with friction enough to a tenth it does."""
+    chosen = terms(["sliding_support", "separation_height"])
+    low = Design.sweep(RIG, "sine", [100.0, 1000.0], 1e-3)
+    held, free = (simulate(low, [1e6, 1e3, 30.0, a, 1.0], chosen) for a in (1.0, 1e-4))
+    assert held.launch_range.tolist() == [[0.0, 0.0]] and held.separation_place.tolist() == [[0.0, 0.0]]
+    assert (free.launch_range > 0).all()
+
+
+def test_the_first_hop_does_not_depend_on_how_long_the_drive_runs_on() -> None:
+    """A leaning ball is struck again when it comes back; what is read is the flight that reached its apex before."""
+    chosen = terms(["preload", "repeat_impacts"])
+    design = Design.sweep(RIG, "sine", np.geomspace(100, 2000, 12), 20.0)
+    ranges = [simulate(design, [1.1e6, 500.0, 60.0, 3e-3, n], chosen).launch_range[0] for n in (8.0, 10.0)]
+    once = simulate(design, [1.1e6, 500.0, 60.0, 3e-3, 0.0], chosen).launch_range[0]
+    assert ranges[0] == pytest.approx(ranges[1], rel=1e-6)
+    # Where the hop of the first contact ends before the tip is back, it is that hop.
+    assert np.mean(np.abs(ranges[0] / once - 1) < 1e-6) > 0.3
