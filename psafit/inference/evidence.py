@@ -36,6 +36,8 @@ TRUSTED = 0.7
 _FEW, _DOUBTS = 30.0, (2.0, 5.0)
 # Student densities: degrees of freedom, widening (over the number of dimensions), most in a mixture.
 _TAILS, _WIDER, _MOST = 6.0, 1.8, 8
+# Standard deviation, as a part of the bounds' width, to which one is stretched to find long tails.
+_STRETCH = 1 / 6
 # Draws a round, rounds at least (the first emulators may not know all of a bent posterior yet) and at most, effective
 # draws wanted; and the same for the emulated posterior.
 _ROUND, _LEAST, ROUNDS, EFFECTIVE = 256, 4, 12, 150.0
@@ -421,6 +423,20 @@ class _Mixture:
         ]  # fmt: skip
         return _Mixture.of([*parts, *old][:_MOST])
 
+    def stretched(self, n: int, width: FloatArray) -> _Mixture:
+        """Half of it, and half its first part drawn out along one of the first `n` coordinates after the other.
+
+        The others go along as they are correlated with it. A polynomial sees no tail where there were no draws.
+        """
+        covariance = self.root[0] @ self.root[0].T
+        longer = np.maximum((width * _STRETCH) ** 2 / np.diag(covariance) - 1, 0.0)
+        along = [
+            (self.centre[0], _positive(covariance + longer[j] * np.outer(row, row) / row[j], width), 1 / n)
+            for j, row in enumerate(covariance[:n])
+        ]
+        own = [(c, r @ r.T, float(w)) for c, r, w in zip(self.centre, self.root, self.share, strict=True)]
+        return _Mixture.of([*own, *along])
+
 
 def student_log_density(u: FloatArray, centre: FloatArray, inverse: FloatArray, tails: float) -> FloatArray:
     """Log of several Student densities at the rows of `u`.
@@ -551,7 +567,7 @@ class Emulated:
         self._pool = _sample(
             self._height, problem.bounds, first, wider, random, _ROUND_EMULATED, _ROUNDS_EMULATED, _EFFECTIVE_EMULATED
         )
-        self.mixture = first.around(self._pool, width)
+        self.mixture = first.around(self._pool, width).stretched(k, width)
 
     def scattered(self, n: int, random: np.random.Generator | np.random.RandomState) -> FloatArray:
         """Simulated draws to begin a chain from, each once, by weights to a power at which some tens of them count.
