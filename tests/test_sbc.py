@@ -79,6 +79,13 @@ def test_a_mode_that_the_draws_lack_is_seen() -> None:
     assert "lack the mode of the truth: 1\n  1 gap: 100% of the chain away, level +2.0 nats" in sbc.summary(found)[0]
 
 
+def test_tails_that_end_too_early_are_seen() -> None:
+    found = calibrated(50)
+    found[7] = replace(found[7], ranks=found[7].ranks | {"c_c": 1e-12})
+    text = sbc.summary(found)[0]
+    assert "outermost thousandths of their draws: 1 of 300, 0.6 expected\n  7 gap: c_c" in text
+
+
 def test_a_dropped_mode_spoils_the_ranks() -> None:
     """Two modes, as probable as each other, of which the draws have the lower one."""
     rng = np.random.default_rng(5)
