@@ -373,6 +373,10 @@ def coverage(ranks: Sequence[Sequence[float]], level: float) -> Coverage:
     return Coverage(level, float(share), max(float(np.linalg.norm(off)), expected) / n if n else math.nan)
 
 
+OF_ALL = ("log_likelihood", "log_posterior", "mode")
+"""Ranks that are not of a parameter."""
+
+
 def kind(name: str) -> str:
     """What a rank is counted with: a cause's strength, another parameter of causes, or itself."""
     if name in {p.name for p in (*baseline.PARAMETERS, *noise.PARAMETERS)} | {
@@ -386,7 +390,7 @@ def kind(name: str) -> str:
 
 KINDS = (
     *(p.name for p in baseline.PARAMETERS), "strength", "other of causes", *(p.name for p in noise.PARAMETERS),
-    "log_likelihood", "log_posterior", "mode",
+    *OF_ALL,
 )  # fmt: skip
 
 
@@ -403,12 +407,24 @@ def uniform(ranks: Sequence[Sequence[float]]) -> float:
 
 def parameters_of(result: Result) -> list[float]:
     """Ranks of the parameters alone."""
-    return [rank for name, rank in result.ranks.items() if name not in ("log_likelihood", "log_posterior", "mode")]
+    return [rank for name, rank in result.ranks.items() if name not in OF_ALL]
 
 
 def lost(found: Sequence[Result], share: float = 0.5) -> list[Result]:
     """Data sets whose draws lack the mode of the truth."""
     return [r for r in found if r.away > share]
+
+
+def beyond(found: Sequence[Result], share: float = 1e-3) -> list[tuple[Result, list[str]]]:
+    """Data sets with a truth in the outermost parts of its draws: tails that end too early, or a mode that is missing.
+
+    Of sound ranks one in 500 lies there.
+    """
+    outer = {
+        r.number: [name for name, rank in r.ranks.items() if name not in OF_ALL and abs(rank - 0.5) > 0.5 - share]
+        for r in found
+    }
+    return [(r, outer[r.number]) for r in found if outer[r.number]]
 
 
 def summary(found: Sequence[Result]) -> tuple[str, float]:
@@ -436,6 +452,10 @@ def summary(found: Sequence[Result]) -> tuple[str, float]:
     higher = [r for r in sampled if r.rise > SearchSettings().better]
     lines.append(f"a climb from the truth ends higher by more than {SearchSettings().better} nats: {len(higher)}")
     lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.rise:.1f} nats" for r in higher]
+    tails = beyond(sampled)
+    n, some = sum(len(names) for _, names in tails), sum(map(len, every))
+    lines.append(f"truths in the outermost thousandths of their draws: {n} of {some}, {some / 500:.1f} expected")
+    lines += [f"  {r.number} {','.join(r.causes) or '-'}: {', '.join(names)}" for r, names in tails]
     lines.append(f"the draws lack the mode of the truth: {len(lost(sampled))}")
     lines += [
         f"  {r.number} {','.join(r.causes) or '-'}: {r.away:.0%} of the chain away, level {r.level:+.1f} nats, "
@@ -455,11 +475,11 @@ def draw(found: Sequence[Result], out: Path, bins: int = 10) -> None:
 
         figure = Figure(figsize=(9.6, 2.3 * math.ceil(len(panels) / 3)), layout="constrained")
         axes = figure.subplots(math.ceil(len(panels) / 3), 3, squeeze=False).flat
-        for ax, (name, flat) in zip(axes, panels.items(), strict=False):
+        for (name, flat), ax in zip(panels.items(), axes, strict=False):
             counts, _ = np.histogram(flat, edges)
             ax.axhspan(*binom.ppf([0.005, 0.995], len(flat), 1 / bins), color=PALETTE["faint"])
             ax.stairs(counts, edges, color=PALETTE["blue"], fill=False, linewidth=1.8)
-            ax.set(title=f"{name.replace('_', ' ')}, p = {kstest(flat, 'uniform').pvalue:.2f}", xlim=(0, 1))
+            ax.set(title=f"{name.replace('log_', 'log ')}, p = {kstest(flat, 'uniform').pvalue:.2f}", xlim=(0, 1))
             ax.set_ylim(bottom=0)
         for ax in list(axes):
             ax.set_visible(False)

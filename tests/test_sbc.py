@@ -79,6 +79,13 @@ def test_a_mode_that_the_draws_lack_is_seen() -> None:
     assert "lack the mode of the truth: 1\n  1 gap: 100% of the chain away, level +2.0 nats" in sbc.summary(found)[0]
 
 
+def test_tails_that_end_too_early_are_seen() -> None:
+    found = calibrated(50)
+    found[7] = replace(found[7], ranks=found[7].ranks | {"c_c": 1e-12})
+    text = sbc.summary(found)[0]
+    assert "outermost thousandths of their draws: 1 of 300, 0.6 expected\n  7 gap: c_c" in text
+
+
 def test_a_dropped_mode_spoils_the_ranks() -> None:
     """Two modes, as probable as each other, of which the draws have the lower one."""
     rng = np.random.default_rng(5)
@@ -110,6 +117,14 @@ def test_readings_are_those_of_the_likelihood() -> None:
     shown = sbc.truth(replace(plan, drawn="clipped"), 0)[0].observed
     assert (shown >= 0).all()
     assert np.allclose(shown, np.maximum(sbc.truth(plan, 0)[0].observed, 0), atol=0.0051)
+
+
+def test_draws_reach_a_long_tail() -> None:
+    """Where a contact hardly damps, less of it changes nothing: a chain of 4,000 steps has its hundredth at -1.72."""
+    problem, _, _ = sbc.truth(sbc.Plan(), 122)
+    _, draws = sbc.diagnosed(problem, 122)
+    damping = draws.draws[:, problem.names.index("c_c")]
+    assert draws.quantiles(damping, [0.01])[0] == pytest.approx(-1.72, abs=0.5)
 
 
 def test_what_was_broken_off_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

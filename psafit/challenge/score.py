@@ -193,9 +193,10 @@ class Score:
     reliability, believed : list of ProbabilityBin
         Of all data sets, and of those whose truth was drawn from the diagnosis's own priors.
     recovery : list of Recovery
-    coverage : Rate
-        Of all intervals of parameters of causes that were named exactly; its interval knows that those of one data set
-        hit or miss together.
+    coverage, coverage_believed : Rate
+        Of all intervals of parameters of causes that were named exactly, and of those whose truth was drawn from the
+        diagnosis's own priors: of these alone a sound posterior's intervals hold as many as they say. The rate's own
+        interval knows that those of one data set hit or miss together.
     outside : dict
         Effect, then verdict (or "located"), then how often.
     seconds : dict
@@ -214,6 +215,7 @@ class Score:
     believed: list[ProbabilityBin]
     recovery: list[Recovery]
     coverage: Rate
+    coverage_believed: Rate
     outside: dict[str, dict[str, int]]
     seconds: dict[str, float | None]
     rows: list[Row]
@@ -341,7 +343,8 @@ def score(results: Sequence[Result]) -> Score:
     outside = [row for row in rows if row.kind == "outside" and row.gain >= SEEN_NATS]
     alarms = rate(row.verdict != "adequate" for row in nothing)
     reliability = _reliability(results)
-    believed = _reliability(r for r in results if r.spec.level == PRIOR)
+    drawn = [r for r in results if r.spec.level == PRIOR]
+    believed = _reliability(drawn)
     recovery, coverage = _recovery(results)
     targets = [
         _at_least(
@@ -385,6 +388,7 @@ def score(results: Sequence[Result]) -> Score:
         believed=believed,
         recovery=recovery,
         coverage=coverage,
+        coverage_believed=_recovery(drawn)[1],
         outside=_table(
             (row.truth, said) for row in outside for said in (row.verdict, *(["located"] if row.located else []))
         ),

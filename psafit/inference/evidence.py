@@ -427,7 +427,7 @@ class Emulated:
         self._pool = _sample(
             self.height, problem.bounds, first, wider, random, _ROUND_EMULATED, _ROUNDS_EMULATED, _EFFECTIVE_EMULATED
         )
-        self.mixture = first.around(self._pool.u, self._pool.weights, width)
+        self.mixture = first.around(self._pool.u, self._pool.weights, width).stretched(k, width)
 
     @property
     def log_evidence(self) -> float:

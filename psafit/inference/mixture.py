@@ -109,6 +109,28 @@ class StudentMixture:
         ]  # fmt: skip
         return StudentMixture.of([*parts, *old][:_MOST])
 
+    def stretched(self, n: int, width: FloatArray, reach: float = 1 / 6) -> StudentMixture:
+        """Half of it, and half its first part drawn out along one of the first `n` coordinates after the other.
+
+        The others go along as they are correlated with it. A polynomial sees no tail where there were no draws.
+
+        Parameters
+        ----------
+        n : int
+        width : (d,) array
+            Of the bounds.
+        reach : float
+            Standard deviation, as a part of the bounds' width, to which one is stretched.
+        """
+        covariance = self.root[0] @ self.root[0].T
+        longer = np.maximum((width * reach) ** 2 / np.diag(covariance) - 1, 0.0)
+        along = [
+            (self.centre[0], positive(covariance + longer[j] * np.outer(row, row) / row[j], width), 1 / n)
+            for j, row in enumerate(covariance[:n])
+        ]
+        own = [(c, r @ r.T, float(w)) for c, r, w in zip(self.centre, self.root, self.share, strict=True)]
+        return StudentMixture.of([*own, *along])
+
 
 def widening(d: int) -> float:
     """Factor on a covariance in `d` dimensions by which a proposal is wider than what it is to cover."""

@@ -10,8 +10,8 @@ Exchanges are many; they wait until no model within the window lacks its neighbo
 fitted from where others have their optima, which is good to a window: those that come within two of the best are fitted
 like all others.
 
-Two causes may show together and neither alone. Where the best model fails the tests of misfit in the end, what has one
-cause more than it gets its neighbours, too, though it does not show.
+Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, each cause gets
+its neighbours, though it does not show.
 
 (Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
 A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
@@ -133,7 +133,8 @@ def search(
     starts : sequence of sets
         Models to fit before all else, beside the one without causes.
     passes : callable
-        Whether the readings pass the tests of misfit by a model. Asked of the best one, when nothing else is left.
+        Whether the readings pass the tests of misfit by a model. Asked of the one without causes, if it leads in the
+        end.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
@@ -181,11 +182,10 @@ def search(
         near = [m for m in shown if value(m) >= least]
         left = [m for m in near if not m.sampled or done[m.ids] < len(kinds)]
         if not left:
-            larger = [m for m in models.values() if {*m.ids} > {*leader.ids} and len(m.ids) == len(leader.ids) + 1]
-            unseen = [m for m in larger if value(m) >= least and not done[m.ids]]
-            if not unseen or passes(leader):
+            single = [m for m in models.values() if len(m.ids) == 1 and value(m) >= least and not done[m.ids]]
+            if leader.ids or not single or passes(leader):
                 return Searched(models, frozenset(ids for ids, n in done.items() if n == len(kinds)))
-            left = unseen
+            left = single
         best, *others = sorted(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
         name = " + ".join(best.ids) or "the baseline"
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))

@@ -154,12 +154,14 @@ def _tiles(score: Score) -> list[dict[str, str]]:
     def seconds(value: float | None) -> str:
         return "–" if value is None else f"{value:.1f}{NBSP}s"
 
-    alarms, covered = score.false_alarms, score.coverage
+    alarms, covered, drawn = score.false_alarms, score.coverage, score.coverage_believed
     return [
         {"value": _share(alarms.share),
          "label": f"false alarms of {count(alarms.n, 'data set')} with nothing hidden{_beside(alarms)}"},
         {"value": _share(covered.share),
          "label": f"of {count(covered.n, 'parameter interval')} hold the truth{_beside(covered)}"},
+        {"value": _share(drawn.share),
+         "label": f"of {count(drawn.n, 'such interval')} whose truth was drawn from the priors{_beside(drawn)}"},
         {"value": seconds(score.seconds["median"]), "label": "median time of a diagnosis"},
         {"value": seconds(score.seconds["p90"]), "label": "nine of ten are done by"},
     ]  # fmt: skip

@@ -142,6 +142,12 @@ def test_recovery_looks_at_what_was_named_right() -> None:
         return result([truth], named=["a"], causes=[{"terms": ["a"], "probability": 1.0, "parameters": parameters}])
 
     found = score([told("a", 1.0, 2.5), told("a", 2.5, 3.5), told("b", 1.0, 2.5)])
+    assert found.coverage_believed.n == 0
+    drawn = told("a", 1.0, 2.5)
+    drawn = replace(drawn, spec=replace(drawn.spec, level=PRIOR))
+    both = score([drawn, told("a", 2.5, 3.5)])
+    assert (both.coverage.k, both.coverage.n) == (1, 2)
+    assert (both.coverage_believed.k, both.coverage_believed.n) == (1, 1)
     (tau,) = found.recovery
     assert tau.name == "tau" and (tau.covered.k, tau.covered.n) == (1, 2) and found.coverage.n == 2
     assert tau.error == pytest.approx(np.median([-0.25 / 0.75, 1.0 / 0.5]))

@@ -81,7 +81,9 @@ def test_hills_lie_apart_by_their_own_widths(width, expected):
     modes = np.array([[0.0, 0.0], [0.5, 0.0]])
     curvature = np.repeat(np.eye(2)[None] / width**2, 2, axis=0)
     nothing = np.empty(0)
-    tops = Candidate(problem, modes, problem.log_posterior(modes), nothing, nothing, curvature, nothing)
+    tops = Candidate(
+        problem, modes, problem.log_posterior(modes), nothing, nothing, curvature, nothing, nothing, (0, 0, 0)
+    )
     assert hills(tops) == expected
 
 

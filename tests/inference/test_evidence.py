@@ -141,6 +141,22 @@ def test_what_the_readings_hardly_tell_of_is_as_wide_as_its_bounds():
     assert spread[k] > 0.25 * np.ptp(one.bounds[k])
 
 
+def test_a_stretched_density_reaches_far_along_each_coordinate():
+    """What goes along with a coordinate does so still; what is beside that stays as narrow as it was."""
+    covariance = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 0.01]])
+    width = np.array([36.0, 36.0, 12.0])
+    one = StudentMixture.of([(np.zeros(3), covariance, 1.0)])
+    found = one.stretched(2, width)
+    assert found.share == pytest.approx([0.5, 0.25, 0.25])
+    assert found.root[0] == pytest.approx(one.root[0])
+    for j, root in enumerate(found.root[1:]):
+        longer = root @ root.T
+        assert math.sqrt(longer[j, j]) == pytest.approx(6.0)
+        assert longer[1 - j, j] / longer[j, j] == pytest.approx(0.8)
+        assert longer[1 - j, 1 - j] - longer[1 - j, j] ** 2 / longer[j, j] == pytest.approx(0.36)
+        assert longer[2, 2] == pytest.approx(0.01)
+
+
 def test_prior_width_survives_draws_of_hardly_any_weight():
     """Weights far below the rest, where the other prior is far above the first, are not divided by."""
     found = weigh(fit(problem(experiment(n=8)), (), seed=1, draws=256, most=4), seed=1)

@@ -91,15 +91,15 @@ def test_two_causes_of_which_neither_shows_alone_are_looked_for_where_the_tests_
 
     found = search(CATALOGUE, Fake(evidence), flat, passes=passes)
     assert found.models["c", "f"].sampled and ("c", "f") in found.expanded
-    assert asked == [(), ("c", "f")]
+    assert asked == [()]  # and no more, once something shows
     assert ("c", "f") not in search(CATALOGUE, Fake(evidence), flat).models
 
 
 def test_a_search_that_nothing_satisfies_ends() -> None:
-    found = search(CATALOGUE, Fake(additive({"a": 20.0})), flat, passes=lambda model: False)
-    pairs_beside_a = [{"a", *two} for two in itertools.combinations("bcdefgh", 2)]
-    assert all(tuple(sorted(one)) in found.models for one in pairs_beside_a)
-    assert max(map(len, found.models)) == 3
+    found = search(CATALOGUE, Fake(additive({})), flat, passes=lambda model: False)
+    assert set(found.models) == {ids for ids in every_set(2)}
+    beside = search(CATALOGUE, Fake(additive({"a": 20.0})), flat, passes=lambda model: False)
+    assert max(map(len, beside.models)) == 2
 
 
 def test_a_model_that_rises_when_it_is_sampled_takes_its_neighbours_along() -> None:
