@@ -43,7 +43,7 @@ PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 quoted  = '$(subst ','\'',$(1))'
 option  = $(if $(strip $(2)),$(1) $(call quoted,$(2)))
 
-.PHONY: help setup fit validate diagnose sbc reproduce test test-slow test-all coverage fuzz kills lint types bench challenge docs docs-figures lock clean
+.PHONY: help setup fit validate diagnose sbc reproduce test test-slow test-all coverage fuzz kills lint types bench null-leads challenge docs docs-figures lock clean
 
 help: ## List the targets
 	@echo 'make TARGET [NAME=value ...]'
@@ -102,6 +102,9 @@ types: $(STAMP)-dev ## Check the types
 
 bench: $(STAMP)-bench ## Measure speed and accuracy; writes benchmarks/latest.json
 	@$(BIN)/python benchmarks/run.py
+
+null-leads: $(STAMP)-run ## Work out how far chance leads where nothing is hidden, half an hour of a core: [SEED=n] [ARGS=...]
+	@$(BIN)/python benchmarks/null_leads.py $(call option,--seed,$(SEED)) $(ARGS)
 
 challenge: $(STAMP)-run ## Hide effects, diagnose, score: [SEED=n] [JOBS=2] [LIMIT=n data sets] [OUT=fits/challenge] [EXP=folder]
 	@$(BIN)/python benchmarks/challenge.py --experiment $(call quoted,$(EXP)) --jobs $(call quoted,$(JOBS)) \

@@ -1,166 +1,505 @@
-"""`make sbc`: simulation-based calibration of the posteriors (Talts et al., arXiv:1804.06788).
+"""`make sbc`: simulation-based calibration of the posteriors (Talts et al., arXiv:1804.06788), over sets of causes.
 
-Parameters are drawn from their priors, readings simulated from them at an experiment's conditions, the model fitted
-and its posterior drawn, and the rank of the truth among the draws recorded. If fit, evidence and draws are sound the
-ranks are uniform. ``--sampler emcee`` draws as `psafit fit` does, from lmfit's optima by emcee until the chain has
-converged or has taken ``--steps``; the default draws as `psafit diagnose` samples its models. ``--terms any`` takes the
-catalogue's causes in turn, one a data set, and counts their strengths together. Writes docs/figures/sbc.png and prints,
-for every parameter, a chi-square p-value and how many 90 % intervals hold the truth; exits with 1 if a p-value is below
-0.05 divided by their number. Ranks are kept in fits/sbc, for this state of the sources: what was interrupted goes on
-where it stopped.
+A data set is a joint draw: a set of causes from the prior over sets, parameters from their priors, readings from the
+likelihood. Its model is fitted and sampled as a diagnosis does it. If fit, weights and draws are sound, these ranks of
+the truth among the weighted draws are uniform:
+
+- every parameter, those of causes pooled as strengths and others;
+- the log likelihood and the log posterior, which see a mode that is missing (Modrak et al., arXiv:2211.02383);
+- the mode on which the truth lies, where the draws have several.
+
+A short chain begins at the truth, an exact draw of the posterior. A mode that the chain visits and the draws do not
+hold is listed. Nothing is selected: what cannot be simulated is drawn again, and counted, and so is what cannot be
+sampled.
+
+Results are kept in fits/sbc, one file a data set, for this state of the sources: a run that was broken off goes on.
+They do not depend on the number of workers. Draws docs/figures/sbc.png, prints a p-value (Kolmogorov and Smirnov) and
+the coverage of 50 and 90 % intervals, and exits with 1 if a p-value is below 0.05 divided by their number.
+
+``--terms gap,preload`` takes these causes always, ``--terms ''`` none, ``--size 3`` any three. ``--sampler emcee``
+draws as `psafit fit` does, from lmfit's optima by emcee until the chain has converged or has taken ``--steps``.
+``--drawn clipped`` enters readings as an instrument shows them, rounded to 0.01 um and zero where scatter took them
+below. ``--drawn asked`` takes strengths evenly from their bounds. Neither is a joint draw: they show what that costs.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import os
 
 # A data set on each core.
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+if __name__ == "__main__":
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
+import math
 import sys
-import tempfile
-from dataclasses import replace
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-import joblib
+import emcee
 import numpy as np
-from scipy.stats import binom, chisquare
+from scipy.spatial import cKDTree
+from scipy.stats import binom, kstest
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-from psafit.experiment import read_experiment
+from search_sets import get
+
+from psafit.arrays import FloatArray
+from psafit.errors import InputError, PsafitError
+from psafit.experiment import Experiment, read_experiment
+from psafit.files import digest, sha256, sole
 from psafit.inference import emcee_adaptor, noise
-from psafit.inference.candidate import built_up
+from psafit.inference.ascent import ascend, expansion, slopes
+from psafit.inference.candidate import MANY, Candidate, hills, settle_at, within_bounds
+from psafit.inference.evidence import Weighed, quantiles, student_log_density
+from psafit.inference.memory import Memory, code
 from psafit.inference.optimise import optimise
 from psafit.inference.problem import Problem
 from psafit.model_search import SearchSettings
-from psafit.model_search.sample import sample
+from psafit.model_search.fitter import ProblemFitter
 from psafit.physics import TERMS, baseline, terms
+from psafit.records import read_json, write_json
 from psafit.report.style import PALETTE, figure_style
-
-DRAWS, BINS = 99, 10
-TOLERANCE = SearchSettings().tolerance  # of the simulator, as a diagnosis has it
-# A chain that has not converged then is used as it is, and counted.
-STEPS = 8000
+from psafit.workers import processes, reach, scratch, unordered
 
 
-def weighed(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
-    """Draws as a diagnosis makes them, (DRAWS, n_dim)."""
-    known = [built_up(problem, seed=seed)] if problem.terms else []
-    _, found = sample(problem, known, seed=seed)
-    return found.resampled(DRAWS), True
+@dataclass(frozen=True)
+class Plan:
+    """What determines a data set and what is made of it, beside its number and the code.
+
+    Parameters
+    ----------
+    seed : int
+    rig : str
+        Data set of benchmarks/search_sets.jsonl whose conditions are used, or an experiment folder.
+    groups : tuple of str
+        Of its groups; all if empty.
+    terms : str, optional
+        Causes, comma separated; drawn from the prior over sets if None.
+    size : int, optional
+        Number of causes, if it is not drawn.
+    sampler : {"evidence", "emcee"}
+    steps : int
+        Of emcee as the sampler, at most.
+    drawn : {"joint", "clipped", "asked"}
+        Joint draws; or what campaigns differ by, to see what it does: readings as an instrument shows them, or
+        strengths of causes drawn evenly over their bounds, as if asked for.
+    walkers, chain : int
+        Walkers of the chain from the truth, at least, and its steps, of which the second half is kept.
+    """
+
+    seed: int = 1
+    rig: str = "gap_and_slew"
+    groups: tuple[str, ...] = ()
+    terms: str | None = None
+    size: int | None = None
+    sampler: str = "evidence"
+    steps: int = 8000
+    drawn: str = "joint"
+    walkers: int = 32
+    chain: int = 80
 
 
-def sampled(problem: Problem, seed: int, steps: int) -> tuple[np.ndarray, bool]:
-    """Draws as `psafit fit` makes them, (DRAWS, n_dim), and whether the chain has converged."""
-    with tempfile.TemporaryDirectory() as folder:
+@dataclass(frozen=True)
+class Result:
+    """What one data set says.
+
+    Parameters
+    ----------
+    number : int
+    causes : list of str
+        Of the true model.
+    redrawn : int
+        Truths that could not be simulated.
+    failed : str
+        Why it could not be sampled; empty as a rule.
+    ranks : dict
+        Share of the posterior below the truth, of every parameter by its name, ``log_likelihood``, ``log_posterior``
+        and, where the draws have several, ``mode``.
+    away : float
+        Share of the chain from the truth that is where there are no draws.
+    level : float, nats
+        Mean log posterior of the chain above that of the draws.
+    differs : float
+        Largest difference of the two medians of a parameter, in standard deviations of the draws.
+    rise : float, nats
+        Top of a climb from the truth above the top that was found.
+    effective, pareto_k : float
+        Of the draws.
+    cpu_s : float
+        Of fit and draws; unlike all else not the same every time.
+    """
+
+    number: int
+    causes: list[str]
+    redrawn: int = 0
+    failed: str = ""
+    ranks: dict[str, float] = field(default_factory=dict)
+    away: float = math.nan
+    level: float = math.nan
+    differs: float = math.nan
+    rise: float = math.nan
+    effective: float = math.nan
+    pareto_k: float = math.nan
+    cpu_s: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Signed(Problem):
+    """A problem whose readings may be negative, as the likelihood has them; few enough that no fit thins them."""
+
+    readings: FloatArray | None = None
+
+    @property  # a cached one has a lock, and could not be sent to workers
+    def observed(self) -> FloatArray:
+        assert self.readings is not None and self.readings.size == self.design.n_points
+        return self.readings
+
+
+def conditions(plan: Plan) -> Experiment:
+    """The experiment whose conditions are simulated."""
+    folder = Path(plan.rig)
+    experiment = read_experiment(folder) if folder.is_dir() else get(plan.rig).experiment
+    if not plan.groups:
+        return experiment
+    return replace(experiment, groups=tuple(experiment.group(g) for g in plan.groups))
+
+
+def truth(plan: Plan, number: int) -> tuple[Problem, FloatArray, int]:
+    """A joint draw: the problem with its readings, the true coordinates, and how many draws came before it."""
+    rng = np.random.default_rng([plan.seed, number])
+    if plan.terms is None:
+        if plan.size is None:
+            ids = [t.id for t in TERMS if rng.random() < t.probability]
+        else:
+            ids = [TERMS[i].id for i in rng.choice(len(TERMS), size=plan.size, replace=False)]
+    else:
+        ids = [id for id in plan.terms.split(",") if id]
+    experiment = conditions(plan)
+    if (n := sum(g.n_points for g in experiment.groups)) >= MANY:
+        raise InputError(f"{n} readings, of which fits would look at some", f"choose --group of less than {MANY}")
+    problem = Signed(experiment, experiment.ids, terms(ids), SearchSettings().tolerance)
+    read, redrawn = np.array([math.nan]), -1
+    asked = [problem.names.index(t.strength.name) for t in problem.terms] if plan.drawn == "asked" else []
+    while not np.isfinite(read).all():
+        u = problem.prior_transform(rng.uniform(size=(1, problem.n_dim)))
+        u[0, asked] = rng.uniform(*problem.bounds[asked].T)
+        read = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
+        redrawn += 1
+    if plan.drawn == "clipped":
+        read = np.maximum(np.round(read, 2), 0.0) + 0.0
+    # An experiment holds no negative readings: it has the magnitudes, and the problem what was read.
+    return replace(problem, experiment=experiment.with_readings(np.abs(read)), readings=read), u[0], redrawn
+
+
+def diagnosed(problem: Problem, seed: int) -> tuple[Candidate, Weighed]:
+    """Modes and draws as a diagnosis makes them: short fits from the best of the parts, then a sample."""
+    fitter = ProblemFitter(replace(problem, terms=()), TERMS, SearchSettings(), seed, Memory(None))
+    (best,) = fitter.short([()], {})
+    while left := [id for id in problem.ids if id not in best.ids]:
+        larger = [tuple(t.id for t in terms([*best.ids, id])) for id in left]
+        best = max(fitter.short(larger, {best.ids: best}), key=lambda model: model.log_evidence)
+    found = fitter.sample(best).content
+    assert found.draws is not None
+    return found.candidate, found.draws
+
+
+def fitted(problem: Problem, seed: int, steps: int) -> tuple[Candidate, Weighed]:
+    """Modes and draws as `psafit fit` makes them; Pareto's k is infinite where the chain has not converged."""
+    optimum = optimise(problem, seed=seed)
+    with scratch() as folder:
         chain = emcee_adaptor.sample(
-            problem, optimise(problem, seed=seed), seed=seed, path=Path(folder) / "chain.h5", identity="",
+            problem, optimum, seed=seed, path=folder / "chain.h5", identity="",
             settings=replace(emcee_adaptor.Settings.of(problem), max_steps=steps),
         )  # fmt: skip
     flat = chain.draws.reshape(-1, problem.n_dim)
-    return flat[np.random.default_rng(seed).choice(len(flat), DRAWS, replace=False)], chain.converged
+    height = problem.log_posterior(flat)
+    top = int(np.argmax(height))
+    k = 0.0 if chain.converged else math.inf
+    modes = settle_at(problem, problem.to_sampling(np.array([m.values for m in optimum.minima])))
+    same = np.full(len(flat), 1 / len(flat))
+    return modes, Weighed(flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(height[top]))
 
 
-SAMPLERS = {"evidence": weighed, "emcee": sampled}
+def below(values: FloatArray, weights: FloatArray, true: FloatArray) -> FloatArray:
+    """Share of the draws below the truth; `values` is (n, k), the result (k,)."""
+    return np.asarray(weights @ (values < true))
 
 
-def posed(ids: list[str], group: str) -> Problem:
-    """Groups of the study under the baseline and some causes."""
-    experiment = read_experiment(ROOT / "experiments" / "psa")
-    experiment = replace(experiment, groups=tuple(experiment.group(g) for g in group.split(",")))
-    return Problem(experiment, experiment.ids, terms(ids), tolerance=TOLERANCE)
+def ranked(problem: Problem, found: Candidate, draws: Weighed, u: FloatArray, random: float) -> dict[str, float]:
+    """Ranks of a truth; `random`, between 0 and 1, is its place on its mode."""
+    ranks = dict(zip(problem.names, below(draws.draws, draws.weights, u).tolist(), strict=True))
+    rows = np.vstack([u, draws.draws])
+    likelihood = problem.log_likelihood(rows)
+    for name, value in (("log_likelihood", likelihood), ("log_posterior", likelihood + problem.log_prior(rows))):
+        ranks[name] = float(below(value[1:, None], draws.weights, value[:1])[0])
+    leaders = hills(found)
+    if len(leaders) > 1:
+        covariance = np.linalg.inv(within_bounds(problem, found.curvature[leaders]))
+        inverse = np.linalg.inv(np.linalg.cholesky(covariance))
+        mode = np.argmax(student_log_density(rows, found.modes[leaders], inverse, 6.0), axis=0)
+        share = np.bincount(mode[1:], draws.weights, len(leaders))
+        ranks["mode"] = float(share[: mode[0]].sum() + random * share[mode[0]])
+    return ranks
 
 
-def rank(ids: list[str], group: str, u: np.ndarray, y: np.ndarray, seed: int, sampler: str, steps: int):
-    """Rank of a truth among the draws of its posterior, (n_dim,), and whether these have converged."""
-    problem = posed(ids, group)
-    one = replace(problem, experiment=problem.experiment.with_readings(np.abs(y)))
-    # The likelihood is that of readings of either sign; what an instrument clips is tested by the challenges. (For a
-    # first look at some of them the magnitudes do.)
-    vars(one)["observed"] = y
-    draws, converged = SAMPLERS[sampler](one, seed, steps)
-    return (draws < u).sum(axis=0), converged
+def chain_from(problem: Problem, u: FloatArray, walkers: int, steps: int, seed: int) -> FloatArray:
+    """Draws of a short chain that begins at an exact draw of the posterior; (n, n_dim).
+
+    One walker stands at the draw. The others are spread about it by the curvature there.
+    """
+    random = np.random.default_rng([seed, 7])
+    predicted = problem.predict(u[None])
+    slope = slopes(problem, u[None], predicted)
+    _, curvature = expansion(problem, u[None], predicted, slope, problem.observed[None])
+    root = np.linalg.cholesky(np.linalg.inv(within_bounds(problem, curvature[0])))
+    n = max(walkers, 2 * problem.n_dim + 2)
+    start = np.repeat(u[None], n, axis=0)
+    low, high = problem.bounds.T
+    least = problem.log_posterior(u[None])[0] - problem.n_dim
+    for shrink in 0.7 ** np.arange(20):  # until each is about as probable as the draw
+        near = np.clip(u + shrink * random.standard_normal((n, u.size)) @ root.T, low, high)
+        poor = ~(start != u).any(axis=1)
+        poor[0] = False
+        if not poor.any():
+            break
+        start[poor] = np.where((problem.log_posterior(near[poor]) > least)[:, None], near[poor], u)
+    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DEMove(gamma0=1.0), 0.1), (emcee.moves.DESnookerMove(), 0.1)]
+    sampler = emcee.EnsembleSampler(n, u.size, problem.log_posterior, moves=moves, vectorize=True)
+    sampler.random_state = np.random.RandomState(seed % 2**32).get_state()  # its own seed, else the global one
+    sampler.run_mcmc(start, steps, skip_initial_state_check=True)
+    return np.asarray(sampler.get_chain(discard=steps // 2, thin=5, flat=True))
 
 
-def truth(problem: Problem, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters drawn from their priors, and readings that they make."""
-    while True:
-        u = problem.prior_transform(rng.uniform(size=(1, problem.n_dim)))
-        y = noise.draw(problem.predict(u), problem.noise_values(u), None, rng)[0]
-        if np.isfinite(y).all() and np.abs(y).max() < 1e5:
-            return u[0], y
+def compared(chain: FloatArray, draws: Weighed) -> tuple[float, float]:
+    """`Result.away` and `Result.differs`.
+
+    A place holds no draws if it is further from the nearest one than 99 % of the draws are from each other, in
+    coordinates in which they have unit covariance.
+    """
+    centre = draws.weights @ draws.draws
+    apart = draws.draws - centre
+    covariance = (apart * draws.weights[:, None]).T @ apart
+    width = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(width, width))
+    whiten = vectors / np.sqrt(np.maximum(values, 1e-6))
+    ours = np.unique(draws.resampled(500), axis=0)
+    tree = cKDTree((ours - centre) / width @ whiten)
+    usual = np.quantile(tree.query(tree.data, k=2)[0][:, 1], 0.99)
+    away = float(np.mean(tree.query((chain - centre) / width @ whiten)[0] > usual))
+    median = quantiles(draws.draws, draws.weights, [0.5])[0]
+    return away, float(np.max(np.abs(np.median(chain, axis=0) - median) / width))
 
 
-def ranks(given: argparse.Namespace) -> tuple[np.ndarray, list[str]]:
-    """Ranks of the truths among posterior draws; (n, n_parameters), and the parameters' names."""
-    sets = [[t.id] for t in TERMS] if given.terms == "any" else [[t for t in given.terms.split(",") if t]]
-    problems = [posed(ids, given.group) for ids in sets]
-    rng = np.random.default_rng(given.seed)
-    sources = b"".join(path.read_bytes() for path in [*sorted((ROOT / "psafit").rglob("*.py")), Path(__file__)])
-    kept = joblib.Memory(ROOT / "fits" / "sbc" / hashlib.sha256(sources).hexdigest()[:12], verbose=0).cache(rank)
-    calls = (
-        joblib.delayed(kept)(sets[k % len(sets)], given.group, *truth(problems[k % len(sets)], rng), k, given.sampler,
-                             given.steps)
-        for k in range(given.n)
-    )  # fmt: skip
-    names, columns = list(problems[0].names), slice(None)
-    if len(sets) > 1:
-        # What all of them have: the baseline's parameters, a strength, the scatter.
-        names = [*names[: len(baseline.PARAMETERS)], "strength", *names[-len(noise.PARAMETERS) :]]
-        columns = np.r_[: len(baseline.PARAMETERS) + 1, -len(noise.PARAMETERS) : 0]
-    found, converged = [], 0
-    for one, done in joblib.Parallel(n_jobs=given.jobs, return_as="generator", batch_size=1)(calls):
-        found.append(one[columns])
-        converged += done
-        print(f"\r{len(found)} of {given.n}", end="", file=sys.stderr, flush=True)
-    if converged < given.n:
-        print(
-            f"\n{given.n - converged} of {given.n} chains had not converged after {given.steps} steps", file=sys.stderr
-        )
-    return np.array(found), names
+def solve(plan: Plan, number: int) -> Result:
+    """Make one data set, sample its model, and rank the truth."""
+    problem, u, redrawn = truth(plan, number)
+    result = Result(number, list(problem.ids), redrawn)
+    begun = time.process_time()
+    try:
+        found, draws = diagnosed(problem, number) if plan.sampler == "evidence" else fitted(problem, number, plan.steps)
+    except PsafitError as error:
+        return replace(result, failed=str(error))
+    seconds = time.process_time() - begun
+    chain = chain_from(problem, u, plan.walkers, plan.chain, number)
+    away, differs = compared(chain, draws)
+    level = problem.log_posterior(chain).mean() - draws.weights @ problem.log_posterior(draws.draws)
+    return replace(
+        result,
+        ranks=ranked(problem, found, draws, u, np.random.default_rng([plan.seed, number, 3]).uniform()),
+        away=away,
+        level=float(level),
+        differs=differs,
+        rise=float(ascend(problem, u[None]).height[0]) - max(draws.height, found.height),
+        effective=draws.effective,
+        pareto_k=draws.pareto_k,
+        cpu_s=round(seconds, 2),
+    )
+
+
+def sent(plan: Plan, number: int) -> dict[str, Any]:
+    """A result as workers send it: classes of a script would come back as others of the same name."""
+    return asdict(solve(plan, number))
+
+
+def results(plan: Plan, wanted: Iterable[int], folder: Path, jobs: int, scheduler: str | None = None) -> list[Result]:
+    """Results of data sets, those that the folder has not yet worked out by workers."""
+    numbers = list(wanted)
+    if scheduler is not None:
+        reach(scheduler)
+    with sole(folder):
+        files = {n: folder / f"{n:04d}.json" for n in numbers}
+        left = [n for n, file in files.items() if not file.exists()]
+        with processes(jobs, scheduler) as usable:
+            for done, result in enumerate(unordered(usable, sent, ((plan, n) for n in left)), 1):
+                write_json(files[result["number"]], Result(**result), sealed=True)
+                print(f"\r{len(numbers) - len(left) + done} of {len(numbers)}", end="", file=sys.stderr, flush=True)
+    # Read back: the same to the last digit whether fresh or of an earlier run.
+    return [read_json(file, Result, sealed=True, remedy="remove it and repeat") for file in files.values()]
+
+
+# --- the summary ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How often a central interval holds the truth; `error` is the standard error between data sets."""
+
+    level: float
+    share: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"{self.level:.0%}: {self.share:6.1%} +- {self.error:.1%}"
+
+
+def coverage(ranks: Sequence[Sequence[float]], level: float) -> Coverage:
+    """Coverage of central intervals; `ranks` has those of each data set, of which some may have none."""
+    held = [np.abs(np.array(of) - 0.5) < level / 2 for of in ranks if len(of)]
+    share = np.concatenate(held).mean() if held else math.nan
+    # Ranks of one data set hang together: the error is that of a ratio of sums over data sets.
+    off = [np.sum(h - share) for h in held]
+    n = sum(map(len, held))
+    # At least what a binomial count expects: few data sets may agree by chance.
+    expected = math.sqrt(level * (1 - level) * len(held)) * n / len(held) if held else math.nan
+    return Coverage(level, float(share), max(float(np.linalg.norm(off)), expected) / n if n else math.nan)
+
+
+def kind(name: str) -> str:
+    """What a rank is counted with: a cause's strength, another parameter of causes, or itself."""
+    if name in {p.name for p in (*baseline.PARAMETERS, *noise.PARAMETERS)} | {
+        "log_likelihood",
+        "log_posterior",
+        "mode",
+    }:
+        return name
+    return "strength" if name in {t.strength.name for t in TERMS} else "other of causes"
+
+
+KINDS = (
+    *(p.name for p in baseline.PARAMETERS), "strength", "other of causes", *(p.name for p in noise.PARAMETERS),
+    "log_likelihood", "log_posterior", "mode",
+)  # fmt: skip
+
+
+def by_kind(found: Sequence[Result]) -> dict[str, list[list[float]]]:
+    """Ranks of each kind, data set by data set."""
+    return {k: [[rank for name, rank in r.ranks.items() if kind(name) == k] for r in found] for k in KINDS}
+
+
+def uniform(ranks: Sequence[Sequence[float]]) -> float:
+    """p-value of their uniformity by Kolmogorov and Smirnov; 1 if there are none."""
+    flat = [rank for of in ranks for rank in of]
+    return float(kstest(flat, "uniform").pvalue) if flat else 1.0
+
+
+def parameters_of(result: Result) -> list[float]:
+    """Ranks of the parameters alone."""
+    return [rank for name, rank in result.ranks.items() if name not in ("log_likelihood", "log_posterior", "mode")]
+
+
+def lost(found: Sequence[Result], share: float = 0.5) -> list[Result]:
+    """Data sets whose draws lack the mode of the truth."""
+    return [r for r in found if r.away > share]
+
+
+def summary(found: Sequence[Result]) -> tuple[str, float]:
+    """What was found, in words, and the smallest p-value times the number of them."""
+    sampled = [r for r in found if not r.failed]
+    worst = 1.0
+    lines = [f"{'':16}{'ranks':>6}{'p':>8}"]
+    for name, ranks in by_kind(sampled).items():
+        n, p = sum(map(len, ranks)), uniform(ranks)
+        worst = min(worst, p * len(KINDS))
+        lines.append(f"{name:16}{n:6}{p:8.3f}   {coverage(ranks, 0.5)}   {coverage(ranks, 0.9)}")
+    lines.append("all parameters, by number of causes:")
+    for size in sorted({len(r.causes) for r in sampled}):
+        some = [parameters_of(r) for r in sampled if len(r.causes) == size]
+        lines.append(f"{size:3} ({len(some)} data sets) {'':12}{coverage(some, 0.5)}   {coverage(some, 0.9)}")
+    every = [parameters_of(r) for r in sampled]
+    lines.append(f"all ({len(every)} data sets) {'':12}{coverage(every, 0.5)}   {coverage(every, 0.9)}")
+    lines.append(
+        f"drawn again, for they could not be simulated: {sum(r.redrawn for r in found)}; "
+        f"not sampled: {len(found) - len(sampled)}; Pareto's k above 0.7: {sum(r.pareto_k > 0.7 for r in sampled)}; "
+        f"fewer than 100 effective draws: {sum(r.effective < 100 for r in sampled)}; "
+        f"CPU seconds of one: {np.mean([r.cpu_s for r in sampled] or [math.nan]):.2f}"
+    )
+    lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.failed}" for r in found if r.failed]
+    higher = [r for r in sampled if r.rise > SearchSettings().better]
+    lines.append(f"a climb from the truth ends higher by more than {SearchSettings().better} nats: {len(higher)}")
+    lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.rise:.1f} nats" for r in higher]
+    lines.append(f"the draws lack the mode of the truth: {len(lost(sampled))}")
+    lines += [
+        f"  {r.number} {','.join(r.causes) or '-'}: {r.away:.0%} of the chain away, level {r.level:+.1f} nats, "
+        f"{r.differs:.1f} standard deviations apart"
+        for r in lost(sampled)
+    ]
+    return "\n".join(lines), worst
+
+
+def draw(found: Sequence[Result], out: Path, bins: int = 10) -> None:
+    """One panel a kind of rank: how often the truth had which."""
+    panels = {name: [x for of in ranks for x in of] for name, ranks in by_kind(found).items()}
+    panels = {name: flat for name, flat in panels.items() if flat}
+    edges = np.linspace(0, 1, bins + 1)
+    with figure_style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(9.6, 2.3 * math.ceil(len(panels) / 3)), layout="constrained")
+        axes = figure.subplots(math.ceil(len(panels) / 3), 3, squeeze=False).flat
+        for ax, (name, flat) in zip(axes, panels.items(), strict=False):
+            counts, _ = np.histogram(flat, edges)
+            ax.axhspan(*binom.ppf([0.005, 0.995], len(flat), 1 / bins), color=PALETTE["faint"])
+            ax.stairs(counts, edges, color=PALETTE["blue"], fill=False, linewidth=1.8)
+            ax.set(title=f"{name.replace('_', ' ')}, p = {kstest(flat, 'uniform').pvalue:.2f}", xlim=(0, 1))
+            ax.set_ylim(bottom=0)
+        for ax in list(axes):
+            ax.set_visible(False)
+        figure.supxlabel("rank of the truth among the draws")
+        figure.supylabel("truths")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(out, dpi=150)
 
 
 def main() -> int:
     """Calibrate, draw, judge."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--terms", default="", help="causes beside the baseline, or any")
-    options.add_argument("--group", default="1", help="or several: 1,2,3")
-    options.add_argument("--sampler", choices=list(SAMPLERS), default="evidence")
-    options.add_argument("-n", type=int, default=200, help="data sets")
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--steps", type=int, default=STEPS, help="of emcee, at most")
-    options.add_argument("--jobs", type=int, default=2)
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    usual = Plan()
+    options.add_argument("-n", type=int, default=500, help="data sets")
+    options.add_argument("--seed", type=int, default=usual.seed)
+    options.add_argument("--experiment", dest="rig", default=usual.rig, help="folder, or a stored data set's name")
+    options.add_argument("--group", default="", help="of its groups, these: 1,2,3")
+    options.add_argument("--terms", help="causes beside the baseline; by default drawn from the prior over sets")
+    options.add_argument("--size", type=int, help="number of causes, where that is not drawn")
+    options.add_argument("--sampler", choices=["evidence", "emcee"], default=usual.sampler)
+    options.add_argument("--steps", type=int, default=usual.steps, help="of --sampler emcee, at most")
+    options.add_argument("--drawn", choices=["joint", "clipped", "asked"], default=usual.drawn)
+    options.add_argument("--jobs", type=int, default=2, help="processes")
+    options.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out")
+    options.add_argument("--folder", type=Path, default=ROOT / "fits" / "sbc", help="where results are kept")
     options.add_argument("--out", type=Path, default=ROOT / "docs" / "figures" / "sbc.png")
     given = options.parse_args()
-    found, names = ranks(given)
-    edges = np.linspace(-0.5, DRAWS + 0.5, BINS + 1)
-    low, high = binom.ppf([0.005, 0.995], given.n, 1 / BINS)
-    worst = 1.0
-    with figure_style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(8.4, 2.2 * ((len(names) + 2) // 3)), layout="constrained")
-        for axes, name, column in zip(
-            figure.subplots((len(names) + 2) // 3, 3, squeeze=False).flat, names, found.T, strict=False
-        ):
-            counts, _ = np.histogram(column, edges)
-            p = float(chisquare(counts).pvalue)
-            worst = min(worst, p)
-            held = int(np.sum((column >= 0.05 * (DRAWS + 1)) & (column < 0.95 * (DRAWS + 1))))
-            print(f"\n{name:24} p = {p:.3f}  {counts.tolist()}  90 % intervals: {held} of {given.n}", end="")
-            axes.axhspan(low, high, color=PALETTE["faint"])
-            axes.stairs(counts, edges, color=PALETTE["blue"], fill=False, linewidth=1.8)
-            axes.set(title=f"{name}, p = {p:.2f}", xlabel=f"rank of the truth among {DRAWS} draws", ylabel="data sets")
-            axes.set_ylim(bottom=0)
-        given.out.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(given.out, dpi=150)
-    sound = worst > 0.05 / len(names)
-    print(f"\n{'sound' if sound else 'NOT sound'}: smallest p = {worst:.3f}; grey band: 99 % of sound counts")
+    groups = tuple(g for g in given.group.split(",") if g)
+    plan = Plan(given.seed, given.rig, groups, given.terms, given.size, given.sampler, given.steps, given.drawn)
+    identity = digest([code(), sha256(Path(__file__)), repr(plan), conditions(plan).fingerprint])[:12]
+    try:
+        found = results(plan, range(given.n), given.folder / identity, given.jobs, given.scheduler)
+    except InputError as error:
+        print(f"sbc: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("sbc: interrupted; repeat the same command to go on where it stopped", file=sys.stderr)
+        return 2
+    text, worst = summary(found)
+    draw([r for r in found if not r.failed], given.out)
+    sound = worst > 0.05
+    print(f"\n{text}\n{'sound' if sound else 'NOT sound'}: smallest p, times their number: {worst:.3f}")
     return 0 if sound else 1
 
 

@@ -45,6 +45,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from search_sets import GROUPS, DataSet, get, wanted
 
+from psafit.diagnose.misfit import passes
 from psafit.experiment import write_experiment
 from psafit.files import write_atomically
 from psafit.inference.ascent import ascend
@@ -87,9 +88,12 @@ class Found:
     modes: np.ndarray
 
 
-def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int, int], None]) -> Found:
-    """Search all causes, in sets of at most `most`; `problem` has none."""
-    found = climb(problem, TERMS, seed=seed, progress=progress, settings=SearchSettings(most_causes=most))
+def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int, int], None], jobs: int = 1) -> Found:
+    """Search all causes, in sets of at most `most`, in so many processes; `problem` has none."""
+    found = climb(
+        problem, TERMS, seed=seed, progress=progress, settings=SearchSettings(most_causes=most), jobs=jobs,
+        passes=lambda candidate: passes(candidate, TERMS, seed=seed),
+    )  # fmt: skip
     return Found(
         {ids: value + found.log_prior(ids) for ids, value in found.log_evidence.items()},
         found.probability,
@@ -158,6 +162,7 @@ def measure(
     seed: int,
     *,
     most: int,
+    jobs: int = 1,
     known: Mapping[str, Any] | None = None,
     tolerance: float = 1e-4,
     shown: int = 10,
@@ -172,6 +177,8 @@ def measure(
         Of the search.
     most : int
         Causes up to which it must look.
+    jobs : int
+        Processes of the search. Of several, trajectories are those of this one alone; seconds of CPU are of all.
     known : dict, optional
         What `truth_alone` found before.
     tolerance : float
@@ -184,10 +191,10 @@ def measure(
     problem = Problem(data.experiment, data.experiment.ids, tolerance=tolerance)
     warm_up(problem)
     before = pace()
-    wall, cpu = time.monotonic(), time.process_time()
+    wall, cpu = time.monotonic(), cpu_s()
     with counted() as trajectories:
-        found = search(problem, seed, most, progress)
-    cpu, wall = time.process_time() - cpu, time.monotonic() - wall
+        found = search(problem, seed, most, progress, jobs)
+    cpu, wall = cpu_s() - cpu, time.monotonic() - wall
     work = 0.5 * (before + pace())
     best = found.order[0]
     evidence, error, _ = evidence_of(settle_at(replace(problem, terms=terms(best)), found.modes), seed=1)
@@ -203,6 +210,7 @@ def measure(
         "code": code(),
         "seed": seed,
         "most": most,
+        "jobs": jobs,
         "n_readings": int(problem.observed.size),
         "gain": data.gain,
         "truth": None if data.truth is None else list(data.truth),
@@ -264,6 +272,12 @@ def truth_alone(data: DataSet, problem: Problem, seeds: Sequence[int] = (1, 2)) 
     }
 
 
+def cpu_s() -> float:
+    """Seconds of CPU of this process, and of those that it has started and that have ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
 def pace(repeats: int = 400) -> float:
     """Seconds of CPU that a fixed piece of work takes, of which psafit is no part: how slow the machine is just now."""
     rng = np.random.default_rng(0)
@@ -297,6 +311,7 @@ def run(
     *,
     seed: int,
     quick: bool = False,
+    jobs: int = 1,
     truths: Mapping[str, Mapping[str, Any]] | None = None,
     tell: Callable[[str], None] = print,
 ) -> int:
@@ -311,11 +326,11 @@ def run(
             data = get(id)
             most = 4 if quick else data.most
             records = read(file)
-            if _is_of(records.get(id), data, seed, most):
+            if _is_of(records.get(id), data, seed, most, jobs):
                 continue
             before = (truths or {}).get(id, {})
             known = before.get("truth_alone") if before.get("fingerprint") == data.experiment.fingerprint else None
-            record = measure(data, seed, most=most, known=known, progress=_shown)
+            record = measure(data, seed, most=most, jobs=jobs, known=known, progress=_shown)
         except Exception:  # hours of other searches do not end with one that fails
             failed += 1
             tell(traceback.format_exc())
@@ -327,10 +342,10 @@ def run(
     return failed
 
 
-def _is_of(record: Mapping[str, Any] | None, data: DataSet, seed: int, most: int) -> bool:
+def _is_of(record: Mapping[str, Any] | None, data: DataSet, seed: int, most: int, jobs: int) -> bool:
     """Whether a record is what the same command would give."""
-    asked = {"fingerprint": data.experiment.fingerprint, "seed": seed, "most": most, "code": code()}
-    return record is not None and all(record[key] == value for key, value in asked.items())
+    asked = {"fingerprint": data.experiment.fingerprint, "seed": seed, "most": most, "jobs": jobs, "code": code()}
+    return record is not None and all(record.get(key, 1) == value for key, value in asked.items())
 
 
 def _shown(what: str, done: int, total: int) -> None:
@@ -341,7 +356,10 @@ def _shown(what: str, done: int, total: int) -> None:
 def in_words(record: Mapping[str, Any]) -> str:
     """One line on what was found."""
     best, truth = record["best"], record["truth_found"]
-    parts = [f"best {named(best['causes'])} ({best['probability']:.2f})", f"{record['cpu_s']:.0f} s"]
+    parts = [
+        f"best {named(best['causes'])} ({best['probability']:.2f})",
+        f"{record['cpu_s']:.0f} s of CPU, {record['wall_s']:.0f} s",
+    ]
     parts.append(f"{record['n_fitted']} models")
     if truth:
         how = "reported" if truth["reported"] else "fitted" if truth["fitted"] else "NOT FITTED"
@@ -494,6 +512,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("benchmarks/search.jsonl"), help="receives the records")
     parser.add_argument("--quick", action="store_true", help="at most four causes everywhere, in the study, too")
     parser.add_argument("--seed", type=int, default=1, help="of the searches")
+    parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="processes of each search")
     parser.add_argument("--truths", type=Path, metavar="FILE", help="take the plain fits of the truths from this file")
     parser.add_argument("--list", action="store_true", help="list the data sets, and search none")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write them as experiments, and search none")
@@ -532,6 +551,7 @@ def main() -> int:
             words.out,
             seed=words.seed,
             quick=words.quick,
+            jobs=words.jobs,
             truths=read(words.truths) if words.truths else None,
             tell=lambda text: print(text, flush=True),
         )

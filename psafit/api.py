@@ -114,6 +114,7 @@ class Rig(_Shown):
         out: str | Path | None = None,
         seed: int = 1,
         jobs: int | None = None,
+        scheduler: str | None = None,
         quiet: bool = False,
     ) -> Diagnosed:
         """Find what the simulation gets wrong, and why: see `psafit.diagnose.diagnose`.
@@ -131,6 +132,8 @@ class Rig(_Shown):
         seed : int
         jobs : int, optional
             Processes that search side by side; one for every core by default.
+        scheduler : str, optional
+            Address of a Dask scheduler whose workers search instead (extra ``psafit[cluster]``).
         quiet : bool
             Whether to show no progress.
 
@@ -146,8 +149,9 @@ class Rig(_Shown):
         ensure_writable(folder, "out", folder=True, inputs=[self.experiment.folder])
         with watcher(quiet) as show:
             record = diagnose(
-                self.experiment, ids, folder, quick=quick, seed=seed, catalogue=candidates, jobs=jobs, watcher=show
-            )
+                self.experiment, ids, folder, quick=quick, seed=seed, catalogue=candidates, jobs=jobs,
+                scheduler=scheduler, watcher=show,
+            )  # fmt: skip
         return Diagnosed(record, self.experiment, folder)
 
     def plot(self, group: GroupId, ax: Axes | None = None) -> Axes:

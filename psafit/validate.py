@@ -334,10 +334,38 @@ def drifting(validation: Validation) -> bool:
     return any(s.role == "fit" and s.drift_p_value < LEVEL for s in validation.groups)
 
 
+def doubt(validation: Validation) -> str:
+    """Why the values of a fit may stand in for what the model lacks; empty where nothing says so."""
+    if drifting(validation):
+        return "the errors of what was fitted drift"
+    unseen = [s for s in validation.groups if s.role == "holdout" and s.informative]
+    if unseen and too_narrow(unseen):
+        return "its 90 % band holds too few of the unseen readings"
+    missed = validation.holdout_log_rmse is not None and validation.holdout_log_rmse > FAIR
+    return "the groups it has not seen are missed" if missed else ""
+
+
+def coverage(scores: Sequence[GroupScore]) -> float:
+    """Fraction of all readings of some groups inside the 90 % predictive interval."""
+    return sum(s.coverage_90 * s.n_points for s in scores) / sum(s.n_points for s in scores)
+
+
+def too_narrow(scores: Sequence[GroupScore]) -> bool:
+    """Whether the 90 % band holds fewer readings of some groups than chance allows."""
+    return coverage(scores) < 0.9 - _slack(sum(s.n_points for s in scores))
+
+
+def _slack(n: int) -> float:
+    """Two standard deviations of the share of `n` readings that a 90 % band holds."""
+    return 2 * math.sqrt(0.9 * 0.1 / n)
+
+
 def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float) -> str:
     """One plain sentence about a group, from its log errors and the scores of its band."""
     rmse, n = root_mean_square(error), error.size
-    size = "predicted well" if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
+    narrow = n >= _FEWEST_FOR_BAND and coverage < 0.9 - _slack(n)
+    well = "followed closely" if narrow else "predicted well"
+    size = well if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
     factor = _factor(rmse)
@@ -346,20 +374,17 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     parts = [f"{size}, typically off by {factor}{rest}, {_direction(error)}"]
     if n < _FEWEST_FOR_BAND:
         return f"{parts[0]}; too few readings to judge its band"
-    # Two standard deviations of a binomial count around 90 %.
-    slack = 2 * math.sqrt(0.9 * 0.1 / n)
-    too_narrow = coverage < 0.9 - slack
     drifts = drift_p_value < LEVEL
-    if too_narrow:
+    if narrow:
         parts.append(f"its 90 % band holds only {fixed(coverage, per_cent=True)} % of the readings")
-    elif coverage > 0.9 + slack and pit_p_value < LEVEL:
+    elif coverage > 0.9 + _slack(n) and pit_p_value < LEVEL:
         parts.append(f"its 90 % band is too wide ({fixed(coverage, per_cent=True)} % of the readings inside)")
     elif pit_p_value < LEVEL:
         parts.append("its 90 % band is wide enough, but the readings are not spread over it as predicted")
     elif not drifts:
         parts.append("its band is honest")
     if drifts:
-        absorbed = "" if too_narrow else " that the scatter absorbs"
+        absorbed = "" if narrow else " that the scatter absorbs"
         parts.append(f"its errors drift along the sweep: the model misses a trend{absorbed}")
     return "; ".join(parts)
 

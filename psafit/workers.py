@@ -1,7 +1,9 @@
-"""Processes of this machine that share work out, and end with the one that started them."""
+"""Processes that share work out: of this machine, which end with the one that started them, or of a Dask cluster."""
 
 from __future__ import annotations
 
+import importlib.util
+import logging
 import multiprocessing
 import os
 import shutil
@@ -25,6 +27,8 @@ from psafit.errors import InputError
 
 # How often a worker looks whether its parent is still there, and a parent tells how far its workers are.
 _LOOK_UP_S = 1.0
+# For a scheduler to answer, and for its first worker to come.
+_ANSWER_S, _WORKERS_S = 20, 60
 _FOLDER = "psafit-{}-{}-"  # temporary, of a process that another one has started
 
 
@@ -50,14 +54,25 @@ def _clear(parent: int, worker: int | str) -> None:
 
 
 @contextmanager
-def processes(jobs: int) -> Iterator[int]:
+def processes(jobs: int, scheduler: str | None = None) -> Iterator[int]:
     """Let joblib use so many processes, which part the cores between them; gives the number that it may use.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes of this machine.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers share the work instead (extra ``psafit[cluster]``).
 
     Raises
     ------
     InputError
-        If one of them has been ended.
+        If one of them has been ended, or Dask is asked for and not there.
     """
+    if scheduler is not None:
+        with _cluster(scheduler) as usable:
+            yield usable
+        return
     # joblib's own switch; and it flushes both streams before it starts a process.
     if os.environ.get("JOBLIB_MULTIPROCESSING") == "0" or sys.stdout is None or sys.stderr is None:
         jobs = 1
@@ -76,15 +91,74 @@ def processes(jobs: int) -> Iterator[int]:
         _clear(os.getpid(), "*")
 
 
-def unordered(jobs: int, work: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
+def reach(scheduler: str) -> None:
+    """See that a Dask scheduler answers, before anything is written.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, or no scheduler answers.
+    """
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line
+    try:
+        # As the default, a client that fails would stay the one whose locks xarray takes to write a file.
+        client: Any = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)  # type: ignore[no-untyped-call]
+        client.close()
+    except Exception as error:  # an address may be wrong in many ways, each with an error of its own
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"no Dask scheduler answers at {scheduler} ({reason})", "check --scheduler") from error
+
+
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[int]:
+    """Let joblib use the workers of a Dask scheduler; gives their number."""
+    reach(scheduler)
+    from distributed.scheduler import KilledWorker
+
+    # joblib brings its own link to Dask, and calls it by this address.
+    with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=_WORKERS_S):
+        try:
+            usable = joblib.effective_n_jobs(-1)
+        except TimeoutError as error:
+            raise InputError(f"the Dask scheduler at {scheduler} has no worker", "start some: dask worker") from error
+        try:
+            yield max(usable, 2)  # one process alone would be this one
+        except KilledWorker as error:
+            raise InputError(
+                "Dask gave up a piece of work that ended one worker after the other, perhaps for want of memory",
+                "repeat the same command, which goes on from what is done, with more memory for each worker",
+            ) from error
+
+
+def unordered(
+    jobs: int, work: Callable[..., Any], calls: Iterable[tuple[Any, ...]], *, waiting: int = 1
+) -> Iterator[Any]:
     """Results as they come of `work` with each tuple of arguments.
 
     One call at a time to each worker: what is not begun is not lost. Workers are born deaf to Ctrl-C: one that is still
     importing would answer it with a traceback.
+
+    Parameters
+    ----------
+    jobs : int
+        As `processes` gives it.
+    work : callable
+    calls : iterable of tuple
+        Taken from when a worker needs more.
+    waiting : int
+        Calls that wait for each worker beside the one at which it is.
     """
+    if jobs < 2:
+        return (_attended(os.getpid(), work, call) for call in calls)
     asked = (joblib.delayed(_attended)(os.getpid(), work, call) for call in calls)
-    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-    if jobs < 2 or not hasattr(signal, "pthread_sigmask"):
+    # (joblib evaluates the number.)
+    ready = f"{1 + waiting}*n_jobs"
+    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=ready)
+    if not hasattr(signal, "pthread_sigmask"):
         return iter(parallel(asked))
     heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -94,24 +168,32 @@ def unordered(jobs: int, work: Callable[..., Any], calls: Iterable[tuple[Any, ..
 
 
 def ahead(
-    work: Callable[..., object],
+    work: Callable[..., Any],
     calls: Sequence[tuple[Any, ...]],
     jobs: int,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    scheduler: str | None = None,
+    take: Callable[[Any], None] = lambda result: None,
 ) -> None:
-    """Do work in processes of its own for what it leaves in files; nothing where one process would do it all.
+    """Do work in other processes for what it leaves behind; nothing where one process would do it all.
 
     Parameters
     ----------
     work : callable
+        What it returns must be fit to be sent.
     calls : sequence of tuple
         Its arguments, a tuple a call.
     jobs : int
         Processes.
     progress : callable
         Called with (calls done, calls) every second.
+    scheduler : str, optional
+        As of `processes`.
+    take : callable
+        Called with each result.
     """
-    with processes(min(jobs, len(calls))) as usable:
+    with processes(min(jobs, len(calls)), scheduler if calls else None) as usable:
         if usable < 2:
             return
         done, over = 0, threading.Event()
@@ -123,16 +205,12 @@ def ahead(
         teller = threading.Thread(target=tell, name="progress", daemon=True)
         teller.start()
         try:
-            for _ in unordered(usable, _forgotten, ((work, *call) for call in calls)):
+            for result in unordered(usable, work, calls):
+                take(result)
                 done += 1
         finally:
             over.set()
             teller.join()
-
-
-def _forgotten(work: Callable[..., object], *call: Any) -> None:
-    """Do work whose result need not, or cannot, be sent."""
-    work(*call)
 
 
 def _attended(owner: int, work: Callable[..., Any], call: tuple[Any, ...]) -> Any:

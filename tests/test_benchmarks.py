@@ -20,7 +20,7 @@ from psafit.physics import TERMS, terms
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-yardstick, search_sets, estimates = map(import_module, ("search", "search_sets", "estimates"))
+yardstick, search_sets, estimates, null_leads = map(import_module, ("search", "search_sets", "estimates", "null_leads"))
 
 
 def record(id: str = "one", **changes: Any) -> dict[str, Any]:
@@ -37,6 +37,7 @@ def record(id: str = "one", **changes: Any) -> dict[str, Any]:
         "best": {"causes": ["gap"], "log_posterior": -500.0, "probability": 0.9},
         "n_fitted": 3,
         "cpu_s": 10.0,
+        "wall_s": 11.0,
         "pace_s": 0.2,
         **changes,
     }
@@ -141,7 +142,7 @@ def test_a_run_goes_on_where_it_stopped(known: Experiment, tmp_path: Path, monke
     searched: list[tuple[str, int, Any]] = []
     interrupted = ["b"]
 
-    def measure(data: Any, seed: int, *, most: int, known: Any, progress: Any) -> dict[str, Any]:
+    def measure(data: Any, seed: int, *, most: int, jobs: int, known: Any, progress: Any) -> dict[str, Any]:
         if data.id in interrupted:
             interrupted.remove(data.id)
             raise KeyboardInterrupt
@@ -222,3 +223,34 @@ def test_a_random_model_is_fitted_and_sampled_twice() -> None:
     assert len(found["causes"]) == 1 and found["part"] == []
     assert found["short_top_below"] > -0.1 and abs(found["evidences_differ"]) < 3
     assert found["short_s"] < found["sample_s"]
+
+
+def test_searches_where_nothing_is_hidden_go_on_where_they_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each size in turn, one table whatever the order; a search that fails is told and left out."""
+    table = null_leads.blank(1, TERMS, null_leads.SearchSettings())
+    calls = null_leads.wanted(table, (60, 150), 2)
+    assert [n for n, _ in calls] == [60, 150, 60, 150] and len(set(calls)) == 4
+    searched: list[tuple[int, int]] = []
+
+    def search(asked: int, seed: int, catalogue: Any, settings: Any) -> Any:
+        searched.append((asked, seed))
+        return null_leads.NullLead(seed, asked, asked - 2, 5, -2.0) if seed != calls[1][1] else "nothing launches"
+
+    monkeypatch.setattr(null_leads, "search", search)
+    file = tmp_path / "leads.json"
+    words = ["null_leads.py", "--sizes", "60,150", "--each", "2", "--out", str(file)]
+    null_leads.fill(file, table, calls[2:3], TERMS)
+    monkeypatch.setattr(sys, "argv", words)
+    assert null_leads.main() == 0
+    assert searched == [calls[2], calls[0], calls[1], calls[3]]
+    leads = null_leads.read_json(file, null_leads.NullLeads).leads
+    assert [(one.asked, one.seed) for one in leads] == sorted((calls[0], calls[2], calls[3]))
+    said = capsys.readouterr().out
+    assert "nothing launches" in said and "about 60 readings, 2 searches: median -2.00 nats" in said
+    monkeypatch.setattr(sys, "argv", [*words, "--seed", "2"])
+    with pytest.raises(null_leads.InputError, match="another seed"):
+        null_leads.main()
+    monkeypatch.setattr(sys, "argv", [*words, "--seed", "2", "--anew"])
+    assert null_leads.main() == 0 and null_leads.read_json(file, null_leads.NullLeads).seed == 2

@@ -153,6 +153,7 @@ def test_predictions_csv_keeps_the_contract(checked) -> None:  # type: ignore[no
         (50, 0.25, 0.9, 0.5, 1e-3, "either way; its errors drift along the sweep: the model misses a trend that the"
          " scatter absorbs"),
         (50, 0.25, 0.5, 0.5, 1e-3, "the model misses a trend"),
+        (50, 0.05, 0.68, 1e-3, 0.5, "followed closely, typically off by ×1.05, either way; its 90 % band holds"),
     ],
 )  # fmt: skip
 def test_verdicts_in_words(large: int, error: float, coverage: float, uniform: float, drift: float, words: str) -> None:
@@ -168,6 +169,20 @@ def test_errors_that_drift_in_what_was_fitted_put_its_values_in_doubt(checked) -
     for role, p, doubt in (("fit", 0.001, True), ("fit", 0.5, False), ("holdout", 0.001, False)):
         one = replace(found.groups[0], role=role, drift_p_value=p)
         assert validate.drifting(replace(found, groups=[one])) is doubt
+
+
+def test_values_are_doubted_where_the_fit_does_not_predict(checked) -> None:  # type: ignore[no-untyped-def]
+    found = checked[1]
+    fitted, unseen = (replace(found.groups[0], role=role, n_points=77, drift_p_value=0.5, informative=True)
+                      for role in ("fit", "holdout"))  # fmt: skip
+    for coverage, error, why in (
+        (0.9, 0.1, ""),
+        (0.75, 0.1, "its 90 % band holds too few of the unseen readings"),
+        (0.9, 0.4, "the groups it has not seen are missed"),
+    ):
+        groups = [fitted, replace(unseen, coverage_90=coverage)]
+        assert validate.doubt(replace(found, groups=groups, holdout_log_rmse=error)) == why
+    assert validate.doubt(replace(found, groups=[fitted], holdout_log_rmse=None)) == ""
 
 
 def test_many_small_errors_against_few_large_ones() -> None:

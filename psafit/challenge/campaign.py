@@ -7,18 +7,14 @@ not depend on the number of workers or on their order.
 
 from __future__ import annotations
 
-import importlib.util
-import logging
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import joblib
 import numpy as np
 
 import psafit
@@ -33,7 +29,7 @@ from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, remove_temporaries, sole
 from psafit.physics import TERMS, plugin_versions
 from psafit.records import plain, read_content, read_json, write_json
-from psafit.workers import processes, scratch, unordered
+from psafit.workers import processes, reach, scratch, unordered
 
 Diagnose = Callable[..., object]
 """``diagnose(experiment, group_ids, folder, quick=True, seed=seed)`` writes `diagnosis.json` into `folder`."""
@@ -53,8 +49,6 @@ _DRAWN_DESIGN = 4
 SEEN_NATS = 25.0
 """An oracle gain from which a miss counts, and rivals are looked for."""
 
-# For a scheduler to answer.
-_ANSWER_S = 20
 _KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
 _AGAIN = "move it elsewhere, and run the campaign again"
 
@@ -375,7 +369,7 @@ def run(
         If the folder holds another campaign, a result is damaged, or Dask is asked for and not there.
     """
     if scheduler is not None:
-        _reach(scheduler)
+        reach(scheduler)
     campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs), plugin_versions())
     with sole(folder):
         _claim(folder, campaign)
@@ -387,7 +381,7 @@ def run(
         left = [spec for spec in wanted if spec.id not in done]
         progress(len(done), len(wanted), "")
         if left:
-            with _workers(jobs, scheduler) as usable:
+            with processes(jobs, scheduler) as usable:
                 calls = ((spec, design_of, diagnose, tuple(outside)) for spec in left)
                 for result in unordered(usable, solve, calls):
                     write_json(results / f"{result.spec.id}.json", result, sealed=True)
@@ -462,31 +456,3 @@ def _claim(folder: Path, campaign: Campaign) -> None:
                 )
         return
     write_json(file, campaign)
-
-
-def _reach(scheduler: str) -> None:
-    """See that a scheduler answers, before anything is written."""
-    if importlib.util.find_spec("distributed") is None:
-        raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
-    from distributed import Client
-
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line
-    try:
-        # As the default, a client that fails would stay the one whose locks xarray takes to write a file.
-        client: Any = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)  # type: ignore[no-untyped-call]
-        client.close()
-    except Exception as error:  # an address may be wrong in many ways, each with an error of its own
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(f"no Dask scheduler answers at {scheduler} ({reason})", "check --scheduler") from error
-
-
-@contextmanager
-def _workers(jobs: int, scheduler: str | None) -> Iterator[int]:
-    """Who computes: number of processes for joblib."""
-    if scheduler is None:
-        with processes(jobs) as usable:
-            yield usable
-        return
-    # joblib brings its own link to Dask, and calls it by this address.
-    with joblib.parallel_config(backend="dask", scheduler_host=scheduler, wait_for_workers_timeout=60):
-        yield -1

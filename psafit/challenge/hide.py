@@ -113,6 +113,7 @@ def make(
     folder: Path,
     *,
     design_of: Experiment | None = None,
+    readings: int | None = None,
     kind: Kind | None = None,
     terms: Sequence[str] | None = None,
     outside: Outside | None = None,
@@ -132,6 +133,8 @@ def make(
         Made if needed; must not hold a challenge.
     design_of : Experiment, optional
         Whose conditions are simulated; a drawn design of similar size without it.
+    readings : int, optional
+        Of a drawn design, about; its sweeps are of one length. 200 to 350 by default.
     kind : {"nothing", "one", "two", "outside"}, optional
         Drawn if neither this nor `terms` nor `outside` is given.
     terms : sequence of str, optional
@@ -167,7 +170,9 @@ def make(
     for name in (ANSWER, COMMITMENT, EXPERIMENT):
         if (folder / name).exists():
             raise InputError("is there already", "choose an empty folder", file=folder / name)
-    blank = _drawn_design(np.random.default_rng([seed, _DESIGN])) if design_of is None else _nameless(design_of)
+    blank = (
+        _drawn_design(np.random.default_rng([seed, _DESIGN]), readings) if design_of is None else _nameless(design_of)
+    )
     design = Design.of(blank.constants, blank.groups)
     rng = np.random.default_rng([seed, _TRUTH])
     scatter = {
@@ -424,14 +429,14 @@ def _log_normal(rng: np.random.Generator, median: float, factor: float) -> float
     return float(median * factor ** rng.standard_normal())
 
 
-def _drawn_design(rng: np.random.Generator) -> Experiment:
-    """Four to seven sweeps of a rig like the study's, 200 to 350 readings in all."""
+def _drawn_design(rng: np.random.Generator, readings: int | None = None) -> Experiment:
+    """Four to seven sweeps of a rig like the study's; so many readings in all, or 200 to 350."""
     ball, string = _RIG.M * 1.5 ** rng.uniform(-1, 1), _RIG.l * 1.5 ** rng.uniform(-1, 1)
     constants = Constants(M=float(f"{ball:.3g}"), m=_RIG.m, q=_RIG.q, l=float(f"{string:.3g}"), k_s=_RIG.k_s, g=_RIG.g)
     n_groups = int(rng.integers(4, 8))
     groups = []
     for number in range(1, n_groups + 1):
-        n = int(rng.integers(200, 351)) // n_groups
+        n = (int(rng.integers(200, 351)) if readings is None else readings) // n_groups
         waveform: Waveform = "square" if rng.uniform() < 0.35 else "sine"
         if number == 1 or rng.uniform() < 0.5:
             low, high = rng.uniform(50.0, 400.0), rng.uniform(5e3, 25e3)

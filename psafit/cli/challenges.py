@@ -17,6 +17,7 @@ from psafit.cli.common import (
     Group,
     Place,
     causes,
+    refuse_both,
     refuse_run_file,
     shown_path,
     write_result,
@@ -148,8 +149,7 @@ def run(
     from psafit.physics import TERMS
 
     refuse_run_file(json_file, out)
-    if scheduler and _asked("jobs"):
-        raise InputError("--jobs and --scheduler are both given", "give one: Dask's workers are set where they start")
+    refuse_both(jobs if _asked("jobs") else None, scheduler)
     data = _conditions(experiment)
     chosen = None if ids is None else [t.id for t in causes(ids)]
     if pairs and _asked("pairs") and len(chosen or TERMS) < 2:

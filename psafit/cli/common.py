@@ -233,6 +233,12 @@ def refuse_run_file(json_file: Path | None, folder: Path) -> None:
         raise InputError("is a file of the run itself", "choose another place with --json", file=json_file)
 
 
+def refuse_both(jobs: int | None, scheduler: str | None) -> None:
+    """Refuse processes of this machine beside a Dask scheduler; neither is given where it is None."""
+    if scheduler and jobs is not None:
+        raise InputError("--jobs and --scheduler are both given", "give one: Dask's workers are set where they start")
+
+
 @contextmanager
 def unwritten(file: Path, what: str) -> Iterator[None]:
     """Refuse in one line what a record read from `file` holds that psafit could not have written there."""

@@ -22,6 +22,7 @@ from psafit.cli.common import (
     costly,
     groups_of,
     plugin_words,
+    refuse_both,
     refuse_run_file,
     shown_path,
     unresolved,
@@ -56,7 +57,7 @@ if TYPE_CHECKING:
     "--searches",
     type=click.IntRange(0, 9999),
     metavar="N",
-    help="Repeat the whole search on N simulated baselines; 19 by default where a cause is named, 0 with --quick.",
+    help="Repeat the whole search on N simulated baselines; by default a stored table of such searches is looked up.",
 )
 @click.option("--out", type=Place("folder"), help="Folder; fits/<experiment>-diagnosis by default.")
 @SEED
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
     metavar="N",
     help="Processes that search side by side; one for every core by default. The result is the same.",
 )
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out (psafit[cluster]).")
 @click.option("--no-report", is_flag=True, help="Write the result only, no page.")
 @PLUGIN
 @QUIET
@@ -80,6 +82,7 @@ def diagnose(
     out: Path | None,
     seed: int,
     jobs: int | None,
+    scheduler: str | None,
     no_report: bool,
     quiet: bool,
     json_file: Path | None,
@@ -100,6 +103,7 @@ def diagnose(
     if out is None:
         ensure_writable(folder, "--out", folder=True, inputs=[experiment])
     refuse_run_file(json_file, folder)
+    refuse_both(jobs, scheduler)
     if not quiet:
         done = (folder / "diagnosis.json").exists()
         rest = "; a diagnosis takes that at least, without --quick many times that"
@@ -125,6 +129,7 @@ def diagnose(
             seed=seed,
             catalogue=catalogue,
             jobs=jobs,
+            scheduler=scheduler,
             # Without its page a diagnosis was interrupted, however whole its record is.
             draw_on=no_report or (folder / PAGE).exists(),
             watcher=show,

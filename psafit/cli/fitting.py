@@ -127,7 +127,7 @@ def fit(
             if not no_report:
                 whole.stage("validate")
                 from psafit.report.fit import write_report
-                from psafit.validate import drifting
+                from psafit.validate import doubt
                 from psafit.validate import validate as check_predictions
 
                 validation, predictions = check_predictions(result)
@@ -150,8 +150,8 @@ def fit(
         if not numerics.converged:
             click.echo(unresolved(numerics.error, numerics.required))
         if not no_report:
-            if drifting(validation):
-                click.echo("the errors of what was fitted drift: these values may stand in for what the model lacks")
+            if why := doubt(validation):
+                click.echo(f"{why}: these values may stand in for what the model lacks")
             print_scores(validation)
             click.echo(f"report: {shown_path(page)}")
     return DONE if result.summary.converged and numerics.converged else CHECK_FAILED

@@ -18,7 +18,7 @@ from psafit.diagnose import next_experiment, show, told
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.laws import broken
 from psafit.diagnose.leftover import leftover, stretch
-from psafit.diagnose.misfit import examine
+from psafit.diagnose.misfit import examine, passes
 from psafit.diagnose.record import (
     MARKER,
     PAGE,
@@ -31,7 +31,7 @@ from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import screen
 from psafit.diagnose.settings import Settings
-from psafit.diagnose.significance import significance
+from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, significance
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
@@ -40,7 +40,7 @@ from psafit.inference import emcee_adaptor
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
-from psafit.inference.memory import Memory, code
+from psafit.inference.memory import Memory, code, lent
 from psafit.inference.nested import nested_evidence, require
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import fit, load, versions
@@ -51,7 +51,7 @@ from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, read_content, read_json, write_json
 from psafit.validate import predictive, validate, write_predictions
-from psafit.workers import ahead, cores
+from psafit.workers import ahead, cores, reach
 
 
 def diagnose(
@@ -66,6 +66,7 @@ def diagnose(
     catalogue: Sequence[Term] | None = None,
     settings: Settings | None = None,
     jobs: int | None = None,
+    scheduler: str | None = None,
     draw_on: bool = True,
     watcher: Watcher | None = None,
     command: Sequence[object] = (),
@@ -83,7 +84,7 @@ def diagnose(
         The verdict alone, by the same search: no measured gain, no proposals beyond the tied causes.
     searches : int, optional
         Repetitions of the whole search on readings simulated from the fitted baseline (`psafit.diagnose.significance`);
-        by default as many as the settings say where a cause is named, none with `quick`.
+        by default as many as the settings say. Without any, the stored table is looked up where a cause is named.
     nautilus : bool
         Whether to compute the evidence of what the verdict rests on by a nested sampler, too.
     seed : int
@@ -94,6 +95,8 @@ def diagnose(
     jobs : int, optional
         Processes that search side by side where several searches are needed; one for every core by default. The result
         does not depend on it.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers share the searches instead (extra ``psafit[cluster]``).
     draw_on : bool
         Whether chains of a finished diagnosis that have not converged are drawn on.
     watcher : Watcher, optional
@@ -114,9 +117,12 @@ def diagnose(
     check_seed(seed)
     if nautilus:
         require()
+    if scheduler is not None:
+        reach(scheduler)
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
-    asked: list[Any] = [code(), versions(), experiment.title, experiment.limits, experiment.fingerprint]
+    asked: list[Any] = [code(), sha256(NULL_LEADS), versions()]
+    asked += [experiment.title, experiment.limits, experiment.fingerprint]
     settings = settings or Settings.usual(quick)
     looked_at = {t.id for t in catalogue}
     left_out = [t.id for t in TERMS if t.id not in looked_at]
@@ -131,15 +137,14 @@ def diagnose(
         shown, n_jobs = watcher or Silent(), jobs or cores()
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
         drawing = held is not None
-        usual = 0 if quick else settings.searches
-        repeats = (usual if searches is None else searches) if catalogue else 0
+        repeats = (settings.searches if searches is None else searches) if catalogue else 0
         plan = _plan(experiment, training, quick, repeats, nautilus, n_jobs)
         with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
             work = _Work(
                 experiment, training, folder, seed, catalogue, n_jobs, shown, command,
-                drawing=drawing, settings=settings, left_out=left_out,
+                drawing=drawing, settings=settings, left_out=left_out, scheduler=scheduler,
             )  # fmt: skip
-            return work.all(quick, searches, nautilus, identity)
+            return work.all(quick, repeats, nautilus, identity)
 
 
 def _plan(
@@ -240,10 +245,11 @@ class _Work:
     drawing: bool = False
     settings: Settings = field(default_factory=Settings)
     left_out: Sequence[str] = ()
+    scheduler: str | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     _ladders: dict[tuple[tuple[GroupId, ...], tuple[Candidate, ...]], Ladder] = field(default_factory=dict)
 
-    def all(self, quick: bool, searches: int | None, nautilus: bool, identity: str) -> Diagnosis:
+    def all(self, quick: bool, repeats: int, nautilus: bool, identity: str) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
         write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
@@ -261,7 +267,7 @@ class _Work:
             held = [ladder.baseline if verdict.verdict == "adequate" else leader]
             held += [ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held]]
             laws = [law for model in held for law in broken(model, self.settings.laws)]
-            misfit = told.misfit_of(before, after, left, leader)
+            misfit = told.misfit_of(before, after, left, ladder.baseline, leader)
             if verdict.verdict == "unexplained" and verdict.named:
                 misfit["remains"] = verdict.remains
             misfit["sessions"] = [asdict(o) for o in show.offsets(leader)]
@@ -300,24 +306,15 @@ class _Work:
                     extension[which] = self._extend(ids, groups)
                 what, unseen = f"posterior of the extension ({which})", extension[which]["scored_on"]
                 ledger.append({"choice": what, "saw": list(groups), "scored_on": unseen})
-        if searches is None:
-            searches = 0 if quick or not verdict.named else self.settings.searches
-        if searches and self.catalogue:
-            with self._stage("significance"):
-                misfit["search"] = asdict(
-                    significance(
-                        ladder, self.catalogue, searches, seed=self.seed, memory=self._memory,
-                        settings=self.settings.search, jobs=self.jobs,
-                        progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
-                    )
-                )  # fmt: skip
+        if repeats or (verdict.named and self.catalogue):
+            misfit["search"] = asdict(self._significance(ladder, repeats))
         causes = told.causes_of(ladder, verdict)
         if nautilus:
             decisive = [set(ids) for ids in ((), verdict.named, leader.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
-        screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict)
+        screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
         tables = [PREDICTIONS, *(one["predictions"] for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -334,7 +331,16 @@ class _Work:
             files={name: sha256(self.folder / name) for name in tables},
             laws=laws,
             sentences=told.sentences(
-                verdict, before, ladder, firm, screening, measured, proposal, misfit.get("search"), quick
+                verdict,
+                before,
+                ladder,
+                firm,
+                screening,
+                measured,
+                proposal,
+                misfit.get("search"),
+                quick,
+                furthest=told.furthest(ladder, verdict, misfit),
             ),
             unnamed=verdict.unnamed,
             screening=screening,
@@ -388,13 +394,15 @@ class _Work:
             self.watcher.update(done, total, which + what)
 
         if (groups, starts) not in self._ladders:
-            self._ladders[groups, starts] = _climbed(*self._common, groups, starts, self.jobs, progress)
+            self._ladders[groups, starts] = _climbed(
+                self._memory, *self._common, groups, starts, self.jobs, self.scheduler, progress
+            )
         return self._ladders[groups, starts]
 
     @property
-    def _common(self) -> tuple[Experiment, Sequence[Term], int, Memory, SearchSettings]:
+    def _common(self) -> tuple[Experiment, Sequence[Term], int, SearchSettings]:
         """What all searches of this diagnosis share."""
-        return self.experiment, self.catalogue, self.seed, self._memory, self.settings.search
+        return self.experiment, self.catalogue, self.seed, self.settings.search
 
     def _gains(self, whole: Ladder) -> dict[str, Any]:
         """What the extension gains on groups that it has not seen, for each protocol.
@@ -410,7 +418,9 @@ class _Work:
         wanted = list(dict.fromkeys([*splits_of, *([(audited[0], ())] if audited else [])]))
         found = {}
         with self._stage("parts"):
-            ahead(_climbed, [(*self._common, *one) for one in wanted], self.jobs, self._searched)
+            self._memory.begin()
+            calls = [(_climbed, self._memory, *self._common, *one) for one in wanted]
+            ahead(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
                 found[one] = self._search(*one)
                 self.watcher.part("parts", k / len(wanted))
@@ -430,6 +440,17 @@ class _Work:
             about = found[seen, sampled], found[seen, ()], self.experiment.ids, seen
             measured["nested"]["ledger"] += _audit(*about)
         return measured
+
+    def _significance(self, ladder: Ladder, repeats: int) -> Significance:
+        """How often a search finds as much where nothing is hidden."""
+        if not repeats:
+            return looked_up(ladder, self.catalogue, self.settings.search)
+        with self._stage("significance"):
+            return significance(
+                ladder, self.catalogue, repeats, seed=self.seed, memory=self._memory, settings=self.settings.search,
+                jobs=self.jobs, scheduler=self.scheduler,
+                progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
+            )  # fmt: skip
 
     def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> dict[str, Any]:
         """Fit causes to groups like any run, sample their posterior, and validate it."""
@@ -489,19 +510,21 @@ class _Work:
 
 
 def _climbed(
+    memory: Memory,
     experiment: Experiment,
     catalogue: Sequence[Term],
     seed: int,
-    memory: Memory,
     settings: SearchSettings,
     groups: tuple[GroupId, ...],
     starts: Sequence[Candidate] = (),
     jobs: int = 1,
+    scheduler: str | None = None,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Ladder:
     """The ladder of what some groups say."""
     return climb(
-        Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs, starts=starts,
+        Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs,
+        scheduler=scheduler, starts=starts, passes=lambda candidate: passes(candidate, catalogue, seed=seed),
         progress=progress,
     )  # fmt: skip
 

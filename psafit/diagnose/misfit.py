@@ -3,9 +3,10 @@ r"""Is anything wrong? Tests of a fitted model against its own simulated data, r
 Residuals are normal scores :math:`e = \Phi^{-1}(F(y))` of the readings under the fitted scatter. Statistics look for
 what a sound fit leaves at random: order along each sweep (runs, lag one, windows), levels of groups and of waveforms,
 trends against every covariate, the directions in which any cause of the catalogue would move the ranges, the spread
-of groups and of sizes, single readings, conditions against the pure error of their replicates, and conditions that two
-sessions share. None has a law from a table, since residuals of a
-fit are not independent: data are simulated from the fit, refitted, and give every statistic its own law.
+of groups and of sizes, single readings, readings of several groups that stand out together at one condition, conditions
+against the pure error of their replicates, and conditions that two sessions share; and whether many of these are odd at
+once. None has a law from a table, since residuals of a fit are not independent: data are simulated from the fit,
+refitted, and give every statistic its own law.
 
 The family has one p-value: every statistic is expressed in units of its own law (how far above the median, against
 the distance from the median to the 95 % point), the largest is the family's, and its rank among the same quantity
@@ -44,6 +45,8 @@ _CLIP = 6.0
 # A point is odd beyond this score (normal law: once in 15,000 readings).
 _ODD = 4.0
 _FEWEST = 5
+# Chance at which readings that stand out together are told.
+_COINCIDENT = 0.05
 # Replicates beyond the first of their conditions from which on they tell how a reading scatters.
 _SPARE = 3
 CHARACTERS = {
@@ -71,8 +74,8 @@ class Statistic:
     ----------
     name : str
         What it looks at, in words.
-    kind : {"mean", "spread", "point", "replicate"}
-        What it would show wrong: the physics, the law of the scatter, single readings, or the sessions.
+    kind : {"mean", "spread", "point", "replicate", "all"}
+        What it would show wrong: the physics, the law of the scatter, single readings, the sessions, or any of these.
     group : group id, optional
         Where it looks; None for all.
     value : float
@@ -120,6 +123,37 @@ class Place:
     p_value: float
 
 
+@dataclass(frozen=True)
+class Coincidence:
+    """Readings of several groups that stand out to one side at one frequency or amplitude.
+
+    Heavy tails take up any one of them, since a single odd reading may be an error of reading; an error of reading does
+    not come back where another session measures.
+
+    Parameters
+    ----------
+    variable : {"frequency", "amplitude"}
+        What these groups sweep.
+    readings : tuple of (group id, int)
+        Numbered in the group from 0.
+    lower, upper : float, Hz or V
+    log_bias : float
+        Mean of ln(predicted/measured) there.
+    score : float
+        That of the second of them that stands out most.
+    p_value : float
+        Share of simulated data sets with such readings at any condition.
+    """
+
+    variable: str
+    readings: tuple[tuple[GroupId, int], ...]
+    lower: float
+    upper: float
+    log_bias: float
+    score: float
+    p_value: float
+
+
 @dataclass(frozen=True, eq=False)
 class Misfit:
     """What the tests say of one fitted model.
@@ -131,6 +165,7 @@ class Misfit:
     statistics : tuple of Statistic
         Most striking first.
     places : tuple of Place
+    coincidences : tuple of Coincidence
     character : str
         "none", "physics", "scatter", "group", "points" or "sessions".
     odd_groups : tuple of group ids
@@ -147,6 +182,7 @@ class Misfit:
     p_value: float
     statistics: tuple[Statistic, ...]
     places: tuple[Place, ...]
+    coincidences: tuple[Coincidence, ...]
     character: str
     odd_groups: tuple[GroupId, ...]
     odd_points: tuple[tuple[GroupId, int], ...]
@@ -176,6 +212,11 @@ def sweeps(problem: Problem) -> list[tuple[GroupId, str, NDArray[np.intp]]]:
     """Each group's id, the variable it sweeps, and its rows of the design in the order of the sweep."""
     groups = problem.experiment.select(problem.group_ids)
     return [(g.id, g.swept, np.flatnonzero(problem.design.group == k)[g.in_sweep]) for k, g in enumerate(groups)]
+
+
+def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:
+    """Whether the readings pass the tests by a fitted model."""
+    return examine(candidate, catalogue, seed=seed, influence=False).p_value >= ALPHA
 
 
 def examine(
@@ -222,6 +263,8 @@ def examine(
     looked = _look(problem, np.vstack([observed, simulated]), candidate.predicted, directions)
     names = list(looked)
     table = np.array([looked[name] for name in names])  # (n_statistics, 1 + n)
+    names.append(("many of these at once", "all", None))
+    table = np.vstack([table, _together(table)])
     null = table[:, 1:]
     middle = np.median(null, axis=1, keepdims=True)
     reach = np.maximum(np.quantile(null, 0.95, axis=1, keepdims=True) - middle, 1e-9)
@@ -243,6 +286,7 @@ def examine(
     ]  # fmt: skip
     statistics.sort(key=lambda s: -s.excess)
     places = _places(problem, observed[0], simulated, candidate.predicted)
+    coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted)
     odd_points = tuple(
         (group_id, i)
         for k, group_id in enumerate(problem.group_ids)
@@ -254,9 +298,20 @@ def examine(
     if p_value < ALPHA:
         character, odd_groups = _character(candidate, catalogue, statistics, seed, influence, odd_points)
     return Misfit(
-        p_value, tuple(statistics), places, character, odd_groups, odd_points, observed[0], n_simulated,
+        p_value, tuple(statistics), places, coincidences, character, odd_groups, odd_points, observed[0], n_simulated,
         "exact" if exact else "expansion",
     )  # fmt: skip
+
+
+def _together(table: FloatArray) -> FloatArray:
+    """Fisher's sum over statistics of -ln p, each p the share of the simulated data sets with as much; (1 + n,).
+
+    The statistics are not independent: like theirs, its law is that of the simulated data sets.
+    """
+    null = np.sort(table[:, 1:], axis=1)
+    n = null.shape[1]
+    below = np.array([np.searchsorted(row, values, side="left") for row, values in zip(null, table, strict=True)])
+    return -np.log((n - below + 1) / (n + 1)).sum(axis=0)
 
 
 def _directions(candidate: Candidate, catalogue: Sequence[Term]) -> dict[str, FloatArray]:
@@ -303,6 +358,8 @@ def _look(
         found["spread", "spread", group_id] = np.abs(np.log(np.mean(x**2, axis=1) + 0.05))
     if scans:
         found["stretches of any sweep", "mean", None] = np.max(scans, axis=0)
+    for variable, rows_of in shared(problem).items():
+        found[f"readings at one {variable}", "mean", None] = np.max([_both(e[:, rows]) for rows in rows_of], axis=0)
     order = np.concatenate([rows for _, _, rows in sweeps(problem)])
     x = e[:, order]
     same = design.group[order][1:] == design.group[order][:-1]
@@ -355,6 +412,33 @@ def _look(
             (means + 1e-9) / (_scattered(e, replicates) / spare + 1e-9)
         )
     return found
+
+
+def shared(problem: Problem) -> dict[str, list[NDArray[np.intp]]]:
+    """Rows of the design at which several groups that sweep the same variable meet, by that variable.
+
+    A row a group. Values meet that are nearer to each other than half the least step of any of these sweeps.
+    """
+    ordered: dict[str, list[NDArray[np.intp]]] = {}
+    for _, variable, rows in sweeps(problem):
+        ordered.setdefault(variable, []).append(rows)
+    found = {}
+    for variable, groups in ordered.items():
+        value, group = problem.design.swept(variable), problem.design.group
+        steps = np.concatenate([np.diff(np.unique(value[rows])) for rows in groups])
+        rows = np.concatenate(groups)
+        rows = rows[np.argsort(value[rows], kind="stable")]
+        apart = np.flatnonzero(np.diff(value[rows]) >= 0.5 * steps.min(initial=np.inf)) + 1
+        meeting = [part[np.unique(group[part], return_index=True)[1]] for part in np.split(rows, apart)]
+        if meeting := [part for part in meeting if part.size > 1]:
+            found[variable] = meeting
+    return found
+
+
+def _both(e: FloatArray) -> FloatArray:
+    """How far at least two columns stand out to the same side; (n_sets,)."""
+    ordered = np.sort(e, axis=1)
+    return np.maximum(ordered[:, -2], -ordered[:, 1])
 
 
 def in_session(design: Design) -> FloatArray:
@@ -414,6 +498,33 @@ def _places(problem: Problem, e: FloatArray, simulated: FloatArray, predicted: F
     return tuple(sorted(places, key=lambda p: -abs(p.score)))
 
 
+def _coincidences(
+    problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray
+) -> tuple[Coincidence, ...]:
+    """Readings that stand out together more than nineteen in twenty simulated data sets show anywhere."""
+    design = problem.design
+    first = np.searchsorted(design.group, design.group)  # of each row's group
+    error = log_ratio(predicted, problem.observed)
+    found = []
+    for variable, meeting in shared(problem).items():
+        null = np.max([_both(simulated[:, rows]) for rows in meeting], axis=0)
+        for rows in meeting:
+            score = float(_both(e[None, rows])[0])
+            p_value = float((1 + np.sum(null >= score)) / (1 + len(null)))
+            if p_value > _COINCIDENT:
+                continue
+            side = 1 if np.sort(e[rows])[-2] >= score else -1
+            rows = rows[side * e[rows] >= score]
+            values = design.swept(variable)[rows]
+            found.append(
+                Coincidence(
+                    variable, tuple((problem.group_ids[design.group[k]], int(k - first[k])) for k in rows),
+                    float(values.min()), float(values.max()), float(error[rows].mean()), side * score, p_value,
+                )
+            )  # fmt: skip
+    return tuple(sorted(found, key=lambda c: -abs(c.score)))
+
+
 def _character(
     candidate: Candidate,
     catalogue: Sequence[Term],
@@ -443,6 +554,8 @@ def _character(
         return "physics", ()
     if "replicate" in kinds:
         return "sessions", ()
+    if kinds == {"all"}:
+        return "none", ()
     if odd_points and (kinds == {"point"} or (kinds <= {"point", "spread"} and len(odd_points) <= 3)):
         return "points", ()
     return "scatter", ()

@@ -99,6 +99,9 @@ class ScreeningResult:
     plausible : float
         The strength meant there, in `unit`: as far from neutral as the prior is in the median, on the likelier side;
         nan in records of earlier versions.
+    room : float or None
+        Largest change of a range, as a share of it, that the readings leave it beside the adopted model (95 %); see
+        `psafit.diagnose.room`.
     """
 
     id: str
@@ -112,6 +115,7 @@ class ScreeningResult:
     visible: float
     inclusion: float
     plausible: float = math.nan
+    room: float | None = None
 
 
 Law = Literal["carried", "energy"]
@@ -268,7 +272,12 @@ class Diagnosis(Brief):
 
     @property
     def searched(self) -> str:
-        """Return the sentence that says how many sets of causes were looked at, and what the others may hold."""
+        """Return what says how many sets of causes were looked at, and what the others may hold."""
+        missed = fixed(self.settings.search.missed, 0, per_cent=True)
+        return f"{self._counted} The chance that a better set was missed is {missed} %, a part of every probability."
+
+    @property
+    def _counted(self) -> str:
         fitted, estimated = self.looked_at.fitted, self.looked_at.estimated
         head = f"{fitted:,} set{' of causes was' if fitted == 1 else 's of causes were'} fitted on all readings"
         if not estimated:

@@ -42,8 +42,8 @@ class Settings:
         Tied models, the most probable first, with which a proposed measurement is simulated. A quick diagnosis takes
         two: draws of a model that was not sampled yet are expensive.
     searches : int
-        Searches repeated on simulated baselines where a cause is named; 19 allow a p value of one in twenty. A quick
-        diagnosis repeats none.
+        Searches repeated on simulated baselines; 19 allow a p value of one in twenty. At 0 the stored table of such
+        searches is looked up (`psafit.diagnose.significance`).
     steps : int
         Most steps of the chain for an adopted extension; none is drawn at 0. A chain that needs more is continued by
         the same command.
@@ -55,7 +55,7 @@ class Settings:
     simulated: int = 499
     draws: int = 400
     rehearsed: int = 4
-    searches: int = 19
+    searches: int = 0
     steps: int = 750
     laws: LawSettings = field(default_factory=LawSettings)
 

@@ -11,7 +11,7 @@ import numpy as np
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
 from psafit.diagnose.leftover import Leftover
-from psafit.diagnose.misfit import CHARACTERS, Misfit
+from psafit.diagnose.misfit import CHARACTERS, Coincidence, Misfit, Place
 from psafit.diagnose.record import (
     NEAREST,
     UNSEEN,
@@ -19,8 +19,12 @@ from psafit.diagnose.record import (
     ScreeningResult,
 )
 from psafit.diagnose.robustness import Robustness
+from psafit.diagnose.room import room
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
+from psafit.diagnose.significance import OTHERWISE
 from psafit.diagnose.verdict import Verdict
+from psafit.experiment import GroupId
+from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.model_search.ladder import Ladder
@@ -33,6 +37,8 @@ from psafit.validate import without_each
 _DRIFTS = 8
 # Models in the result; the rest of the ladder has less than this share.
 _SHOWN, _LEAST = 12, 1e-4
+# Readings that are told as the furthest from a model.
+_FURTHEST = 3
 
 
 def causes_of(ladder: Ladder, verdict: Verdict) -> list[CauseResult]:
@@ -103,14 +109,14 @@ def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
 
 
 def screening_of(
-    screened: Sequence[Screened], beside: Sequence[Screened], ladder: Ladder, verdict: Verdict
+    screened: Sequence[Screened], beside: Sequence[Screened], ladder: Ladder, verdict: Verdict, seed: int
 ) -> list[ScreeningResult]:
     """Every cause: what it gains, and what is made of it.
 
     What could have been seen is asked `beside` the model that is adopted: a baseline that fails has a large scatter.
     """
     visible = {s.term.id: s.visible for s in beside}
-    found = []
+    adopted, found = () if verdict.verdict == "adequate" else ladder.leader.ids, []
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
         found.append(
@@ -120,6 +126,7 @@ def screening_of(
                 float(s.gain[s.best]), ladder.gain((s.term.id,)), s.chance, s.log_bayes,
                 float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
                 plausible(s.term)[0],
+                None if s.term.id in adopted else room(ladder, adopted, s.term, seed=seed),
             )
         )  # fmt: skip
     return sorted(found, key=lambda s: -s.refit_gain)
@@ -136,12 +143,14 @@ def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
     return "not present" if found.visible >= VISIBLE else UNSEEN
 
 
-def _tests(misfit: Misfit) -> dict[str, Any]:
+def _tests(misfit: Misfit, candidate: Candidate) -> dict[str, Any]:
     return {
+        "furthest": _furthest(misfit, candidate),
         "p_value": misfit.p_value,
         "character": misfit.character,
         "odd_groups": list(misfit.odd_groups),
         "odd_points": [[g, k] for g, k in misfit.odd_points],
+        "coincidences": [asdict(c) for c in misfit.coincidences],
         "statistics": [asdict(s) for s in misfit.statistics],
         "n_simulated": misfit.n_simulated,
         "refit": misfit.refit,
@@ -149,28 +158,57 @@ def _tests(misfit: Misfit) -> dict[str, Any]:
 
 
 def _where(misfit: Misfit) -> list[dict[str, Any]]:
+    """Where readings are missed: those of several groups that stand out together, then stretches of sweeps."""
     unit = {"frequency": "Hz", "amplitude": "V"}
-    found = []
+    found: list[dict[str, Any]] = []
+
+    def place(group: GroupId, p: Coincidence | Place, told: str) -> None:
+        ends = dict.fromkeys((f"{p.lower:.6g}", f"{p.upper:.6g}"))
+        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}: {told} by a factor of"
+        text += f" {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)"
+        found.append({"group": group, "variable": p.variable, "from": p.lower, "to": p.upper, "text": text})
+
+    for c in misfit.coincidences:
+        groups = [group for group, _ in c.readings]
+        for group in groups:
+            others = ", ".join(str(g) for g in groups if g != group)
+            place(group, c, f"the prediction is {_side(c.log_bias)}, as there in group {others},")
     for p in misfit.places:
-        side = "too large" if p.log_bias > 0 else "too small"
+        place(p.group, p, f"predictions {_side(p.log_bias)}")
+    return found
+
+
+def _side(log_bias: float) -> str:
+    return "too large" if log_bias > 0 else "too small"
+
+
+def _furthest(misfit: Misfit, candidate: Candidate) -> list[dict[str, Any]]:
+    """The readings furthest from a model, whatever the tests say of them."""
+    design, observed = candidate.problem.design, candidate.problem.observed
+    found = []
+    for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:_FURTHEST]:
+        group = candidate.problem.group_ids[design.group[k]]
         found.append(
             {
-                "group": p.group,
-                "variable": p.variable,
-                "from": p.lower,
-                "to": p.upper,
-                "text": f"group {p.group}, {p.lower:.6g} to {p.upper:.6g} {unit[p.variable]}: predictions {side} by a"
-                f" factor of {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)",
+                "group": group,
+                "number": int(k - np.searchsorted(design.group, design.group[k])),
+                "frequency_hz": float(design.frequency[k]),
+                "amplitude_v": float(design.amplitude[k]),
+                "reading_um": float(observed[k]),
+                "predicted_um": float(candidate.predicted[k]),
+                "score": float(misfit.scores[k]),
             }
         )
     return found
 
 
-def misfit_of(before: Misfit, after: Misfit | None, left: Leftover, leader: Candidate) -> dict[str, Any]:
+def misfit_of(
+    before: Misfit, after: Misfit | None, left: Leftover, baseline: Candidate, leader: Candidate
+) -> dict[str, Any]:
     """The tests of baseline and extension, and what a smooth curve finds."""
-    result: dict[str, Any] = {"p_value": before.p_value, "where": _where(before), "baseline": _tests(before)}
+    result: dict[str, Any] = {"p_value": before.p_value, "where": _where(before), "baseline": _tests(before, baseline)}
     if after is not None:
-        result["extended"] = _tests(after) | {"where": _where(after)}
+        result["extended"] = _tests(after, leader) | {"where": _where(after)}
     result["leftover"] = {
         "log_bayes": left.log_bayes,
         "amplitude": left.amplitude,
@@ -216,6 +254,24 @@ def words_of(ids: Sequence[str]) -> str:
     return " + ".join(ids) if ids else "the baseline"
 
 
+def furthest(ladder: Ladder, verdict: Verdict, misfit: Mapping[str, Any]) -> str:
+    """The readings furthest from what is adopted, and whether heavy tails take them up."""
+    adopted = () if verdict.verdict == "adequate" else ladder.leader.ids
+    far = [
+        f"group {r['group']}, {r['frequency_hz']:.6g} Hz, {r['amplitude_v']:.4g} V"
+        f" (reads {significant(r['reading_um'], 3)} um for {significant(r['predicted_um'], 3)})"
+        for r in misfit["extended" if adopted else "baseline"]["furthest"]
+    ]
+    text = f"Furthest from {words_of(adopted)}: {'; '.join(far)}."
+    found, tails = ladder.weighed.get(adopted), noise.PARAMETERS[-1]
+    if found is None:
+        return text
+    low, high = tails.to_physical(found.quantiles(found.draws[:, -1], (0.05, 0.95)))
+    if high >= tails.to_physical(tails.prior_quantile(np.array(0.5))):
+        return text
+    return f"{text} The scatter has heavy tails (nu {low:.2g} to {high:.2g}, 90 %): such readings count little."
+
+
 def sentences(
     verdict: Verdict,
     before: Misfit,
@@ -226,6 +282,8 @@ def sentences(
     proposal: Mapping[str, Any],
     search: Mapping[str, Any] | None,
     quick: bool = False,
+    *,
+    furthest: str = "",
 ) -> list[str]:
     """The answer in words."""
     result = list(verdict.reasons)
@@ -253,16 +311,19 @@ def sentences(
                 f" {fixed(-firm.over_smooth)} nats more evidence than they."
             )
     if search:
-        n, most = len(search["null"]), max(search["null"])
-        none = f"none led by more than {fixed(most)} nats" if most > 0 else "none put a model with causes first"
-        p = f"p {'<=' if search['p_value'] <= 1 / (n + 1) else '='} {significant(search['p_value'], 2)}"
-        result.append(
-            f"Of {n} searches on simulated baselines {none}; this one leads by {fixed(search['lead'])} ({p})."
-        )
+        result.append(_chance(search))
+    if furthest:
+        result.append(furthest)
     if unseen := [s.id for s in screening if s.verdict == UNSEEN]:
         result.append(
             f"Of {len(screening)} candidate causes, {len(unseen)} could not have been seen in these readings:"
             f" {', '.join(unseen)}."
+        )
+    if left := {s.id: s.room for s in screening if s.room is not None}:
+        widest = max(left, key=lambda id: left[id])
+        result.append(
+            f"What is not named may change a launch range by {significant(left[widest], 2, per_cent=True)} % at most"
+            f" and stay unseen ({widest}; 95 %)."
         )
     if not (measured or quick):
         result.append("No gain on data unseen: there is no group that could be held out.")
@@ -298,3 +359,20 @@ def sentences(
             f" {next_experiment.promise(proposal, 0)}."
         )
     return result
+
+
+def _chance(search: Mapping[str, Any]) -> str:
+    """How often a search finds as much where nothing is hidden; `psafit.diagnose.significance.Significance`."""
+    if search["p_value"] is None:
+        return (
+            "How often a search finds as much where nothing is hidden is not known: the stored table is of"
+            f" {OTHERWISE[search['missing']]} (--searches 19 repeats the search on simulated baselines)."
+        )
+    n, most = len(search["null"]), max(search["null"])
+    none = f"none led by more than {fixed(most)} nats" if most > 0 else "none put a model with causes first"
+    p = f"p {'<=' if search['p_value'] <= 1 / (n + 1) else '='} {significant(search['p_value'], 2)}"
+    where = "simulated baselines"
+    if search["stored"]:
+        least, most_readings = search["readings"]
+        where = f"designs of {least} to {most_readings} readings with nothing hidden (stored table, this catalogue)"
+    return f"Of {n} searches on {where} {none}; this one leads by {fixed(search['lead'])} ({p})."

@@ -41,7 +41,7 @@ class Verdict:
     alternatives : tuple of tuples of str
         Sets that do as well.
     probability : dict
-        Of each model fitted; what is missing to one is unnamed.
+        Of each model fitted; what is missing to one is unnamed, or of sets that the search may have missed.
     unnamed : float
         Probability of a discrepancy without a name, beside what has one or in its place.
     inclusion : dict
@@ -87,7 +87,7 @@ def conclude(
     """
     beside, instead = _odds(ladder, left, bare)
     unnamed = (beside + instead) / (1 + beside + instead)
-    probability = {ids: p * (1 - unnamed) for ids, p in ladder.probability.items()}
+    probability = {ids: p * (1 - unnamed) * (1 - ladder.missed) for ids, p in ladder.probability.items()}
     inclusion: dict[str, float] = {}
     # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
     for ids, p in ladder.probability.items():

@@ -33,7 +33,9 @@ ENOUGH = 0.05
 _THOROUGH = ((4, 24), (8, 12), (30, 6))
 # One reading in so many is a trial's, and its simulations are allowed this error of a step; fewer readings than this
 # are not thinned.
-_THIN, _ROUGH, _MANY = 4, 1e-3, 150
+_THIN, _ROUGH = 4, 1e-3
+MANY = 150
+"""Readings from which on a part of them is looked at first."""
 # A climb whose trial ends this far (nats) below the best is given up.
 _HOPELESS = 15.0
 # Of what is known beforehand, so many of the best join the climbs on all readings; so many climb from other steps.
@@ -43,10 +45,10 @@ _HALVES = 2.0 ** -np.arange(2, 12)
 _CROSSINGS = 4
 # Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
 _FORGOTTEN, _SAME = 12.0, 0.1
-# A hill of its own has at most this much less (nats) of the posterior than the greatest, differs by a factor of e (or a
-# prior's standard deviation) in some parameter, and the straight way to it leads so far (nats) below: else it is on a
-# ridge. A high and narrow hill may have less than one that is seven nats lower.
-_MINOR, _APART, _VALLEY = 5.0, 1.0, 2.0
+# A hill of its own has at most this much less (nats) of the posterior than the greatest, lies so many standard
+# deviations of either away, and the straight way to it leads so far (nats) below: else it is on a ridge. A high and
+# narrow hill may have less than one that is seven nats lower.
+_MINOR, _APART, _VALLEY = 5.0, 4.0, 2.0
 _WAY = np.arange(1, 8)[:, None] / 8
 
 
@@ -192,7 +194,7 @@ def thinned(experiment: Experiment, every: int) -> Experiment:
 
 def coarse(problem: Problem) -> Problem:
     """It with a quarter of its readings, roughly simulated; one with few readings as it is."""
-    if problem.observed.size < _MANY:
+    if problem.observed.size < MANY:
         return problem
     return replace(problem, experiment=thinned(problem.experiment, _THIN), tolerance=_ROUGH)
 
@@ -363,10 +365,13 @@ def _weighty(candidate: Candidate) -> NDArray[np.intp]:
 def hills(candidate: Candidate) -> list[int]:
     """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well."""
     problem = candidate.problem
+    curvature = within_bounds(problem, candidate.curvature)
     leaders = [0]
     for k in _weighty(candidate):
-        far = np.abs(candidate.modes[k] - candidate.modes[leaders])[:, : problem.n_physical].max(axis=1) > _APART
-        if not far.all():
+        away = candidate.modes[k] - candidate.modes[leaders]
+        own = np.sum((away @ curvature[k]) * away, axis=1)
+        theirs = np.einsum("mi,mij,mj->m", away, curvature[leaders], away)
+        if min(own.min(), theirs.min()) < _APART**2:
             continue
         way = np.vstack([candidate.modes[m] + _WAY * (candidate.modes[k] - candidate.modes[m]) for m in leaders])
         lowest = problem.log_posterior(way).reshape(len(leaders), -1).min(axis=1)

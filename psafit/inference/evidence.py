@@ -26,7 +26,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.ascent import heights
-from psafit.inference.candidate import Candidate, hills, settle_at
+from psafit.inference.candidate import Candidate, hills, settle_at, within_bounds
 from psafit.physics import baseline
 
 TRUSTED = 0.7
@@ -449,11 +449,12 @@ def _laplace_mixture(candidate: Candidate) -> _Mixture:
     """Student densities at the modes with the expected curvature."""
     width = _width(candidate)
     wider = (1 + _WIDER / candidate.problem.n_dim) ** 2
+    covariance = np.linalg.inv(within_bounds(candidate.problem, candidate.curvature))
     masses = np.maximum(np.exp(candidate.heights - candidate.heights[0]), 0.02)
     return _Mixture.of(
         [
-            (u, _positive(np.linalg.pinv(curvature, hermitian=True), width) * wider, float(mass))
-            for u, curvature, mass in zip(candidate.modes, candidate.curvature, masses, strict=True)
+            (u, _positive(own, width) * wider, float(mass))
+            for u, own, mass in zip(candidate.modes, covariance, masses, strict=True)
         ]
     )
 

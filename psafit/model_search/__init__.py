@@ -1,7 +1,7 @@
 """The search among sets of causes: one reliable fit, one loop, and what was looked at.
 
 Every known set of causes has an estimate of its log posterior probability: from a short fit, or from fitting and
-sampling it in earnest. The set with the highest estimate that is not sampled yet is sampled; then its neighbours (one
+sampling it in earnest. The set with the highest estimate that is not sampled yet is sampled, and its neighbours (one
 cause more, one less, one exchanged) get their short fits. The search ends when no set that shows is left whose estimate
 comes within the window of the best.
 """
@@ -9,6 +9,7 @@ comes within the window of the best.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 
 from psafit.errors import InputError
 from psafit.inference.candidate import Candidate
@@ -32,7 +33,9 @@ def climb(
     settings: SearchSettings | None = None,
     memory: Memory | None = None,
     jobs: int = 1,
+    scheduler: str | None = None,
     starts: Sequence[Candidate] = (),
+    passes: Callable[[Candidate], bool] = lambda candidate: True,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Ladder:
     """Search the catalogue for what explains the readings.
@@ -48,8 +51,12 @@ def climb(
         Where fits are kept; those already there are not repeated.
     jobs : int
         Processes that share the fits. The result does not depend on it.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers share them instead; see `psafit.workers.processes`.
     starts : sequence of Candidate
         Models, fitted to other readings, that are fitted before all else, beside the one without causes.
+    passes : callable
+        Whether the readings pass the tests of misfit by a model.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
 
@@ -60,10 +67,12 @@ def climb(
     settings, believed = settings or SearchSettings(), beliefs(catalogue)
     if settings.most_causes < 1:
         raise InputError(f"most_causes = {settings.most_causes}", "choose 1 or more")
-    with processes(jobs) as usable:
+    with processes(jobs, scheduler) as usable:
         fitter = ProblemFitter(problem, catalogue, settings, seed, memory or Memory(None), usable, starts)
-        found = search(
-            [t.id for t in catalogue], fitter, lambda ids: log_prior(ids, believed), settings,
-            starts=[c.ids for c in starts], progress=progress,
-        )  # fmt: skip
+        with closing(fitter):
+            found = search(
+                [t.id for t in catalogue], fitter, lambda ids: log_prior(ids, believed), settings,
+                starts=[c.ids for c in starts], passes=lambda model: passes(model.content.candidate),
+                progress=progress,
+            )  # fmt: skip
     return rank(found, believed, settings)

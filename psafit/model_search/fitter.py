@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from psafit.arrays import FloatArray
+from psafit.errors import PsafitError
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import Candidate, fit, settle_at
+from psafit.inference.candidate import ENOUGH, Candidate, fit, settle_at
 from psafit.inference.evidence import Weighed
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import widened
 from psafit.inference.problem import Problem
-from psafit.model_search.loop import Ids, Model
-from psafit.model_search.sample import sample
+from psafit.model_search.loop import Foreseen, Ids, Model
+from psafit.model_search.sample import first, joined, second
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
 from psafit.workers import unordered
@@ -58,7 +62,7 @@ class ProblemFitter:
     memory : Memory
         Where fits are kept; those already there are not repeated.
     jobs : int
-        Processes that share short fits (within `psafit.workers.processes`). The result does not depend on it.
+        Processes that share the work (within `psafit.workers.processes`). The result does not depend on it.
     starts : sequence of Candidate
         Fits of other readings; the same models begin there.
     """
@@ -72,104 +76,239 @@ class ProblemFitter:
     starts: Sequence[Candidate] = ()
 
     def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known], origin: Known | None = None) -> list[Known]:
-        """Fit models from the highest of their parts, and from a few draws of the prior."""
-        fitted = sorted((m.content.candidate for m in known.values()), key=lambda c: -c.height)
-        calls = [(k, *self._begun(ids, fitted)) for k, ids in enumerate(wanted)]
-        modes = self._shared(_short, calls)
-        return [_estimated(settle_at(call[1], modes[k]), origin) for k, call in enumerate(calls)]
+        """Fit models from the highest of their parts, from a few draws of the prior, and from where they are known."""
+        tasks = list(self._short(wanted, known))
+        found = self._done(tasks)
+        return [_estimated(_candidate(t.problem, a), origin) for t, a in zip(tasks, found, strict=True)]
+
+    def carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known], origin: Known) -> list[Known]:
+        """Fit models from the optima of two that together have all their causes."""
+        tasks = list(self._carried(wanted, known))
+        found = self._done(tasks)
+        return [_estimated(settle_at(t.problem, a["u"]), origin) for t, a in zip(tasks, found, strict=True)]
 
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
         """Optimise models from where a neighbour has its optimum; only those that rise come back."""
-        starts = [_embedded(model.content.candidate, origin.content.candidate) for model in known]
-        calls = [
-            (k, model.content.candidate.problem, start, self.memory)
-            for k, (model, start) in enumerate(zip(known, starts, strict=True))
-        ]
-        ends = self._shared(_again, calls)
+        own = [model.content.candidate for model in known]
+        tasks = [self._climb(c.problem, _merged(c.problem, c, origin.content.candidate)) for c in own]
         risen = []
-        for k, model in enumerate(known):
-            before, end = model.content.candidate, ends[k]
+        for model, end in zip(known, self._done(tasks), strict=True):
+            before = model.content.candidate
             if end["height"][0] > max(before.height, model.content.top) + self.settings.better:
                 risen.append(_estimated(settle_at(before.problem, np.vstack([end["u"], before.modes])), origin, model))
         return risen
 
-    def sample(self, model: Known) -> Known:
-        """Fit a model in earnest, look for other modes, and draw from its posterior."""
+    def sample(self, model: Known, foreseen: Foreseen[Fitted] | None = None) -> Known:
+        """Fit a model in earnest, look for other modes, and draw from its posterior.
+
+        The two looks for modes are taken side by side; processes that are idle meanwhile work ahead on what is
+        foreseen.
+        """
+        short, looks = model.content.candidate, self._looks(model)
+        problem, ahead = looks[0].problem, foreseen or Foreseen((), (), {})
+        # The look from the prior alone takes longest.
+        other, one = (_candidate(problem, a) for a in self._done(looks[::-1], self._ahead(ahead)))
+        (kept,) = self._done([self._joined(model, one, other)], self._ahead(ahead))
+        modes = kept["modes"]
+        values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
+        draws, found = Weighed(**values), settle_at(problem, modes)
+        top = max(model.content.top, short.height, found.height)
+        return Model(short.ids, draws.log_evidence, found.height, True, Fitted(found, draws, top))
+
+    @cached_property
+    def _starting(self) -> Iterator[None]:
+        """Calls that end when the processes have started."""
+        return unordered(self.jobs, _ready, [()] * self.jobs if self.jobs > 1 else ())
+
+    def close(self) -> None:
+        """Wait for processes that were begun and are not there yet."""
+        if "_starting" in vars(self):
+            for _ in self._starting:
+                pass
+
+    # --- pieces of work ---
+
+    def _task(self, kind: str, problem: Problem, about: object, work: Callable[..., Arrays], *rest: Any) -> _Task:
+        return _Task(self.memory.key(kind, problem, about), problem, work, rest)
+
+    def _short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
+        """Short fits, each begun from the highest of its parts."""
+        fitted, s = _highest_first(known), self.settings
+        for ids in wanted:
+            problem, best = self._shortly(ids), _part(ids, fitted)
+            own = [known[ids].content.candidate.modes] if ids in known else []
+            rows = [rows[:1] for c in self.starts if c.ids == ids for rows in c.widened(problem, len(c.modes))]
+            extra = np.vstack([*own, *rows]) if own or rows else None
+            begun = [[c.modes[:2].tolist() for c in best], [] if extra is None else extra.tolist()]
+            about = [self.seed, s.short_draws, s.short_starts, s.short_climbs, s.from_prior, begun]
+            yield self._task("short", problem, about, _short, best, extra, s, self.seed)
+
+    def _carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
+        """Climbs from the highest part, and from the model that has what it lacks and as much of the rest as any."""
+        fitted = _highest_first(known)
+        for ids in wanted:
+            problem, (part,) = self._shortly(ids), _part(ids, fitted)
+            whole = [c for c in fitted if {*ids} <= {*c.ids, *part.ids}]
+            nearest = max(whole, key=lambda c: len({*ids} & {*c.ids}))
+            yield self._climb(problem, _merged(problem, part, nearest), _merged(problem, nearest, part))
+
+    def _shortly(self, ids: Ids) -> Problem:
+        terms = tuple(t for t in self.catalogue if t.id in ids)
+        return replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
+
+    def _climb(self, problem: Problem, *starts: FloatArray) -> _Task:
+        """Climbs of a short fit's length."""
+        rows, schedule = np.array(starts), self.settings.short_climbs
+        return self._task("climb", problem, [schedule, rows.tolist()], _climbed, rows, schedule)
+
+    def _looks(self, model: Known) -> list[_Task]:
+        """Both looks for the modes of a model that is to be sampled."""
         short, s = model.content.candidate, self.settings
         problem = replace(short.problem, tolerance=s.tolerance)
+        # A look from the prior alone is the same whatever is known.
+        known = {"first": short.modes.tolist(), "second": short.modes.tolist() if len(short.ids) > s.from_prior else []}
+        about = [self.seed, s.draws, s.starts, s.from_prior]
+        return [
+            self._task(kind, problem, [*about, begun], _look, kind, short, s, self.seed)
+            for kind, begun in known.items()
+        ]
 
-        def make() -> dict[str, FloatArray]:
-            found, draws = sample(problem, [short], seed=self.seed, settings=s)
-            return {"modes": found.modes, **{name: np.asarray(value, float) for name, value in vars(draws).items()}}
+    def _joined(self, model: Known, one: Candidate, other: Candidate) -> _Task:
+        """The draws of a model that was looked at twice."""
+        about = [self.seed, self.settings.better, one.modes.tolist(), other.modes.tolist()]
+        return self._task("sample", one.problem, about, _joined, one, other, self.settings, self.seed)
 
-        about = [self.seed, s.draws, s.starts, s.from_prior, s.better, short.modes.tolist()]
-        kept = self.memory.recall("sample", problem, about, make)
-        values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
-        draws, found = Weighed(**values), settle_at(problem, kept["modes"])
-        top = max(model.content.top, short.height, found.height)
-        return Model(short.ids, draws.log_evidence, True, Fitted(found, draws, top))
+    def _ahead(self, foreseen: Foreseen[Fitted]) -> Iterator[_Task]:
+        """What is foreseen and not done yet: models to sample as far as that can begin, then short fits."""
+        for model in foreseen.models:
+            looks = self._looks(model)
+            found = [self.memory.look(t.key) for t in looks]
+            if None not in found:
+                one, other = (_candidate(looks[0].problem, a) for a in found if a is not None)
+                looks = [self._joined(model, one, other)]
+            yield from (t for t in looks[::-1] if not self.memory.holds(t.key))
+        yield from (t for t in self._carried(foreseen.sets, foreseen.known) if not self.memory.holds(t.key))
 
-    def _shared(self, work: Callable[..., tuple[int, Any]], calls: Sequence[tuple[Any, ...]]) -> dict[int, Any]:
-        """Results of calls that processes share, by their numbers."""
-        return dict(unordered(max(min(self.jobs, len(calls)), 1), work, calls))
+    def _done(self, tasks: Sequence[_Task], ahead: Iterator[_Task] | None = None) -> list[Arrays]:
+        """Results of pieces of work, looked up or worked out; whoever is idle until the last of them works ahead."""
+        found = {t.key: kept for t in tasks if (kept := self.memory.look(t.key)) is not None}
+        left = {t.key: t for t in tasks if t.key not in found}
+        if left:
+            more = next(ahead, None) if ahead and self.jobs > 1 else None
+            # The model without causes is fitted here, while the processes start.
+            shared = (len(left) > 1 or more is not None) and any(t.problem.terms for t in left.values())
+            starting = self._starting
+            for _ in starting if shared else ():
+                pass
+            idle = chain([more], ahead or ()) if more else ()
+            for key, made in unordered(
+                self.jobs if shared else 1, _worked, _calls(left, found, idle), waiting=int(more is None)
+            ):
+                if made is not None:
+                    kept = self.memory.keep(key, made)
+                    found |= {key: kept} if key in left else {}
+        return [found[t.key] for t in tasks]
 
-    def _begun(self, ids: Ids, fitted: Sequence[Candidate]) -> tuple[Problem, list[Candidate], FloatArray | None, Any]:
-        """All that a short fit is begun from."""
-        own = set(ids)
-        terms = tuple(t for t in self.catalogue if t.id in own)
-        problem = replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
-        best = [c for c in fitted if set(c.ids) < own][:1]
-        extra = [rows[:1] for c in self.starts if c.ids == ids for rows in c.widened(problem, len(c.modes))]
-        return problem, best, np.vstack(extra) if extra else None, (self.memory, self.settings, self.seed)
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A piece of work that any process may do, and the name of its result; `work` gets the problem and `rest`."""
+
+    key: str
+    problem: Problem
+    work: Callable[..., Arrays]
+    rest: tuple[Any, ...]
+
+
+# Looks for the modes of a model, by the names of their results.
+_LOOKS = {"first": first, "second": second}
+
+
+def _ready() -> None:
+    """Do nothing: what takes a new process its time is to import this module."""
+
+
+def _calls(
+    needed: Mapping[str, _Task], done: Mapping[str, Arrays], ahead: Iterable[_Task]
+) -> Iterator[tuple[_Task, bool]]:
+    """What is needed, and then what is ahead until all that is needed is done; and whether it is needed."""
+    yield from ((t, True) for t in needed.values())
+    with suppress(PsafitError):  # what cannot be begun now is left to whoever needs it
+        for t in ahead:
+            if all(key in done for key in needed):
+                return
+            yield t, False
+
+
+def _worked(task: _Task, needed: bool) -> tuple[str, Arrays | None]:
+    """A piece of work; what fails and is not needed yet is left to whoever needs it."""
+    try:
+        return task.key, task.work(task.problem, *task.rest)
+    except PsafitError:
+        if needed:
+            raise
+        return task.key, None
+
+
+def _arrays(candidate: Candidate) -> Arrays:
+    # In one order of memory, wherever they were worked out: another adds up to other last digits.
+    return {f.name: np.ascontiguousarray(getattr(candidate, f.name)) for f in fields(candidate) if f.name != "problem"}
+
+
+def _candidate(problem: Problem, arrays: Arrays) -> Candidate:
+    return Candidate(problem, **arrays)
 
 
 def _short(
-    k: int,
-    problem: Problem,
-    parts: Sequence[Candidate],
-    extra: FloatArray | None,
-    how: tuple[Memory, SearchSettings, int],
-) -> tuple[int, FloatArray]:
-    """Modes of a short fit, and which of several it is."""
-    memory, s, seed = how
-
-    def make() -> dict[str, FloatArray]:
-        found = fit(
-            problem, parts, seed=seed, extra=extra, draws=s.short_draws, most=s.short_starts,
-            fresh=len(problem.terms) <= s.from_prior, full=s.short_climbs,
-        )  # fmt: skip
-        return {"modes": found.modes}
-
-    begun = [[c.modes[:2].tolist() for c in parts], [] if extra is None else extra.tolist()]
-    about = [seed, s.short_draws, s.short_starts, s.short_climbs, s.from_prior, begun]
-    return k, memory.recall("short", problem, about, make)["modes"]
+    problem: Problem, parts: Sequence[Candidate], extra: FloatArray | None, settings: SearchSettings, seed: int
+) -> Arrays:
+    """Fit a model shortly."""
+    s, few = settings, len(problem.terms) <= settings.from_prior
+    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts, "fresh": few, "full": s.short_climbs}
+    return _arrays(fit(problem, parts, seed=seed, extra=extra, **how))
 
 
-def _again(k: int, problem: Problem, start: FloatArray, memory: Memory) -> tuple[int, Arrays]:
-    """Where a climb ends, and which of several it is."""
-
-    def make() -> dict[str, FloatArray]:
-        end = ascend(problem, start[None])
-        return {"u": end.u, "height": end.height}
-
-    return k, memory.recall("again", problem, start.tolist(), make)
+def _climbed(problem: Problem, starts: FloatArray, schedule: tuple[tuple[int, int], ...]) -> Arrays:
+    """Where climbs end."""
+    end = ascend(problem, starts, schedule=schedule, still_below=ENOUGH, unite=True)
+    return {"u": end.u, "height": end.height}
 
 
-def _embedded(own: Candidate, origin: Candidate) -> FloatArray:
-    """The best mode of a neighbour in a model's coordinates; what the neighbour lacks stays where the model has it."""
-    values = dict(zip(own.problem.names, own.values, strict=True))
-    there = dict(zip(origin.problem.names, origin.values, strict=True))
-    values |= {name: value for name, value in there.items() if name in values}
-    return widened(own.problem, np.array(list(values.values())), list(values))[0]
+def _look(problem: Problem, which: str, short: Candidate, settings: SearchSettings, seed: int) -> Arrays:
+    """Look for the modes of a model."""
+    return _arrays(_LOOKS[which](problem, [short], seed=seed, settings=settings))
+
+
+def _joined(problem: Problem, one: Candidate, other: Candidate, settings: SearchSettings, seed: int) -> Arrays:
+    """Draw from the posterior of a model that was looked at twice."""
+    found, draws = joined(problem, one, other, seed=seed, settings=settings)
+    return {"modes": found.modes, **{name: np.asarray(value, float) for name, value in vars(draws).items()}}
+
+
+def _highest_first(known: Mapping[Ids, Known]) -> list[Candidate]:
+    return sorted((m.content.candidate for m in known.values()), key=lambda c: -c.height)
+
+
+def _part(ids: Ids, fitted: Sequence[Candidate]) -> list[Candidate]:
+    """The first model within a set, if there is one."""
+    return [c for c in fitted if {*c.ids} < {*ids}][:1]
+
+
+def _merged(problem: Problem, *candidates: Candidate) -> FloatArray:
+    """A point of a model at the best modes of others; where several know a parameter, the last one's."""
+    values: dict[str, float] = {}
+    for c in candidates:
+        values |= zip(c.problem.names, c.values.tolist(), strict=True)
+    return widened(problem, np.array(list(values.values())), list(values))[0]
 
 
 def _estimated(candidate: Candidate, origin: Known | None, before: Known | None = None) -> Known:
     """A model that was fitted, with Laplace's evidence.
 
-    What sampling has shown that estimate to be off by in the model next to it, it is likely to be off by here. A model
-    that has risen has no less evidence than `before`.
+    What sampling has shown that estimate to be off by in the model next to it (or in one next to that), it is likely to
+    be off by here. A model that has risen has no less evidence than `before`.
     """
     off = 0.0 if origin is None else origin.log_evidence - origin.content.candidate.laplace_apart
     least, top = (-math.inf, -math.inf) if before is None else (before.log_evidence, before.content.top)
     estimate = max(candidate.laplace_apart + off, least)
-    return Model(candidate.ids, estimate, False, Fitted(candidate, None, max(candidate.height, top)))
+    return Model(candidate.ids, estimate, candidate.height, False, Fitted(candidate, None, max(candidate.height, top)))

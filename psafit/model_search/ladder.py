@@ -69,12 +69,14 @@ class Ladder:
     candidates : tuple of Candidate
         Every model fitted, most probable first.
     probability : dict
-        Of each set of causes fitted, by identifiers; they sum to one.
+        Of each set of causes fitted, by identifiers, if the search has missed none; they sum to one.
     log_evidence : dict
     weighed : dict
         Posterior draws and evidence of the models that were sampled; the others have Laplace's.
     beliefs : dict
         Prior probability of each cause that was looked at; see `beliefs`.
+    missed : float
+        Chance that the search has missed the set that would lead.
     """
 
     candidates: tuple[Candidate, ...]
@@ -82,6 +84,7 @@ class Ladder:
     log_evidence: dict[Ids, float]
     weighed: dict[Ids, Weighed]
     beliefs: Mapping[str, float]
+    missed: float = 0.0
 
     def of(self, ids: Ids) -> Candidate:
         """The candidate with these causes."""
@@ -178,4 +181,5 @@ def rank(searched: Searched[Fitted], beliefs: Mapping[str, float], settings: Sea
         log_evidence=value,
         weighed=weighed,
         beliefs=beliefs,
+        missed=settings.missed,
     )

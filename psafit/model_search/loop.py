@@ -1,11 +1,17 @@
 """The search itself, which knows nothing of readings: best first, until no model is left within the window.
 
 Three sentences say what it does. Every known model has an estimate of its log posterior probability. The model with the
-highest estimate that was not sampled yet is sampled; then its neighbours, which have one cause more, one less or one
+highest estimate that was not sampled yet is sampled, and its neighbours, which have one cause more, one less or one
 exchanged, are fitted. The search ends when no model that shows is left whose estimate comes within the window of the
 best; a model shows that exceeds every part of itself.
 
-Exchanges are many. They wait until no model within the window lacks its neighbours of one cause more or less.
+What costs much waits. The best of all models gets its neighbours before it is sampled: one of them may leave it behind.
+Exchanges are many; they wait until no model within the window lacks its neighbours of one cause more or less. They are
+fitted from where others have their optima, which is good to a window: those that come within two of the best are fitted
+like all others.
+
+Two causes may show together and neither alone. Where the best model fails the tests of misfit in the end, what has one
+cause more than it gets its neighbours, too, though it does not show.
 
 (Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
 A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
@@ -13,6 +19,7 @@ A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +41,9 @@ class Model(Generic[Content]):
         Its causes, in the catalogue's order.
     log_evidence : float, nats
         Of a short fit by Laplace's approximation, of a sampled model by importance sampling.
+    height : float
+        Log posterior density at the highest optimum known: of a model that rises by more than a setting says, the
+        neighbours are looked at again.
     sampled : bool
     content : object
         The fit, for whoever made it.
@@ -41,8 +51,28 @@ class Model(Generic[Content]):
 
     ids: Ids
     log_evidence: float
+    height: float
     sampled: bool
     content: Content
+
+
+@dataclass(frozen=True)
+class Foreseen(Generic[Content]):
+    """What a search asks for next if nothing changes; idle processes may begin it.
+
+    Parameters
+    ----------
+    models : tuple of Model
+        Which it samples, the next one first.
+    sets : tuple of Ids
+        Which are fitted from where others have their optima.
+    known : mapping
+        Every model fitted.
+    """
+
+    models: tuple[Model[Content], ...]
+    sets: tuple[Ids, ...]
+    known: Mapping[Ids, Model[Content]]
 
 
 class Fitter(Protocol[Content]):
@@ -51,13 +81,18 @@ class Fitter(Protocol[Content]):
     def short(
         self, wanted: Sequence[Ids], known: Mapping[Ids, Model[Content]], origin: Model[Content] | None
     ) -> list[Model[Content]]:
-        """Fit models that are not known yet; `origin` is the sampled one of which they are neighbours."""
+        """Fit models; `origin` is the one of which they are neighbours."""
+
+    def carried(
+        self, wanted: Sequence[Ids], known: Mapping[Ids, Model[Content]], origin: Model[Content]
+    ) -> list[Model[Content]]:
+        """Fit models from where others have their optima, at a part of the cost."""
 
     def again(self, known: Sequence[Model[Content]], origin: Model[Content]) -> list[Model[Content]]:
         """Fit known models from where a neighbour has its optimum; only those that rise come back."""
 
-    def sample(self, model: Model[Content]) -> Model[Content]:
-        """Sample a model."""
+    def sample(self, model: Model[Content], foreseen: Foreseen[Content] | None = None) -> Model[Content]:
+        """Sample a model. The result does not depend on what is foreseen."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +118,7 @@ def search(
     settings: SearchSettings | None = None,
     *,
     starts: Sequence[Ids] = (),
+    passes: Callable[[Model[Content]], bool] = lambda model: True,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Searched[Content]:
     """Search the sets of a catalogue's causes.
@@ -96,6 +132,8 @@ def search(
     settings : SearchSettings, optional
     starts : sequence of sets
         Models to fit before all else, beside the one without causes.
+    passes : callable
+        Whether the readings pass the tests of misfit by a model. Asked of the best one, when nothing else is left.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
@@ -104,6 +142,7 @@ def search(
     # How many of the kinds of neighbours of a model were fitted: those of one cause more or less first, then exchanged.
     kinds = (resized, exchanged)
     done: dict[Ids, int] = {}
+    passes = functools.cache(passes)
 
     def value(model: Model[Content]) -> float:
         return model.log_evidence + log_prior(model.ids)
@@ -121,22 +160,45 @@ def search(
     keep(fitter.short([()], models, None))
     models[()] = fitter.sample(models[()])
     keep(fitter.short([ids for ids in dict.fromkeys(starts) if ids], models, None))
+
+    def expand(model: Model[Content]) -> None:
+        neighbours = kinds[done[model.ids]]
+        done[model.ids] += 1
+        wanted = neighbours(model.ids, catalogue, settings.most_causes)
+        new = [ids for ids in wanted if ids not in models]
+        keep(fitter.again([models[ids] for ids in wanted if ids in models], model))
+        if neighbours is exchanged:
+            found = fitter.carried(new, models, model)
+            least = max(map(value, models.values())) - 2 * settings.window
+            new = [m.ids for m in found if value(m) >= least]
+            keep(found)
+        keep(fitter.short(new, models, model))
+
     while True:
         least = max(map(value, models.values())) - settings.window
         near = [m for m in models.values() if value(m) >= least and shows(m)]
+        leader = max(near, key=value)
         left = [m for m in near if not m.sampled or done[m.ids] < len(kinds)]
         if not left:
-            return Searched(models, frozenset(ids for ids, n in done.items() if n == len(kinds)))
-        best = min(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
+            larger = [m for m in models.values() if {*m.ids} > {*leader.ids} and len(m.ids) == len(leader.ids) + 1]
+            unseen = [m for m in larger if value(m) >= least and not done[m.ids]]
+            if not unseen or passes(leader):
+                return Searched(models, frozenset(ids for ids, n in done.items() if n == len(kinds)))
+            left = unseen
+        best, *others = sorted(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
         name = " + ".join(best.ids) or "the baseline"
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
-        if not best.sampled:
-            models[best.ids] = fitter.sample(best)
+        if best.sampled or (not done[best.ids] and (best is leader or best not in near)):
+            expand(best)
             continue
-        wanted = kinds[done[best.ids]](best.ids, catalogue, settings.most_causes)
-        done[best.ids] += 1
-        keep(fitter.again([models[ids] for ids in wanted if ids in models], best))
-        keep(fitter.short([ids for ids in wanted if ids not in models], models, best))
+        later = [best, *(m for m in others if done[m.ids])]
+        sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, catalogue, settings.most_causes))
+        foreseen = Foreseen(
+            tuple(m for m in others if not m.sampled), tuple(ids for ids in sets if ids not in models), models
+        )
+        models[best.ids] = sampled = fitter.sample(best, foreseen)
+        if sampled.height > best.height + settings.better:
+            done[best.ids] = 0
 
 
 def resized(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:

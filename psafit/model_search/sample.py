@@ -39,15 +39,31 @@ def sample(
         The standard error of the log evidence holds what the second fit has added.
     """
     s = settings or SearchSettings()
-    first = fit(problem, known, seed=seed, draws=s.draws, most=s.starts)
-    again = known if len(problem.terms) > s.from_prior else ()
-    second = fit(problem, again, seed=seed + 1, draws=s.draws, most=s.starts)
-    found = principal(settle_at(problem, np.vstack([first.modes, second.modes])))
-    added = min(max(found.laplace_apart - first.laplace_apart, 0.0), math.log(2.0))
+    one, other = (look(problem, known, seed=seed, settings=s) for look in (first, second))
+    return joined(problem, one, other, seed=seed, settings=s)
+
+
+def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SearchSettings) -> Candidate:
+    """Look for modes from what is known; parameters as of `sample`."""
+    return fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts)
+
+
+def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SearchSettings) -> Candidate:
+    """Look for modes once more, without `first`; parameters as of `sample`."""
+    again = known if len(problem.terms) > settings.from_prior else ()
+    return fit(problem, again, seed=seed + 1, draws=settings.draws, most=settings.starts)
+
+
+def joined(
+    problem: Problem, one: Candidate, other: Candidate, *, seed: int, settings: SearchSettings
+) -> tuple[Candidate, Weighed]:
+    """Put two looks for modes together, and draw from the posterior; see `sample`."""
+    found = principal(settle_at(problem, np.vstack([one.modes, other.modes])))
+    added = min(max(found.laplace_apart - one.laplace_apart, 0.0), math.log(2.0))
     draws = weigh(found, seed=seed)
-    while draws.height > found.height + s.better:
+    while draws.height > found.height + settings.better:
         higher = principal(settle_at(problem, ascend(problem, np.vstack([found.modes, draws.top[None]])).u))
-        if higher.height <= found.height + s.better:
+        if higher.height <= found.height + settings.better:
             added = math.log(2.0)  # that draw is of a mode that cannot be climbed
             break
         found, draws = higher, weigh(higher, seed=seed)

@@ -34,6 +34,9 @@ class SearchSettings:
         Error of a simulator's step there. Ranges are then good to a millionth (docs/numerics.md).
     doubt : float, nats
         Standard error of the evidence by a short fit.
+    missed : float
+        Chance that a search never fits the set that would lead. It is a part of every probability that is printed. As
+        measured (docs/search-yardstick.md): of n data sets k missed by more than a nat give (k + 1)/(n + 2).
     better : float, nats
         Rise of a log posterior by which a fit counts as another mode: models that rest on the old one are looked at
         again.
@@ -51,4 +54,5 @@ class SearchSettings:
     starts: int = 12
     tolerance: float = 1e-4
     doubt: float = 1.0
+    missed: float = 0.02
     better: float = 0.5

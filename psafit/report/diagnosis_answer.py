@@ -14,7 +14,7 @@ from psafit.diagnose.gain import names_nothing, worse
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.next_experiment import recommended, tells_apart
 from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis
-from psafit.experiment import Experiment
+from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.model_search.ladder import CREDIBLE
 from psafit.physics import owner
@@ -104,18 +104,24 @@ def _outliers(result: Diagnosis, experiment: Experiment) -> Markup:
     """Readings far from the model that is adopted."""
     which = "extended" if result.verdict != "adequate" and result.misfit.get("extended") else "baseline"
     members = {str(g.id): g for g in experiment.groups}
-    odd = [(members[str(id)], k) for id, k in result.misfit.get(which, {}).get("odd_points", []) if str(id) in members]
-    if not odd:
-        return Markup("")
-    each = (
-        Markup("number {} of group {} ({}, {:.4g}{}V)").format(
-            k + 1, g.id, frequency_text(float(g.frequency_hz[k])), float(g.amplitude_v[k]), NBSP
+    tests = result.misfit.get(which, {})
+    odd = [(members[str(id)], k) for id, k in tests.get("odd_points", []) if str(id) in members]
+    far = [(members[str(r["group"])], r["number"]) for r in tests.get("furthest", []) if str(r["group"]) in members]
+
+    def each(readings: Sequence[tuple[Group, int]]) -> Markup:
+        return listed(
+            Markup("number {} of group {} ({}, {:.4g}{}V)").format(
+                k + 1, g.id, frequency_text(float(g.frequency_hz[k])), float(g.amplitude_v[k]), NBSP
+            )
+            for g, k in readings
         )
-        for g, k in odd
-    )
+
+    if not odd:
+        none = Markup(" No reading stands out by more than four standard deviations; the furthest are {}.")
+        return none.format(each(far)) if far else Markup("")
     of, are = ("extension" if which == "extended" else which), "is" if len(odd) == 1 else "are"
     return Markup(" Beside the {}, {} {} off by more than four standard deviations of the scatter: {}.").format(
-        of, count(len(odd), "reading"), are, listed(each)
+        of, count(len(odd), "reading"), are, each(odd)
     )
 
 

@@ -14,6 +14,7 @@ from psafit.diagnose.gain import names_nothing, worse
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.next_experiment import tells_apart
 from psafit.diagnose.record import NEAREST, UNSEEN, CauseResult, Diagnosis, ScreeningResult
+from psafit.diagnose.significance import OTHERWISE
 from psafit.experiment import CONSTANT_UNITS, Experiment
 from psafit.inference.evidence import TRUSTED
 from psafit.report import diagnosis_pictures, figures
@@ -57,6 +58,7 @@ _LOOKS_AT: Final = {
     "spread": "the law of the scatter",
     "point": "single readings",
     "replicate": "sessions at the same condition",
+    "all": "anything",
 }
 _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
@@ -274,6 +276,7 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             noted(number(known(s.visible)), f"at {words.quantity(s.plausible, s.unit)}")
             if math.isfinite(s.plausible)
             else number(known(s.visible)),
+            "–" if s.room is None else f"{significant(s.room, 2, per_cent=True)}{NBSP}%",
             "–" if s.verdict == UNSEEN else words.share(s.inclusion),
         ]
         for s in screening
@@ -483,15 +486,18 @@ def _left_tied(pairs: Sequence[Mapping[str, Any]]) -> Markup | str:
 
 
 def search(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """The search repeated on simulated baselines."""
-    if not found or not found["null"]:
+    """How often a search finds as much where nothing is hidden."""
+    if not found:
         return None
     p, n = found["p_value"], len(found["null"])
+    if p is None:
+        return {"n": 0, "missing": OTHERWISE[found["missing"]]}
     return {
         "n": n,
         "lead": words.nats(found["lead"]),
         "most": words.nats(max(found["null"])),
         "p": f"{'≤' if p <= 1 / (n + 1) else '='} {significant(p, 2)}",
+        "readings": " to ".join(str(m) for m in found["readings"]) if found.get("stored") else "",
     }
 
 

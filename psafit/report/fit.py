@@ -35,7 +35,7 @@ from psafit.report.wording import (
     with_unit,
 )
 from psafit.text import fixed
-from psafit.validate import FAIR, GOOD, LEVEL, Prediction, drifting, some_draws, without_each
+from psafit.validate import FAIR, GOOD, LEVEL, Prediction, coverage, doubt, some_draws, too_narrow, without_each
 
 REPORT = "report.html"
 
@@ -43,6 +43,13 @@ _MAX_MINIMA = 8
 # Posterior draws that are looked at without each cause: a median of them is to be seen, not to be scored.
 _DRAWS_WITHOUT = 200
 _ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limit"}
+# How the page says whether the fit predicts what it has not seen.
+_WORDS = {
+    "predicts": "Yes: the fit predicts",
+    "comes near, too sure": "Not quite: the fit comes near, but is surer than it may be, for",
+    "roughly predicts": "Not quite: the fit roughly predicts",
+    "does not predict": "No: the fit does not predict",
+}
 _KINDS = {"determined": "good", "bounded above": "warn", "bounded below": "warn", "not determined": "bad"}
 
 
@@ -74,8 +81,8 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "summary": fit_pictures.summary_picture(pictured),
         "explorable": fit_pictures.explorable(shown),
         "extended": bool(run.fit.terms),
-        "parameters": _parameter_rows(run),
-        "drifting": drifting(validation),
+        "parameters": _parameter_rows(run, bool(doubt(validation))),
+        "doubt": doubt(validation),
         "implausible": [s for s in run.summary.parameters if s.implausible],
         "minima": _minima(run),
         "marginals": fit_pictures.marginal_pictures(run, marginals),
@@ -137,16 +144,15 @@ def _what_it_predicts(validation: Validation) -> Markup:
         held_out = any(s.role == "holdout" for s in validation.groups)
         why = "there is no group that could tell" if held_out else "every group was fitted"
         return Markup(
-            "<strong>Is it adequate?</strong> Not tested: {}, so nothing is left to test the prediction on."
-            " The fitted readings themselves are typically off by {}."
+            "<strong>Does it predict what it has not seen?</strong> Not tested: {}, so nothing is left to test the"
+            " prediction on. The fitted readings themselves are typically off by {}."
         ).format(why, listed(f"×{factor(s.log_rmse)} (group {s.group})" for s in seen))
     mean = validation.holdout_log_rmse
     assert mean is not None  # there are groups it is the mean of
     readings = sum(s.n_points for s in unseen)
     best = min(unseen, key=lambda s: s.log_rmse)
     worst = max(unseen, key=lambda s: s.log_rmse)
-    words = {"good": "Yes: the fit predicts", "warn": "Not quite: the fit roughly predicts"}
-    how = words.get(_verdict(validation)["kind"], "No: the fit does not predict")
+    how = _WORDS[_verdict(validation)["text"]]
     which = groups([s.group for s in unseen]) if len(unseen) <= 6 else f"the {len(unseen)} other groups"
     spread = (
         Markup(" (from ×{} for group {} to ×{} for group {})").format(
@@ -156,10 +162,10 @@ def _what_it_predicts(validation: Validation) -> Markup:
         else ""
     )
     return Markup(
-        "<strong>Is it adequate?</strong> {} {}: typically a factor of {} off{}, where the fitted"
+        "<strong>Does it predict what it has not seen?</strong> {} {}: typically a factor of {} off{}, where the fitted"
         " readings themselves are off by ×{}; {} of the {} unseen readings lie in the 90 % predictive band."
     ).format(
-        how, which, factor(mean), spread, factor(_mean_log_rmse(seen)), percent(_coverage(unseen)), readings
+        how, which, factor(mean), spread, factor(_mean_log_rmse(seen)), percent(coverage(unseen)), readings
     )  # fmt: skip
 
 
@@ -168,6 +174,8 @@ def _verdict(validation: Validation) -> dict[str, str]:
     mean = validation.holdout_log_rmse
     if mean is None:
         return {"text": "not tested", "kind": "warn"}
+    if mean <= GOOD and too_narrow(_telling(validation, "holdout")):
+        return {"text": "comes near, too sure", "kind": "warn"}
     if mean <= GOOD:
         return {"text": "predicts", "kind": "good"}
     return {"text": "roughly predicts", "kind": "warn"} if mean <= FAIR else {"text": "does not predict", "kind": "bad"}
@@ -244,18 +252,13 @@ def _tiles(validation: Validation) -> list[dict[str, str]]:
             {"value": f"×{factor(_mean_log_rmse(unseen))}", "label": "typical factor, unseen groups" + _spread(unseen)}
         )
     label = f"of the {'unseen' if unseen else 'fitted'} readings in the 90{NBSP}% band; 90{NBSP}% belong there"
-    return [*tiles, {"value": percent(_coverage(unseen or seen)), "label": label}]
+    return [*tiles, {"value": percent(coverage(unseen or seen)), "label": label}]
 
 
 def _spread(scores: Sequence[GroupScore]) -> str:
     """From the best group to the worst, where there are several."""
     errors = [s.log_rmse for s in scores]
     return f"; ×{factor(min(errors))} to ×{factor(max(errors))}" if len(errors) > 1 else ""
-
-
-def _coverage(scores: Sequence[GroupScore]) -> float:
-    """Fraction of all readings of some groups inside the 90 % predictive interval."""
-    return sum(s.coverage_90 * s.n_points for s in scores) / sum(s.n_points for s in scores)
 
 
 # Parameters -----------------------------------------------------------------------------------------------------
@@ -279,7 +282,8 @@ def _value(run: Run, s: ParameterSummary) -> str:
     return with_unit(text, unit)
 
 
-def _parameter_rows(run: Run) -> list[list[Any]]:
+def _parameter_rows(run: Run, doubted: bool) -> list[list[Any]]:
+    """What the readings say of each parameter; what is determined is so if the model is right."""
     rows: list[list[Any]] = []
     symbols = _symbols(run)
     for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True):
@@ -294,7 +298,7 @@ def _parameter_rows(run: Run) -> list[list[Any]]:
                 _value(run, s),
                 _ONE_SIDED.get(s.verdict) or with_unit(interval(lower, upper, (upper - lower) / 2), unit),
                 prior,
-                {"text": s.verdict, "kind": _KINDS[s.verdict]},
+                {"text": s.verdict, "kind": "warn" if doubted and s.verdict == "determined" else _KINDS[s.verdict]},
                 f"{s.r_hat:.4f}",
                 f"{s.ess_bulk:.0f} / {s.ess_tail:.0f}",
             ]

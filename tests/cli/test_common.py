@@ -65,6 +65,8 @@ from psafit.files import sole
             ["challenge", "run", "--seed", "1", "--out", "c", "--experiment", "EXP", "--scheduler", "foo://bar"],
             "no Dask scheduler answers",
         ),
+        (["diagnose", "EXP", "--out", "d", "--scheduler", "foo://bar"], "no Dask scheduler answers at foo://bar"),
+        (["diagnose", "EXP", "--out", "d", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"], "both given"),
         (["simulate", "EXP", "--set", "k_c=1_0e5"], "not NAME=VALUE"),
         (["fit", "EXP"], "name one or more with --group: 1, 2, 3"),
         (["watch", "EXP", "--every", "nan"], "is no time"),

@@ -105,7 +105,9 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
         assert set(place) == {"group", "variable", "from", "to", "text"}
     assert stored["causes"][0]["terms"] == ["amplifier_lag"]
     assert 0 < stored["causes"][0]["probability"] <= 1
-    assert ("search" in stored["misfit"]) == (searches > 0)
+    # Without searches of its own it would look into the table, which is of the whole catalogue.
+    assert stored["misfit"]["search"]["missing"] == ("" if searches else "catalogue")
+    assert stored["misfit"]["search"]["stored"] == (not searches)
     assert set(stored["looked_at"]) == {"fitted", "estimated", "mass_not_looked_at"}
     if searches:
         plain = climb(Problem(e, e.ids), causes, seed=1)
@@ -140,7 +142,7 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
     quick = diagnose(e, ["a"], tmp_path / "two", **asked)
     assert again.causes == result.causes
     assert quick.causes == result.causes
-    assert quick.gain == {} and quick.extension == {} and "search" not in quick.misfit
+    assert quick.gain == {} and quick.extension == {} and quick.misfit["search"] == result.misfit["search"]
     # A whole answer is read back; what has lost a part is worked out.
     with monkeypatch.context() as m:
         m.delattr(diagnosis._Work, "all")
@@ -243,3 +245,18 @@ def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
     (mine / "diagnosis.html").mkdir()
     with pytest.raises(InputError, match="is a folder, where a file of the diagnosis goes"):
         diagnosis._claim(mine, one)
+
+
+@pytest.mark.slow
+def test_a_cluster_diagnoses_as_one_process_does(tmp_path):
+    """The search, those without a group, and those where nothing is hidden."""
+    distributed = pytest.importorskip("distributed")
+    e = experiment(["amplifier_lag"], [4e-5], n=8, groups=("a", "b"))
+    asked = {"catalogue": FEW[:2], "settings": Effort(simulated=49, searches=2, steps=0)}
+    alone = diagnose(e, ["a"], tmp_path / "alone", jobs=1, **asked)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        found = diagnose(e, ["a"], tmp_path / "cluster", scheduler=cluster.scheduler_address, **asked)
+    assert found.identity == alone.identity and found.causes == alone.causes and found.gain == alone.gain
+    assert found.misfit["search"] == alone.misfit["search"] and len(found.misfit["search"]["null"]) == 2
+    steps = [{p.name for p in (tmp_path / name / "steps").iterdir()} for name in ("alone", "cluster")]
+    assert steps[0] <= steps[1]  # what was worked ahead for nothing is there, too

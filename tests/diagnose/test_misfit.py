@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rigs import RIG
-from truths import FEW, TRUTH, bump, experiment, few, problem, slip, unit
+from truths import FEW, TRUTH, bump, experiment, few, narrow, problem, slip, unit
 
 from psafit.diagnose.leftover import leftover
-from psafit.diagnose.misfit import ALPHA, Statistic, _character, examine
+from psafit.diagnose.misfit import ALPHA, Statistic, _both, _character, _together, examine, shared
 from psafit.experiment import Group, fingerprint
 from psafit.inference.candidate import fit
 from psafit.physics import terms
@@ -63,6 +63,7 @@ def test_what_is_spoilt_is_found_where_it_is(spoil, characters, group):
         (["point", "spread"], (("b", 7),), "points"),
         (["point", "spread"], (("b", 1), ("b", 2), ("b", 3), ("b", 4)), "scatter"),
         (["replicate"], (), "sessions"),
+        (["all"], (), "none"),
         (["replicate", "mean"], (), "physics"),
     ],
 )
@@ -70,6 +71,42 @@ def test_the_kind_of_what_is_wrong_is_that_of_what_stands_out(sound, kinds, odd,
     beyond = [Statistic(kind, kind, None, 9.0, 3.0, 0.001, True) for kind in kinds]
     within = Statistic("mean", "mean", None, 1.0, 0.5, 0.3, False)
     assert _character(sound, FEW, [*beyond, within], 1, False, odd) == (character, ())
+
+
+def test_readings_of_two_sweeps_that_are_odd_at_one_frequency_are_seen():
+    """Heavy tails take up either of them, but errors of reading do not meet."""
+    e = experiment(spoil=narrow)
+    found = examine(fit(problem(e), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=199)
+    assert found.wrong and found.character == "physics"
+    (pair,) = found.coincidences
+    assert pair.readings == (("a", 9), ("c", 9)) and pair.log_bias < -0.2
+    assert pair.lower == pair.upper == pytest.approx(e.group("a").frequency_hz[9])
+
+
+def test_where_sweeps_meet(sound):
+    """At every frequency of two sweeps, also where they differ by less than half a step."""
+    meeting = shared(sound.problem)
+    assert list(meeting) == ["frequency"] and len(meeting["frequency"]) == 24
+    e = experiment()
+    third = replace(e.groups[2], frequency_hz=e.groups[2].frequency_hz * 1.001)
+    near = problem(replace(e, groups=(*e.groups[:2], third)))
+    assert [len(rows) for rows in shared(near)["frequency"]] == [2] * 24
+    assert not shared(problem(e, ("a", "b")))
+
+
+def test_two_that_stand_out_to_the_same_side():
+    e = np.array([[3.0, 2.0, -1.0], [3.0, -2.5, 0.5], [-3.0, -2.0, -4.0], [0.1, -0.1, 0.0]])
+    assert _both(e).tolist() == [2.0, 0.5, 3.0, 0.0]
+
+
+def test_many_statistics_that_are_a_little_odd_are_odd_together():
+    rng = np.random.default_rng(1)
+    table = rng.standard_normal((40, 500))
+    table[:, 0] = 1.3  # each at its upper tenth, none remarkable
+    together = _together(table)
+    assert together[0] > together[1:].max()
+    table[:, 0] = rng.standard_normal(40)
+    assert 0.01 < np.mean(_together(table)[1:] >= _together(table)[0]) < 0.99
 
 
 def test_a_few_readings_do_not_clear_the_rest():

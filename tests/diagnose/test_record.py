@@ -7,6 +7,8 @@ from dataclasses import replace
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
+from psafit.diagnose.settings import Settings
+from psafit.model_search import SearchSettings
 from psafit.model_search.ladder import LookedAt
 
 
@@ -28,4 +30,6 @@ from psafit.model_search.ladder import LookedAt
     ],
 )
 def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, told: str) -> None:
-    assert replace(make_record(make_experiment()), looked_at=looked_at).searched == told
+    settings = Settings(search=SearchSettings(missed=0.03))
+    found = replace(make_record(make_experiment()), looked_at=looked_at, settings=settings).searched
+    assert found == f"{told} The chance that a better set was missed is 3 %, a part of every probability."

@@ -6,12 +6,14 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from truths import FEW, experiment, problem
+from truths import FEW, experiment, narrow, problem
 
 from psafit.diagnose.gain import worse
+from psafit.diagnose.leftover import leftover
+from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, UNSEEN
 from psafit.diagnose.screening import VISIBLE, screen
-from psafit.diagnose.told import _cause, _word, sentences
+from psafit.diagnose.told import _cause, _word, furthest, misfit_of, sentences
 from psafit.model_search import climb
 from psafit.model_search.sample import sample
 from psafit.parameters import Belief, Normal
@@ -63,7 +65,7 @@ def test_groups_that_are_predicted_worse_are_named(hidden):
     one = {"groups": [{**gain["groups"][0], **scores}], **scores, "log_rmse_interval": [0.1, 0.4]}
     calm = SimpleNamespace(reasons=(), alternatives=(), named=())
     quiet = SimpleNamespace(wrong=False)
-    search = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3}
+    search = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3, "stored": False}
     tied = SimpleNamespace(reasons=(), alternatives=(("c",), ()), named=("a", "b"))
     said = sentences(tied, quiet, hidden, None, [], {}, {}, None)
     assert "Not to be told apart from a + b: c; the baseline." in said
@@ -72,3 +74,30 @@ def test_groups_that_are_predicted_worse_are_named(hidden):
     assert "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
     said = sentences(calm, quiet, hidden, None, [], {}, {}, search | {"null": [-1.0, -2.4]})
     assert any("none put a model with causes first; this one leads by 9" in one for one in said)
+    stored = search | {"stored": True, "readings": [56, 150]}
+    said = sentences(calm, quiet, hidden, None, [], {}, {}, stored)
+    where = "designs of 56 to 150 readings with nothing hidden (stored table, this catalogue)"
+    assert f"Of 2 searches on {where} none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
+    unknown = {"lead": 9.2, "null": [], "p_value": None, "stored": True, "readings": [], "missing": "catalogue"}
+    said = sentences(calm, quiet, hidden, None, [], {}, {}, unknown)
+    assert any("is not known: the stored table is of another catalogue (--searches 19" in one for one in said)
+
+
+def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):
+    """And that heavy tails take them up, where they do."""
+    e = experiment(spoil=narrow)
+    ladder = climb(problem(e), FEW, seed=1)
+    before = examine(ladder.baseline, FEW, seed=1, n_simulated=99)
+    misfit = misfit_of(before, None, leftover(ladder.baseline), ladder.baseline, ladder.leader)
+    text = furthest(ladder, SimpleNamespace(verdict="adequate"), misfit)
+    hz = e.group("a").frequency_hz[9]
+    assert text.startswith("Furthest from the baseline: group ") and text.count(f"{hz:.6g} Hz") == 2
+    assert "heavy tails (nu 2" in text
+    assert [w["group"] for w in misfit["where"][:2]] == ["a", "c"] and "as there in group c" in misfit["where"][0][
+        "text"
+    ]
+    quiet = misfit_of(
+        examine(hidden.leader, FEW, seed=1, n_simulated=99), None, leftover(hidden.leader), hidden.leader, hidden.leader
+    )
+    named = SimpleNamespace(verdict="explained")
+    assert "heavy tails" not in furthest(hidden, named, {"extended": quiet["baseline"]})

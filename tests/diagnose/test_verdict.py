@@ -57,6 +57,9 @@ def test_verdicts(hidden, sound):
     assert conclude(hidden, before, after, doubtful, hopeless).unnamed == pytest.approx(0.6)
     assert conclude(tied, before, after, doubtful, hopeless).unnamed == pytest.approx(0.6)
     assert conclude(tied, before, after, doubtful, hopeless).verdict == "unexplained"
+    # The chance that the search has missed a set is a part of every probability.
+    sure, unsure = (conclude(replace(tied, missed=m), before, after, left, bare).probability for m in (0.0, 0.1))
+    assert all(unsure[ids] == pytest.approx(0.9 * p) for ids, p in sure.items()) and sum(sure.values()) > 0
     # So does what has no name in their place: a set of causes is no likelier for being a set of causes.
     none = replace(left, log_bayes=-50.0, log_evidence=left.log_evidence - left.log_bayes - 50.0)
     # (What adds nothing visible is counted with the leader, but has no part in the leader's prior.)

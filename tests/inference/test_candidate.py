@@ -13,7 +13,7 @@ from truths import FEW, TRUTH, experiment, problem
 from psafit.challenge.hide import make
 from psafit.experiment import read_experiment
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import _across_steps, built_up, fit, settle_at, thinned
+from psafit.inference.candidate import Candidate, _across_steps, built_up, fit, hills, settle_at, thinned
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -59,6 +59,30 @@ def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
         two = replace(one, modes=away, heights=heights, curvature=curvature, mass=mass)
         assert two.laplace == pytest.approx(one.laplace + math.log(2))
         assert math.exp(two.laplace_apart - one.laplace) == pytest.approx(counted, rel=0.05)
+
+
+class TwoTops:
+    """A posterior of two normal tops half a unit apart, of standard deviation `width` each."""
+
+    bounds = np.array([[-5.0, 5.0], [-5.0, 5.0]])
+
+    def __init__(self, width: float) -> None:
+        self.width = width
+
+    def log_posterior(self, u: np.ndarray) -> np.ndarray:
+        square = [np.sum((u - [x, 0.0]) ** 2, axis=1) / self.width**2 for x in (0.0, 0.5)]
+        return np.asarray(np.logaddexp(-0.5 * square[0], -0.5 * square[1]))
+
+
+@pytest.mark.parametrize(("width", "expected"), [(0.05, [0, 1]), (0.2, [0])])
+def test_hills_lie_apart_by_their_own_widths(width, expected):
+    """Half a unit is ten widths of narrow tops, with nothing between them, and one broad top's own."""
+    problem = TwoTops(width)
+    modes = np.array([[0.0, 0.0], [0.5, 0.0]])
+    curvature = np.repeat(np.eye(2)[None] / width**2, 2, axis=0)
+    nothing = np.empty(0)
+    tops = Candidate(problem, modes, problem.log_posterior(modes), nothing, nothing, curvature, nothing)
+    assert hills(tops) == expected
 
 
 def test_a_fit_without_fresh_starts_holds_what_is_within_it():

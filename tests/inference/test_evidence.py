@@ -127,6 +127,19 @@ def test_hills_weigh_what_the_nested_sampler_finds():
     assert weigh(found, seed=2).log_evidence == pytest.approx(nested.log_evidence, abs=0.5)
 
 
+def test_what_the_readings_hardly_tell_of_is_as_wide_as_its_bounds():
+    """A slope of almost nothing is less than rounding beside the others', and must not become a width of nothing."""
+    one = replace(problem(experiment(n=8)), terms=terms(["separation_height"]))
+    fitted = settle_at(one, one.prior_transform(np.full((1, one.n_dim), 0.5)))
+    k = one.names.index("separation_weight")
+    curvature = fitted.curvature.copy()
+    curvature[0, k], curvature[0, :, k] = 0.0, 0.0
+    curvature[0, k, k] = 1e-16 * curvature.max()
+    first = _laplace_mixture(replace(fitted, curvature=curvature))
+    spread = np.sqrt(np.diagonal(first.root[0] @ first.root[0].T))
+    assert spread[k] > 0.25 * np.ptp(one.bounds[k])
+
+
 def test_prior_width_survives_draws_of_hardly_any_weight():
     """Weights far below the rest, where the other prior is far above the first, are not divided by."""
     found = weigh(fit(problem(experiment(n=8)), (), seed=1, draws=256, most=4), seed=1)

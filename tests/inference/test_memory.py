@@ -10,7 +10,7 @@ import pytest
 from truths import FEW, experiment, problem
 
 from psafit.errors import InputError
-from psafit.inference.memory import Memory
+from psafit.inference.memory import Memory, lent
 from psafit.model_search import climb
 from psafit.parameters import Belief, Normal
 from psafit.physics import informed
@@ -67,3 +67,29 @@ def test_a_step_that_the_system_refuses_is_not_worked_out_anew(tmp_path, monkeyp
     monkeypatch.setattr(Path, "read_bytes", refused)
     with pytest.raises(InputError, match="check its permissions"):
         memory.recall("fit", one, 1, lambda: {"x": np.arange(3.0)})
+
+
+def test_what_is_kept_on_another_machine_is_sent(tmp_path):
+    """A worker that does not see the folder keeps in one of its own, and sends the files."""
+    one, here = problem(experiment(n=8)), Memory(tmp_path / "steps")
+
+    def work(memory, value):
+        memory.recall("fit", one, value, lambda: {"x": np.full(3, value)})
+
+    assert not here.within_reach
+    files = lent(work, here, 2.0)
+    assert len(files) == 1 and not (tmp_path / "steps").exists()
+    here.begin()
+    here.receive(files)
+    assert here.within_reach and here.count("fit") == 1
+    assert here.recall("fit", one, 2.0, lambda: 1 / 0)["x"].tolist() == [2.0] * 3
+    assert lent(work, here, 3.0) == {} and here.count("fit") == 2
+
+
+def test_without_a_folder_things_are_kept_as_long_as_the_memory(tmp_path):
+    one, memory = problem(experiment(n=8)), Memory(None)
+    key = memory.key("fit", one, 1)
+    assert memory.look(key) is None and not memory.holds(key) and not memory.lasts
+    memory.recall("fit", one, 1, lambda: {"x": np.arange(3.0)})
+    assert memory.holds(key) and memory.recall("fit", one, 1, lambda: 1 / 0)["x"].tolist() == [0, 1, 2]
+    assert Memory(None).look(key) is None

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from joblib.externals.loky import get_reusable_executor
 from truths import FEW, experiment, problem
 
-from psafit.errors import InputError
+from psafit.errors import ConvergenceError, InputError
 from psafit.inference.candidate import settle_at
 from psafit.inference.memory import Memory
 from psafit.model_search import Ladder, SearchSettings, climb
 from psafit.model_search import fitter as fitting
 from psafit.model_search.fitter import Fitted, ProblemFitter
-from psafit.model_search.loop import Model
+from psafit.model_search.loop import Foreseen, Model
 
 PAIR = ("amplifier_lag", "flight_friction")
 SETTINGS = SearchSettings(most_causes=2)
@@ -25,7 +32,7 @@ def test_an_estimate_is_off_by_what_its_neighbour_s_was(hidden: Ladder) -> None:
     """What sampling shows of a model is carried over to those next to it."""
     lag = hidden.of(("amplifier_lag",))
     fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
-    known = {(): Model((), hidden.log_evidence[()], True, Fitted(hidden.baseline))}
+    known = {(): Model((), hidden.log_evidence[()], hidden.baseline.height, True, Fitted(hidden.baseline))}
     (plain,) = fitter.short([lag.ids], known, None)
     (told,) = fitter.short([lag.ids], known, known[()])
     off = hidden.log_evidence[()] - hidden.baseline.laplace_apart
@@ -38,13 +45,13 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladd
     lag = hidden.of(("amplifier_lag",))
     moved = lag.modes[:1].copy()
     moved[0, 0] += 0.1
-    held = Model(lag.ids, 0.0, False, Fitted(settle_at(lag.problem, moved)))
+    held = Model(lag.ids, 0.0, lag.height, False, Fitted(settle_at(lag.problem, moved)))
     pair = hidden.of(("amplifier_lag", "reading_offset"))
-    origin = Model(pair.ids, hidden.log_evidence[pair.ids], True, Fitted(pair))
+    origin = Model(pair.ids, hidden.log_evidence[pair.ids], pair.height, True, Fitted(pair))
     (risen,) = fitter.again([held], origin)
     assert held.content.candidate.height < lag.height - 1 and risen.content.candidate.height > lag.height - 0.5
     assert risen.log_evidence >= held.log_evidence and risen.content.top == risen.content.candidate.height
-    assert fitter.again([Model(lag.ids, 0.0, False, Fitted(lag))], origin) == []
+    assert fitter.again([Model(lag.ids, 0.0, lag.height, False, Fitted(lag))], origin) == []
     # What was seen before is no news, though a sample has not kept it: two models would raise each other for ever.
     seen = replace(held, content=replace(held.content, top=risen.content.top))
     assert fitter.again([seen], origin) == []
@@ -52,10 +59,22 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladd
 
 def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: Ladder) -> None:
     pair, lag = hidden.of(("amplifier_lag", "flight_friction")), hidden.of(("amplifier_lag",))
-    start = pair.problem.to_physical(fitting._embedded(pair, lag)[None])[0]
+    start = pair.problem.to_physical(fitting._merged(pair.problem, pair, lag)[None])[0]
     friction = len(lag.problem.names) - 3  # after the lag, before the scatter
     assert start[friction] == pytest.approx(pair.values[friction], abs=1e-3)
     assert start[0] == pytest.approx(lag.values[0], rel=0.01)
+
+
+def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: Ladder) -> None:
+    fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
+    whole = hidden.of(PAIR)
+    known = {
+        c.ids: Model(c.ids, hidden.log_evidence[c.ids], c.height, False, Fitted(c))
+        for c in hidden.candidates
+        if c.ids != PAIR
+    }
+    (found,) = fitter.carried([PAIR], known, known["amplifier_lag", "reading_offset"])
+    assert found.height > whole.height - 0.1 and not found.sampled
 
 
 def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,7 +82,7 @@ def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: py
     first = climb(one, FEW[:1], seed=1, memory=Memory(tmp_path))
     with monkeypatch.context() as patch:
         patch.delattr(fitting, "fit")
-        patch.delattr(fitting, "sample")
+        patch.delattr(fitting, "joined")
         again = climb(one, FEW[:1], seed=1, memory=Memory(tmp_path))
     assert again.log_evidence == first.log_evidence and again.probability == first.probability
 
@@ -103,3 +122,86 @@ def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
     assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
     assert begun.leader.ids == plain.leader.ids == PAIR
     assert begun.log_evidence[PAIR] == pytest.approx(plain.log_evidence[PAIR], abs=1.0)
+
+
+def test_idle_processes_work_ahead_and_what_is_not_needed_yet_may_fail(
+    hidden: Ladder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was foreseen is looked up later; the sample itself is that of one process."""
+    one, lag = hidden.baseline.problem, hidden.of(("amplifier_lag",))
+    known = {(): Model((), hidden.log_evidence[()], hidden.baseline.height, True, Fitted(hidden.baseline))}
+    alone = ProblemFitter(one, FEW, SETTINGS, 1, Memory(None))
+    (model,) = alone.short([lag.ids], known, None)
+    several = ProblemFitter(one, FEW, SETTINGS, 1, Memory(None), jobs=2)
+    vars(several)["_starting"] = iter(())  # no process is needed here
+    made: list[tuple[str, bool]] = []
+
+    def eagerly(jobs: int, work: Any, calls: Any, *, waiting: int) -> Any:
+        """Processes that take all there is before the first result."""
+        for task, needed in list(calls):
+            made.append((task.key.partition("-")[0], needed))
+            yield work(task, needed)
+
+    known |= {model.ids: model} | {m.ids: m for m in alone.short([("reading_offset",)], known, None)}
+    pair = ("amplifier_lag", "reading_offset")
+    (plain,) = alone.carried([pair], known, model)
+    with monkeypatch.context() as patch:
+        patch.setattr(fitting, "unordered", eagerly)
+        sampled = several.sample(model, Foreseen((), (pair,), known))
+    assert made == [("second", True), ("first", True), ("climb", False), ("sample", True)]
+    assert sampled.log_evidence == alone.sample(model).log_evidence
+    with monkeypatch.context() as patch:
+        patch.delattr(fitting, "unordered")
+        assert several.carried([pair], known, model)[0].log_evidence == plain.log_evidence
+
+    def fails(problem: Any) -> Any:
+        raise ConvergenceError("a climb", reached=0, required=1)
+
+    task = fitting._Task("key", one, fails, ())
+    assert fitting._worked(task, False) == ("key", None)
+    with pytest.raises(ConvergenceError):
+        fitting._worked(task, True)
+
+
+def killing(memory: Memory, pids: Callable[[], Sequence[int]], dead: list[int]) -> threading.Thread:
+    """A thread that kills one of some processes as soon as a few models are fitted."""
+
+    def kill() -> None:
+        while memory.count("short") < 3:
+            time.sleep(0.01)
+        dead.append(pids()[0])
+        os.kill(dead[0], signal.SIGKILL)
+
+    thread = threading.Thread(target=kill, daemon=True)
+    thread.start()
+    return thread
+
+
+@pytest.mark.slow
+def test_a_search_whose_worker_is_killed_goes_on_with_the_same_command(tmp_path: Path) -> None:
+    one, dead = problem(experiment(["amplifier_lag"], [4e-5], n=12)), []  # type: ignore[var-annotated]
+    memory, alone = Memory(tmp_path), climb(one, FEW, seed=1)
+    killer = killing(memory, lambda: list(get_reusable_executor(reuse=True)._processes), dead)
+    with pytest.raises(InputError, match=r"ended from outside.*repeat the same command"):
+        climb(one, FEW, seed=1, jobs=2, memory=memory)
+    killer.join()
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert dead and len(kept) >= 3
+    again = climb(one, FEW, seed=1, jobs=2, memory=memory)
+    assert again.log_evidence == alone.log_evidence
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept  # nothing that was done is done again
+
+
+@pytest.mark.slow
+def test_a_cluster_that_loses_a_worker_in_mid_search_finds_what_one_process_finds(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    one, dead = problem(experiment(["amplifier_lag"], [4e-5], n=12)), []  # type: ignore[var-annotated]
+    alone = climb(one, FEW, seed=1)
+    memory = Memory(tmp_path)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        killer = killing(memory, lambda: [w.pid for w in cluster.workers.values()], dead)
+        found = climb(one, FEW, seed=1, scheduler=cluster.scheduler_address, memory=memory)
+        killer.join()
+    assert dead
+    assert found.log_evidence == alone.log_evidence and found.probability == alone.probability
+    assert all(np.array_equal(c.modes, d.modes) for c, d in zip(found.candidates, alone.candidates, strict=True))

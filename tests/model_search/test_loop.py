@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
-from psafit.model_search.loop import Ids, Model, exchanged, resized, search
+from psafit.model_search.loop import Foreseen, Ids, Model, exchanged, resized, search
 from psafit.model_search.settings import SearchSettings
 
 CATALOGUE = tuple("abcdefgh")
@@ -23,24 +23,32 @@ def flat(ids: Ids) -> float:
 class Fake:
     """Fits that know the evidence: a short one less or more an error, a sample exactly."""
 
-    def __init__(self, evidence: Evidence, error: Evidence = lambda ids: 0.0) -> None:
-        self.evidence, self.error = evidence, error
+    def __init__(self, evidence: Evidence, error: Evidence = lambda ids: 0.0, carrying: float = 0.0) -> None:
+        self.evidence, self.error, self.carrying = evidence, error, carrying
         self.fitted: list[Ids] = []
+        self.carried_over: list[Ids] = []
         self.sampled: list[Ids] = []
 
     def short(
         self, wanted: Sequence[Ids], known: Mapping[Ids, Model[None]], origin: Model[None] | None
     ) -> list[Model[None]]:
-        assert not set(wanted) & set(known) and (origin is None or origin.sampled)
+        assert not set(wanted) & (set(known) - set(self.carried_over))
         self.fitted += wanted
-        return [Model(ids, self.evidence(ids) + self.error(ids), False, None) for ids in wanted]
+        return [Model(ids, self.evidence(ids) + self.error(ids), 0.0, False, None) for ids in wanted]
+
+    def carried(
+        self, wanted: Sequence[Ids], known: Mapping[Ids, Model[None]], origin: Model[None]
+    ) -> list[Model[None]]:
+        assert not set(wanted) & set(known)
+        self.carried_over += wanted
+        return [Model(ids, self.evidence(ids) + self.error(ids) - self.carrying, 0.0, False, None) for ids in wanted]
 
     def again(self, known: Sequence[Model[None]], origin: Model[None]) -> list[Model[None]]:
         return []
 
-    def sample(self, model: Model[None]) -> Model[None]:
+    def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
         self.sampled.append(model.ids)
-        return Model(model.ids, self.evidence(model.ids), True, None)
+        return Model(model.ids, self.evidence(model.ids), 0.0, True, None)
 
 
 def every_set(most: int = len(CATALOGUE)) -> list[Ids]:
@@ -66,12 +74,61 @@ def test_causes_that_add_up_are_all_found() -> None:
     assert best.ids == ("b", "e", "g") and best.sampled and best.ids in found.expanded
 
 
-def test_a_pair_that_shows_only_beside_a_third_is_reached_by_an_exchange() -> None:
-    """The first cause is only a stand-in: beside it the true one gains, and then the stand-in goes."""
-    worth = {("a",): 20.0, ("b",): 2.0, ("a", "b"): 26.0, ("b", "c"): 60.0, ("a", "c"): 21.0}
-    fake = Fake(lambda ids: worth.get(ids, max((v for s, v in worth.items() if set(s) <= set(ids)), default=0.0)))
-    found = search(CATALOGUE, fake, flat)
+def test_what_is_left_behind_on_the_way_up_is_not_sampled() -> None:
+    fake = Fake(additive({"b": 30.0, "e": 20.0, "g": 15.0}))
+    search(CATALOGUE, fake, flat)
+    assert fake.sampled == [(), ("b", "e", "g")]
+
+
+def test_two_causes_of_which_neither_shows_alone_are_looked_for_where_the_tests_fail() -> None:
+    together = {frozenset("cf"): 25.0}
+    evidence: Evidence = lambda ids: max((v for s, v in together.items() if s <= {*ids}), default=0.0) - len(ids)  # noqa: E731
+    asked: list[Ids] = []
+
+    def passes(model: Model[None]) -> bool:
+        asked.append(model.ids)
+        return bool(model.ids)
+
+    found = search(CATALOGUE, Fake(evidence), flat, passes=passes)
+    assert found.models["c", "f"].sampled and ("c", "f") in found.expanded
+    assert asked == [(), ("c", "f")]
+    assert ("c", "f") not in search(CATALOGUE, Fake(evidence), flat).models
+
+
+def test_a_search_that_nothing_satisfies_ends() -> None:
+    found = search(CATALOGUE, Fake(additive({"a": 20.0})), flat, passes=lambda model: False)
+    pairs_beside_a = [{"a", *two} for two in itertools.combinations("bcdefgh", 2)]
+    assert all(tuple(sorted(one)) in found.models for one in pairs_beside_a)
+    assert max(map(len, found.models)) == 3
+
+
+def test_a_model_that_rises_when_it_is_sampled_takes_its_neighbours_along() -> None:
+    """Where sampling finds a higher top, neighbours that were fitted before are fitted again from there."""
+    again: list[tuple[Ids, Ids]] = []
+
+    class Low(Fake):
+        def again(self, known: Sequence[Model[None]], origin: Model[None]) -> list[Model[None]]:
+            again.extend((m.ids, origin.ids) for m in known)
+            return []
+
+        def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
+            return Model(model.ids, self.evidence(model.ids), 1.0 if model.ids == ("a",) else 0.0, True, None)
+
+    search(CATALOGUE, Low(additive({"a": 20.0})), flat)
+    assert {(("a", id), ("a",)) for id in CATALOGUE[1:]} <= set(again)
+
+
+@pytest.mark.parametrize("low", [0.0, 7.0])
+def test_a_pair_that_shows_only_beside_a_third_is_reached_by_an_exchange(low: float) -> None:
+    """The first cause is only a stand-in, and where it stands the true one does not help."""
+    worth = {("a",): 20.0, ("b",): 2.0, ("a", "b"): 26.0, ("a", "c"): 21.0, ("b", "c"): 60.0}
+    worth |= {("a", "b", "c"): 26.0}
+    held = lambda ids: max((v for s, v in worth.items() if {*s} <= {*ids}), default=0.0)  # noqa: E731
+    fake = Fake(lambda ids: worth.get(ids, held(ids)), carrying=low)
+    found = search(CATALOGUE, fake, flat, SearchSettings(most_causes=2))
     assert max(found.models.values(), key=lambda m: m.log_evidence + flat(m.ids)).ids == ("b", "c")
+    assert ("b", "c") in fake.carried_over and ("b", "c") in fake.fitted  # first from what is known, then in earnest
+    assert ("c", "h") in found.models and ("c", "h") not in fake.fitted
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -140,14 +197,14 @@ def test_a_model_that_rises_is_looked_at_again() -> None:
         def again(self, known: Sequence[Model[None]], origin: Model[None]) -> list[Model[None]]:
             if origin.ids != ("a",):
                 return []
-            return [Model(m.ids, 40.0, False, None) for m in known if m.ids == ("c",) and m.log_evidence < 40]
+            return [Model(m.ids, 40.0, 0.0, False, None) for m in known if m.ids == ("c",) and m.log_evidence < 40]
 
     truth = {("c",): 40.0}
     fake = Rising(lambda ids: truth[ids] if ids in truth and "c" in fake_seen else additive({"a": 20.0})(ids))
     fake_seen: set[str] = set()
     keep = fake.sample
 
-    def sample(model: Model[None]) -> Model[None]:
+    def sample(model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
         fake_seen.update(model.ids)
         return keep(model)
 
@@ -167,3 +224,26 @@ def test_neighbours() -> None:
     assert resized(("a", "b"), "abc", 2) == [("b",), ("a",)]
     assert exchanged(("a", "b"), "abcd", 2) == [("b", "c"), ("b", "d"), ("a", "c"), ("a", "d")]
     assert resized((), "ab", 6) == [("a",), ("b",)] and exchanged((), "ab", 6) == []
+
+
+def test_what_is_foreseen_is_what_follows() -> None:
+    """Two that do as well: while one is sampled the other is the next; exchanges are told where they are not known."""
+    told: list[tuple[Ids, list[Ids], list[Ids]]] = []
+
+    class Told(Fake):
+        def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
+            if foreseen:
+                told.append((model.ids, [m.ids for m in foreseen.models], list(foreseen.sets)))
+                assert set(foreseen.known) == {*self.fitted, *self.carried_over}
+            return super().sample(model)
+
+    worth = {"a": 20.0, "b": 19.0, "c": 5.0}
+    fake = Told(lambda ids: max((worth.get(id, 0.0) for id in ids), default=0.0))
+    search(CATALOGUE, fake, flat)
+    assert told[0] == (("a",), [("b",)], [])
+    assert fake.sampled == [(), ("a",), ("b",)]
+    fake = Told(additive({"a": 20.0, "b": 19.0, "c": 18.0}))
+    told.clear()
+    search(CATALOGUE, fake, flat)
+    of = {ids: sets for ids, _, sets in told}
+    assert list(of) == [("a", "b", "c")] and of["a", "b", "c"] == fake.carried_over

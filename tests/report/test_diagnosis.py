@@ -287,6 +287,27 @@ def test_a_search_repeated_from_nothing_is_told_in_the_ledger() -> None:
     assert choice.endswith(", too")
 
 
+def test_where_the_p_value_of_a_search_comes_from(tmp_path, undrawn):
+    experiment = make_experiment()
+    record = make_record(experiment)
+    repeated = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3}
+    stored = repeated | {"stored": True, "readings": [56, 150], "missing": ""}
+    unknown = stored | {"null": [], "p_value": None, "missing": "settings"}
+    for k, (search, said) in enumerate(
+        (
+            (repeated, "repeated on 2 sets of readings simulated from the fitted baseline."),
+            (
+                stored,
+                "2 whole searches, with the same catalogue, on designs of 56 to 150 readings with nothing hidden.",
+            ),
+            (unknown, "is not known: the stored table of such searches is of a search with other settings."),
+        )
+    ):
+        told = replace(record, misfit=record.misfit | {"search": search})
+        (tmp_path / f"{k}").mkdir()
+        assert said in build(told, experiment, tmp_path / f"{k}").text
+
+
 def test_one_group(tmp_path):
     """Nothing can be held out, and a single condition has no sweep."""
     group = Group("only one", "sine", "1.csv", [900.0, 900.0], [20.0, 20.0], [3.0, 0.0])

@@ -188,6 +188,21 @@ def test_thresholds_are_those_of_the_verdict():
             assert verdict(np.full(50, error), 0.9, 0.5, 0.5).startswith(words)
 
 
+def test_a_fit_that_is_too_sure_does_not_predict(tmp_path):
+    """However near it comes; and what it determines is doubted."""
+    run = make_run(tmp_path)
+    validation = make_validation(run, make_predictions(run))
+    near = [replace(s, log_rmse=0.1, coverage_90=0.75, n_points=77, drift_p_value=0.5) for s in validation.groups]
+    narrow = replace(validation, groups=near, holdout_log_rmse=0.1)
+    assert fit._verdict(narrow) == {"text": "comes near, too sure", "kind": "warn"}
+    text = fit._what_it_predicts(narrow)
+    assert "Does it predict what it has not seen?" in text and "surer than it may be" in text and "dequate" not in text
+    honest = replace(narrow, groups=[replace(s, coverage_90=0.9) for s in near])
+    assert fit._verdict(honest) == {"text": "predicts", "kind": "good"}
+    kinds = [[row[4]["kind"] for row in fit._parameter_rows(run, doubted)] for doubted in (False, True)]
+    assert "good" in kinds[0] and "good" not in kinds[1]
+
+
 def test_groups_that_cannot_tell_are_not_told_of(tmp_path):
     loud, silent = sweep_groups()[0], make_group("off", [100.0, 300.0, 900.0], 0.0, [0.0, 0.1, 0.0])
     run = make_run(tmp_path, (loud, silent, replace(loud, id=3)))

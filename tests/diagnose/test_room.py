@@ -1,0 +1,43 @@
+"""The largest effect that the readings leave to a cause that is not named."""
+
+from __future__ import annotations
+
+import numpy as np
+from truths import FEW, TRUTH, experiment, problem
+
+from psafit.diagnose.room import room
+from psafit.model_search import Ladder, climb
+from psafit.physics import terms
+from psafit.simulate import MICRO, Design, simulate
+
+LAG, FRICTION = (next(t for t in FEW if t.id == id) for id in ("amplifier_lag", "flight_friction"))
+
+
+def test_sharper_readings_leave_less() -> None:
+    rough, fine = (climb(problem(experiment(relative=r)), FEW, seed=1) for r in (0.04, 0.01))
+    assert rough.leader.ids == fine.leader.ids == ()
+    left = [room(ladder, (), FRICTION, seed=1) for ladder in (rough, fine)]
+    assert all(x is not None for x in left)
+    assert 0.0 < left[1] < 0.5 * left[0] < 0.05  # type: ignore[operator]
+
+
+def test_what_is_at_work_has_as_much_room_as_its_effect(hidden: Ladder) -> None:
+    """Beside a baseline that fails, the hidden lag changes ranges by about what it truly does."""
+    left = room(hidden, (), LAG, seed=1)
+    e = hidden.baseline.problem.experiment
+    plain, lagging = (
+        np.concatenate(
+            [
+                simulate(Design.sweep(e.constants, g.waveform, g.frequency_hz, g.amplitude_v), [*TRUTH, *own], causes)
+                .launch_range[0] * MICRO
+                for g in e.groups
+            ]
+        )
+        for own, causes in (((), ()), ((4e-5,), terms(["amplifier_lag"])))
+    )  # fmt: skip
+    true = np.max(np.abs(lagging - plain) / (plain + 0.3))
+    assert left is not None and 0.2 * true < left < 5 * true
+
+
+def test_what_was_not_fitted_has_no_number(hidden: Ladder) -> None:
+    assert room(hidden, ("reading_offset", "stack_stiffness", "flight_friction"), LAG, seed=1) is None

@@ -1,0 +1,149 @@
+"""Simulation-based calibration: what is wrong is seen, and what was broken off goes on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from psafit.errors import ConvergenceError
+from psafit.inference.evidence import Weighed
+from psafit.records import read_json
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+sbc = import_module("sbc")
+
+
+def calibrated(n: int = 300, narrower: float = 1.0, sets: int = 2) -> list[Any]:
+    """Results of normal posteriors whose draws are narrower than they by a factor."""
+    names = ["k_c", "c_s", "c_c", "sigma_rel", "sigma_abs", "nu", "log_likelihood"]
+    z = np.random.default_rng(4).standard_normal((n, len(names)))
+    found = norm.cdf(narrower * z)
+    return [
+        sbc.Result(k, ["gap"] * (k % sets), ranks=dict(zip(names, row.tolist(), strict=True)), away=0.02, rise=0.0)
+        for k, row in enumerate(found)
+    ]
+
+
+def drawn(u: np.ndarray) -> Weighed:
+    n = len(u)
+    return Weighed(u, np.full(n, 1 / n), 0.0, 0.1, float(n), 0.1, u[0], 0.0)
+
+
+def test_sound_posteriors_pass() -> None:
+    text, worst = sbc.summary(calibrated())
+    assert worst > 0.05
+    assert "lack the mode of the truth: 0" in text
+    held = sbc.coverage([sbc.parameters_of(r) for r in calibrated()], 0.9)
+    assert abs(held.share - 0.9) < 3 * held.error
+
+
+def test_posteriors_too_narrow_by_half_are_seen() -> None:
+    found = calibrated(narrower=1.5)
+    assert sbc.summary(found)[1] < 1e-3
+    held = sbc.coverage([sbc.parameters_of(r) for r in found], 0.9)
+    assert held.share == pytest.approx(2 * norm.cdf(norm.ppf(0.95) / 1.5) - 1, abs=0.03)
+    assert held.share < 0.9 - 5 * held.error
+
+
+def test_ranks_that_hang_together_have_a_larger_error() -> None:
+    """Five equal ranks of a data set are one."""
+    ranks = np.random.default_rng(1).uniform(size=200)
+    one, five = (sbc.coverage([[r] * k for r in ranks], 0.9) for k in (1, 5))
+    assert one.error == pytest.approx(five.error)
+    apart = sbc.coverage([[r] for r in np.random.default_rng(2).uniform(size=1000)], 0.9)
+    assert five.error > 2 * apart.error
+
+
+def test_a_mode_that_the_draws_lack_is_seen() -> None:
+    rng = np.random.default_rng(3)
+    here, there = rng.standard_normal((2, 400, 3))
+    there[:, 0] += 8.0
+    chain = rng.standard_normal((300, 3))
+    chain[:, 0] += 8.0
+    both, one = drawn(np.concatenate([here, there])), drawn(here)
+    assert sbc.compared(chain, both)[0] < 0.1
+    away, differs = sbc.compared(chain, one)
+    assert away > 0.9
+    assert differs > 5
+    found = calibrated(3)
+    found[1] = replace(found[1], away=away, level=2.0, differs=differs)
+    assert sbc.lost(found) == [found[1]]
+    assert "lack the mode of the truth: 1\n  1 gap: 100% of the chain away, level +2.0 nats" in sbc.summary(found)[0]
+
+
+def test_a_dropped_mode_spoils_the_ranks() -> None:
+    """Two modes, as probable as each other, of which the draws have the lower one."""
+    rng = np.random.default_rng(5)
+    found = []
+    for k in range(200):
+        centre = 6.0 * rng.integers(2)
+        draws = drawn(rng.standard_normal((200, 1)))
+        rank = sbc.below(draws.draws, draws.weights, rng.standard_normal(1) + centre)
+        found.append(sbc.Result(k, [], ranks={"k_c": float(rank[0])}))
+    assert sbc.summary(found)[1] < 1e-6
+
+
+def test_a_data_set_that_cannot_be_sampled_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gives_up(problem: Any, seed: int) -> None:
+        raise ConvergenceError("search for a finite posterior", reached=0, required=1)
+
+    monkeypatch.setattr(sbc, "diagnosed", gives_up)
+    result = sbc.solve(sbc.Plan(terms=""), 0)
+    assert result.failed
+    assert not result.ranks
+    assert "not sampled: 1" in sbc.summary([*calibrated(20), result])[0]
+
+
+def test_readings_are_those_of_the_likelihood() -> None:
+    """Scatter of either sign, nothing rounded: else truth and readings are no joint draw."""
+    plan = sbc.Plan(terms="")
+    signs = [np.sign(sbc.truth(plan, k)[0].observed) for k in range(8)]
+    assert (np.concatenate(signs) < 0).any()
+    shown = sbc.truth(replace(plan, drawn="clipped"), 0)[0].observed
+    assert (shown >= 0).all()
+    assert np.allclose(shown, np.maximum(sbc.truth(plan, 0)[0].observed, 0), atol=0.0051)
+
+
+def test_what_was_broken_off_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked: list[int] = []
+
+    def solve(plan: Any, number: int) -> Any:
+        asked.append(number)
+        if number == 2 and len(asked) == 3:
+            raise KeyboardInterrupt
+        return replace(calibrated(5)[number], number=number)
+
+    monkeypatch.setattr(sbc, "solve", solve)
+    plan = sbc.Plan()
+    with pytest.raises(KeyboardInterrupt):
+        sbc.results(plan, range(4), tmp_path, 1)
+    found = sbc.results(plan, range(4), tmp_path, 1)
+    assert asked == [0, 1, 2, 2, 3]
+    assert [r.number for r in found] == [0, 1, 2, 3]
+    assert sbc.results(plan, range(4), tmp_path, 1) == found
+    assert len(asked) == 5
+
+
+@pytest.mark.slow
+def test_a_data_set_does_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
+    """Run as a script, whose functions and classes are sent to the workers."""
+    found = []
+    for jobs in ("1", "2"):
+        folder = tmp_path / jobs
+        words = ["-n", "3", "--jobs", jobs, "--folder", str(folder), "--out", str(folder / "sbc.png")]
+        done = subprocess.run([sys.executable, sbc.__file__, *words], capture_output=True, text=True, check=False)
+        assert "all (3 data sets)" in done.stdout, done.stderr
+        assert (folder / "sbc.png").exists()
+        files = sorted(folder.glob("*/*.json"))
+        read = [read_json(file, sbc.Result, sealed=True, remedy="") for file in files]
+        found.append([replace(r, cpu_s=0.0) for r in read])
+    assert repr(found[0]) == repr(found[1])
+    assert len(found[0]) == 3
