@@ -66,7 +66,6 @@ from psafit.inference.samplers import USUAL, sampler
 from psafit.inference.sampling import Target
 from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import ProblemFitter
-from psafit.model_search.ladder import beliefs
 from psafit.physics import TERMS, baseline, terms
 from psafit.records import read_json, write_json
 from psafit.report.style import PALETTE, figure_style
@@ -179,11 +178,10 @@ def truth(plan: Plan, number: int) -> tuple[Problem, FloatArray, int]:
     """A joint draw: the problem with its readings, the true coordinates, and how many draws came before it."""
     rng = np.random.default_rng([plan.seed, number])
     if plan.terms is None:
-        believed = beliefs(TERMS)
-        at_work = np.array(list(believed.values()))
-        ids = [id for id, draw in zip(believed, rng.uniform(size=len(believed)) < at_work, strict=True) if draw]
-        if plan.size is not None:
-            ids = rng.choice(list(believed), plan.size, replace=False, p=at_work / at_work.sum()).tolist()
+        if plan.size is None:
+            ids = [t.id for t in TERMS if rng.random() < t.probability]
+        else:
+            ids = [TERMS[i].id for i in rng.choice(len(TERMS), size=plan.size, replace=False)]
     else:
         ids = [id for id in plan.terms.split(",") if id]
     experiment = conditions(plan)
