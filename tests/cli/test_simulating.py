@@ -62,10 +62,10 @@ def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def
     assert wanted.items() <= told["parameters"].items() and "sigma_rel" not in told["parameters"]
 
 
-def test_a_ball_that_stays_behind_its_place_of_rest_reads_zero(
+def test_a_ball_that_hardly_passes_its_place_of_rest_reads_no_less_than_zero(
     known: Experiment, tmp_path: Path, monkeypatch, capsys
 ) -> None:  # type: ignore[no-untyped-def]
-    """It leaned on the tip, leaves it, and comes nowhere: as a fit has it, and as an experiment can hold it."""
+    """It leans on a soft tip and hardly moves: as a fit has it, and as an experiment can hold it."""
     write_experiment(known, tmp_path / "rig")
     lean = ("--terms", "preload", "--set", "k_c=7649.9", "--set", "c_s=418.3", "--set", "c_c=5.782")
     words = ("simulate", tmp_path / "rig", *lean, "--set", "preload_offset=2.7e-4")
@@ -73,7 +73,7 @@ def test_a_ball_that_stays_behind_its_place_of_rest_reads_zero(
         out = tmp_path / f"readings{len(seed)}"
         assert run(monkeypatch, *words, "--readings", out, "--out", tmp_path / "s.csv", *seed) == 0, capsys.readouterr()
         told = pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
-        assert told.min() == 0.0 and (told > 0).any()
+        assert 0.0 <= told.min() < 0.05 < told.max()
         assert min(g.launch_range_um.min() for g in read_experiment(out).groups) >= 0.0
 
 
