@@ -50,10 +50,10 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     found = weigh(settle(one, Ascent(u, one.log_posterior(u), one.predict(u), 0)), seed=1)
     # Of the other parameters all places above agree, so that a line tells the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)
-    line[:, k] = np.linspace(0, 5, 501) / scale
+    line[:, k] = np.linspace(0, 10, 501) / scale
     height = one.log_posterior(line)
     mass = np.exp(height - height.max())
-    expected = np.interp([0.05, 0.5, 0.95], np.cumsum(mass) / mass.sum(), np.linspace(0, 5, 501))
+    expected = np.interp([0.05, 0.5, 0.95], np.cumsum(mass) / mass.sum(), np.linspace(0, 10, 501))
     assert found.quantiles(found.draws[:, k] * scale, [0.05, 0.5, 0.95]) == pytest.approx(expected, abs=0.2)
     assert found.effective > 300
     assert found.log_evidence == pytest.approx(weigh(fitted, seed=2).log_evidence, abs=0.2)
