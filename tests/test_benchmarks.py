@@ -84,7 +84,7 @@ def test_data_sets_of_the_study_are_its_groups() -> None:
 
 def test_every_stored_data_set_has_a_maker_or_is_a_case() -> None:
     kept, made = search_sets.stored(), search_sets.makers()
-    assert {id for id, data in kept.items() if data.group == "cases"} == kept.keys() - made.keys()
+    assert {kept[id].group for id in kept.keys() - made.keys()} <= {"cases", "campaign"}
     assert len(search_sets.wanted(["cases"])) == 6
     everything = search_sets.wanted(search_sets.GROUPS)
     assert len(set(everything)) == len(everything) and kept.keys() <= set(everything)

@@ -3,5 +3,5 @@
 `hide` makes the data and seals the answer, `oracle` says how much the data hold, `campaign` runs many, `score` judges.
 """
 
-EACH, NOTHING, PAIRS, DRAWN = 1, 60, 24, 46
+EACH, NOTHING, PAIRS, DRAWN = 1, 40, 24, 46
 """Data sets of a campaign: of every cause and strength, with nothing hidden, of two causes, drawn from the priors."""
