@@ -176,8 +176,9 @@ class ProblemFitter:
 
     def _joined(self, model: Known, one: Candidate, other: Candidate) -> _Task:
         """The draws of a model that was looked at twice."""
-        about = [self.seed, self.settings.better, one.modes.tolist(), other.modes.tolist()]
-        return self._task("sample", one.problem, about, _joined, one, other, self.settings, self.seed)
+        s = self.settings
+        about = [self.seed, s.better, s.rounds, s.effective, one.modes.tolist(), other.modes.tolist()]
+        return self._task("sample", one.problem, about, _joined, one, other, s, self.seed)
 
     def _ahead(self, foreseen: Foreseen[Fitted]) -> Iterator[_Task]:
         """What is foreseen and not done yet: models to sample as far as that can begin, then short fits."""
