@@ -31,10 +31,11 @@ sys.path.insert(0, str(ROOT))
 
 import psafit
 from psafit.challenge.hide import make
+from psafit.diagnose.searching import searched
 from psafit.diagnose.significance import NULL_LEADS, NullLead, NullLeads, lead
 from psafit.errors import InputError, PsafitError
 from psafit.inference.problem import Problem
-from psafit.model_search import SearchSettings, climb
+from psafit.model_search import SearchSettings
 from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import plain, read_json, write_json
@@ -61,7 +62,7 @@ def search(asked: int, seed: int, catalogue: Sequence[Term], settings: SearchSet
         with scratch() as folder:
             experiment = make(seed, folder, readings=asked, kind="nothing", believed=True).experiment
         problem = Problem(experiment, experiment.ids)
-        found = climb(problem, catalogue, seed=seed, settings=settings)
+        found = searched(problem, catalogue, seed=seed, settings=settings)
     except PsafitError as error:
         return f"{asked} readings, seed {seed}: {error}"
     return NullLead(seed, asked, int(problem.observed.size), len(experiment.groups), lead(found))

@@ -45,7 +45,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from search_sets import GROUPS, DataSet, get, wanted
 
-from psafit.diagnose.misfit import passes
+from psafit.diagnose.searching import searched
 from psafit.experiment import write_experiment
 from psafit.files import write_atomically
 from psafit.inference.ascent import ascend
@@ -53,7 +53,7 @@ from psafit.inference.candidate import Candidate, fit, settle, settle_at
 from psafit.inference.evidence import weigh
 from psafit.inference.memory import code
 from psafit.inference.problem import Problem
-from psafit.model_search import SearchSettings, climb, ladder
+from psafit.model_search import SearchSettings, ladder
 from psafit.physics import TERMS, terms
 from psafit.simulate import closed_form, stepper
 
@@ -90,10 +90,8 @@ class Found:
 
 def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int, int], None], jobs: int = 1) -> Found:
     """Search all causes, in sets of at most `most`, in so many processes; `problem` has none."""
-    found = climb(
-        problem, TERMS, seed=seed, progress=progress, settings=SearchSettings(most_causes=most), jobs=jobs,
-        passes=lambda candidate: passes(candidate, TERMS, seed=seed),
-    )  # fmt: skip
+    settings = SearchSettings(most_causes=most)
+    found = searched(problem, TERMS, seed=seed, progress=progress, settings=settings, jobs=jobs)
     return Found(
         {ids: value + found.log_prior(ids) for ids, value in found.log_evidence.items()},
         found.probability,

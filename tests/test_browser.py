@@ -242,6 +242,9 @@ def test_colours_can_be_read(browser, report, scheme):
     one = Opened(browser, report, SIZES[0], color_scheme=scheme)
     ask = "style => { const s = getComputedStyle(style); return [s.color, s.backgroundColor]; }"
     paper = one.page.eval_on_selector("body", ask)[1]
+    # Whatever this fit has found, all colours are looked at.
+    badges = "".join(f"<span class='badge {kind}'>word</span>" for kind in ("good", "bad", "warn"))
+    one.page.evaluate("html => document.body.insertAdjacentHTML('beforeend', html)", badges)
     for selector in ("body", ".badge.good", ".badge.bad", ".badge.warn", ".badge.fit", ".badge.holdout", ".notice.bad",
                      "figcaption", "nav a"):  # fmt: skip
         color, background = one.page.eval_on_selector(selector, ask)

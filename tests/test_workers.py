@@ -65,7 +65,7 @@ def test_a_process_ended_from_outside_is_told_of():
 def test_work_that_ends_one_worker_of_a_cluster_after_the_other_is_told_of():
     distributed = pytest.importorskip("distributed")
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
         pytest.raises(InputError, match="Dask gave up a piece of work"),
         processes(1, cluster.scheduler_address) as usable,
     ):

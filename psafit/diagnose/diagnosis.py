@@ -18,7 +18,7 @@ from psafit.diagnose import next_experiment, show, told
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.laws import broken
 from psafit.diagnose.leftover import leftover, stretch
-from psafit.diagnose.misfit import examine, passes
+from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import (
     MARKER,
     PAGE,
@@ -30,6 +30,7 @@ from psafit.diagnose.record import (
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import screen
+from psafit.diagnose.searching import searched
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, significance
 from psafit.diagnose.verdict import Verdict, conclude
@@ -44,7 +45,7 @@ from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import fit, load, versions
 from psafit.inference.samplers import USUAL, sampler
 from psafit.inference.samplers.nautilus import nested_evidence, require
-from psafit.model_search import SearchSettings, climb
+from psafit.model_search import SearchSettings
 from psafit.model_search.ladder import CREDIBLE, Ladder
 from psafit.numerics import refine
 from psafit.physics import TERMS
@@ -531,10 +532,9 @@ def _climbed(
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Ladder:
     """The ladder of what some groups say."""
-    return climb(
+    return searched(
         Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs,
-        scheduler=scheduler, starts=starts, passes=lambda candidate: passes(candidate, catalogue, seed=seed),
-        progress=progress,
+        scheduler=scheduler, starts=starts, progress=progress,
     )  # fmt: skip
 
 

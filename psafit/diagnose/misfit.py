@@ -208,6 +208,12 @@ def normal_scores(problem: Problem, u: FloatArray, predicted: FloatArray, observ
     return np.clip(np.where(np.abs(body) < 5, body, tail), -_CLIP, _CLIP)
 
 
+def numbered(problem: Problem, row: int) -> tuple[GroupId, int]:
+    """The group of a row of the design, and the reading's number in it, from 0."""
+    group = problem.design.group
+    return problem.group_ids[group[row]], int(row - np.searchsorted(group, group[row]))
+
+
 def sweeps(problem: Problem) -> list[tuple[GroupId, str, NDArray[np.intp]]]:
     """Each group's id, the variable it sweeps, and its rows of the design in the order of the sweep."""
     groups = problem.experiment.select(problem.group_ids)
@@ -287,12 +293,7 @@ def examine(
     statistics.sort(key=lambda s: -s.excess)
     places = _places(problem, observed[0], simulated, candidate.predicted)
     coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted)
-    odd_points = tuple(
-        (group_id, i)
-        for k, group_id in enumerate(problem.group_ids)
-        for i, e in enumerate(observed[0][problem.design.group == k])
-        if abs(e) > _ODD
-    )
+    odd_points = tuple(numbered(problem, int(k)) for k in np.flatnonzero(np.abs(observed[0]) > _ODD))
     character: str = "none"
     odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
@@ -503,7 +504,6 @@ def _coincidences(
 ) -> tuple[Coincidence, ...]:
     """Readings that stand out together more than nineteen in twenty simulated data sets show anywhere."""
     design = problem.design
-    first = np.searchsorted(design.group, design.group)  # of each row's group
     error = log_ratio(predicted, problem.observed)
     found = []
     for variable, meeting in shared(problem).items():
@@ -518,7 +518,7 @@ def _coincidences(
             values = design.swept(variable)[rows]
             found.append(
                 Coincidence(
-                    variable, tuple((problem.group_ids[design.group[k]], int(k - first[k])) for k in rows),
+                    variable, tuple(numbered(problem, int(k)) for k in rows),
                     float(values.min()), float(values.max()), float(error[rows].mean()), side * score, p_value,
                 )
             )  # fmt: skip

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
 
 from psafit.inference.ascent import heights
-from psafit.inference.candidate import within_bounds
-from psafit.inference.evidence import quantiles
+from psafit.inference.evidence import laplace_mixture, quantiles
 from psafit.model_search import Ids, Ladder
 from psafit.physics.term import Term
 from psafit.validate import OFFSET_UM
@@ -31,7 +29,7 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
         A cause that is not among them.
     seed : int
     draws : int
-        From the normals at the modes, weighed by the posterior.
+        From Student densities at the modes, weighed by the posterior.
     limit : float
         Quantile of the posterior.
 
@@ -45,19 +43,13 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
     if fitted is None:
         return None
     problem, rng = fitted.problem, np.random.default_rng([seed, 31])
-    share = np.exp(fitted.mass - logsumexp(fitted.mass))
-    parts = [
-        multivariate_normal(u, np.linalg.inv(within_bounds(problem, curvature)))
-        for u, curvature in zip(fitted.modes, fitted.curvature, strict=True)
-    ]
-    which = rng.choice(len(parts), draws, p=share)
-    u = np.array([parts[k].rvs(random_state=rng) for k in which])
+    proposal = laplace_mixture(fitted)
+    u = proposal.scatter(draws, rng)
     u = u[((u >= problem.bounds[:, 0]) & (u <= problem.bounds[:, 1])).all(axis=1)]
     if not len(u):
         return None
-    proposed = logsumexp([p.logpdf(u) + np.log(s) for p, s in zip(parts, share, strict=True)], axis=0)
     predicted = problem.predict(u)
-    log_weight = heights(problem, u, predicted, problem.observed) - proposed
+    log_weight = heights(problem, u, predicted, problem.observed) - proposal.log_density(u)
     weights = np.exp(log_weight - logsumexp(log_weight))
     plain = ladder.of(adopted)
     effect = plain.beside(predicted - plain.predicted) * plain.scatter

@@ -20,11 +20,11 @@ from typing import Literal
 
 import numpy as np
 
-from psafit.diagnose.misfit import passes
+from psafit.diagnose.searching import searched
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory, lent
-from psafit.model_search import Ladder, SearchSettings, climb
+from psafit.model_search import Ladder, SearchSettings
 from psafit.physics.term import Term
 from psafit.records import plain, read_json
 from psafit.workers import ahead
@@ -224,10 +224,7 @@ def _again(
         known = baseline.problem.known_sigma
         readings = np.maximum(noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], 0.0)
         simulated = baseline.problem.experiment.with_readings(readings)
-        found = climb(
-            replace(baseline.problem, experiment=simulated), catalogue, seed=seed, settings=settings,
-            passes=lambda candidate: passes(candidate, catalogue, seed=seed),
-        )  # fmt: skip
+        found = searched(replace(baseline.problem, experiment=simulated), catalogue, seed=seed, settings=settings)
         return {"lead": np.array(lead(found))}
 
     about = [seed, k, asdict(settings), [t.determinants for t in catalogue]]

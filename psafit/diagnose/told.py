@@ -11,7 +11,7 @@ import numpy as np
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, show
 from psafit.diagnose.leftover import Leftover
-from psafit.diagnose.misfit import CHARACTERS, Coincidence, Misfit, Place
+from psafit.diagnose.misfit import CHARACTERS, Coincidence, Misfit, Place, numbered
 from psafit.diagnose.record import (
     NEAREST,
     UNSEEN,
@@ -187,11 +187,11 @@ def _furthest(misfit: Misfit, candidate: Candidate) -> list[dict[str, Any]]:
     design, observed = candidate.problem.design, candidate.problem.observed
     found = []
     for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:_FURTHEST]:
-        group = candidate.problem.group_ids[design.group[k]]
+        group, number = numbered(candidate.problem, int(k))
         found.append(
             {
                 "group": group,
-                "number": int(k - np.searchsorted(design.group, design.group[k])),
+                "number": number,
                 "frequency_hz": float(design.frequency[k]),
                 "amplitude_v": float(design.amplitude[k]),
                 "reading_um": float(observed[k]),

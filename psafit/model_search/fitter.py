@@ -144,12 +144,13 @@ class ProblemFitter:
             yield self._task("short", problem, about, _short, best, extra, s, self.seed)
 
     def _carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
-        """Climbs from the highest part, and from the model that has what it lacks and as much of the rest as any."""
+        """Climbs from the highest part, and from the model that has most of what it lacks, and then of the rest."""
         fitted = _highest_first(known)
         for ids in wanted:
             problem, (part,) = self._shortly(ids), _part(ids, fitted)
-            whole = [c for c in fitted if {*ids} <= {*c.ids, *part.ids}]
-            nearest = max(whole, key=lambda c: len({*ids} & {*c.ids}))
+            lacking = {*ids} - {*part.ids}
+            shared = [(len(lacking & {*c.ids}), len({*ids} & {*c.ids})) for c in fitted]
+            nearest = fitted[shared.index(max(shared))]
             yield self._climb(problem, _merged(problem, part, nearest), _merged(problem, nearest, part))
 
     def _shortly(self, ids: Ids) -> Problem:
@@ -175,8 +176,9 @@ class ProblemFitter:
 
     def _joined(self, model: Known, one: Candidate, other: Candidate) -> _Task:
         """The draws of a model that was looked at twice."""
-        about = [self.seed, self.settings.better, one.modes.tolist(), other.modes.tolist()]
-        return self._task("sample", one.problem, about, _joined, one, other, self.settings, self.seed)
+        s = self.settings
+        about = [self.seed, s.better, s.rounds, s.effective, one.modes.tolist(), other.modes.tolist()]
+        return self._task("sample", one.problem, about, _joined, one, other, s, self.seed)
 
     def _ahead(self, foreseen: Foreseen[Fitted]) -> Iterator[_Task]:
         """What is foreseen and not done yet: models to sample as far as that can begin, then short fits."""

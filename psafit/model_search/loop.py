@@ -192,7 +192,7 @@ def search(
         if best.sampled or (not done[best.ids] and (best is leader or best not in near)):
             expand(best)
             continue
-        later = [best, *(m for m in others if done[m.ids])]
+        later = [m for m in (best, *others) if done[m.ids]]
         sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, catalogue, settings.most_causes))
         foreseen = Foreseen(
             tuple(m for m in others if not m.sampled), tuple(ids for ids in sets if ids not in models), models

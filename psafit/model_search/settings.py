@@ -36,7 +36,7 @@ class SearchSettings(SampleSettings):
         Standard error of the evidence by a short fit.
     missed : float
         Chance that a search never fits the set that would lead. It is a part of every probability that is printed. As
-        measured (docs/search-yardstick.md): of n data sets k missed by more than a nat give (k + 1)/(n + 2).
+        measured (docs/search-yardstick.md): k of n data sets missed by more than a nat give (k + 1/2)/(n + 1).
     """
 
     window: float = 8.0
@@ -48,4 +48,4 @@ class SearchSettings(SampleSettings):
     short_tolerance: float = 1e-3
     tolerance: float = 1e-4
     doubt: float = 1.0
-    missed: float = 0.02
+    missed: float = 0.03

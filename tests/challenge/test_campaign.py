@@ -160,7 +160,7 @@ def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(known: Exper
     distributed = pytest.importorskip("distributed")
     specs = given(plan(4, terms=["gap"], each=0, nothing=8, pairs=0, drawn=0))
     serial = run(specs, tmp_path / "serial", design_of=known, diagnose=deaf, jobs=1)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         killed: list[int] = []
 
         def kill(done: int, total: int, note: str) -> None:

@@ -75,6 +75,10 @@ def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: L
     }
     (found,) = fitter.carried([PAIR], known, known["amplifier_lag", "reading_offset"])
     assert found.height > whole.height - 0.1 and not found.sampled
+    # Where nobody knows all that is lacking, what is known is used.
+    few = {ids: known[ids] for ids in ((), ("reading_offset",))}
+    (low,) = fitter.carried([PAIR], few, few["reading_offset",])
+    assert low.height > few[()].height - 3.0
 
 
 def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,7 +202,7 @@ def test_a_cluster_that_loses_a_worker_in_mid_search_finds_what_one_process_find
     one, dead = problem(experiment(["amplifier_lag"], [4e-5], n=12)), []  # type: ignore[var-annotated]
     alone = climb(one, FEW, seed=1)
     memory = Memory(tmp_path)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         killer = killing(memory, lambda: [w.pid for w in cluster.workers.values()], dead)
         found = climb(one, FEW, seed=1, scheduler=cluster.scheduler_address, memory=memory)
         killer.join()

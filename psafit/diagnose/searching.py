@@ -1,0 +1,28 @@
+"""The search as a diagnosis makes it: wherever one is compared with another, it is the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from psafit.diagnose.misfit import passes
+from psafit.inference.problem import Problem
+from psafit.model_search import Ladder, climb
+from psafit.physics.term import Term
+
+
+def searched(problem: Problem, catalogue: Sequence[Term], *, seed: int, **options: Any) -> Ladder:
+    """Search the catalogue, with the tests of misfit to say whether the baseline fails.
+
+    Parameters
+    ----------
+    problem : Problem
+        The readings, with no cause.
+    catalogue : sequence of Term
+    seed : int
+    **options
+        Others of `psafit.model_search.climb`.
+    """
+    judge = partial(passes, catalogue=catalogue, seed=seed)
+    return climb(problem, catalogue, seed=seed, passes=judge, **options)
