@@ -12,6 +12,7 @@ fitted baseline instead.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -46,7 +47,7 @@ class NullLead:
     readings, sessions : int
         Of the design.
     lead : float
-        Log posterior odds of the best model with causes against the baseline, nats.
+        As of `lead`.
     """
 
     seed: int
@@ -93,7 +94,7 @@ class Significance:
     Parameters
     ----------
     lead : float
-        Log posterior odds of the best model with causes against the baseline, nats.
+        As of the function `lead`.
     null : list of float
         The same for each search where nothing is hidden.
     p_value : float, optional
@@ -115,8 +116,12 @@ class Significance:
 
 
 def lead(ladder: Ladder) -> float:
-    """Log posterior odds of the best model with causes against the baseline, nats."""
-    worth = {ids: value + ladder.log_prior(ids) for ids, value in ladder.log_evidence.items()}
+    """Log posterior odds of the best model with causes against the baseline, nats.
+
+    A cause that is more probable than not before any reading counts as even: what was believed anyway is no find.
+    """
+    odds = {id: min(math.log(p) - math.log1p(-p), 0.0) for id, p in ladder.beliefs.items()}
+    worth = {ids: value + sum(odds[id] for id in ids) for ids, value in ladder.log_evidence.items()}
     return max(value for ids, value in worth.items() if ids) - worth[()]
 
 
