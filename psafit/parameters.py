@@ -231,6 +231,10 @@ class Belief:
         How it is known.
     file, line : Path and int, optional
         Where it stands, for messages.
+    probability : float, optional
+        That the cause of the parameter is at work, in the place of what its file declares.
+    derived : bool
+        Whether it follows from what the rig is made of, and was not stated itself.
     """
 
     name: str
@@ -238,6 +242,8 @@ class Belief:
     source: str
     file: Path | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)
+    probability: float | None = None
+    derived: bool = False
 
 
 @dataclass(frozen=True)
@@ -295,6 +301,9 @@ class Parameter:
         middle = prior.median if isinstance(prior, LogNormal) else prior.mean
         if not self.bounds.lower <= middle <= self.bounds.upper:
             raise ValueError(f"has its middle within {self.bounds.lower:g} to {self.bounds.upper:g} {self.unit}")
+        if belief.derived:  # what a handbook says has its tails
+            tailed = replace(self.prior, core=prior) if isinstance(self.prior, Tailed) else prior
+            return replace(self, prior=tailed, source=belief.source)
         width = math.log(prior.factor) if isinstance(prior, LogNormal) else prior.sd
         own = self.core
         usual = math.log(own.factor) if isinstance(own, LogNormal) else self.scale

@@ -13,7 +13,13 @@ from pathlib import Path
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment.definition import DeclaredGroup, Definition
-from psafit.experiment.plausible import disagreeing_groups, left_from_example, suspicious_constants, suspicious_readings
+from psafit.experiment.plausible import (
+    disagreeing_groups,
+    left_from_example,
+    suspicious_constants,
+    suspicious_facts,
+    suspicious_readings,
+)
 from psafit.experiment.records import (
     CONSTANT_UNITS,
     DEFINITION,
@@ -30,6 +36,8 @@ from psafit.experiment.records import (
     read_as,
     session_name,
 )
+from psafit.experiment.rig import Rig
+from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import read_csv
 from psafit.experiment.text import unreadable
 from psafit.experiment.writer import write_experiment
@@ -90,10 +98,12 @@ def read_experiment(folder: str | Path) -> Experiment:
         fingerprint=fingerprint(constants, groups),
         limits=plan.limits,
         beliefs=plan.beliefs,
+        rig=plan.rig,
         warnings=(
             *warnings,
             *left_from_example(title, source, constants, groups),
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
+            *(suspicious_facts(plan.rig, constants) if plan.rig else ()),
             *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
             *disagreeing_groups(groups),
         ),
@@ -113,6 +123,8 @@ class Plan:
     limits : tuple of (str, (float, float))
         What a next experiment may use.
     title : str
+    rig : Rig, optional
+        What it is made of; `beliefs` has what follows from it.
     """
 
     constants: Constants
@@ -120,6 +132,7 @@ class Plan:
     beliefs: tuple[Belief, ...]
     limits: tuple[tuple[str, tuple[float, float]], ...] = ()
     title: str = ""
+    rig: Rig | None = None
 
     def with_readings(self, launch_range_um: FloatArray, source: str) -> Experiment:
         """An experiment of these conditions whose readings, (n_points,), one group after the other, come from `source`.
@@ -130,7 +143,7 @@ class Plan:
         known = fingerprint(self.constants, groups)
         title = f"{self.title.removesuffix(' (simulated)')} (simulated)"
         return Experiment(
-            title, source, self.constants, groups, Path(), known, limits=self.limits, beliefs=self.beliefs
+            title, source, self.constants, groups, Path(), known, limits=self.limits, beliefs=self.beliefs, rig=self.rig
         )
 
 
@@ -160,7 +173,7 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
     faults = definition.faults
     data = definition.data
     with faults.kept():
-        definition.known_keys(data, ("title", "source", "constants", "group", "prior", "limits"))
+        definition.known_keys(data, ("title", "source", "constants", "group", "prior", "limits", "rig"))
     if not {"constants", "group"} <= data.keys():
         faults.end()  # one of them, misspelt
     with faults.kept():
@@ -174,14 +187,18 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
     with faults.kept():
         limits = definition.limits()
     with faults.kept():
-        beliefs = definition.beliefs()
+        stated = definition.beliefs()
+    with faults.kept():
+        rig = definition.rig()
     groups = []
     with faults.kept():
         for declared in definition.groups(faults):
             with faults.kept():
                 groups.append(_sweep(declared, planned=planned))
     faults.end()
-    return Plan(constants, tuple(groups), beliefs, limits, title), source
+    names = {b.name for b in stated}
+    followed = () if rig is None else (b for b in rig_beliefs(rig, constants) if b.name not in names)
+    return Plan(constants, tuple(groups), (*followed, *stated), limits, title, rig), source
 
 
 def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:

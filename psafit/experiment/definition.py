@@ -13,6 +13,7 @@ from typing import Any, get_args
 
 from psafit.errors import Faults, InputError
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId, Waveform
+from psafit.experiment.rig import MATERIALS, Rig
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
 from psafit.experiment.text import listed, meant, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
@@ -32,6 +33,7 @@ LIMITS = {
 }
 _PRIOR = 'write for example [prior.k_c] with median, factor (a value that may be zero: mean, sd) and source = "..."'
 _LIMITED = "write for example under [limits]: frequency_hz = [100, 20000], or l = [0.06, 0.12]"
+_FACT = "give it in SI units: ohm, F, V, m; leave out what is not known"
 _HEADER = re.compile(r"\s*(\[\[?)([^\[\]#]+)\]")
 _KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*[\w-]+)*)\s*=""")
 _COMMA = re.compile(r"""(?:^|[{,])\s*([\w."'-]+)\s*=\s*([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)\s*(?=$|[,}#])""")
@@ -256,6 +258,36 @@ class Definition:
             )
             raise self.error(what, "give them in the units of the CSV files, or SI", *place)
         return low, high
+
+    def rig(self) -> Rig | None:
+        """What the rig is made of; None where there is no such table."""
+        if "rig" not in self.data:
+            return None
+        table, names = self.data["rig"], tuple(f.name for f in fields(Rig))
+        if not isinstance(table, dict):
+            raise self.error("rig is no table", f"write {listed(names)} under [rig], each optional", "rig")
+        faults, facts = Faults(), {}
+        with faults.kept():
+            self.known_keys(table, names, "rig")
+        for name, value in table.items():
+            with faults.kept():
+                if name in names:
+                    facts[name] = self._material(name, value) if name.endswith("material") else self._fact(name, value)
+        faults.end()
+        return Rig(**facts)
+
+    def _material(self, name: str, value: object) -> str:
+        if not isinstance(value, str) or value.lower() not in MATERIALS:
+            shown_value = shown(value) if isinstance(value, str) else "no text"
+            remedy = f"known are {listed(MATERIALS)}; or leave it out and state [prior.k_c]"
+            raise self.error(f"{name} is {shown_value}", remedy, "rig", name)
+        return value.lower()
+
+    def _fact(self, name: str, value: object) -> float:
+        number = _number(value)
+        if number is None or not 0 < number < math.inf:
+            raise self.error(f"{name} is not a positive number", _FACT, "rig", name)
+        return number
 
     def beliefs(self) -> tuple[Belief, ...]:
         """What is said to be known of parameters; whether there are such parameters is not for this file to know."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.experiment.records import DEFINITION, Constants, Group
+from psafit.experiment.rig import MATERIALS, Rig
 from psafit.experiment.table import read_csv
 from psafit.experiment.text import one_line
 
@@ -25,6 +26,15 @@ _PLAUSIBLE: dict[str, tuple[float, float, str, str]] = {
     "l": (1e-3, 10.0, "m", "mm"),
     "k_s": (1e4, 1e12, "N/m", "N/um"),
     "g": (9.7, 9.9, "m/s^2", "another unit"),
+}
+# The same of what a rig is made of.
+_USUAL: dict[str, tuple[float, float, str, str]] = {
+    "ball_radius": (1e-4, 0.1, "m", "mm"),
+    "source_resistance": (0.1, 1e5, "ohm", "kilo-ohms"),
+    "capacity": (1e-10, 1e-3, "F", "uF or nF"),
+    "rated_voltage": (5.0, 5000.0, "V", "kV"),
+    "rated_stroke": (1e-7, 1e-3, "m", "um or mm"),
+    "layer_thickness": (1e-6, 5e-3, "m", "um or mm"),
 }
 
 
@@ -64,6 +74,30 @@ def suspicious_constants(constants: Constants) -> list[str]:
                 f"is it given in {other}?"
             )
     return found
+
+
+def suspicious_facts(rig: Rig, constants: Constants) -> list[str]:
+    """One line for each fact outside what such rigs have, or against another."""
+    found = []
+    for name, (low, high, unit, other) in _USUAL.items():
+        value = getattr(rig, name)
+        if value is not None and not low <= value <= high:
+            found.append(f"{name} = {value:g} {unit} is outside {low:g} to {high:g}; is it given in {other}?")
+    if rig.ball_radius is not None and rig.ball_material is not None:
+        mass = 4 / 3 * math.pi * rig.ball_radius**3 * MATERIALS[rig.ball_material].density
+        if not 0.75 <= mass / constants.M <= 1.33:
+            found.append(
+                f"a {rig.ball_material} ball of radius {rig.ball_radius:g} m weighs {mass:.3g} kg, constant M ="
+                f" {constants.M:g} kg; is the diameter given, or another unit?"
+            )
+    if rig.rated_stroke is not None and rig.rated_voltage is not None:
+        per_volt = rig.rated_stroke / rig.rated_voltage
+        if not 0.75 <= per_volt / constants.q <= 1.33:
+            found.append(
+                f"rated_stroke over rated_voltage is {per_volt:.3g} m/V, constant q = {constants.q:g} m/V; they should"
+                " be the same"
+            )
+    return [f"{DEFINITION}: [rig] {text}" for text in found]
 
 
 def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:

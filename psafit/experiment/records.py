@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
+from psafit.experiment.rig import Rig
 from psafit.experiment.text import listed, one_line, shown
 from psafit.parameters import Belief
 
@@ -213,6 +214,7 @@ class Experiment:
     # What a next experiment may use, as (column or constant, (least, greatest)); without any, what was measured.
     limits: tuple[tuple[str, tuple[float, float]], ...] = ()
     beliefs: tuple[Belief, ...] = ()  # what is known of the rig's parameters beforehand, in the place of usual priors
+    rig: Rig | None = None  # what it is made of; `beliefs` has what follows from it
 
     @property
     def ids(self) -> tuple[GroupId, ...]:

@@ -27,6 +27,7 @@ from psafit.experiment.records import (
     Experiment,
     Group,
 )
+from psafit.experiment.rig import Rig
 from psafit.experiment.table import read_csv
 from psafit.files import write_atomically
 from psafit.parameters import Belief
@@ -95,7 +96,8 @@ def _kept_definition(experiment: Experiment) -> str | None:
             tomllib.loads(text) == found.data
             and found.constants() == experiment.constants
             and found.limits() == experiment.limits
-            and found.beliefs() == experiment.beliefs
+            and found.beliefs() == tuple(b for b in experiment.beliefs if not b.derived)
+            and found.rig() == experiment.rig
             and found.text("title", experiment.title) == experiment.title
             and found.text("source", "") == experiment.source
             and declared == [(g.id, g.waveform, g.file, g.changed) for g in experiment.groups]
@@ -113,7 +115,10 @@ def _definition(experiment: Experiment) -> str:
     constants = [f"{f.name} = {number_text(getattr(experiment.constants, f.name))}\n" for f in fields(Constants)]
     head = head_text(experiment.title, experiment.source)
     return "".join(
-        [head, "\n[constants]\n", *constants, limits_text(experiment.limits), beliefs_text(experiment.beliefs)]
+        [
+            head, "\n[constants]\n", *constants, rig_text(experiment.rig), limits_text(experiment.limits),
+            beliefs_text(experiment.beliefs),
+        ]
     )
 
 
@@ -128,10 +133,20 @@ def limits_text(limits: Sequence[tuple[str, tuple[float, float]]]) -> str:
     return "".join(["\n[limits]\n", *lines]) if lines else ""
 
 
+def rig_text(rig: Rig | None) -> str:
+    """The table of what a rig is made of; empty where nothing is known."""
+    if rig is None:
+        return ""
+    facts = (f"{k} = {_quoted(v) if isinstance(v, str) else number_text(v)}\n" for k, v in rig.given.items())
+    return "".join(["\n[rig]\n", *facts])
+
+
 def beliefs_text(beliefs: Sequence[Belief]) -> str:
-    """The tables of what is known of parameters."""
+    """The tables of what is stated of parameters; what follows from the rig is not written."""
     text = ""
     for belief in beliefs:
+        if belief.derived:
+            continue
         numbers = (f"{f.name} = {number_text(getattr(belief.prior, f.name))}\n" for f in fields(belief.prior) if f.init)
         text += f"\n[prior.{_quoted(belief.name)}]\n{''.join(numbers)}source = {_quoted(belief.source)}\n"
     return text

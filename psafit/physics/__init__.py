@@ -195,4 +195,10 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
     def known_of(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
         return tuple(found.get(p.name, p) for p in parameters)
 
-    return known_of(baseline.PARAMETERS), tuple(replace(t, parameters=known_of(t.parameters)) for t in causes)
+    odds = {b.name: b.probability for b in beliefs if b.probability is not None}
+
+    def known_cause(cause: Term) -> Term:
+        probability = max((odds[p.name] for p in cause.parameters if p.name in odds), default=cause.probability)
+        return replace(cause, parameters=known_of(cause.parameters), probability=probability)
+
+    return known_of(baseline.PARAMETERS), tuple(map(known_cause, causes))

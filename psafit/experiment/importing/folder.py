@@ -13,7 +13,16 @@ from psafit.experiment.importing.records import Table, Understood
 from psafit.experiment.plausible import disagreeing_groups, suspicious_readings
 from psafit.experiment.records import DEFINITION, Constants
 from psafit.experiment.text import one_line
-from psafit.experiment.writer import beliefs_text, group_text, head_text, limits_text, number_text, table_text
+from psafit.experiment.rig import Rig
+from psafit.experiment.writer import (
+    beliefs_text,
+    group_text,
+    head_text,
+    limits_text,
+    number_text,
+    rig_text,
+    table_text,
+)
 from psafit.files import write_atomically
 from psafit.parameters import Belief
 
@@ -29,12 +38,15 @@ class Imported:
         Those of the rig that are known, SI. The others are left to be filled in.
     limits : tuple of (str, (float, float))
     beliefs : tuple of Belief
+    rig : Rig, optional
+        What it is made of.
     """
 
     tables: tuple[Table, ...]
     constants: Mapping[str, float]
     limits: tuple[tuple[str, tuple[float, float]], ...] = ()
     beliefs: tuple[Belief, ...] = ()
+    rig: Rig | None = None
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -72,7 +84,7 @@ def write_import(imported: Imported, folder: Path) -> None:
         parts.append(
             f"# {f.name} =   # {comment}\n" if value is None else f"{f.name} = {number_text(value)} # {comment}\n"
         )
-    parts += [limits_text(imported.limits), beliefs_text(imported.beliefs)]
+    parts += [rig_text(imported.rig), limits_text(imported.limits), beliefs_text(imported.beliefs)]
     for table in imported.tables:
         parts.append(f"\n# {one_line(table.place)}: {one_line('; '.join(map(_told, table.columns)))}\n")
         for group in table.groups:

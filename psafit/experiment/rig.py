@@ -1,0 +1,148 @@
+"""What a rig is made of, and the priors that follow from it.
+
+Ball radius and materials give the stiffness of Hertz' contact, source resistance and capacity the lag, rated voltage
+and layers the law of the stroke, the string how far a ball leans. A fact that is not given says nothing: the usual,
+wide priors hold.
+
+Elastic moduli and densities are the middles of handbook ranges (R. C. Hibbeler, Mechanics of Materials, tables of
+average properties, and the tables of ecoursesbook.com, both read for metals, glass and nylon; PZT: 1/s33 of the
+constants of PZT-5H; alumina, silicon nitride and tungsten carbide: makers' usual figures, not verified).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from psafit.parameters import Belief, LogNormal, Normal
+
+if TYPE_CHECKING:
+    from psafit.experiment.records import Constants
+
+
+@dataclass(frozen=True)
+class Material:
+    """An elastic solid.
+
+    Parameters
+    ----------
+    modulus : float, Pa
+        Young's.
+    poisson : float
+        Poisson's ratio.
+    density : float, kg/m^3
+    """
+
+    modulus: float
+    poisson: float
+    density: float
+
+    @property
+    def plane_modulus(self) -> float:
+        """``E/(1 - nu^2)``, Pa."""
+        return self.modulus / (1 - self.poisson**2)
+
+
+MATERIALS = {
+    "steel": Material(205e9, 0.29, 7850),
+    "stainless steel": Material(193e9, 0.30, 7900),
+    "aluminium": Material(70e9, 0.33, 2700),
+    "brass": Material(103e9, 0.34, 8500),
+    "copper": Material(115e9, 0.34, 8900),
+    "titanium": Material(114e9, 0.33, 4450),
+    "glass": Material(65e9, 0.22, 2500),
+    "nylon": Material(2.8e9, 0.40, 1140),
+    "pzt": Material(48e9, 0.34, 7500),
+    "alumina": Material(370e9, 0.22, 3900),
+    "silicon nitride": Material(310e9, 0.27, 3200),
+    "tungsten carbide": Material(600e9, 0.22, 15000),
+}
+"""Of what balls and faces are made."""
+
+@dataclass(frozen=True)
+class Rig:
+    """Facts of a rig, the table ``[rig]`` of `experiment.toml`; each may be missing.
+
+    Parameters
+    ----------
+    ball_material, face_material : str, optional
+        Of `MATERIALS`.
+    ball_radius : float, m, optional
+    source_resistance : float, ohm, optional
+        Output resistance of what drives the stack.
+    capacity : float, F, optional
+        Of the stack.
+    rated_voltage : float, V, optional
+        At which the data sheet states the stroke.
+    rated_stroke : float, m, optional
+    layer_thickness : float, m, optional
+        Of one layer of the stack.
+    """
+
+    ball_material: str | None = None
+    face_material: str | None = None
+    ball_radius: float | None = None
+    source_resistance: float | None = None
+    capacity: float | None = None
+    rated_voltage: float | None = None
+    rated_stroke: float | None = None
+    layer_thickness: float | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The facts there are, by name."""
+        return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
+
+
+def hertz_stiffness(rig: Rig) -> float | None:
+    """Secant stiffness of the contact at an indentation of 1 um, N/m; None where a fact is missing.
+
+    Hertz' ``4/3 E* sqrt(R d)``, ``1/E* = 1/E*_1 + 1/E*_2`` (K. L. Johnson, Contact Mechanics, 1985, eq. 4.23-4.24).
+    """
+    if rig.ball_radius is None or rig.ball_material is None or rig.face_material is None:
+        return None
+    ball, face = MATERIALS[rig.ball_material], MATERIALS[rig.face_material]
+    together = 1 / (1 / ball.plane_modulus + 1 / face.plane_modulus)
+    return 4 / 3 * together * math.sqrt(rig.ball_radius * 1e-6)
+
+
+def beliefs(rig: Rig, constants: Constants) -> tuple[Belief, ...]:
+    """Priors that follow from what a rig is made of.
+
+    Parameters
+    ----------
+    rig : Rig
+    constants : Constants
+        Those of the rig.
+
+    Returns
+    -------
+    tuple of Belief
+    """
+    found = []
+    if (stiffness := hertz_stiffness(rig)) is not None:
+        why = (
+            f"Hertz' contact of a {rig.ball_material} ball of {1e3 * (rig.ball_radius or 0):.3g} mm on"
+            f" {rig.face_material}: {stiffness:.3g} N/m at 1 um; half of it, since rough or glued faces have a third,"
+            " and a linear contact stands for depths of 0.1 to 1 um"
+        )
+        found.append(Belief("k_c", LogNormal(0.5 * stiffness, 2.5), why, derived=True))
+    if rig.source_resistance is not None and rig.capacity is not None:
+        lag = rig.source_resistance * rig.capacity
+        why = (
+            f"{rig.source_resistance:g} ohm into {rig.capacity:g} F: {lag:.3g} s; a quarter either way, since a stack's"
+            " capacity has a tolerance of 20 % and grows with the field"
+        )
+        found.append(Belief("amplifier_lag_tau", Normal(lag, 0.25 * lag), why, derived=True, probability=0.95))
+    if rig.rated_voltage is not None:
+        why = f"rated voltage of {rig.rated_voltage:g} V, at which the data sheet states the stroke"
+        found.append(Belief("anchored_voltage", LogNormal(rig.rated_voltage, 1.1), why, derived=True))
+    if rig.layer_thickness is not None:
+        # Domain walls answer the field, not the voltage: what is usual of layers of 0.11 mm, by their thickness.
+        per_volt = 1.1e-4 / rig.layer_thickness
+        why = f"0.006 1/V of layers of 0.11 mm, in the field of layers of {1e3 * rig.layer_thickness:.3g} mm"
+        found.append(Belief("anchored_alpha", Normal(6e-3 * per_volt, 4e-3 * per_volt), why, derived=True))
+    why = f"2.5 degrees of a string of {1e3 * constants.l:.3g} mm, for whoever wants contact at every launch"
+    found.append(Belief("preload_offset", Normal(0.0, math.radians(2.5) * constants.l), why, derived=True))
+    return tuple(found)
