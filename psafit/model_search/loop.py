@@ -6,9 +6,9 @@ exchanged, are fitted. The search ends when no model that shows is left whose es
 best; a model shows that exceeds every part of itself.
 
 What costs much waits. The best of all models gets its neighbours before it is sampled, if it shows for certain: one of
-them may leave it behind. Exchanges are many; they wait until no model within the window lacks its neighbours of one cause more or less. They are
-fitted from where others have their optima, which is good to a window: those that come within two of the best are fitted
-like all others.
+them may leave it behind. Exchanges are many; they wait until no model within the window lacks its neighbours of one
+cause more or less. They are fitted from where others have their optima, which is good to a window: those that come
+within two of the best are fitted like all others.
 
 Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, each cause gets
 its neighbours, though it does not show.
