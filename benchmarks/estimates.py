@@ -68,10 +68,10 @@ def measure(number: int, seed: int, rig: str) -> dict[str, Any]:
     fitters = [ProblemFitter(plain, TERMS, settings, s, Memory(None)) for s in (1, 2)]
     part = tuple(id for id in ids if id != rng.choice(ids))
     begun = time.process_time()
-    (small,) = fitters[0].short([part], {}, None)
+    (small,) = fitters[0].short([part], {})
     origin = fitters[0].sample(small)
     begun_short = time.process_time()
-    (short,) = fitters[0].short([ids], {part: origin}, origin)
+    (short,) = fitters[0].short([ids], {part: origin})
     begun_sample = time.process_time()
     one, two = (f.sample(short) for f in fitters)
     ended = time.process_time()

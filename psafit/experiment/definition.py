@@ -266,7 +266,7 @@ class Definition:
         table, names = self.data["rig"], tuple(f.name for f in fields(Rig))
         if not isinstance(table, dict):
             raise self.error("rig is no table", f"write {listed(names)} under [rig], each optional", "rig")
-        faults, facts = Faults(), {}
+        faults, facts = Faults(), dict[str, Any]()
         with faults.kept():
             self.known_keys(table, names, "rig")
         for name, value in table.items():

@@ -60,6 +60,7 @@ MATERIALS = {
 }
 """Of what balls and faces are made."""
 
+
 @dataclass(frozen=True)
 class Rig:
     """Facts of a rig, the table ``[rig]`` of `experiment.toml`; each may be missing.

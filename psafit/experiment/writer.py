@@ -116,7 +116,11 @@ def _definition(experiment: Experiment) -> str:
     head = head_text(experiment.title, experiment.source)
     return "".join(
         [
-            head, "\n[constants]\n", *constants, rig_text(experiment.rig), limits_text(experiment.limits),
+            head,
+            "\n[constants]\n",
+            *constants,
+            rig_text(experiment.rig),
+            limits_text(experiment.limits),
             beliefs_text(experiment.beliefs),
         ]
     )

@@ -75,17 +75,17 @@ class ProblemFitter:
     jobs: int = 1
     starts: Sequence[Candidate] = ()
 
-    def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known], origin: Known | None = None) -> list[Known]:
+    def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> list[Known]:
         """Fit models from the highest of their parts, from a few draws of the prior, and from where they are known."""
         tasks = list(self._short(wanted, known))
         found = self._done(tasks)
-        return [_estimated(_candidate(t.problem, a), origin) for t, a in zip(tasks, found, strict=True)]
+        return [_estimated(_candidate(t.problem, a)) for t, a in zip(tasks, found, strict=True)]
 
-    def carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known], origin: Known) -> list[Known]:
+    def carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> list[Known]:
         """Fit models from the optima of two that together have all their causes."""
         tasks = list(self._carried(wanted, known))
         found = self._done(tasks)
-        return [_estimated(settle_at(t.problem, a["u"]), origin) for t, a in zip(tasks, found, strict=True)]
+        return [_estimated(settle_at(t.problem, a["u"])) for t, a in zip(tasks, found, strict=True)]
 
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
         """Optimise models from where a neighbour has its optimum; only those that rise come back."""
@@ -95,7 +95,7 @@ class ProblemFitter:
         for model, end in zip(known, self._done(tasks), strict=True):
             before = model.content.candidate
             if end["height"][0] > max(before.height, model.content.top) + self.settings.better:
-                risen.append(_estimated(settle_at(before.problem, np.vstack([end["u"], before.modes])), origin, model))
+                risen.append(_estimated(settle_at(before.problem, np.vstack([end["u"], before.modes])), model))
         return risen
 
     def sample(self, model: Known, foreseen: Foreseen[Fitted] | None = None) -> Known:
@@ -304,13 +304,8 @@ def _merged(problem: Problem, *candidates: Candidate) -> FloatArray:
     return widened(problem, np.array(list(values.values())), list(values))[0]
 
 
-def _estimated(candidate: Candidate, origin: Known | None, before: Known | None = None) -> Known:
-    """A model that was fitted, with Laplace's evidence.
-
-    What sampling has shown that estimate to be off by in the model next to it (or in one next to that), it is likely to
-    be off by here. A model that has risen has no less evidence than `before`.
-    """
-    off = 0.0 if origin is None else origin.log_evidence - origin.content.candidate.laplace_apart
+def _estimated(candidate: Candidate, before: Known | None = None) -> Known:
+    """A model that was fitted, with Laplace's evidence; one that has risen has no less of it than `before`."""
     least, top = (-math.inf, -math.inf) if before is None else (before.log_evidence, before.content.top)
-    estimate = max(candidate.laplace_apart + off, least)
+    estimate = max(candidate.laplace_apart, least)
     return Model(candidate.ids, estimate, candidate.height, False, Fitted(candidate, None, max(candidate.height, top)))

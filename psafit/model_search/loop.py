@@ -5,10 +5,10 @@ highest estimate that was not sampled yet is sampled, and its neighbours, which 
 exchanged, are fitted. The search ends when no model that shows is left whose estimate comes within the window of the
 best; a model shows that exceeds every part of itself.
 
-What costs much waits. The best of all models gets its neighbours before it is sampled: one of them may leave it behind.
-Exchanges are many; they wait until no model within the window lacks its neighbours of one cause more or less. They are
-fitted from where others have their optima, which is good to a window: those that come within two of the best are fitted
-like all others.
+What costs much waits. The best of all models gets its neighbours before it is sampled, if it shows for certain: one of
+them may leave it behind. Exchanges are many; they wait until no model within the window lacks its neighbours of one
+cause more or less. They are fitted from where others have their optima, which is good to a window: those that come
+within two of the best are fitted like all others.
 
 Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, each cause gets
 its neighbours, though it does not show.
@@ -20,9 +20,10 @@ A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 from psafit.model_search.settings import SearchSettings
@@ -40,7 +41,8 @@ class Model(Generic[Content]):
     ids : tuple of str
         Its causes, in the catalogue's order.
     log_evidence : float, nats
-        Of a short fit by Laplace's approximation, of a sampled model by importance sampling.
+        Of a short fit by Laplace's approximation, of a sampled model by importance sampling. In the result of a search
+        that of a short fit is corrected by what sampling has shown Laplace to be off by in its largest sampled part.
     height : float
         Log posterior density at the highest optimum known: of a model that rises by more than a setting says, the
         neighbours are looked at again.
@@ -78,14 +80,10 @@ class Foreseen(Generic[Content]):
 class Fitter(Protocol[Content]):
     """What fits and samples models."""
 
-    def short(
-        self, wanted: Sequence[Ids], known: Mapping[Ids, Model[Content]], origin: Model[Content] | None
-    ) -> list[Model[Content]]:
-        """Fit models; `origin` is the one of which they are neighbours."""
+    def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Model[Content]]) -> list[Model[Content]]:
+        """Fit models."""
 
-    def carried(
-        self, wanted: Sequence[Ids], known: Mapping[Ids, Model[Content]], origin: Model[Content]
-    ) -> list[Model[Content]]:
+    def carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Model[Content]]) -> list[Model[Content]]:
         """Fit models from where others have their optima, at a part of the cost."""
 
     def again(self, known: Sequence[Model[Content]], origin: Model[Content]) -> list[Model[Content]]:
@@ -145,22 +143,35 @@ def search(
     done: dict[Ids, int] = {}
     passes = functools.cache(passes)
 
-    def value(model: Model[Content]) -> float:
-        return model.log_evidence + log_prior(model.ids)
+    estimates: dict[Ids, float] = {}
 
-    def shows(model: Model[Content]) -> bool:
-        parts = [m.log_evidence for m in models.values() if set(m.ids) < set(model.ids)]
-        slack = 0.0 if model.sampled else 2 * settings.doubt
-        return model.log_evidence + slack > max(parts, default=-math.inf) + settings.visible
+    def parts(model: Model[Content]) -> list[Model[Content]]:
+        subsets = (ids for n in range(len(model.ids)) for ids in itertools.combinations(model.ids, n))
+        return [models[ids] for ids in subsets if ids in models]
+
+    def evidence(model: Model[Content]) -> float:
+        if model.sampled:
+            return model.log_evidence
+        sampled = [m for m in parts(model) if m.sampled]
+        known = max(sampled, key=lambda m: (len(m.ids), m.log_evidence), default=None)
+        return model.log_evidence + (known.log_evidence - estimates[known.ids] if known else 0.0)
+
+    def value(model: Model[Content]) -> float:
+        return evidence(model) + log_prior(model.ids)
+
+    def shows(model: Model[Content], errors: float = 2.0) -> bool:
+        slack = 0.0 if model.sampled else errors * settings.doubt
+        return evidence(model) + slack > max(map(evidence, parts(model)), default=-math.inf) + settings.visible
 
     def keep(found: Sequence[Model[Content]]) -> None:
         for model in found:
             models[model.ids] = model
+            estimates[model.ids] = model.log_evidence
             done[model.ids] = 0
 
-    keep(fitter.short([()], models, None))
+    keep(fitter.short([()], models))
     models[()] = fitter.sample(models[()])
-    keep(fitter.short([ids for ids in dict.fromkeys(starts) if ids], models, None))
+    keep(fitter.short([ids for ids in dict.fromkeys(starts) if ids], models))
 
     def expand(model: Model[Content]) -> None:
         neighbours = kinds[done[model.ids]]
@@ -169,11 +180,11 @@ def search(
         new = [ids for ids in wanted if ids not in models]
         keep(fitter.again([models[ids] for ids in wanted if ids in models], model))
         if neighbours is exchanged:
-            found = fitter.carried(new, models, model)
+            found = fitter.carried(new, models)
             least = max(value(m) for m in models.values() if shows(m)) - 2 * settings.window
             new = [m.ids for m in found if value(m) >= least]
             keep(found)
-        keep(fitter.short(new, models, model))
+        keep(fitter.short(new, models))
 
     while True:
         shown = [m for m in models.values() if shows(m)]
@@ -184,12 +195,14 @@ def search(
         if not left:
             single = [m for m in models.values() if len(m.ids) == 1 and value(m) >= least and not done[m.ids]]
             if leader.ids or not single or passes(leader):
-                return Searched(models, frozenset(ids for ids, n in done.items() if n == len(kinds)))
+                final = {ids: replace(m, log_evidence=evidence(m)) for ids, m in models.items()}
+                return Searched(final, frozenset(ids for ids, n in done.items() if n == len(kinds)))
             left = single
         best, *others = sorted(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
         name = " + ".join(best.ids) or "the baseline"
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
-        if best.sampled or (not done[best.ids] and (best is leader or best not in near)):
+        certain = best is leader and shows(best, errors=0.0)
+        if best.sampled or (not done[best.ids] and (certain or best not in near)):
             expand(best)
             continue
         later = [m for m in (best, *others) if done[m.ids]]

@@ -566,6 +566,9 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             gained = times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball)
             theta, floor = _crossing(v2, gained + v2, 0.0, way, fresh, slip / h, bern, stack)
             if theta < cut:
+                if fresh and level > 0 and _is_noise(bern, DEGREE, theta, _RESOLVED * slip / h + floor):
+                    level = max(level - 3, 0)
+                    continue
                 cut, event = theta, 3
         elif grip > 0.0 and regime != FREE:
             # The force tears it off.

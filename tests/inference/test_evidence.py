@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from psafit.inference.nested import nested_evidence
 from scipy.special import logsumexp
 from truths import experiment, problem, rig_with_two_hills
 
@@ -14,7 +15,6 @@ from psafit.errors import ConvergenceError
 from psafit.inference.ascent import Ascent
 from psafit.inference.candidate import fit, hills, settle, settle_at
 from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture, _Mixture, _Pool, _sample, weigh
-from psafit.inference.nested import nested_evidence
 from psafit.physics import terms
 
 

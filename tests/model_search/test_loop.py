@@ -29,16 +29,12 @@ class Fake:
         self.carried_over: list[Ids] = []
         self.sampled: list[Ids] = []
 
-    def short(
-        self, wanted: Sequence[Ids], known: Mapping[Ids, Model[None]], origin: Model[None] | None
-    ) -> list[Model[None]]:
+    def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Model[None]]) -> list[Model[None]]:
         assert not set(wanted) & (set(known) - set(self.carried_over))
         self.fitted += wanted
         return [Model(ids, self.evidence(ids) + self.error(ids), 0.0, False, None) for ids in wanted]
 
-    def carried(
-        self, wanted: Sequence[Ids], known: Mapping[Ids, Model[None]], origin: Model[None]
-    ) -> list[Model[None]]:
+    def carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Model[None]]) -> list[Model[None]]:
         assert not set(wanted) & set(known)
         self.carried_over += wanted
         return [Model(ids, self.evidence(ids) + self.error(ids) - self.carrying, 0.0, False, None) for ids in wanted]
@@ -78,6 +74,22 @@ def test_what_is_left_behind_on_the_way_up_is_not_sampled() -> None:
     fake = Fake(additive({"b": 30.0, "e": 20.0, "g": 15.0}))
     search(CATALOGUE, fake, flat)
     assert fake.sampled == [(), ("b", "e", "g")]
+
+
+def test_what_a_short_fit_is_off_by_is_not_taken_for_a_cause() -> None:
+    """Laplace flatters "a", and every set with it, by 4 nats; once "a" is sampled nothing beside it shows."""
+    fake = Fake(additive({"a": 1.0}), error=lambda ids: 4.0 * ("a" in ids))
+    found = search(CATALOGUE, fake, flat, starts=[("a",), ("a", "b")])
+    assert fake.sampled == [(), ("a",)] and found.expanded == {()}
+    assert found.models["a", "b"].log_evidence == pytest.approx(0.0)
+
+
+def test_what_shows_perhaps_is_sampled_before_its_neighbours_are_fitted() -> None:
+    perhaps, surely = Fake(additive({"a": 3.9 - 1.0})), Fake(additive({"a": 20.0}))
+    for fake in (perhaps, surely):
+        search(CATALOGUE, fake, lambda ids: 0.0)
+    assert perhaps.sampled == [(), ("a",)] and len(perhaps.fitted) == 1 + len(CATALOGUE)
+    assert surely.sampled == [(), ("a",)] and len(surely.fitted) == 2 * len(CATALOGUE)
 
 
 def test_two_causes_of_which_neither_shows_alone_are_looked_for_where_the_tests_fail() -> None:

@@ -12,8 +12,8 @@ from psafit.experiment.importing.quantities import VOLTS
 from psafit.experiment.importing.records import Table, Understood
 from psafit.experiment.plausible import disagreeing_groups, suspicious_readings
 from psafit.experiment.records import DEFINITION, Constants
-from psafit.experiment.text import one_line
 from psafit.experiment.rig import Rig
+from psafit.experiment.text import one_line
 from psafit.experiment.writer import (
     beliefs_text,
     group_text,

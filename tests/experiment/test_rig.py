@@ -1,0 +1,78 @@
+"""What a rig is made of, and what follows from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from folders import TOML, write
+
+from psafit.experiment import read_experiment, read_plan, write_experiment
+from psafit.experiment.rig import Rig, hertz_stiffness
+from psafit.inference.problem import Problem
+from psafit.parameters import Tailed
+from psafit.physics import terms
+
+FACTS = """[rig]
+ball_material = "Steel"
+face_material = "pzt"
+ball_radius = 0.0094
+source_resistance = 50
+capacity = 1.5e-6
+rated_voltage = 150
+rated_stroke = 17.4e-6
+layer_thickness = 1.1e-4
+"""
+
+
+def test_hertz_contact_is_that_of_a_hand_calculation() -> None:
+    """Steel 205/(1 - 0.29^2) = 223.8 GPa on PZT 48/(1 - 0.34^2) = 54.28 GPa: E* = 43.68 GPa, R d = 9.4e-9 m^2."""
+    rig = Rig(ball_material="steel", face_material="pzt", ball_radius=9.4e-3)
+    assert hertz_stiffness(rig) == pytest.approx(4 / 3 * 43.68e9 * np.sqrt(9.4e-9), rel=1e-3)
+    assert hertz_stiffness(Rig(ball_material="steel", ball_radius=9.4e-3)) is None
+
+
+def test_priors_follow_from_a_rig(tmp_path: Path) -> None:
+    experiment = read_experiment(write(tmp_path, TOML + FACTS))
+    causes = terms(["amplifier_lag", "anchored_stroke", "preload", "gap"])
+    problem = Problem(experiment, experiment.ids, causes)
+    known = {p.name: p for p in problem.parameters}
+    assert known["k_c"].prior.describe() == "log-normal, median 2.82341e+06, factor 2.5 for one sd"
+    lag = known["amplifier_lag_tau"].prior
+    assert isinstance(lag, Tailed) and lag.middle == pytest.approx((75e-6, 0.25 * 75e-6))
+    assert known["anchored_voltage"].prior.describe() == "log-normal, median 150, factor 1.1 for one sd"
+    assert known["preload_offset"].source.startswith("2.5 degrees of a string of 90 mm")
+    odds = {t.id: t.probability for t in problem.terms}
+    usual = {t.id: t.probability for t in causes}
+    assert odds == usual | {"amplifier_lag": 0.95}
+
+
+def test_what_is_stated_itself_comes_before_what_follows(tmp_path: Path) -> None:
+    stated = '[prior.k_c]\nmedian = 4e6\nfactor = 1.5\nsource = "measured"\n'
+    experiment = read_experiment(write(tmp_path, TOML + FACTS + stated))
+    assert [b.source for b in experiment.beliefs if b.name == "k_c"] == ["measured"]
+
+
+def test_a_rig_is_written_as_it_was_read(tmp_path: Path) -> None:
+    """Also where the definition is made anew."""
+    first = read_experiment(write(tmp_path / "a", TOML + FACTS))
+    (tmp_path / "a" / "experiment.toml").unlink()
+    (tmp_path / "b").mkdir()
+    write_experiment(first, tmp_path / "b")
+    assert (read_plan(tmp_path / "b").rig, read_plan(tmp_path / "b").beliefs) == (first.rig, first.beliefs)
+
+
+DOUBTS = {
+    "ball_radius = 0.0094": ("ball_radius = 0.0188", "a steel ball of radius 0.0188 m weighs 0.218 kg"),
+    "source_resistance = 50": ("source_resistance = 0.05", "is it given in kilo-ohms?"),
+    "capacity = 1.5e-6": ("capacity = 1.5", "is it given in uF or nF?"),
+    "rated_stroke = 17.4e-6": ("rated_stroke = 8.7e-6", "rated_stroke over rated_voltage is 5.8e-08 m/V"),
+}
+
+
+@pytest.mark.parametrize("fact", DOUBTS)
+def test_facts_that_cannot_be_right_are_told(tmp_path: Path, fact: str) -> None:
+    other, said = DOUBTS[fact]
+    warnings = read_experiment(write(tmp_path, TOML + FACTS.replace(fact, other))).warnings
+    assert len(warnings) == 1 and said in warnings[0] and warnings[0].startswith("experiment.toml: [rig] ")
