@@ -157,7 +157,7 @@ $(STAMP)-run: requirements.lock pyproject.toml
 	@printf '%s' "$$PWD" > $@
 
 $(STAMP)-dev: requirements-dev.lock $(STAMP)-run
-	@echo 'Installing what the tests need into $(VENV): about half a minute, once; 250 MB of disk'
+	@echo 'Installing what the tests need into $(VENV): about half a minute, once; 300 MB of disk'
 	@$(INSTALL) requirements-dev.lock
 	@$(COMPILE)
 	@touch $@
