@@ -15,7 +15,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.errors import PsafitError
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import ENOUGH, Candidate, fit, settle_at
+from psafit.inference.candidate import Candidate, FitSettings, fit, settle_at
 from psafit.inference.evidence import Weighed
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import widened
@@ -266,13 +266,13 @@ def _short(
 ) -> Arrays:
     """Fit a model shortly."""
     s, few = settings, len(problem.terms) <= settings.from_prior
-    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts, "fresh": few, "full": s.short_climbs}
-    return _arrays(fit(problem, parts, seed=seed, extra=extra, **how))
+    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts, "fresh": few}
+    return _arrays(fit(problem, parts, seed=seed, extra=extra, settings=FitSettings(full=s.short_climbs), **how))
 
 
 def _climbed(problem: Problem, starts: FloatArray, schedule: tuple[tuple[int, int], ...]) -> Arrays:
     """Where climbs end."""
-    end = ascend(problem, starts, schedule=schedule, still_below=ENOUGH, unite=True)
+    end = ascend(problem, starts, schedule=schedule, still_below=FitSettings.enough, unite=True)
     return {"u": end.u, "height": end.height}
 
 
@@ -283,7 +283,7 @@ def _look(problem: Problem, which: str, short: Candidate, settings: SearchSettin
 
 def _joined(problem: Problem, one: Candidate, other: Candidate, settings: SearchSettings, seed: int) -> Arrays:
     """Draw from the posterior of a model that was looked at twice."""
-    found, draws = joined(problem, one, other, seed=seed, settings=settings)
+    found, draws = joined(one, other, seed=seed, settings=settings)
     return {"modes": found.modes, **{name: np.asarray(value, float) for name, value in vars(draws).items()}}
 
 

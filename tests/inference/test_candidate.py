@@ -13,7 +13,7 @@ from truths import FEW, TRUTH, experiment, problem
 from psafit.challenge.hide import make
 from psafit.experiment import read_experiment
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import Candidate, _across_steps, built_up, fit, hills, settle_at, thinned
+from psafit.inference.candidate import Candidate, FitSettings, _across_steps, built_up, fit, hills, settle_at, thinned
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -31,7 +31,7 @@ def test_what_acts_by_steps_is_found_a_step_away():
     away[0, whole.names.index("repeat_cycles")] = 1.3
     stuck = ascend(whole, away)
     assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.height[0] < best.height[0] - 10
-    assert _across_steps(whole, stuck).height.max() > best.height[0] - 1
+    assert _across_steps(whole, stuck, FitSettings()).height.max() > best.height[0] - 1
 
 
 @pytest.mark.slow

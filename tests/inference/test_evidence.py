@@ -13,7 +13,7 @@ from truths import experiment, problem, rig_with_two_hills
 from psafit.errors import ConvergenceError
 from psafit.inference.ascent import Ascent, Effort
 from psafit.inference.candidate import fit, hills, settle, settle_at
-from psafit.inference.evidence import Emulated, Pool, _drawn_inside, _sample, laplace_mixture, weigh
+from psafit.inference.evidence import Emulated, Pool, RoundSettings, _drawn_inside, _sample, laplace_mixture, weigh
 from psafit.inference.mixture import StudentMixture
 from psafit.inference.samplers.nautilus import nested_evidence
 from psafit.physics import terms
@@ -94,7 +94,7 @@ def test_evidence_of_a_corner():
         return last.mixture.around(found.u, found.weights, width)
 
     assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
-    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), 256, 12, 1e9).weighed()
+    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)).weighed()
     assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
     assert found.effective > 60
     with pytest.raises(ConvergenceError, match="within the bounds"):
