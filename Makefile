@@ -114,7 +114,7 @@ docs: $(STAMP)-docs ## Build the pages of the docs into site/, to be read from t
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo 'ready: site/index.html'
 
-docs-figures: $(STAMP)-run ## Draw the figures of the docs anew, run the tutorial: half an hour, after make fit and make diagnose
+docs-figures: $(STAMP)-dev ## Draw the figures of the docs anew, run the tutorial: half an hour, after make fit and make diagnose
 	@for script in docs/make_*.py; do \
 	    [ -e "$$script" ] || { echo 'no figure scripts: docs/make_*.py'; break; }; \
 	    echo "$$script"; $(BIN)/python "$$script" || exit; done
