@@ -222,7 +222,7 @@ def widened(
     return _inside(problem, np.array(rows), 1e-3)
 
 
-def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
+def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
     """Top of the posterior near `start`, all parameters free: (coordinates, height, lmfit's result)."""
 
     def depth(rows: FloatArray) -> FloatArray:
@@ -261,7 +261,7 @@ def report(result: lmfit.minimizer.MinimizerResult, top: FloatArray, covariance:
     Parameters
     ----------
     result : MinimizerResult
-        Of `climb`.
+        Of `polish`.
     top : (n_dim,) array
         Where the climb went on to from where lmfit's part of it ended.
     covariance : (n_dim, n_dim) array

@@ -40,7 +40,7 @@ from psafit.inference.candidate import Candidate, built_up, principal, settle_at
 from psafit.inference.evidence import Weighed, weigh
 from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
 from psafit.inference.memory import Memory
-from psafit.inference.optimise import climb, report
+from psafit.inference.optimise import polish, report
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import USUAL, sampler
@@ -310,7 +310,7 @@ class _Work:
         tops, evaluations = [], 0
         for k, mode in enumerate(found.modes):
             self.watcher.update(k, len(found.modes), "modes polished")
-            top, height, result = climb(problem, mode)
+            top, height, result = polish(problem, mode)
             tops.append((height if math.isfinite(height) else -math.inf, k, top, result))
             evaluations += int(result.nfev) * (1 + 2 * problem.n_dim)
         polished = settle_at(problem, np.array([top for _, _, top, _ in tops]), found.starts)
@@ -370,7 +370,7 @@ class _Work:
         """Add the mode that the search has missed, and begin the chain anew."""
         problem = self.asked.problem
         self.watcher.stage("climb")
-        top, height, result = climb(problem, chain.highest)
+        top, height, result = polish(problem, chain.highest)
         if not height > chain.height:
             top = chain.highest
         better = principal(settle_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts])))

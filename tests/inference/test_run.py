@@ -25,7 +25,7 @@ from psafit.inference import identify
 from psafit.inference import run as running
 from psafit.inference.ascent import Effort
 from psafit.inference.candidate import settle_at
-from psafit.inference.optimise import climb
+from psafit.inference.optimise import polish
 from psafit.inference.problem import Problem
 from psafit.inference.run import fit, load
 from psafit.inference.sample import sample
@@ -145,10 +145,10 @@ def test_a_minimum_that_the_search_missed_is_added(
 
     def stuck(problem: Problem, start: np.ndarray) -> Any:
         """Lmfit, which does not get away from where the search has ended."""
-        top, height, result = climb(problem, start)
+        top, height, result = polish(problem, start)
         return (start, poor.height, result) if (start == wrong).all() else (top, height, result)
 
-    monkeypatch.setattr(running, "climb", stuck)
+    monkeypatch.setattr(running, "polish", stuck)
     monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
     arguments: dict[str, Any] = {"seed": 2, "n_starts": 3, "settings": replace(SHORT, max_steps=400)}
     run = running.fit(known, [1], tmp_path / "a", **arguments)
