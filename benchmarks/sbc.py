@@ -56,7 +56,7 @@ from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, sha256, sole
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, expansion, slopes
-from psafit.inference.candidate import Candidate, FitSettings, built_up, hills, within_bounds
+from psafit.inference.candidate import Candidate, FitSettings, built_up, separate_modes, within_bounds
 from psafit.inference.evidence import Weighed, quantiles
 from psafit.inference.memory import Memory, code
 from psafit.inference.mixture import StudentMixture
@@ -241,7 +241,7 @@ def ranked(problem: Problem, found: Candidate, draws: Weighed, u: FloatArray, ra
     likelihood = problem.log_likelihood(rows)
     for name, value in (("log_likelihood", likelihood), ("log_posterior", likelihood + problem.log_prior(rows))):
         ranks[name] = float(below(value[1:, None], draws.weights, value[:1])[0])
-    leaders = hills(found)
+    leaders = separate_modes(found)
     if len(leaders) > 1:
         parts = [(found.modes[k], found.covariance[k], 1.0) for k in leaders]
         mode = np.argmax(StudentMixture.of(parts).each(rows), axis=0)

@@ -444,7 +444,7 @@ def _weighty(candidate: Candidate, minor: float = 5.0) -> NDArray[np.intp]:
     return np.flatnonzero(mass > mass.max() - minor)
 
 
-def hills(candidate: Candidate, *, apart: float = 4.0, valley: float = 2.0, points: int = 7) -> list[int]:
+def separate_modes(candidate: Candidate, *, apart: float = 4.0, valley: float = 2.0, points: int = 7) -> list[int]:
     """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well.
 
     Parameters

@@ -24,7 +24,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.ascent import heights
-from psafit.inference.candidate import Candidate, hills, settle_at
+from psafit.inference.candidate import Candidate, separate_modes, settle_at
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
 from psafit.physics import baseline
 
@@ -184,7 +184,7 @@ def weigh(
         Effective draws at which it is enough.
     """
     random, how = np.random.default_rng([seed, 5]), RoundSettings(most=rounds, effective=effective)
-    parts, nearest = hills_of(candidate)
+    parts, nearest = separated(candidate)
     pools = [
         _importance(on_plateaus(hill), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
         for k, hill in enumerate(parts)
@@ -192,13 +192,13 @@ def weigh(
     return Pool.together(pools).weighed()
 
 
-def hills_of(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
+def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
     """The model on each of its hills, and which of them is nearest to rows of coordinates.
 
     Nearest is the one whose density is the highest. Whatever these regions are worth, they leave out nothing and count
     nothing twice.
     """
-    leaders = hills(candidate)
+    leaders = separate_modes(candidate)
     if len(leaders) == 1:
         return [candidate], lambda u: np.zeros(len(u), np.intp)
     known = laplace_mixture(candidate)

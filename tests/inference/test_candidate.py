@@ -13,7 +13,16 @@ from truths import FEW, TRUTH, experiment, problem
 from psafit.challenge.hide import make
 from psafit.experiment import read_experiment
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import Candidate, FitSettings, _across_steps, built_up, fit, hills, settle_at, thinned
+from psafit.inference.candidate import (
+    Candidate,
+    FitSettings,
+    _across_steps,
+    built_up,
+    fit,
+    separate_modes,
+    settle_at,
+    thinned,
+)
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -84,7 +93,7 @@ def test_hills_lie_apart_by_their_own_widths(width, expected):
     tops = Candidate(
         problem, modes, problem.log_posterior(modes), nothing, nothing, curvature, nothing, nothing, (0, 0, 0)
     )
-    assert hills(tops) == expected
+    assert separate_modes(tops) == expected
 
 
 def test_a_fit_without_fresh_starts_holds_what_is_within_it():

@@ -12,7 +12,7 @@ from truths import experiment, problem, rig_with_two_hills
 
 from psafit.errors import ConvergenceError
 from psafit.inference.ascent import Ascent, Effort
-from psafit.inference.candidate import fit, hills, settle, settle_at
+from psafit.inference.candidate import fit, separate_modes, settle, settle_at
 from psafit.inference.evidence import Emulated, Pool, RoundSettings, _drawn_inside, _sample, laplace_mixture, weigh
 from psafit.inference.mixture import StudentMixture
 from psafit.inference.samplers.nautilus import nested_evidence
@@ -113,7 +113,7 @@ def test_hills_weigh_what_each_weighs_alone():
     """Seven nats lower and far wider, the second hill holds most of the posterior."""
     rig, _ = rig_with_two_hills(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
-    leaders = hills(found)
+    leaders = separate_modes(found)
     alone = [weigh(settle_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
     assert found.heights[leaders[1]] < found.height - 5 and alone[1] > alone[0] + 1
     assert weigh(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
