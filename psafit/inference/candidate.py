@@ -270,7 +270,7 @@ def fit(
         # One climb on each hill goes on: six on the highest would lose a second that holds half of the posterior.
         starts, n_drawn = starts_of(trial, seed, most, draws)
         end = ascend(problem, starts, schedule=s.thorough, unite=True)
-        return settle(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
+        return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
     rows = [r for c in nested for r in c.widened(problem, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
@@ -294,7 +294,7 @@ def fit(
     tried = np.vstack([tried[hopeful], best_known])
     end = ascend(problem, tried, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
     effort = sum((t.effort for t in trials), Effort(len(best_known), 0, n_drawn + len(known) + end.effort.n_sets))
-    return settle(problem, replace(_across_steps(problem, end, s), effort=effort))
+    return candidate_of(problem, replace(_across_steps(problem, end, s), effort=effort))
 
 
 def built_up(
@@ -328,7 +328,7 @@ def built_up(
 
 def refitted(problem: Problem, like: Candidate) -> Candidate:
     """The same model on fewer groups, climbed from where it was."""
-    return settle(problem, ascend(problem, like.widened(problem)[0][:1], still_below=FitSettings.enough))
+    return candidate_of(problem, ascend(problem, like.widened(problem)[0][:1], still_below=FitSettings.enough))
 
 
 def _across_steps(problem: Problem, end: Ascent, s: FitSettings) -> Ascent:
@@ -365,7 +365,7 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> Float
     return np.vstack(rows)
 
 
-def settle(
+def candidate_of(
     problem: Problem, end: Ascent, before: Effort | None = None, *, forgotten: float = 12.0, same: float = 0.1
 ) -> Candidate:
     """Turn the ends of climbs into a candidate; `ConvergenceError` where no posterior there is finite.
@@ -404,7 +404,7 @@ def settle(
     )  # fmt: skip
 
 
-def settle_at(
+def candidate_at(
     problem: Problem, modes: FloatArray, starts: NDArray[np.intp] | None = None, effort: Effort | None = None
 ) -> Candidate:
     """A candidate with these optima, as they stand.
@@ -420,19 +420,19 @@ def settle_at(
     """
     predicted, starts = problem.predict(modes), np.zeros(len(modes), np.intp) if starts is None else starts
     height = heights(problem, modes, predicted, problem.observed)
-    return settle(problem, Ascent(modes, height, predicted, starts, effort or Effort()))
+    return candidate_of(problem, Ascent(modes, height, predicted, starts, effort or Effort()))
 
 
 def united(first: Candidate, second: Candidate) -> Candidate:
     """The modes of two fits of the same model."""
     modes, starts = np.vstack([first.modes, second.modes]), np.concatenate([first.starts, second.starts])
-    return settle_at(first.problem, modes, starts, first.effort + second.effort)
+    return candidate_at(first.problem, modes, starts, first.effort + second.effort)
 
 
 def principal(candidate: Candidate) -> Candidate:
     """The same without modes that hold a negligible part of the posterior: drawn from, they would hide the others."""
     kept = _weighty(candidate)
-    return settle_at(candidate.problem, candidate.modes[kept], candidate.starts[kept], candidate.effort)
+    return candidate_at(candidate.problem, candidate.modes[kept], candidate.starts[kept], candidate.effort)
 
 
 def _weighty(candidate: Candidate, minor: float = 5.0) -> NDArray[np.intp]:

@@ -24,7 +24,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.ascent import heights
-from psafit.inference.candidate import Candidate, separate_modes, settle_at
+from psafit.inference.candidate import Candidate, candidate_at, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
 from psafit.physics import baseline
 
@@ -208,7 +208,7 @@ def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArr
 
     own = nearest(candidate.modes)
     own[leaders] = np.arange(len(leaders))
-    return [settle_at(candidate.problem, candidate.modes[own == k]) for k in range(len(leaders))], nearest
+    return [candidate_at(candidate.problem, candidate.modes[own == k]) for k in range(len(leaders))], nearest
 
 
 def _importance(

@@ -10,7 +10,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import Candidate, fit, principal, settle_at, united
+from psafit.inference.candidate import Candidate, candidate_at, fit, principal, united
 from psafit.inference.evidence import RoundSettings, Weighed, weigh
 from psafit.inference.problem import Problem
 
@@ -108,4 +108,4 @@ def joined(one: Candidate, other: Candidate, *, seed: int, settings: SampleSetti
 def _climbed(found: Candidate, top: FloatArray) -> Candidate:
     """The same model, climbed on from its modes and from a draw."""
     end = ascend(found.problem, np.vstack([found.modes, top[None]]))
-    return settle_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)
+    return candidate_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)

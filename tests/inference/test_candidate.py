@@ -18,9 +18,9 @@ from psafit.inference.candidate import (
     FitSettings,
     _across_steps,
     built_up,
+    candidate_at,
     fit,
     separate_modes,
-    settle_at,
     thinned,
 )
 from psafit.inference.problem import Problem
@@ -58,7 +58,7 @@ def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
 
 @pytest.mark.slow
 def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
-    one = settle_at(hidden.leader.problem, hidden.leader.modes[:1])
+    one = candidate_at(hidden.leader.problem, hidden.leader.modes[:1])
     assert one.laplace_apart == pytest.approx(one.laplace)
     width = 1 / np.sqrt(one.curvature[0, 0, 0])
     for steps, counted in ((0.0, 1.0), (0.3, 1.0), (30.0, 2.0)):

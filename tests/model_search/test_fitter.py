@@ -17,7 +17,7 @@ from joblib.externals.loky import get_reusable_executor
 from truths import FEW, experiment, problem
 
 from psafit.errors import ConvergenceError, InputError
-from psafit.inference.candidate import settle_at
+from psafit.inference.candidate import candidate_at
 from psafit.inference.memory import Memory
 from psafit.model_search import Ladder, SearchSettings, search_models
 from psafit.model_search import fitter as fitting
@@ -41,7 +41,7 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladd
     lag = hidden.of(("amplifier_lag",))
     moved = lag.modes[:1].copy()
     moved[0, 0] += 0.1
-    held = Model(lag.ids, 0.0, lag.height, False, Fitted(settle_at(lag.problem, moved)))
+    held = Model(lag.ids, 0.0, lag.height, False, Fitted(candidate_at(lag.problem, moved)))
     pair = hidden.of(("amplifier_lag", "reading_offset"))
     origin = Model(pair.ids, hidden.log_evidence[pair.ids], pair.height, True, Fitted(pair))
     (risen,) = fitter.again([held], origin)
@@ -116,7 +116,7 @@ def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     plain = search_models(whole, FEW, seed=1)
     part = replace(plain.leader.problem, group_ids=("a", "b"))
-    known = settle_at(part, plain.leader.modes)
+    known = candidate_at(part, plain.leader.modes)
     begun = search_models(whole, FEW, seed=1, starts=[known])
     assert () in begun.weighed
     assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
