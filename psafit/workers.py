@@ -107,7 +107,8 @@ def reach(scheduler: str) -> None:
         raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
     from distributed import Client
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line
+    for name in ("distributed", "distributed.client"):  # what they log is said in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         # As the default, a client that fails would stay the one whose locks xarray takes to write a file.
         client: Any = Client(scheduler, set_as_default=False)  # type: ignore[no-untyped-call]

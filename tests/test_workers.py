@@ -76,7 +76,7 @@ def test_work_that_ends_one_worker_of_a_cluster_after_the_other_is_told_of():
 CLUSTER = """
 import time
 from distributed import LocalCluster
-cluster = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0")
+cluster = LocalCluster(n_workers=1, processes=False, protocol="tcp://", dashboard_address=":0")
 print(cluster.scheduler_address, flush=True)
 time.sleep(600)
 """
