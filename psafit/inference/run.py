@@ -36,11 +36,11 @@ from psafit.files import (
     write_atomically,
 )
 from psafit.inference import identify, store
-from psafit.inference.candidate import Candidate, built_up, principal, settle_at
+from psafit.inference.candidate import Candidate, built_up, candidate_at, principal
 from psafit.inference.evidence import Weighed, weigh
 from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
 from psafit.inference.memory import Memory
-from psafit.inference.optimise import climb, report
+from psafit.inference.optimise import polish, report
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import USUAL, sampler
@@ -292,7 +292,7 @@ class _Work:
         self.watcher.stage("search")
         if asked.known:
             places = problem.to_sampling(np.array([list(at.values()) for at in asked.known]))
-            known = [settle_at(problem, np.clip(places, *problem.bounds.T))]
+            known = [candidate_at(problem, np.clip(places, *problem.bounds.T))]
         elif problem.terms:
             # From scratch, a search among causes that hold each other in place ends on whatever hill is near.
             known = [
@@ -310,10 +310,10 @@ class _Work:
         tops, evaluations = [], 0
         for k, mode in enumerate(found.modes):
             self.watcher.update(k, len(found.modes), "modes polished")
-            top, height, result = climb(problem, mode)
+            top, height, result = polish(problem, mode)
             tops.append((height if math.isfinite(height) else -math.inf, k, top, result))
             evaluations += int(result.nfev) * (1 + 2 * problem.n_dim)
-        polished = settle_at(problem, np.array([top for _, _, top, _ in tops]), found.starts)
+        polished = candidate_at(problem, np.array([top for _, _, top, _ in tops]), found.starts)
         _, _, top, result = max(tops, key=lambda polish: (polish[0], -polish[1]))
         return Fit(
             identity=asked.identity,
@@ -370,10 +370,12 @@ class _Work:
         """Add the mode that the search has missed, and begin the chain anew."""
         problem = self.asked.problem
         self.watcher.stage("climb")
-        top, height, result = climb(problem, chain.highest)
+        top, height, result = polish(problem, chain.highest)
         if not height > chain.height:
             top = chain.highest
-        better = principal(settle_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts])))
+        better = principal(
+            candidate_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts]))
+        )
         # The record comes last: killed before, the same chain is drawn again and finds the same.
         (self.folder / "chain.h5").unlink(missing_ok=True)
         record = replace(
@@ -503,7 +505,7 @@ def _entries(found: Candidate) -> list[MinimumEntry]:
 def _found(problem: Problem, record: Fit) -> Candidate:
     """The modes as a record keeps them."""
     values = np.array([[m.values[name] for name in problem.names] for m in record.minima])
-    return settle_at(problem, problem.to_sampling(values), np.array([m.starts for m in record.minima]))
+    return candidate_at(problem, problem.to_sampling(values), np.array([m.starts for m in record.minima]))
 
 
 def _teller(watcher: Watcher, limit: int) -> Callable[[Progress], None]:

@@ -12,8 +12,8 @@ from truths import experiment, problem, rig_with_two_hills
 
 from psafit.errors import ConvergenceError
 from psafit.inference.ascent import Ascent, Effort
-from psafit.inference.candidate import fit, hills, settle, settle_at
-from psafit.inference.evidence import Emulated, Pool, _drawn_inside, _sample, laplace_mixture, weigh
+from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
+from psafit.inference.evidence import Emulated, Pool, RoundSettings, _drawn_inside, _sample, laplace_mixture, weigh
 from psafit.inference.mixture import StudentMixture
 from psafit.inference.samplers.nautilus import nested_evidence
 from psafit.physics import terms
@@ -48,7 +48,9 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     scale = one.parameters[k].scale
     u = fitted.modes[:1].copy()
     u[0, k] = place / scale
-    found = weigh(settle(one, Ascent(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1)
+    found = weigh(
+        candidate_of(one, Ascent(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
+    )
     # Of the other parameters all places above agree, so that a line tells the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)
     line[:, k] = np.linspace(0, 10, 501) / scale
@@ -94,7 +96,7 @@ def test_evidence_of_a_corner():
         return last.mixture.around(found.u, found.weights, width)
 
     assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
-    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), 256, 12, 1e9).weighed()
+    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)).weighed()
     assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
     assert found.effective > 60
     with pytest.raises(ConvergenceError, match="within the bounds"):
@@ -113,8 +115,8 @@ def test_hills_weigh_what_each_weighs_alone():
     """Seven nats lower and far wider, the second hill holds most of the posterior."""
     rig, _ = rig_with_two_hills(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
-    leaders = hills(found)
-    alone = [weigh(settle_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
+    leaders = separate_modes(found)
+    alone = [weigh(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
     assert found.heights[leaders[1]] < found.height - 5 and alone[1] > alone[0] + 1
     assert weigh(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
 
@@ -131,7 +133,7 @@ def test_hills_weigh_what_the_nested_sampler_finds():
 def test_what_the_readings_hardly_tell_of_is_as_wide_as_its_bounds():
     """A slope of almost nothing is less than rounding beside the others', and must not become a width of nothing."""
     one = replace(problem(experiment(n=8)), terms=terms(["separation_height"]))
-    fitted = settle_at(one, one.prior_transform(np.full((1, one.n_dim), 0.5)))
+    fitted = candidate_at(one, one.prior_transform(np.full((1, one.n_dim), 0.5)))
     k = one.names.index("separation_weight")
     curvature = fitted.curvature.copy()
     curvature[0, k], curvature[0, :, k] = 0.0, 0.0
