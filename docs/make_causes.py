@@ -114,7 +114,8 @@ TERM = Term(
 
 Instead of, or together with, changing a number of the rig (`setup`), a cause may put a function into a slot: `law`
 (contact force), `stack_factor` and `branch` (stroke and hysteresis), `deceleration` and `swing_offset` (flight),
-`reading`. `psafit/physics/term.py` says what each receives and returns. """
+`reading`. `psafit/physics/term.py` says what each receives and returns.
+"""
 
 NOTATION = """\
 ## Notation
