@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import joblib
-from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky import get_reusable_executor, process_executor
 
 from psafit import plugins
 from psafit.errors import InputError
@@ -263,6 +263,8 @@ def _attend() -> None:
         return
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Compiling takes hundreds of megabytes once. joblib takes that for a leak, ends the worker, and says so in a warning.
+    process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
 
     def watch(parent: int) -> None:
         while os.getppid() == parent:

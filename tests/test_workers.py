@@ -62,6 +62,15 @@ def test_a_process_ended_from_outside_is_told_of():
         ahead(os._exit, [(1,), (1,)], 2)
 
 
+def test_a_process_that_grows_is_kept() -> None:
+    """As by compiling; joblib alone would end it, and warn of a leak. It looks every second."""
+    keep = "(setattr(__import__('builtins'), 'kept', __import__('numpy').ones(int({}))), __import__('time').sleep(1.1))"
+    code = f"({keep}, __import__('os').getpid())[1]"
+    with processes(2) as jobs:
+        pids = list(unordered(jobs, eval, [(code.format(n), {}) for n in (1, 1, 5e7, 5e7, 1, 1)]))
+    assert len(set(pids)) <= 2
+
+
 @pytest.mark.slow
 def test_work_that_ends_one_worker_of_a_cluster_after_the_other_is_told_of():
     distributed = pytest.importorskip("distributed")
