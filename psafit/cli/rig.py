@@ -72,7 +72,7 @@ def plan(run: Path, out: Path, proposal: int, experiment: Path | None, quiet: bo
     It holds what was measured and one more group, whose file waits for its readings.
     """
     import psafit
-    from psafit.diagnose.next_experiment import planned, promise
+    from psafit.diagnose.next_experiment import planned
     from psafit.diagnose.record import RESULT, is_diagnosis
     from psafit.experiment import read_plan, write_experiment
     from psafit.files import filling
@@ -81,14 +81,14 @@ def plan(run: Path, out: Path, proposal: int, experiment: Path | None, quiet: bo
         raise InputError("is a fit, which proposes nothing", "give the folder of psafit diagnose", file=run)
     opened = psafit.load_diagnosis(run, experiment)
     found, measured = opened.record.next_experiment, opened.experiment
-    offered = found.get("proposals", [])
+    offered = found.proposals
     if not offered:
         raise InputError("proposes no measurement", "drive the stack in some group, and diagnose again", file=run)
     if proposal > len(offered):
         raise InputError(f"--proposal {proposal}: there are {len(offered)}", "take one of those in its report")
     with unwritten(run / RESULT, "holds no proposal psafit could have made"):
         sweep = planned(offered[proposal - 1], _unused(measured.ids), measured)
-        text = escaped(f"{offered[proposal - 1]['text']}; it {promise(found, proposal - 1)}")
+        text = escaped(f"{offered[proposal - 1].text}; it {found.promise(proposal - 1)}")
     with filling(out):
         write_experiment(measured, out, [sweep])
         read_plan(out)  # a ball twice as heavy may be beyond what an experiment can hold

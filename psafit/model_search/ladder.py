@@ -37,6 +37,16 @@ _FITS_ALIKE, _ABSURD = math.log(CREDIBLE / (1 - CREDIBLE)), 1e-3
 _SHAKES = 400
 
 
+def key_of(ids: Sequence[str]) -> str:
+    """Return a set of causes as the key of a file names it."""
+    return " + ".join(ids) or "baseline"
+
+
+def set_of(key: str) -> list[str]:
+    """Return the set of causes that such a key names."""
+    return [] if key == "baseline" else key.split(" + ")
+
+
 @dataclass(frozen=True)
 class LookedAt:
     """What a search has looked at, and what it left out.

@@ -17,6 +17,7 @@ from sensors import SENSOR
 
 from psafit import files
 from psafit.cli import rig as of_rigs
+from psafit.diagnose.next_experiment import NextExperiment
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, read_experiment, read_plan, write_experiment
 from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
@@ -144,11 +145,13 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
     write_experiment(experiment.with_readings(np.concatenate([g.launch_range_um for g in experiment.groups]) + 1),
                      spoilt / "experiment")  # fmt: skip
     record = make_record(experiment)
-    bad = {**record.next_experiment["proposals"][0], "frequency_hz": [-1.0, 5.0]}
-    odd = replace(record, next_experiment=record.next_experiment | {"proposals": [bad]})
+    bad = replace(record.next_experiment.proposals[0], frequency_hz=[-1.0, 5.0])
+    odd = replace(record, next_experiment=replace(record.next_experiment, proposals=[bad]))
     write_json(forged / "diagnosis.json", odd, sealed=True)
     nothing = shutil.copytree(folder, tmp_path / "nothing")
-    write_json(nothing / "diagnosis.json", replace(make_record(experiment), next_experiment={}), sealed=True)
+    write_json(
+        nothing / "diagnosis.json", replace(make_record(experiment), next_experiment=NextExperiment()), sealed=True
+    )
     capsys.readouterr()
     for words, told in (
         ([folder, "--out", tmp_path / "next"], "holds something already"),
