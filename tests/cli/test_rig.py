@@ -21,6 +21,7 @@ from psafit.diagnose.next_experiment import NextExperiment
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, read_experiment, read_plan, write_experiment
 from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
+from psafit.physics import terms
 from psafit.records import write_json
 
 
@@ -122,6 +123,27 @@ def test_the_command_checks_a_cause(sensor: Path, tmp_path: Path) -> None:
             and len(told["checks"]) == len(lines) - 1
         )
         assert [line[:4] for line in lines[:-1]] == ["pass" if c["passed"] else "FAIL" for c in told["checks"]]
+
+
+def test_what_conditions_can_tell_apart_is_said_and_drawn(
+    known_folder: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:  # type: ignore[no-untyped-def]
+    few = terms(["indentation_damping", "hunt_crossley", "swing_drag"])
+    monkeypatch.setattr("psafit.physics.TERMS", few)
+    picture, file = tmp_path / "m.png", tmp_path / "m.json"
+    assert run(monkeypatch, "plan", known_folder, "--isolability", "--plot", picture, "--json", file) == 0
+    told, held = capsys.readouterr().out, json.loads(file.read_text("utf-8"))
+    assert held["causes"] == [t.id for t in few] and len(held["nats"]) == 3 and picture.stat().st_size > 1000
+    assert "swing_drag" in held["unseen"] and "would not be seen: " in told
+    for words, said in (
+        (["--isolability", "--out", tmp_path / "x"], "writes no folder"),
+        (["--isolability", "--plot", tmp_path / "x.txt"], "no kind of picture"),
+        (["--plot", picture, "--out", tmp_path / "x"], "belong to --isolability"),
+        ([], "no --out"),
+    ):
+        assert run(monkeypatch, "plan", known_folder, *words) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1 and not (tmp_path / "x").exists()
 
 
 def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
