@@ -114,7 +114,7 @@ docs: $(STAMP)-docs ## Build the pages of the docs into site/, to be read from t
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo 'ready: site/index.html'
 
-docs-figures: $(STAMP)-run ## Draw the figures of the docs anew, run the tutorial: half an hour, after make fit and make diagnose
+docs-figures: $(STAMP)-dev ## Draw the figures of the docs anew, run the tutorial: half an hour, after make fit and make diagnose
 	@for script in docs/make_*.py; do \
 	    [ -e "$$script" ] || { echo 'no figure scripts: docs/make_*.py'; break; }; \
 	    echo "$$script"; $(BIN)/python "$$script" || exit; done
@@ -157,7 +157,7 @@ $(STAMP)-run: requirements.lock pyproject.toml
 	@printf '%s' "$$PWD" > $@
 
 $(STAMP)-dev: requirements-dev.lock $(STAMP)-run
-	@echo 'Installing what the tests need into $(VENV): about half a minute, once; 250 MB of disk'
+	@echo 'Installing what the tests need into $(VENV): about half a minute, once; 300 MB of disk'
 	@$(INSTALL) requirements-dev.lock
 	@$(COMPILE)
 	@touch $@

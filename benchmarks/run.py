@@ -41,7 +41,7 @@ from cases import Case
 
 from psafit.errors import ConvergenceError
 from psafit.inference.candidate import Candidate, built_up, fit, united
-from psafit.inference.optimise import climb
+from psafit.inference.optimise import polish
 from psafit.inference.problem import Problem
 from psafit.simulate import Design, simulate
 from psafit.simulate.stepper import TOLERANCE
@@ -366,7 +366,7 @@ def search(rows: list[dict[str, object]]) -> None:
         for seed in range(10):
             begin = time.perf_counter()
             found = both(of, seed, 16)
-            heights.append(max(climb(of, u)[1] for u in found.modes))
+            heights.append(max(polish(of, u)[1] for u in found.modes))
             times.append(time.perf_counter() - begin)
         wide = both(of, 1000, 256).height
         top = max(*heights, wide)

@@ -56,7 +56,7 @@ from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, sha256, sole
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, expansion, slopes
-from psafit.inference.candidate import MANY, Candidate, built_up, hills, within_bounds
+from psafit.inference.candidate import Candidate, FitSettings, built_up, separate_modes, within_bounds
 from psafit.inference.evidence import Weighed, quantiles
 from psafit.inference.memory import Memory, code
 from psafit.inference.mixture import StudentMixture
@@ -185,8 +185,9 @@ def truth(plan: Plan, number: int) -> tuple[Problem, FloatArray, int]:
     else:
         ids = [id for id in plan.terms.split(",") if id]
     experiment = conditions(plan)
-    if (n := sum(g.n_points for g in experiment.groups)) >= MANY:
-        raise InputError(f"{n} readings, of which fits would look at some", f"choose --group of less than {MANY}")
+    if (n := sum(g.n_points for g in experiment.groups)) >= FitSettings.many:
+        remedy = f"choose --group of less than {FitSettings.many}"
+        raise InputError(f"{n} readings, of which fits would look at some", remedy)
     problem = Signed(experiment, experiment.ids, terms(ids), SearchSettings().tolerance)
     read, redrawn = np.array([math.nan]), -1
     asked = [problem.names.index(t.strength.name) for t in problem.terms] if plan.drawn == "asked" else []
@@ -240,7 +241,7 @@ def ranked(problem: Problem, found: Candidate, draws: Weighed, u: FloatArray, ra
     likelihood = problem.log_likelihood(rows)
     for name, value in (("log_likelihood", likelihood), ("log_posterior", likelihood + problem.log_prior(rows))):
         ranks[name] = float(below(value[1:, None], draws.weights, value[:1])[0])
-    leaders = hills(found)
+    leaders = separate_modes(found)
     if len(leaders) > 1:
         parts = [(found.modes[k], found.covariance[k], 1.0) for k in leaders]
         mode = np.argmax(StudentMixture.of(parts).each(rows), axis=0)

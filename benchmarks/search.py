@@ -49,7 +49,7 @@ from psafit.diagnose.searching import searched
 from psafit.experiment import write_experiment
 from psafit.files import write_atomically
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import Candidate, fit, settle, settle_at
+from psafit.inference.candidate import Candidate, candidate_at, candidate_of, fit
 from psafit.inference.evidence import weigh
 from psafit.inference.memory import code
 from psafit.inference.problem import Problem
@@ -116,7 +116,7 @@ def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float
         if sampled.height < candidate.height + 0.5:
             break
         problem = candidate.problem
-        candidate = settle(problem, ascend(problem, np.vstack([candidate.modes, sampled.top])))
+        candidate = candidate_of(problem, ascend(problem, np.vstack([candidate.modes, sampled.top])))
         sampled = weigh(candidate, seed=seed)
     return sampled.log_evidence, sampled.doubt, candidate
 
@@ -125,7 +125,7 @@ def from_scratch(problem: Problem, seeds: Sequence[int]) -> tuple[Candidate, lis
     """Fit a model from draws of its prior alone, and the log posterior density at the top that each seed leads to."""
     draws, most = (1024, 24) if problem.terms else (4096, 48)
     fits = [fit(problem, (), seed=seed, draws=draws, most=most) for seed in seeds]
-    return settle_at(problem, np.vstack([c.modes for c in fits])), [c.height for c in fits]
+    return candidate_at(problem, np.vstack([c.modes for c in fits])), [c.height for c in fits]
 
 
 @contextmanager
@@ -195,7 +195,7 @@ def measure(
     cpu, wall = cpu_s() - cpu, time.monotonic() - wall
     work = 0.5 * (before + pace())
     best = found.order[0]
-    evidence, error, _ = evidence_of(settle_at(replace(problem, terms=terms(best)), found.modes), seed=1)
+    evidence, error, _ = evidence_of(candidate_at(replace(problem, terms=terms(best)), found.modes), seed=1)
     progress("the truth alone", 0, 1)
     alone = dict(known) if known else truth_alone(data, problem)
     log_posterior = evidence + log_prior(best)

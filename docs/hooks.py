@@ -1,4 +1,4 @@
-"""What mkdocs and mkdocstrings do not do by themselves: equations without a script, and units in docstrings."""
+"""What mkdocs and mkdocstrings do not do by themselves: equations without a script, units in docstrings, notebooks."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from latex2mathml.converter import convert
 from markdown import Extension, Markdown
 from markdown.postprocessors import Postprocessor
 from markdown.preprocessors import Preprocessor
+from mkdocs.structure.files import File, Files
+from nbconvert import MarkdownExporter
 
 # What pymdownx.arithmatex leaves.
 _LATEX = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', flags=re.DOTALL)
@@ -76,6 +78,27 @@ class Units(griffe.Extension):
             for item in section.value:
                 if isinstance(item.annotation, griffe.ExprTuple | griffe.ExprBinOp) and "," in str(item.annotation):
                     item.annotation = str(item.annotation).strip("()").replace(" / ", "/")
+
+
+class Notebook(File):
+    """A notebook as a page: what is stored in it, as Markdown and pictures."""
+
+    def is_documentation_page(self) -> bool:
+        return True
+
+
+def on_files(files: Files, /, *, config: Any) -> Files:
+    """Notebooks become pages; the pictures in them become files."""
+    for file in [f for f in files if f.src_uri.endswith(".ipynb")]:
+        files.remove(file)
+        page = Notebook(file.src_uri, config.docs_dir, config.site_dir, use_directory_urls=False)
+        settings = {"output_files_dir": page.name, "unique_key": page.name}
+        page.content_string, found = MarkdownExporter().from_filename(page.abs_src_path, resources=settings)
+        files.append(page)
+        folder = page.src_uri.rpartition("/")[0]
+        for name, content in found["outputs"].items():
+            files.append(File.generated(config, f"{folder}/{name}", content=content))
+    return files
 
 
 def on_config(config: Any) -> Any:

@@ -38,12 +38,18 @@ INTRODUCTION = """\
 A *cause* is a piece of physics that the study's model leaves out and that may explain where its predictions fail.
 This page is generated from the causes' own files by `python docs/make_causes.py`; `psafit terms` prints the same.
 
-Every cause sits in a slot of the rig: the **drive** (from the command to the voltage), the **stack** (from the voltage
-to the tip), the **contact** (from the tip to the ball), the **flight** (from the separation to the turn of the swing)
-or the **reading** (from the swing to the number written down). At the neutral value of its first parameter it vanishes
-exactly, and the model is the study's. Bounds say what is possible, the prior what is plausible, and its source why.
-Priors of strengths have a broad part of 5 %: a value far beyond the plausible costs a dozen nats and is flagged, it is
-not forbidden. Each cause says how probable it is to be at work before any reading; the prior over sets follows.
+Every cause sits in a slot of the rig:
+
+- the **drive**, from the command to the voltage;
+- the **stack**, from the voltage to the tip;
+- the **contact**, from the tip to the ball;
+- the **flight**, from the separation to the turn of the swing;
+- the **reading**, from the swing to the number written down.
+
+At the neutral value of its first parameter it vanishes exactly, and the model is the study's. Bounds say what is
+possible, the prior what is plausible, and its source why. Priors of strengths have a broad part of 5 %: a value far
+beyond the plausible costs a dozen nats and is flagged, it is not forbidden. Each cause says how probable it is to be at
+work before any reading; the prior over sets follows.
 
 Where no cause acts in contact in a way that bends the equations of motion, the launch has a closed form, without any
 time step; otherwise the stepper follows the motion (see [numerics.md](numerics.md)). Either is compared with a scalar
@@ -106,24 +112,30 @@ TERM = Term(
 )
 ```
 
-Instead of, or beside, changing a number of the rig (`setup`), a cause may put a function into a slot: `law` (contact
-force), `stack_factor` and `branch` (stroke and hysteresis), `deceleration` and `swing_offset` (flight), `reading`.
-`psafit/physics/term.py` says what each receives and returns.
+Instead of, or together with, changing a number of the rig (`setup`), a cause may put a function into a slot: `law`
+(contact force), `stack_factor` and `branch` (stroke and hysteresis), `deceleration` and `swing_offset` (flight),
+`reading`. `psafit/physics/term.py` says what each receives and returns.
 """
 
 NOTATION = """\
 ## Notation
 
-$u$ voltage, $V_a$ amplitude, $f$ frequency of the command; $x_1$ tip, $x_2$ ball, $d$ indentation, $v$ speed of the
-ball at separation; $m$, $M$ mass of stack and ball; $k_s$, $c_s$ stiffness and damping of the stack, $k_c$, $c_c$ of
-the contact; $q$ free stroke per volt; $l$ string; $L$ launch range. In the symptom, the trends are those of the size of
-the relative change of the launch range: whether it grows or falls with frequency (0.1-25 kHz) and with voltage (1-20
-V). They hold on three rigs: the study's, a hard contact on a stack with little damping, and one on a damped stack;
-"mixed" where these, or sine and square, differ. `observe` in `psafit/simulate/sensitivity.py` has the definitions and
-computes them; a test compares.
+| symbol | meaning |
+|---|---|
+| $u$, $V_a$, $f$ | voltage; amplitude and frequency of the command |
+| $x_1$, $x_2$, $d$ | place of tip and ball; indentation |
+| $v$ | speed of the ball at separation |
+| $m$, $M$ | mass of stack and ball |
+| $k_s$, $c_s$; $k_c$, $c_c$ | stiffness and damping of the stack; of the contact |
+| $q$, $l$, $L$ | free stroke per volt; string; launch range |
 
-In the figures the baseline has the study's parameters (Table 3) and the cause a strength that its prior expects to be
-exceeded as often as not; above each panel stand the least and the greatest change of the launch range in each group
+In the symptom, the trends are those of the size of the relative change of the launch range: whether it grows or falls
+with frequency (0.1-25 kHz) and with voltage (1-20 V). They hold on three rigs: the study's, a hard contact on a stack
+with little damping, and one on a damped stack. They are "mixed" where these, or sine and square, differ. `observe` in
+`psafit/simulate/sensitivity.py` has the definitions and computes them; a test compares.
+
+In the figures the baseline has the study's parameters (Table 3). The cause has a strength that its prior expects to be
+exceeded as often as not. Above each panel stand the least and the greatest change of the launch range in each group
 (−100 %: no launch, or next to none).
 """
 
@@ -195,7 +207,7 @@ def section(e: CauseEntry) -> Iterator[str]:
 def likeness() -> Iterator[str]:
     """What the simulator says of the causes' likeness: not from the declarations."""
     six, first = six_groups(), first_group()
-    yield "![Which causes look alike](figures/causes/alike.png)"
+    yield "![Which causes are confounded](figures/causes/alike.png)"
     for name, found in (("Group 1 alone", first), ("All six groups", six)):
         absorbed, idle = (
             [f"`{id}`" for id, s in zip(found.ids, found.status, strict=True) if s == kind]
@@ -210,7 +222,7 @@ def likeness() -> Iterator[str]:
         if all_six == "visible" != one
     ]  # fmt: skip
     yield f"What the amplitude sweeps and the square waves add: they bring out {listed(told)}, and part most pairs."
-    rows = ["| look alike in group 1 or in all six | group 1 | all six |", "|---|---|---|"]
+    rows = ["| confounded in group 1 or in all six | group 1 | all six |", "|---|---|---|"]
     pairs = itertools.combinations(range(len(six.ids)), 2)
     angles = [(float(six.angle[i, j]), float(first.angle[i, j]), i, j) for i, j in pairs]
     for all_six, one, i, j in sorted(a for a in angles if a[0] < NEAR or a[1] < NEAR):
@@ -224,12 +236,13 @@ def listed(items: Sequence[str]) -> str:
 
 
 LIKENESS = """\
-## Which causes look alike
+## Which causes are confounded
 
 A cause shows only by what a refit of $k_c$, $c_s$ and $c_c$ cannot imitate. For every cause the change of all launch
-ranges, in units of a scatter of 5 % and 0.3 µm, is freed of the baseline's own three directions; the angle between what
-is left of two causes says whether the data could tell them apart: 0° never, 90° easily, given enough of an effect. The
-refit is linear, about the study's parameters, and strengths are plausible ones: a guide to what to measure, not a
+ranges, in units of a scatter of 5 % and 0.3 µm, is freed of the baseline's own three directions. The angle between what
+is left of two causes says whether the data could separate them: 0° never, 90° easily, given enough of an effect.
+
+The refit is linear, about the study's parameters, and strengths are plausible ones: a guide to what to measure, not a
 verdict on given data.
 """
 
@@ -238,10 +251,11 @@ What stays close with all six groups needs another kind of measurement. A ball t
 constant deceleration $g x_0/l$, as by a friction $a_s$: `preload` and `sliding_support` differ by how the ball sits
 before the launch, and by whether it swings back. Lean it on purpose by a known amount, or watch the free swing: its
 decay shows friction but no lean.
+
 A frequency sweep at one voltage cannot show what bends the growth with the voltage, nor a single session its own gain.
-`stroke_tolerance` and `swing_drag` scale all ranges alike and `stack_stiffness` acts through its ratio to the damping,
-so that $k_c$, $c_s$ and $c_c$ make up for them: measure the stroke of the free tip with the vibrometer, and how a
-swing decays.
+`stroke_tolerance` and `swing_drag` scale all ranges in the same way and `stack_stiffness` acts through its ratio to the
+damping, so that $k_c$, $c_s$ and $c_c$ make up for them: measure the stroke of the free tip with the vibrometer, and
+how a swing decays.
 """
 
 
@@ -411,7 +425,7 @@ def draw_cause(term: Term) -> None:
 
 
 def clustered(found: Alike) -> list[int]:
-    """Order of the causes in which neighbours look alike."""
+    """Order of the causes in which neighbours are confounded."""
     from scipy.cluster.hierarchy import leaves_list, linkage, optimal_leaf_ordering
     from scipy.spatial.distance import squareform
 

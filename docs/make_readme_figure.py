@@ -1,4 +1,10 @@
-"""Draw the README's picture from the run that `make fit GROUP=1` leaves in fits/psa-group1."""
+"""Draw the README's picture of a found cause, from a diagnosis of the data set gap_and_slew.
+
+Its readings come from a simulation that shares no code with psafit; a gap and a slew limit were hidden in them:
+
+    python benchmarks/search.py --only gap_and_slew --write fits/sets
+    psafit diagnose fits/sets/gap_and_slew --quick
+"""
 
 from __future__ import annotations
 
@@ -7,35 +13,53 @@ from dataclasses import replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-RUN = ROOT / "fits" / "psa-group1"
+FILE = ROOT / "docs" / "figures" / "found.png"
+# By group: what to point at (a place, where the words stand), and what is said of it, from the parameters.
+NOTES = {
+    2: ((2.3, 33.0), (6.0, 24.0), "gap at rest: {gap_width:.2f} µm"),
+    3: ((13500.0, 270.0), (400.0, 190.0), "amplifier's slew limit: {slew:.2f} V/µs"),
+}
+
+
+def draw(folder: Path, file: Path) -> None:
+    """One panel a cause: readings, the baseline before, and the model with the causes after."""
+    from matplotlib.figure import Figure
+
+    import psafit
+    from psafit.report import figures
+    from psafit.report.diagnosis import shown_groups
+    from psafit.report.style import PALETTE, figure_style
+
+    found = psafit.load_diagnosis(folder)
+    median = found.parameters["median"]
+    values = {"gap_width": 1e6 * median["gap_width"], "slew": 1e-6 / median["slew_limit_inverse"]}
+    shown = {g.group.id: g for g in shown_groups(found.record, found.experiment, folder)}
+    share = found.causes["probability"].iloc[0]
+    with figure_style():
+        figure = Figure(figsize=(9.0, 3.9), layout="constrained")
+        for axes, (group, (place, words, text)) in zip(figure.subplots(1, 2), NOTES.items(), strict=True):
+            g = shown[group]
+            before, after = g.curves
+            curves = [replace(before, name="before: fitted simulation"), replace(after, name="after: with both causes")]
+            figures.draw_curves(axes, g.group, g.sweep, curves)
+            look = {"arrowstyle": "->", "color": PALETTE["ink"], "shrinkA": 2, "shrinkB": 3}
+            axes.annotate(text.format(**values), place, words, arrowprops=look, color=PALETTE["ink"], fontsize=10)
+            axes.set(title=g.title, xlabel=g.sweep.label, ylabel="Launch range (µm)")
+        figure.suptitle(
+            f"Verdict: {found.verdict} by {' + '.join(found.named).replace('_', ' ')}, probability {100 * share:.0f} %",
+            x=0.01, ha="left", fontsize=12, fontweight="bold", color=PALETTE["vermillion"],
+        )  # fmt: skip
+        legend = figures.handles(curves[::-1])
+        figure.legend(handles=legend, loc="outside lower center", ncols=4)
+        figure.savefig(file, dpi=150)
 
 
 def main() -> int:
-    if not (RUN / "posterior.json").exists():
-        print("no fits/psa-group1: run make fit GROUP=1 first; the README's picture stays as it is")
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "fits" / "gap_and_slew-diagnosis"
+    if not (folder / "diagnosis.json").exists():
+        print(f"no {folder}: the commands above make it; the picture stays as it is")
         return 0
-    from psafit.inference.run import load
-    from psafit.report import figures
-    from psafit.report.style import figure_style
-    from psafit.validate import predict
-
-    predictions = predict(load(RUN))
-    curves = [figures.curve_of(p) for p in predictions]
-    groups = [p.group for p in predictions]
-    sweeps = [figures.sweep_of(g) for g in groups]
-    figure = figures.groups_figure(groups, sweeps, [[c] for c in curves])
-    fitted = next(c for c, p in zip(curves, predictions, strict=True) if p.role == "fit")
-    predicted = next(c for c, p in zip(curves, predictions, strict=True) if p.role != "fit")
-    figure.legends[0].remove()
-    entries = figures.handles([replace(fitted, name="fitted", bands=())])
-    zeros = figures.zero_mark((g, [c]) for g, c in zip(groups, curves, strict=True))
-    entries += figures.handles([replace(predicted, name="predicted, never seen")], measured=False, zeros=zeros)
-    with figure_style():
-        for axes, p, sweep in zip(figure.axes, predictions, sweeps, strict=True):
-            seen = "fitted" if p.role == "fit" else "never seen"
-            axes.set_title(f"{p.group.id}: {sweep.condition}, {seen}")
-        figure.legend(handles=entries, loc="outside lower center", ncols=6)
-        figure.savefig(ROOT / "docs" / "figures" / "fit-group1.png", dpi=150)
+    draw(folder, FILE)
     return 0
 
 

@@ -13,6 +13,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
@@ -29,8 +30,8 @@ from psafit.errors import InputError
 
 # How often a worker looks whether its parent is still there, and a parent tells how far its workers are.
 _LOOK_UP_S = 1.0
-# For a scheduler to answer, and for its first worker to come.
-_ANSWER_S, _WORKERS_S = 20, 60
+# For a scheduler's first worker to come. (How long the scheduler itself may take to answer is Dask's own setting.)
+_WORKERS_S = 60
 _CLIENT: ContextVar[Any] = ContextVar("client", default=None)  # of the Dask scheduler whose workers share work out
 _FOLDER = "psafit-{}-{}-"  # temporary, of a process that another one has started
 
@@ -106,10 +107,11 @@ def reach(scheduler: str) -> None:
         raise InputError("Dask distributed is not installed", "install psafit[cluster], or leave --scheduler out")
     from distributed import Client
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line
+    for name in ("distributed", "distributed.client"):  # what they log is said in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         # As the default, a client that fails would stay the one whose locks xarray takes to write a file.
-        client: Any = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)  # type: ignore[no-untyped-call]
+        client: Any = Client(scheduler, set_as_default=False)  # type: ignore[no-untyped-call]
         client.close()
     except Exception as error:  # an address may be wrong in many ways, each with an error of its own
         reason = " ".join(str(error).split())[:200]
@@ -124,7 +126,7 @@ def _cluster(scheduler: str) -> Iterator[int]:
     from distributed.scheduler import KilledWorker
 
     # (Not by joblib's link to Dask, which waits for ever for work that Dask has given up.)
-    with Client(scheduler, timeout=_ANSWER_S, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+    with Client(scheduler, set_as_default=False) as client:  # type: ignore[no-untyped-call]
         try:
             client.wait_for_workers(1, timeout=_WORKERS_S)
         except TimeoutError as error:
@@ -145,16 +147,19 @@ def _on_cluster(
     client: Any, jobs: int, work: Callable[..., Any], calls: Iterable[tuple[Any, ...]], waiting: int
 ) -> Iterator[Any]:
     """Results as they come from the workers of a Dask scheduler; parameters as of `unordered`."""
-    from distributed import as_completed
-
-    left, owner = iter(calls), os.getpid()
-    begun: Any = as_completed(loop=client.loop, with_results=True)  # type: ignore[no-untyped-call]
-    for call in islice(left, (1 + waiting) * jobs):
-        begun.add(client.submit(_attended, owner, work, call, pure=False))
-    for _, result in begun:
-        for call in islice(left, 1):
-            begun.add(client.submit(_attended, owner, work, call, pure=False))
-        yield result
+    executor, left, owner = client.get_executor(pure=False), iter(calls), os.getpid()
+    begun = {executor.submit(_attended, owner, work, call) for call in islice(left, (1 + waiting) * jobs)}
+    while begun:
+        done, begun = wait(begun, timeout=_LOOK_UP_S, return_when=FIRST_COMPLETED)
+        # A client that has lost its scheduler drops all that was begun, and looks for another: no result would come.
+        if client.status != "running":
+            raise InputError(
+                "the Dask scheduler has gone, and with it the work that was begun",
+                "start it and its workers, and repeat the same command, which goes on from what is done",
+            )
+        for future in done:
+            begun |= {executor.submit(_attended, owner, work, call) for call in islice(left, 1)}
+            yield future.result()
 
 
 def unordered(

@@ -54,9 +54,9 @@ def sound():
 def hidden():
     from truths import FEW, experiment, problem
 
-    from psafit.model_search import climb
+    from psafit.model_search import search_models
 
-    return climb(problem(experiment(["amplifier_lag"], [4e-5], n=24, seed=3)), FEW, seed=1)
+    return search_models(problem(experiment(["amplifier_lag"], [4e-5], n=24, seed=3)), FEW, seed=1)
 
 
 @pytest.fixture(scope="session")

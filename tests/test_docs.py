@@ -33,7 +33,7 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md"
 PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 # These need causes from files and runs of another rig: tests/test_rig.py has both, and follows them. Their commands are
 # looked at here.
-FOLLOWED_ELSEWHERE = ("elsewhere.md", "own-causes.md", "tutorial.md")
+FOLLOWED_ELSEWHERE = ("add-a-cause.md", "elsewhere.md", "own-causes.md", "tutorial.md")
 # A transcript shows commands, after a dollar, and what they printed; its script is run where it is made.
 TRANSCRIPT = "console"
 SHELL, PSAFIT = ("sh", "bash", "shell", TRANSCRIPT), ("psafit", ".venv/bin/psafit")
@@ -540,7 +540,7 @@ def test_a_broken_block_is_found(desk: Path, monkeypatch, capsys) -> None:  # ty
     good = {
         "python": "print(2)  # -> 2\n",
         "sh": "psafit check experiments/psa\n",
-        "toml": (DOCS / "start.md").read_text("utf-8").split("```toml\n")[1].split("```")[0],
+        "toml": (DOCS / "own-rig.md").read_text("utf-8").split("```toml\n")[1].split("```")[0],
     }
     bad = {"python": "-> 2", "sh": "experiments/psa", "toml": "launch_range_um"}
     for language, text in good.items():
@@ -558,9 +558,9 @@ def test_a_broken_block_is_found(desk: Path, monkeypatch, capsys) -> None:  # ty
 
 def test_every_page_is_in_the_navigation() -> None:
     nav = (ROOT / "mkdocs.yml").read_text("utf-8").partition("\nnav:\n")[2].partition("\n\n")[0]
-    listed = re.findall(r"(\S+\.md)$", nav, flags=re.MULTILINE)
+    listed = re.findall(r"(\S+\.(?:md|ipynb))$", nav, flags=re.MULTILINE)
     assert len(set(listed)) == len(listed)
-    assert set(listed) == {p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md")}
+    assert set(listed) == {p.relative_to(DOCS).as_posix() for kind in ("md", "ipynb") for p in DOCS.rglob(f"*.{kind}")}
 
 
 @pytest.mark.slow

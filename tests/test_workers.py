@@ -6,6 +6,7 @@ import os
 import pickle
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,26 @@ def test_work_that_ends_one_worker_of_a_cluster_after_the_other_is_told_of():
         processes(1, cluster.scheduler_address) as usable,
     ):
         list(unordered(usable, os._exit, [(1,)]))
+
+
+CLUSTER = """
+import time
+from distributed import LocalCluster
+cluster = LocalCluster(n_workers=1, processes=False, protocol="tcp://", dashboard_address=":0")
+print(cluster.scheduler_address, flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_is_told_of():
+    pytest.importorskip("distributed")
+    with subprocess.Popen([sys.executable, "-c", CLUSTER], stdout=subprocess.PIPE, text=True) as cluster:
+        assert cluster.stdout is not None
+        address = cluster.stdout.readline().strip()
+        with pytest.raises(InputError, match="the Dask scheduler has gone"), processes(1, address) as usable:
+            for _ in unordered(usable, time.sleep, [(0.2,)] * 50):
+                cluster.kill()
 
 
 def test_a_plugin_that_fails_in_a_process_is_named_with_its_line(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from psafit.challenge.answer import Answer, sizes
 from psafit.experiment import Experiment
 from psafit.inference import noise
 from psafit.inference.candidate import fit
-from psafit.inference.optimise import climb, gradient
+from psafit.inference.optimise import gradient, polish
 from psafit.inference.problem import Problem
 from psafit.physics import TERMS
 from psafit.physics import terms as catalogue
@@ -96,7 +96,7 @@ def consult(
     terms = catalogue(answer.terms)
     truth = truth_of(plain, answer)
     best = fit(plain, (), seed=seed, draws=draws, most=starts)
-    tops = [climb(plain, u)[0] for u in (best.modes[0], truth)]
+    tops = [polish(plain, u)[0] for u in (best.modes[0], truth)]
     heights = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
     base = tops[int(np.argmax(heights))]
     base_likelihood = _likelihood(plain, base)
@@ -109,7 +109,7 @@ def consult(
         gain = 0.0
     else:
         problem = Problem(experiment, experiment.ids, terms)
-        top = climb(problem, truth_of(problem, answer))[0]
+        top = polish(problem, truth_of(problem, answer))[0]
         reached = _likelihood(problem, top)
         # A weak cause may leave the truth's own neighbourhood below the baseline, which is a case of it.
         gain = max(reached - base_likelihood, 0.0)
@@ -119,7 +119,7 @@ def consult(
                 rest = Problem(experiment, experiment.ids, tuple(t for t in terms if t is not term))
                 # What one cause does beside another may as well be done by another contact: far from the truth.
                 found = fit(rest, [best], seed=seed, draws=draws, most=starts)
-                beside = [climb(rest, u)[0] for u in (found.modes[0], truth_of(rest, answer))]
+                beside = [polish(rest, u)[0] for u in (found.modes[0], truth_of(rest, answer))]
                 # The baseline is a case of it, too.
                 most = max(base_likelihood, *(_likelihood(rest, u) for u in beside))
                 without[term.id] = max(reached - most, 0.0)

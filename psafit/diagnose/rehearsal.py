@@ -21,7 +21,7 @@ from psafit.diagnose.next_experiment import Proposal, Rehearsal
 from psafit.experiment import Group
 from psafit.inference import noise
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import ENOUGH, Candidate, settle
+from psafit.inference.candidate import Candidate, FitSettings, candidate_of
 from psafit.inference.evidence import Weighed
 from psafit.inference.problem import Problem
 from psafit.simulate import Design, simulate
@@ -142,4 +142,4 @@ def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.ran
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))
     starts[:, shared] = known
-    return settle(problem, ascend(problem, starts, schedule=_CLIMB, still_below=ENOUGH, unite=True))
+    return candidate_of(problem, ascend(problem, starts, schedule=_CLIMB, still_below=FitSettings.enough, unite=True))

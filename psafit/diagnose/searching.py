@@ -8,7 +8,7 @@ from typing import Any
 
 from psafit.diagnose.misfit import passes
 from psafit.inference.problem import Problem
-from psafit.model_search import Ladder, climb
+from psafit.model_search import Ladder, search_models
 from psafit.physics.term import Term
 
 
@@ -22,7 +22,7 @@ def searched(problem: Problem, catalogue: Sequence[Term], *, seed: int, **option
     catalogue : sequence of Term
     seed : int
     **options
-        Others of `psafit.model_search.climb`.
+        Others of `psafit.model_search.search_models`.
     """
     judge = partial(passes, catalogue=catalogue, seed=seed)
-    return climb(problem, catalogue, seed=seed, passes=judge, **options)
+    return search_models(problem, catalogue, seed=seed, passes=judge, **options)

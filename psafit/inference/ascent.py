@@ -26,24 +26,35 @@ from psafit.arrays import FloatArray
 from psafit.inference import noise
 from psafit.inference.problem import Problem
 
-# Forward differences: far above the jitter of the stepping path (1e-6), far below the width of any posterior.
-_STEP = 1e-3
-# A difference of this many standard deviations of the scatter may be a jump.
-_JUMP = 0.1
-# Dampings tried at once in every iteration, as factors on a climb's own.
-_DAMPINGS = np.array([0.1, 1.0, 30.0])
-_LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e8
-# Gain (nats) below which a climb stands still, as a rule.
-_STILL = 2e-3
-# Damping at which a climb that finds no way up gives up, and the expansion's reach in ``ln L``.
-_STUCK, _FARTHEST = 1e4, 2.0
-# Steps for which slopes are carried over, as a rule.
-_LASTING = 3
-# Climbs whose heights differ by less than this (nats), and all whose ranges by less than this part of the scatter, are
-# at one place, or on one ridge.
-_LIKE, _ALIKE = 0.5, 0.1
-# Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
-_LONGEST = 2.0
+
+@dataclass(frozen=True)
+class FisherSettings:
+    """How an optimisation steps.
+
+    Parameters
+    ----------
+    dampings : tuple of float
+        Dampings tried at once in every iteration, as factors on a climb's own.
+    first, least, most : float
+        Damping with which a climb begins, and its limits.
+    stuck : float
+        Damping at which a climb that finds no way up gives up.
+    longest : float
+        Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
+    like : float, nats
+    alike : float
+        Climbs whose log posteriors differ by less than `like`, and all whose ranges by less than `alike` standard
+        deviations of the scatter, are at one place, or on one ridge.
+    """
+
+    dampings: tuple[float, ...] = (0.1, 1.0, 30.0)
+    first: float = 1e-2
+    least: float = 1e-6
+    most: float = 1e8
+    stuck: float = 1e4
+    longest: float = 2.0
+    like: float = 0.5
+    alike: float = 0.1
 
 
 class Effort(NamedTuple):
@@ -117,7 +128,9 @@ def heights(problem: Problem, u: FloatArray, predicted: FloatArray, observed: Fl
     return np.where(np.isfinite(value), value, -np.inf)
 
 
-def slopes(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
+def slopes(
+    problem: Problem, u: FloatArray, predicted: FloatArray, *, by: float = 1e-3, jump: float = 0.1
+) -> FloatArray:
     """Derivatives of the launch ranges by the sampling coordinates of the model, um; (n, n_model, n_points).
 
     Parameters
@@ -126,9 +139,14 @@ def slopes(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray
     u : (n, n_dim) array
     predicted : (n, n_points) array, um
         Launch ranges at `u`.
+    by : float
+        Step of the forward differences: far above the jitter of the stepping path (1e-6), far below the width of any
+        posterior.
+    jump : float
+        A difference of this many standard deviations of the scatter may be a jump.
     """
     n, k = len(u), problem.n_model
-    step = np.where(u[:, :k] + _STEP > problem.bounds[:k, 1], -_STEP, _STEP)
+    step = np.where(u[:, :k] + by > problem.bounds[:k, 1], -by, by)
     moved = np.repeat(u[:, None, :], k, axis=1)
     moved[:, np.arange(k), np.arange(k)] += step
     found = problem.predict(moved.reshape(n * k, -1)).reshape(n, k, -1)
@@ -136,7 +154,7 @@ def slopes(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray
     # A contact that ends a half wave later makes a range jump. Optima lie at the edges of such jumps, and a difference
     # across one is no slope: the other side's is.
     scatter = noise.scale(predicted, problem.noise_values(u), problem.known_sigma)
-    row, column = np.nonzero((np.abs(found - predicted[:, None, :]) > _JUMP * scatter[:, None, :]).any(axis=2))
+    row, column = np.nonzero((np.abs(found - predicted[:, None, :]) > jump * scatter[:, None, :]).any(axis=2))
     inside = u[row, column] - step[row, column] > problem.bounds[column, 0]
     row, column = row[inside], column[inside]
     if row.size:
@@ -188,6 +206,7 @@ def _steps(
     curvature: FloatArray,
     damping: FloatArray,
     frozen: NDArray[np.bool_],
+    longest: float,
 ) -> FloatArray:
     """Points tried next; (n, n_dampings, n_dim). A coordinate held by its bound, or frozen, stays there."""
     low, high = problem.bounds[:, 0], problem.bounds[:, 1]
@@ -198,12 +217,12 @@ def _steps(
     # In units in which the diagonal is one, the least damping keeps the matrix regular whatever the slopes' sizes are.
     scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", curvature), 1e-3))
     a *= scale[:, :, None] * scale[:, None, :]
-    matrix = np.repeat(a[:, None], len(_DAMPINGS), axis=1)
-    matrix[:, :, np.arange(d), np.arange(d)] += (damping[:, None] * _DAMPINGS)[:, :, None] + held[:, None, :]
-    target = np.repeat((g * scale)[:, None, :, None], len(_DAMPINGS), axis=1)
+    matrix = np.repeat(a[:, None], damping.shape[1], axis=1)
+    matrix[:, :, np.arange(d), np.arange(d)] += damping[:, :, None] + held[:, None, :]
+    target = np.repeat((g * scale)[:, None, :, None], damping.shape[1], axis=1)
     step = np.linalg.solve(matrix, target)[..., 0] * scale[:, None, :]
-    longest = np.abs(step).max(axis=2, keepdims=True)
-    step *= np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))
+    farthest = np.abs(step).max(axis=2, keepdims=True)
+    step *= np.minimum(1.0, longest / np.maximum(farthest, 1e-300))
     return np.clip(u[:, None, :] + step, low, high)
 
 
@@ -224,15 +243,16 @@ def _climb(
     progress: Callable[[int, int], None] = lambda done, total: None,
     unite: bool = False,
     counts: NDArray[np.intp] | None = None,
+    how: FisherSettings | None = None,
 ) -> Ascent:
+    how = how or FisherSettings()
+    factors, tried = np.array(how.dampings), len(how.dampings)
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
-    n_dim = u.shape[1]
-    who = np.arange(len(u))
+    n_dim, who = u.shape[1], np.arange(len(u))
     predicted = predict(u, who)
     height = heights(problem, u, predicted, target)
-    damping = np.full(len(u), 1e-2)
-    still = np.where(np.isfinite(height), 0, 9)
-    n_sets = len(u)
+    damping = np.full(len(u), how.first)
+    still, n_sets = np.where(np.isfinite(height), 0, 9), len(u)
     starts_at = np.ones(len(u), np.intp) if counts is None else counts
     begun, failed = len(u), int((~np.isfinite(height)).sum())
     k = problem.n_model
@@ -255,20 +275,21 @@ def _climb(
             live, gradient, curvature = live[usable], gradient[usable], curvature[usable]
             if not live.size:
                 break
-            rows = _steps(problem, u[live], gradient, curvature, damping[live], frozen[who[live]]).reshape(-1, n_dim)
-            found = predict(rows, np.repeat(who[live], len(_DAMPINGS)))
+            dampings, held = damping[live, None] * factors, frozen[who[live]]
+            rows = _steps(problem, u[live], gradient, curvature, dampings, held, how.longest).reshape(-1, n_dim)
+            found = predict(rows, np.repeat(who[live], tried))
             n_sets += len(rows)
-            value = heights(problem, rows, found, np.repeat(target[live], len(_DAMPINGS), axis=0))
-            value, rows, found = (a.reshape(live.size, len(_DAMPINGS), *a.shape[1:]) for a in (value, rows, found))
+            value = heights(problem, rows, found, np.repeat(target[live], tried, axis=0))
+            value, rows, found = (a.reshape(live.size, tried, *a.shape[1:]) for a in (value, rows, found))
             best = np.argmax(value, axis=1)
             pick = np.arange(live.size)
             gain = value[pick, best] - height[live]
             better = gain > 0
             # What slopes carried over from earlier iterations cannot do, fresh ones may.
             carried = age[live] > 0
-            factor = np.where(better, _DAMPINGS[best], np.where(carried, 1.0, 10 * _DAMPINGS[-1]))
-            damping[live] = np.clip(damping[live] * factor, _LEAST_DAMPING, _MOST_DAMPING)
-            slow = (gain < still_below) & (better | (damping[live] > _STUCK))
+            factor = np.where(better, factors[best], np.where(carried, 1.0, 10 * factors[-1]))
+            damping[live] = np.clip(damping[live] * factor, how.least, how.most)
+            slow = (gain < still_below) & (better | (damping[live] > how.stuck))
             still[live] = np.where(slow, still[live] + ~carried, 0)
             age[live] = np.where(carried & (slow | ~better), lasting, age[live] + better)
             up = live[better]
@@ -283,7 +304,7 @@ def _climb(
                 slopes_at[up] += share[:, :, None] * (change - (step[:, None] @ slopes_at[up])[:, 0])[:, None, :]
         done += iterations
         if survivors < len(u) or unite:
-            kept, starts_at = _kept(problem, u, height, predicted, starts_at, survivors, unite)
+            kept, starts_at = _kept(problem, u, height, predicted, starts_at, survivors, unite, how)
             u, height, predicted, damping, target = (a[kept] for a in (u, height, predicted, damping, target))
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
     progress(total, total)
@@ -298,6 +319,7 @@ def _kept(
     starts: NDArray[np.intp],
     most: int,
     unite: bool,
+    how: FisherSettings,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Climbs that go on, and the starts of each; of those to be united, the highest alone, for all."""
     order = np.argsort(-height, kind="stable")
@@ -308,7 +330,8 @@ def _kept(
     total: dict[int, int] = {}
     for k in order:
         for m in total:
-            if height[m] < height[k] + _LIKE and np.abs((predicted[k] - predicted[m]) / scatter[m]).max() < _ALIKE:
+            apart = np.abs((predicted[k] - predicted[m]) / scatter[m]).max()
+            if height[m] < height[k] + how.like and apart < how.alike:
                 total[m] += int(starts[k])
                 break
         else:
@@ -324,12 +347,13 @@ def ascend(
     observed: FloatArray | None = None,
     *,
     schedule: tuple[tuple[int, int], ...] = ((40, 10**9),),
-    lasting: int = _LASTING,
-    still_below: float = _STILL,
+    lasting: int = 3,
+    still_below: float = 2e-3,
     progress: Callable[[int, int], None] = lambda done, total: None,
     unite: bool = False,
     frozen: NDArray[np.bool_] | None = None,
     counts: NDArray[np.intp] | None = None,
+    settings: FisherSettings | None = None,
 ) -> Ascent:
     """Climb from every start.
 
@@ -355,6 +379,7 @@ def ascend(
         Coordinates that stay where each climb begins.
     counts : (n,) array of int, optional
         Earlier starts that each of these stands for; one by default.
+    settings : FisherSettings, optional
 
     Returns
     -------
@@ -368,19 +393,9 @@ def ascend(
 
     held = np.zeros(starts.shape, bool) if frozen is None else frozen
     return _climb(
-        problem,
-        starts,
-        target,
-        lambda u, who: problem.predict(u),
-        slope,
-        schedule,
-        held,
-        lasting,
-        still_below,
-        progress,
-        unite,
-        counts,
-    )
+        problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, held, lasting, still_below,
+        progress, unite, counts, settings,
+    )  # fmt: skip
 
 
 def ascend_linearly(
@@ -392,10 +407,12 @@ def ascend_linearly(
     *,
     frozen: Sequence[int] = (),
     iterations: int = 25,
+    reach: float = 2.0,
+    still_below: float = 2e-3,
 ) -> Ascent:
     """Climb in models that are replaced by their logarithmic expansion, which costs no simulation.
 
-    Each climb has its own: ``ln L(u) = ln L(at) + (u - at) . slope``, held within a factor of e^2.
+    Each climb has its own: ``ln L(u) = ln L(at) + (u - at) . slope``, held within `reach` of ``ln L(at)``.
 
     Parameters
     ----------
@@ -412,6 +429,10 @@ def ascend_linearly(
     frozen : sequence of int
         Coordinates that stay where they are.
     iterations : int
+    reach : float
+        Of the expansion in ``ln L``.
+    still_below : float
+        As of `ascend`.
 
     Returns
     -------
@@ -424,12 +445,12 @@ def ascend_linearly(
 
     def predict(u: FloatArray, who: NDArray[np.intp]) -> FloatArray:
         change = np.matmul((u[:, None, :k] - at[who][:, None, :k]), slope[who])[:, 0]
-        return predicted[who] * np.exp(np.clip(change, -_FARTHEST, _FARTHEST))
+        return predicted[who] * np.exp(np.clip(change, -reach, reach))
 
     def slopes_of(u: FloatArray, here: FloatArray, who: NDArray[np.intp]) -> FloatArray:
         return here[:, None, :] * slope[who]
 
     mask = np.zeros((n, problem.n_dim), bool)
     mask[:, list(frozen)] = True
-    result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, _STILL)
+    result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, still_below)
     return replace(result, effort=result.effort._replace(n_sets=0))

@@ -22,34 +22,51 @@ from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
 Schedule = tuple[tuple[int, int], ...]
-# Climbs on some of the readings, then on all: iterations, and how many go on after each. With shorter parts and two
-# dampings a search costs a fifth less, single causes and pairs come out the same, and on all groups of the study, which
-# need six causes, it ends 17 nats lower. (Measured with the search of version 0.1.0.)
-_TRIAL, _FRESH = ((3, 12), (5, 6), (12, 3)), ((8, 8), (16, 4))
-_FULL = ((6, 6), (30, 3))
-ENOUGH = 0.05
-"""Gain of a climb (nats) below which it ends: well within the error of Laplace's evidence."""
-# ... and where nothing is known, all on all readings.
-_THOROUGH = ((4, 24), (8, 12), (30, 6))
-# One reading in so many is a trial's, and its simulations are allowed this error of a step; fewer readings than this
-# are not thinned.
-_THIN, _ROUGH = 4, 1e-3
-MANY = 150
-"""Readings from which on a part of them is looked at first."""
-# A climb whose trial ends this far (nats) below the best is given up.
-_HOPELESS = 15.0
-# Of what is known beforehand, so many of the best join the climbs on all readings; so many climb from other steps.
-_TAKEN = 2
-# Moves along a parameter that acts by steps, in units of its prior's width, and how often they are repeated.
-_HALVES = 2.0 ** -np.arange(2, 12)
-_CROSSINGS = 4
-# Modes this far below the best (nats) are forgotten; two are one where all coordinates of the model agree to this.
-_FORGOTTEN, _SAME = 12.0, 0.1
-# A hill of its own has at most this much less (nats) of the posterior than the greatest, lies so many standard
-# deviations of either away, and the straight way to it leads so far (nats) below: else it is on a ridge. A high and
-# narrow hill may have less than one that is seven nats lower.
-_MINOR, _APART, _VALLEY = 5.0, 4.0, 2.0
-_WAY = np.arange(1, 8)[:, None] / 8
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a fit divides its work between climbs.
+
+    A schedule is a tuple of (iterations, how many of the highest climbs go on after them).
+
+    Parameters
+    ----------
+    trial, fresh : tuple of (int, int)
+        On some of the readings: climbs from what is known, and climbs from draws of the prior.
+    full : tuple of (int, int)
+        On all readings.
+    thorough : tuple of (int, int)
+        Of a model of which nothing is known, on all readings.
+    enough : float, nats
+        Gain of a climb below which it ends: well within the error of Laplace's evidence.
+    hopeless : float, nats
+        A climb whose trial ends this far below the best is given up.
+    taken : int
+        Of what is known beforehand, so many of the best join the climbs on all readings; so many climb from each
+        plateau's neighbours.
+    crossings : int
+        Times that a fit goes on from where a parameter without a slope was moved.
+    across : tuple of (int, int)
+        Climbs from there.
+    many, every : int
+        Readings from which on a part of them is looked at first, and that part: one in `every`.
+    rough : float
+        Error of a simulator's step there.
+    """
+
+    trial: Schedule = ((3, 12), (5, 6), (12, 3))
+    fresh: Schedule = ((8, 8), (16, 4))
+    full: Schedule = ((6, 6), (30, 3))
+    thorough: Schedule = ((4, 24), (8, 12), (30, 6))
+    enough: float = 0.05
+    hopeless: float = 15.0
+    taken: int = 2
+    crossings: int = 4
+    across: Schedule = ((6, 6), (30, 3))
+    many: int = 150
+    every: int = 4
+    rough: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,11 +223,11 @@ def thinned(experiment: Experiment, every: int) -> Experiment:
     return replace(experiment, groups=tuple(part(g) for g in experiment.groups))
 
 
-def coarse(problem: Problem) -> Problem:
-    """It with a quarter of its readings, roughly simulated; one with few readings as it is."""
-    if problem.observed.size < MANY:
+def subsampled(problem: Problem, settings: FitSettings) -> Problem:
+    """It with some of its readings, roughly simulated; one with few readings as it is."""
+    if problem.observed.size < settings.many:
         return problem
-    return replace(problem, experiment=thinned(problem.experiment, _THIN), tolerance=_ROUGH)
+    return replace(problem, experiment=thinned(problem.experiment, settings.every), tolerance=settings.rough)
 
 
 def fit(
@@ -222,7 +239,7 @@ def fit(
     draws: int = 256,
     most: int = 12,
     fresh: bool = True,
-    full: Schedule = _FULL,
+    settings: FitSettings | None = None,
 ) -> Candidate:
     """Fit a model from the optima of smaller ones and from draws of the prior.
 
@@ -230,7 +247,7 @@ def fit(
     ----------
     problem : Problem
     nested : sequence of Candidate
-        Models within this one, on the same readings. Without any, `extra`, `fresh` and `full` say nothing.
+        Models within this one, on the same readings. Without any, `extra` and `fresh` say nothing.
     seed : int
     extra : (n, n_dim) array, optional
         More starts.
@@ -239,8 +256,7 @@ def fit(
         nested in it has no others.
     fresh : bool
         Whether climbs begin at draws of the prior by themselves, too, and not only crossed with what is known.
-    full : tuple of (int, int)
-        Iterations of the climbs on all readings, and how many of the highest go on after each.
+    settings : FitSettings, optional
 
     Returns
     -------
@@ -248,36 +264,37 @@ def fit(
         The problem's own optimum is never below that of a nested model by more than a strength off its neutral value
         costs.
     """
-    trial = coarse(problem)
+    s = settings or FitSettings()
+    trial = subsampled(problem, s)
     if not nested:
         # One climb on each hill goes on: six on the highest would lose a second that holds half of the posterior.
         starts, n_drawn = starts_of(trial, seed, most, draws)
-        end = ascend(problem, starts, schedule=_THOROUGH, unite=True)
-        return settle(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
+        end = ascend(problem, starts, schedule=s.thorough, unite=True)
+        return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
     rows = [r for c in nested for r in c.widened(problem, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
     known = np.vstack(rows)
     crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
-    races: list[tuple[FloatArray, Schedule]] = [(np.vstack([known, crossed]), _TRIAL)]
+    races: list[tuple[FloatArray, Schedule]] = [(np.vstack([known, crossed]), s.trial)]
     if fresh:
         # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
         begun, n_fresh = starts_of(trial, seed, most, draws)
-        races.append((begun, _FRESH))
+        races.append((begun, s.fresh))
         n_drawn += n_fresh
     # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
     # best go on. (They hold the smaller models' optima: no climb ends below those.)
     there = problem.log_posterior(known)
-    trials = [ascend(trial, starts, schedule=schedule, still_below=ENOUGH, unite=True) for starts, schedule in races]
+    trials = [ascend(trial, starts, schedule=schedule, still_below=s.enough, unite=True) for starts, schedule in races]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
-    best_known = known[np.argsort(-there, kind="stable")[:_TAKEN]]
-    hopeful = height > height.max() - _HOPELESS
+    best_known = known[np.argsort(-there, kind="stable")[: s.taken]]
+    hopeful = height > height.max() - s.hopeless
     counts = np.concatenate([np.concatenate([t.starts for t in trials])[hopeful], np.ones(len(best_known), np.intp)])
     tried = np.vstack([tried[hopeful], best_known])
-    end = ascend(problem, tried, schedule=full, still_below=ENOUGH, unite=True, counts=counts)
+    end = ascend(problem, tried, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
     effort = sum((t.effort for t in trials), Effort(len(best_known), 0, n_drawn + len(known) + end.effort.n_sets))
-    return settle(problem, replace(_across_steps(problem, end), effort=effort))
+    return candidate_of(problem, replace(_across_steps(problem, end, s), effort=effort))
 
 
 def built_up(
@@ -311,12 +328,12 @@ def built_up(
 
 def refitted(problem: Problem, like: Candidate) -> Candidate:
     """The same model on fewer groups, climbed from where it was."""
-    return settle(problem, ascend(problem, like.widened(problem)[0][:1], still_below=ENOUGH))
+    return candidate_of(problem, ascend(problem, like.widened(problem)[0][:1], still_below=FitSettings.enough))
 
 
-def _across_steps(problem: Problem, end: Ascent) -> Ascent:
+def _across_steps(problem: Problem, end: Ascent, s: FitSettings) -> Ascent:
     """Go on where a parameter has no slope: what acts by thresholds is better a step away, or not, but never uphill."""
-    for _ in range(_CROSSINGS):
+    for _ in range(s.crossings):
         here, height = end.predicted[end.best], float(end.height[end.best])
         rows = _steps_away(problem, end.u[end.best], here)
         found = problem.predict(rows) if len(rows) else np.empty((0, here.size))
@@ -325,29 +342,32 @@ def _across_steps(problem: Problem, end: Ascent) -> Ascent:
         steps = {here.tobytes(): -1}
         for k in np.argsort(-value, kind="stable"):
             steps.setdefault(found[k].tobytes(), int(k))
-        starts = [k for k in list(steps.values())[1 : 1 + _TAKEN] if value[k] > height - _HOPELESS]
+        starts = [k for k in list(steps.values())[1 : 1 + s.taken] if value[k] > height - s.hopeless]
         if not starts:
             break
-        moved = ascend(problem, rows[starts], schedule=_FULL, still_below=ENOUGH, unite=True).uncounted
+        moved = ascend(problem, rows[starts], schedule=s.across, still_below=s.enough, unite=True).uncounted
         end = end.joined(moved)
-        if moved.height.max() < height + ENOUGH:
+        if moved.height.max() < height + s.enough:
             break
     return end
 
 
 def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
     """Each parameter without a slope moved to either side, by halves of its prior's width; (n, n_dim)."""
+    halves = 2.0 ** -np.arange(2, 12)
     slope = slopes(problem, u[None], predicted[None])[0]
     rows = [np.empty((0, u.size))]
     for k in np.flatnonzero(~slope.any(axis=1)):
         width = np.ptp(problem.parameters[k].prior_quantile(np.array([0.05, 0.95])))
-        moved = np.repeat(u[None], 2 * _HALVES.size, axis=0)
-        moved[:, k] = np.clip(u[k] + width * np.concatenate([-_HALVES, _HALVES]), *problem.bounds[k])
+        moved = np.repeat(u[None], 2 * halves.size, axis=0)
+        moved[:, k] = np.clip(u[k] + width * np.concatenate([-halves, halves]), *problem.bounds[k])
         rows.append(moved)
     return np.vstack(rows)
 
 
-def settle(problem: Problem, end: Ascent, before: Effort | None = None) -> Candidate:
+def candidate_of(
+    problem: Problem, end: Ascent, before: Effort | None = None, *, forgotten: float = 12.0, same: float = 0.1
+) -> Candidate:
     """Turn the ends of climbs into a candidate; `ConvergenceError` where no posterior there is finite.
 
     Parameters
@@ -356,16 +376,20 @@ def settle(problem: Problem, end: Ascent, before: Effort | None = None) -> Candi
     end : Ascent
     before : Effort, optional
         What went before the climbs.
+    forgotten : float, nats
+        Modes this far below the best are left out.
+    same : float
+        Two are one where all coordinates of the model agree to this.
     """
     if not np.isfinite(end.height).any():
         raise ConvergenceError("search for a finite posterior", reached=0, required=1)
     order = np.argsort(-end.height, kind="stable")
     modes: dict[int, int] = {}  # and the starts that ended there
     for k in order:
-        same = [m for m in modes if np.abs(end.u[k] - end.u[m])[: problem.n_physical].max() < _SAME]
-        if same:
-            modes[same[0]] += int(end.starts[k])
-        elif end.height[k] > end.height[order[0]] - _FORGOTTEN:
+        known = [m for m in modes if np.abs(end.u[k] - end.u[m])[: problem.n_physical].max() < same]
+        if known:
+            modes[known[0]] += int(end.starts[k])
+        elif end.height[k] > end.height[order[0]] - forgotten:
             modes[int(k)] = int(end.starts[k])
     rows = list(modes)
     u, predicted = end.u[rows], end.predicted[rows]
@@ -380,7 +404,7 @@ def settle(problem: Problem, end: Ascent, before: Effort | None = None) -> Candi
     )  # fmt: skip
 
 
-def settle_at(
+def candidate_at(
     problem: Problem, modes: FloatArray, starts: NDArray[np.intp] | None = None, effort: Effort | None = None
 ) -> Candidate:
     """A candidate with these optima, as they stand.
@@ -396,40 +420,55 @@ def settle_at(
     """
     predicted, starts = problem.predict(modes), np.zeros(len(modes), np.intp) if starts is None else starts
     height = heights(problem, modes, predicted, problem.observed)
-    return settle(problem, Ascent(modes, height, predicted, starts, effort or Effort()))
+    return candidate_of(problem, Ascent(modes, height, predicted, starts, effort or Effort()))
 
 
 def united(first: Candidate, second: Candidate) -> Candidate:
     """The modes of two fits of the same model."""
     modes, starts = np.vstack([first.modes, second.modes]), np.concatenate([first.starts, second.starts])
-    return settle_at(first.problem, modes, starts, first.effort + second.effort)
+    return candidate_at(first.problem, modes, starts, first.effort + second.effort)
 
 
 def principal(candidate: Candidate) -> Candidate:
     """The same without modes that hold a negligible part of the posterior: drawn from, they would hide the others."""
     kept = _weighty(candidate)
-    return settle_at(candidate.problem, candidate.modes[kept], candidate.starts[kept], candidate.effort)
+    return candidate_at(candidate.problem, candidate.modes[kept], candidate.starts[kept], candidate.effort)
 
 
-def _weighty(candidate: Candidate) -> NDArray[np.intp]:
+def _weighty(candidate: Candidate, minor: float = 5.0) -> NDArray[np.intp]:
+    """Modes that have at most `minor` nats less of the posterior than the greatest.
+
+    A high and narrow one may have less than one that is seven nats lower.
+    """
     mass = candidate.heights - 0.5 * np.linalg.slogdet(within_bounds(candidate.problem, candidate.curvature))[1]
-    return np.flatnonzero(mass > mass.max() - _MINOR)
+    return np.flatnonzero(mass > mass.max() - minor)
 
 
-def hills(candidate: Candidate) -> list[int]:
-    """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well."""
+def separate_modes(candidate: Candidate, *, apart: float = 4.0, valley: float = 2.0, points: int = 7) -> list[int]:
+    """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    apart : float
+        Standard deviations of either mode by which they lie apart.
+    valley : float, nats
+        Depth to which the straight way between them leads: else they are on one ridge.
+    points : int
+        At which that way is looked at.
+    """
     problem = candidate.problem
     curvature = within_bounds(problem, candidate.curvature)
-    leaders = [0]
+    leaders, steps = [0], np.arange(1, points + 1)[:, None] / (points + 1)
     for k in _weighty(candidate):
         away = candidate.modes[k] - candidate.modes[leaders]
         own = np.sum((away @ curvature[k]) * away, axis=1)
         theirs = np.einsum("mi,mij,mj->m", away, curvature[leaders], away)
-        if min(own.min(), theirs.min()) < _APART**2:
+        if min(own.min(), theirs.min()) < apart**2:
             continue
-        way = np.vstack([candidate.modes[m] + _WAY * (candidate.modes[k] - candidate.modes[m]) for m in leaders])
+        way = np.vstack([candidate.modes[m] + steps * (candidate.modes[k] - candidate.modes[m]) for m in leaders])
         lowest = problem.log_posterior(way).reshape(len(leaders), -1).min(axis=1)
-        if (lowest < candidate.heights[k] - _VALLEY).all():
+        if (lowest < candidate.heights[k] - valley).all():
             leaders.append(int(k))
     return leaders
 

@@ -24,7 +24,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.ascent import heights
-from psafit.inference.candidate import Candidate, hills, settle_at
+from psafit.inference.candidate import Candidate, candidate_at, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
 from psafit.physics import baseline
 
@@ -33,27 +33,61 @@ TRUSTED = 0.7
 
 # Draws below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
 _FEW, _DOUBTS = 30.0, (2.0, 5.0)
-# Draws a round, rounds at least (the first emulators may not know all of a bent posterior yet) and at most, effective
-# draws wanted; and the same for the emulated posterior.
-_ROUND, _LEAST, ROUNDS, EFFECTIVE = 256, 4, 12, 150.0
-# Draws after which none will lie within the bounds, and those made at a time.
-_PATIENCE, _BLOCK = 1 << 18, 1 << 13
-_ROUND_EMULATED, _EFFECTIVE_EMULATED, _ROUNDS_EMULATED = 2048, 800.0, 10
-# Share of the draws that do not come from the emulated posterior, for its tails may be too light. (A quarter of a power
-# of two is one, as quasi-random draws want.)
-_CAUTION = 0.25
-# Draws that inform an emulator most lie this many nats per dimension below the best. What its coefficients of each
-# degree, in the whitened coordinate and in units of the scatter, may differ by from what was known; and draws wanted
-# for each of them in degrees above two.
-_NEAR, _FREEDOM, _DRAWS_PER_COEFFICIENT = 1.5, np.array([10.0, 3.0, 1.0, 0.3, 0.1]), 5
-# Places at which each parameter of a cause is looked at over its prior, nats below the mode within which it has company
-# there, and what lies so many widths away that the curvature says nothing of it.
-_PLACES, _COMPANY, _AWAY = 32, 4.0, 4.0
-# An emulator is not believed much further out than its better draws: nats that are lost at twice that distance.
-_BEYOND, _DISTRUST = 1.2, 20.0
-
 Region = Callable[[FloatArray], NDArray[np.bool_]]
 """Which rows of coordinates lie in it."""
+
+
+@dataclass(frozen=True)
+class RoundSettings:
+    """How rounds of importance sampling go on.
+
+    Parameters
+    ----------
+    draws : int
+        Of a round.
+    least, most : int
+        Rounds: at least, for the first proposals may not know all of a bent posterior yet, and at most.
+    effective : float
+        Effective draws at which it is enough.
+    """
+
+    draws: int = 256
+    least: int = 4
+    most: int = 12
+    effective: float = 150.0
+
+
+@dataclass(frozen=True)
+class EmulatorSettings:
+    """How an emulated posterior is made, and how far it is believed.
+
+    Parameters
+    ----------
+    rounds : RoundSettings
+        By which it is sampled.
+    caution : float
+        Share of the draws that do not come from it, for its tails may be too light. (A quarter of a power of two is
+        one, as quasi-random draws want.)
+    near : float, nats
+        Draws that inform it most lie this many per dimension below the best.
+    freedom : tuple of float
+        What its coefficients of each degree, in the whitened coordinate and in units of the scatter, may differ by
+        from what was known.
+    draws_per_coefficient : float
+        Draws wanted for each of them in degrees above two.
+    beyond : float
+        It is not believed further out than so many times its better draws.
+    distrust : float, nats
+        Lost at twice that distance.
+    """
+
+    rounds: RoundSettings = RoundSettings(draws=2048, most=10, effective=800.0)
+    caution: float = 0.25
+    near: float = 1.5
+    freedom: tuple[float, ...] = (10.0, 3.0, 1.0, 0.3, 0.1)
+    draws_per_coefficient: float = 5.0
+    beyond: float = 1.2
+    distrust: float = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +166,9 @@ def systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.in
     return np.minimum(np.searchsorted(np.cumsum(weights), positions), len(weights) - 1)
 
 
-def weigh(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: float = EFFECTIVE) -> Weighed:
+def weigh(
+    candidate: Candidate, *, seed: int, rounds: int = RoundSettings.most, effective: float = RoundSettings.effective
+) -> Weighed:
     """Evidence and posterior of a fitted model.
 
     Hills of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
@@ -147,22 +183,22 @@ def weigh(candidate: Candidate, *, seed: int, rounds: int = ROUNDS, effective: f
     effective : float
         Effective draws at which it is enough.
     """
-    random = np.random.default_rng([seed, 5])
-    parts, nearest = hills_of(candidate)
+    random, how = np.random.default_rng([seed, 5]), RoundSettings(most=rounds, effective=effective)
+    parts, nearest = separated(candidate)
     pools = [
-        _importance(on_plateaus(hill), random, rounds, effective, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
+        _importance(on_plateaus(hill), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
         for k, hill in enumerate(parts)
     ]
     return Pool.together(pools).weighed()
 
 
-def hills_of(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
+def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
     """The model on each of its hills, and which of them is nearest to rows of coordinates.
 
     Nearest is the one whose density is the highest. Whatever these regions are worth, they leave out nothing and count
     nothing twice.
     """
-    leaders = hills(candidate)
+    leaders = separate_modes(candidate)
     if len(leaders) == 1:
         return [candidate], lambda u: np.zeros(len(u), np.intp)
     known = laplace_mixture(candidate)
@@ -172,14 +208,13 @@ def hills_of(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArra
 
     own = nearest(candidate.modes)
     own[leaders] = np.arange(len(leaders))
-    return [settle_at(candidate.problem, candidate.modes[own == k]) for k in range(len(leaders))], nearest
+    return [candidate_at(candidate.problem, candidate.modes[own == k]) for k in range(len(leaders))], nearest
 
 
 def _importance(
     candidate: Candidate,
     random: np.random.Generator,
-    rounds: int,
-    effective: float,
+    rounds: RoundSettings,
     region: Region,
 ) -> tuple[Pool, FloatArray]:
     """Simulated draws with their weights, and their launch ranges; what lies outside the region weighs nothing."""
@@ -195,33 +230,43 @@ def _importance(
         return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
 
     first = laplace_mixture(candidate)
-    pool = _sample(height, problem.bounds, first, next_one, random, _ROUND, rounds, effective)
+    pool = _sample(height, problem.bounds, first, next_one, random, rounds)
     return pool, np.concatenate(simulated)
 
 
-def on_plateaus(candidate: Candidate) -> Candidate:
+def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0, away: float = 4.0) -> Candidate:
     """The same with its best mode in the middle of where a parameter may lie, if that is wider than its curvature says.
 
     What acts by thresholds changes nothing between two of them. A climb ends anywhere there, often at an edge, and
     draws around that place shrink to the few that are right.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    places : int
+        At which each parameter of a cause is looked at over its prior.
+    company : float, nats
+        Below the mode, within which it has company there.
+    away : float
+        Of what lies so many widths away the curvature says nothing.
     """
     problem = candidate.problem
     for k in range(len(baseline.PARAMETERS), problem.n_physical):
         mode, curvature = candidate.modes[0], candidate.curvature[0]
-        place = problem.parameters[k].prior_quantile((np.arange(_PLACES) + 0.5) / _PLACES)
-        rows = np.repeat(mode[None], _PLACES, axis=0)
+        place = problem.parameters[k].prior_quantile((np.arange(places) + 0.5) / places)
+        rows = np.repeat(mode[None], places, axis=0)
         rows[:, k] = place
         found = problem.predict(rows)
         height = heights(problem, rows, found, problem.observed)
-        company = height > candidate.heights[0] - _COMPANY
+        near = height > candidate.heights[0] - company
         if candidate.slope[k].any():
-            company &= np.abs(place - mode[k]) > _AWAY / math.sqrt(max(curvature[k, k], 1e-300))
-        if not company.any():
+            near &= np.abs(place - mode[k]) > away / math.sqrt(max(curvature[k, k], 1e-300))
+        if not near.any():
             continue
         step = np.gradient(place)
-        mass = np.where(company, np.exp(height - candidate.heights[0]) * step, 0.0)
+        mass = np.where(near, np.exp(height - candidate.heights[0]) * step, 0.0)
         mass /= mass.sum()
-        middle = int(np.argmin(np.where(company, np.abs(place - mass @ place), np.inf)))
+        middle = int(np.argmin(np.where(near, np.abs(place - mass @ place), np.inf)))
         spread = float(mass @ ((place - place[middle]) ** 2 + step**2 / 12))
         apart, slope = curvature.copy(), candidate.slope.copy()
         apart[k], apart[:, k], slope[k] = 0.0, 0.0, 0.0
@@ -304,36 +349,42 @@ def _sample(
     first: _Density,
     adapted: Callable[[Pool, _Density], _Density],
     random: np.random.Generator,
-    n_round: int,
-    rounds: int,
-    effective: float,
+    how: RoundSettings,
 ) -> Pool:
     """Rounds of draws, each from what those before suggest; weights by the mixture of all."""
     proposals, rounds_of = [first], []  # and how many rounds' draws each of them has given
     u, h, n = np.empty((0, len(bounds))), np.empty(0), 0
     density = np.empty((0, 0))  # of every draw under every proposal
     while True:
-        draws, drawn = _drawn_inside(proposals[-1], bounds, n_round, random)
+        draws, drawn = _drawn_inside(proposals[-1], bounds, how.draws, random)
         n += drawn
-        rounds_of.append(drawn / n_round)
+        rounds_of.append(drawn / how.draws)
         density = np.vstack([density, proposals[-1].log_density(u)[None]]) if len(u) else np.empty((len(proposals), 0))
         density = np.hstack([density, [p.log_density(draws) for p in proposals]])
         u, h = np.concatenate([u, draws]), np.concatenate([h, height(draws)])
         share = np.array(rounds_of)[:, None]
         pool = Pool(u, h, h - logsumexp(density, axis=0, b=share) + math.log(share.sum()), n)
-        if len(proposals) == rounds or (len(proposals) >= _LEAST and pool.effective > effective):
+        if len(proposals) == how.most or (len(proposals) >= how.least and pool.effective > how.effective):
             return pool
         proposals.append(adapted(pool, proposals[-1]))
 
 
-def _drawn_inside(density: _Density, bounds: FloatArray, n: int, random: np.random.Generator) -> tuple[FloatArray, int]:
+def _drawn_inside(
+    density: _Density,
+    bounds: FloatArray,
+    n: int,
+    random: np.random.Generator,
+    patience: int = 1 << 18,
+    block: int = 1 << 13,
+) -> tuple[FloatArray, int]:
     """Draws inside the bounds, some at least, and how many were drawn for them.
 
-    Of a mode in a corner, at the bounds of ten parameters, hardly one draw in a thousand is.
+    Of a mode in a corner, at the bounds of ten parameters, hardly one draw in a thousand is. They are made a `block` at
+    a time, and given up after `patience`.
     """
     found, drawn = np.empty((0, len(bounds))), 0
-    while len(found) < 2 * len(bounds) and drawn < _PATIENCE:
-        draws = density.draw(max(n, min(drawn, _BLOCK)), random)  # as many again: they want powers of two
+    while len(found) < 2 * len(bounds) and drawn < patience:
+        draws = density.draw(max(n, min(drawn, block)), random)  # as many again: they want powers of two
         drawn += len(draws)
         inside = ((draws >= bounds[:, 0]) & (draws <= bounds[:, 1])).all(axis=1)
         found = np.concatenate([found, draws[inside]])
@@ -355,12 +406,12 @@ def laplace_mixture(candidate: Candidate) -> StudentMixture:
     )
 
 
-def _powers(n: int, n_draws: int) -> list[tuple[int, ...]]:
+def _powers(n: int, n_draws: int, how: EmulatorSettings) -> list[tuple[int, ...]]:
     """Monomials in so many variables, as the indices of their factors, of the highest degree that the draws allow."""
     found: list[tuple[int, ...]] = []
-    for degree in range(len(_FREEDOM)):
+    for degree in range(len(how.freedom)):
         more = list(itertools.combinations_with_replacement(range(n), degree))
-        if degree > 2 and _DRAWS_PER_COEFFICIENT * (len(found) + len(more)) > n_draws:
+        if degree > 2 and how.draws_per_coefficient * (len(found) + len(more)) > n_draws:
             break
         found += more
     return found
@@ -384,7 +435,9 @@ class Emulated:
         simulated: FloatArray,
         before: StudentMixture,
         random: np.random.Generator,
+        settings: EmulatorSettings | None = None,
     ) -> None:
+        self._how = how = settings or EmulatorSettings()
         problem = candidate.problem
         self._problem = problem
         k = problem.n_model
@@ -396,7 +449,7 @@ class Emulated:
         here = self._scaled(candidate.predicted)
         slope = candidate.slope / np.hypot(self._absolute, self._relative * candidate.predicted)
         unwhiten = np.linalg.inv(self._whiten)
-        self._powers = _powers(k, len(pool.u))
+        self._powers = _powers(k, len(pool.u), how)
         column = {p: i for i, p in enumerate(self._powers)}
         self._products = [(column[p[:-1]], p[-1]) for p in self._powers[1:]]
         start = np.zeros((len(self._powers), here.size))
@@ -404,14 +457,14 @@ class Emulated:
         start[0] = here + (self._mean[:k] - mode) @ slope
         # Far from the posterior nothing need be right.
         usable = np.isfinite(pool.height)
-        depth = (pool.height[usable].max() - pool.height[usable]) / (_NEAR * problem.n_dim)
+        depth = (pool.height[usable].max() - pool.height[usable]) / (how.near * problem.n_dim)
         weight = 1 / (1 + depth**2)
         # ... and one draw that is far above all others is no width: then what the mixture has stands for one.
-        self._reach = max(_BEYOND * float(self._distance(pool.u[usable, :k])[depth < 1].max()), 1.0)
+        self._reach = max(how.beyond * float(self._distance(pool.u[usable, :k])[depth < 1].max()), 1.0)
         features = np.vstack([self._features(pool.u[usable, :k]), self._features(mode[None])])
         target = np.vstack([self._scaled(simulated[usable]), here]) - features @ start
         root = np.sqrt(np.append(weight, 1.0))[:, None]
-        scale = _FREEDOM[[len(p) for p in self._powers]]
+        scale = np.array(how.freedom)[[len(p) for p in self._powers]]
         # Ridge: each coefficient may differ from what was known by about `scale`, each draw from the polynomial by a
         # tenth of the scatter.
         a = np.vstack([root * features * scale, 0.1 * np.eye(scale.size)])
@@ -424,9 +477,7 @@ class Emulated:
         def wider(found: Pool, last: _Density) -> _Density:
             return last.mixture.around(found.u, found.weights, width)
 
-        self._pool = _sample(
-            self.height, problem.bounds, first, wider, random, _ROUND_EMULATED, _ROUNDS_EMULATED, _EFFECTIVE_EMULATED
-        )
+        self._pool = _sample(self.height, problem.bounds, first, wider, random, how.rounds)
         self.mixture = first.around(self._pool.u, self._pool.weights, width).stretched(k, width)
 
     @property
@@ -436,14 +487,14 @@ class Emulated:
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:
         """Draws, some of them from a mixture of Student densities instead."""
-        careful = round(_CAUTION * n)
+        careful = round(self._how.caution * n)
         chosen = systematic(self._pool.weights, n - careful, random.uniform())
         return np.concatenate([self._pool.u[chosen], self.mixture.draw(careful, random)])
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of such draws."""
-        own = math.log1p(-_CAUTION) + self.height(u) - self.log_evidence
-        return np.logaddexp(own, math.log(_CAUTION) + self.mixture.log_density(u))
+        own = math.log1p(-self._how.caution) + self.height(u) - self.log_evidence
+        return np.logaddexp(own, math.log(self._how.caution) + self.mixture.log_density(u))
 
     def _scaled(self, ranges: FloatArray) -> FloatArray:
         return np.asarray(np.arcsinh(ranges * (self._relative / self._absolute)) / self._relative)
@@ -470,4 +521,4 @@ class Emulated:
             ranges = np.sinh(np.clip(scaled * self._relative, -30, 30)) * (self._absolute / self._relative)
             result[part] = heights(self._problem, u[part], np.maximum(ranges, 0.0), self._problem.observed)
         far = np.maximum(self._distance(u[:, :k]) / self._reach - 1, 0.0)
-        return result - _DISTRUST * far**2
+        return result - self._how.distrust * far**2

@@ -7,7 +7,7 @@ than climbs and finds one top alone: it comes after them.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -16,21 +16,44 @@ from psafit.arrays import FloatArray
 from psafit.inference.ascent import Ascent, Effort, ascend
 from psafit.inference.problem import Problem
 
-# Causes up to which a population looks: with more it takes up to a minute a model, and none of the study's rose by it.
-_SIMPLE = 2
-# Members, a part of which are draws of the prior; the others lie about what is known, this far from it (a factor of e,
-# or a prior's standard deviation, is one).
-_MEMBERS, _DRAWN, _ABOUT = 60, 30, 0.1
-# Generations at most, and spread of the members' heights (nats) at which the rest is a climb's.
-_GENERATIONS, _GATHERED = 150, 0.5
-# Factor on differences, drawn anew for each generation, and share of coordinates taken from a mutant: much of both,
-# since coordinates that hold each other in place must move together.
-_FACTOR, _CROSSED = (0.3, 0.9), 0.9
-# Height of what cannot be evaluated.
-_NOWHERE = -1e12
+
+@dataclass(frozen=True)
+class EvolutionSettings:
+    """How a population looks.
+
+    Parameters
+    ----------
+    most_causes : int
+        Causes up to which it does: with more it takes up to a minute a model, and none of the study's rose by it.
+    members, drawn : int
+        Members, of which `drawn` are draws of the prior; the others lie about what is known.
+    about : float
+        How far about it: a factor of e, or a prior's standard deviation, is one.
+    generations : int
+        At most.
+    gathered : float, nats
+        Spread of the members' heights at which the rest is a climb's.
+    factor : tuple of float
+        Range of the factor on differences, drawn anew for each generation.
+    crossed : float
+        Share of coordinates taken from a mutant: much, since coordinates that hold each other in place must move
+        together.
+    nowhere : float
+        Height of what cannot be evaluated.
+    """
+
+    most_causes: int = 2
+    members: int = 60
+    drawn: int = 30
+    about: float = 0.1
+    generations: int = 150
+    gathered: float = 0.5
+    factor: tuple[float, float] = (0.3, 0.9)
+    crossed: float = 0.9
+    nowhere: float = -1e12
 
 
-def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
+def evolved(problem: Problem, known: FloatArray, *, seed: int, settings: EvolutionSettings | None = None) -> Ascent:
     """Look for a higher top than climbs have found.
 
     Parameters
@@ -39,24 +62,26 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
     known : (n, n_dim) array
         Optima that climbs have found, in sampling coordinates.
     seed : int
+    settings : EvolutionSettings, optional
 
     Returns
     -------
     Ascent
-        The climb from the best member, no start, the population's sets counted; nothing, of a model with more than two
-        causes.
+        The climb from the best member, no start, the population's sets counted; nothing, of a model with more causes
+        than that.
     """
-    if not len(known) or len(problem.terms) > _SIMPLE:
+    s = settings or EvolutionSettings()
+    if not len(known) or len(problem.terms) > s.most_causes:
         return ascend(problem, np.empty((0, problem.n_dim)))
     rng = np.random.default_rng(seed)
     low, high = problem.bounds.T
-    drawn = problem.prior_transform(rng.uniform(size=(_DRAWN, problem.n_dim)))
-    parents = known[rng.integers(len(known), size=_MEMBERS - _DRAWN)]
-    about = parents + _ABOUT * rng.standard_normal(parents.shape)
+    drawn = problem.prior_transform(rng.uniform(size=(s.drawn, problem.n_dim)))
+    parents = known[rng.integers(len(known), size=s.members - s.drawn)]
+    about = parents + s.about * rng.standard_normal(parents.shape)
 
     def depth(columns: FloatArray) -> FloatArray:
         height = problem.log_posterior(np.clip(columns.T, low, high))
-        return np.asarray(-np.where(np.isfinite(height), height, _NOWHERE))
+        return np.asarray(-np.where(np.isfinite(height), height, s.nowhere))
 
     try:
         found = differential_evolution(
@@ -64,11 +89,11 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
             problem.bounds,
             init=np.clip(np.vstack([drawn, about]), low, high),
             strategy="best1bin",
-            mutation=_FACTOR,
-            recombination=_CROSSED,
-            maxiter=_GENERATIONS,
+            mutation=s.factor,
+            recombination=s.crossed,
+            maxiter=s.generations,
             tol=0.0,
-            atol=_GATHERED,
+            atol=s.gathered,
             updating="deferred",
             vectorized=True,
             polish=False,
@@ -79,4 +104,4 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int) -> Ascent:
             raise
         raise error.__cause__ from None  # SciPy blames itself for what the model has raised
     end = ascend(problem, found.x[None]).uncounted
-    return replace(end, effort=end.effort + Effort(n_sets=_MEMBERS * found.nfev))
+    return replace(end, effort=end.effort + Effort(n_sets=s.members * found.nfev))

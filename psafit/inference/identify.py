@@ -22,17 +22,34 @@ from psafit.records import ProfilePoint
 # Half the 90 % point of chi-square with one degree of freedom (Wilks): the drop of log likelihood at either end of a
 # 90 % interval, hence at a single limit that holds with 95 %.
 DROP_90 = 1.353
-# Beyond this drop a side is closed; a little above DROP_90, so that the limit can be interpolated.
-_CLOSED = 3.0
-# Neighbouring points of a profile differ by no more than this in height, unless it jumps between coordinates this
-# close; and there are at least so many across it.
-_SMOOTH, _JUMP, _ACROSS = 0.35, 5e-3, 12
-# First step, in widths of the likelihood there; curvature of what the data do not tell at all.
-_FIRST, _FLATTEST = 0.7, 0.04
-# Below this contraction of the variance the posterior is the prior with another name.
-_INFORMED = 0.5
-# Points between the bounds, and share of the posterior that would be expected in an end for that to be looked at.
-_FINE, _TELLING = 4001, 0.02
+
+
+@dataclass(frozen=True)
+class ProfileSettings:
+    """How a profile is walked.
+
+    Parameters
+    ----------
+    closed : float, nats
+        Drop beyond which a side is closed; a little above `DROP_90`, so that the limit can be interpolated.
+    smooth : float, nats
+    jump : float
+        Neighbouring points differ by no more than `smooth` in height, unless it jumps between coordinates as close as
+        `jump`.
+    across : int
+        Points across it, at least.
+    first : float
+        First step, in widths of the likelihood there.
+    flattest : float
+        Curvature of what the data do not tell at all.
+    """
+
+    closed: float = 3.0
+    smooth: float = 0.35
+    jump: float = 5e-3
+    across: int = 12
+    first: float = 0.7
+    flattest: float = 0.04
 
 
 class _Likelihood(Problem):
@@ -64,6 +81,7 @@ class _Walk:
 
     index: int
     points: list[tuple[FloatArray, float]]
+    how: ProfileSettings
 
     @property
     def highest(self) -> float:
@@ -73,7 +91,7 @@ class _Walk:
         """Where to go next on one side: along the last step, as far as changes the drop by a part of what closes it."""
         last, before = (self.points[0], self.points[1]) if side < 0 else (self.points[-1], self.points[-2])
         at = last[0][self.index]
-        if self.highest - last[1] > _CLOSED or at in (low, high):
+        if self.highest - last[1] > self.how.closed or at in (low, high):
             return None
         change, step = before[1] - last[1], last[0] - before[0]
         ahead = abs(step[self.index])
@@ -86,15 +104,15 @@ class _Walk:
 
     def gaps(self) -> list[FloatArray]:
         """Midpoints of what lies too far apart."""
-        inside = [float(u[self.index]) for u, height in self.points if height > self.highest - _CLOSED]
-        widest = max((max(inside) - min(inside)) / _ACROSS, _JUMP)
+        inside = [float(u[self.index]) for u, height in self.points if height > self.highest - self.how.closed]
+        widest = max((max(inside) - min(inside)) / self.how.across, self.how.jump)
         return [
             0.5 * (a + b)
             for (a, height), (b, other) in itertools.pairwise(self.points)
-            if max(height, other) > self.highest - _CLOSED
+            if max(height, other) > self.highest - self.how.closed
             and (
                 b[self.index] - a[self.index] > widest
-                or (abs(height - other) > _SMOOTH and b[self.index] - a[self.index] > _JUMP)
+                or (abs(height - other) > self.how.smooth and b[self.index] - a[self.index] > self.how.jump)
             )
         ]
 
@@ -104,6 +122,7 @@ def profiles(
     top: FloatArray,
     progress: Callable[[int, int], None] = lambda done, total: None,
     columns: Sequence[int] | None = None,
+    settings: ProfileSettings | None = None,
 ) -> list[list[ProfilePoint]]:
     """Profile likelihoods, each walked outwards from the top until both sides close or a bound is met.
 
@@ -118,6 +137,7 @@ def profiles(
         Called with (profiles done, profiles).
     columns : sequence of int, optional
         Columns of the parameters; all physical ones by default.
+    settings : ProfileSettings, optional
 
     Returns
     -------
@@ -125,6 +145,7 @@ def profiles(
         One list a column, ascending in the value; `drop` is zero at the highest of its points. All else is found anew
         at every point; the other parameters of causes, and what each session has for itself, weighed by their priors.
     """
+    how = settings or ProfileSettings()
     likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})
     columns = range(problem.n_physical) if columns is None else columns
     low, high = likelihood.bounds.T
@@ -142,14 +163,14 @@ def profiles(
     peak = ascend(likelihood, np.clip(top, low, high))
     slope = slopes(likelihood, peak.u, peak.predicted)
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
-    spread = np.linalg.pinv(curvature[0] + _FLATTEST * np.eye(likelihood.n_dim))
+    spread = np.linalg.pinv(curvature[0] + how.flattest * np.eye(likelihood.n_dim))
     width = np.sqrt(np.maximum(np.diag(spread), 1e-12))
-    walks = [_Walk(k, [(peak.u[0], float(likelihood.height(peak, [k])[0]))]) for k in columns]
+    walks = [_Walk(k, [(peak.u[0], float(likelihood.height(peak, [k])[0]))], how) for k in columns]
     first = []
     for walk in walks:
         k = walk.index
         for side in (-1.0, 1.0):
-            start = np.clip(peak.u[0] + side * _FIRST * width[k] * spread[k] / spread[k, k], low, high)
+            start = np.clip(peak.u[0] + side * how.first * width[k] * spread[k] / spread[k, k], low, high)
             if start[k] != peak.u[0, k]:
                 first.append((walk, start))
     climb(first)
@@ -198,7 +219,16 @@ def verdict(points: list[ProfilePoint]) -> str:
     return _word(lower is not None, upper is not None)
 
 
-def verdict_of_draws(draws: FloatArray, parameter: Parameter, contraction: float) -> str:
+def verdict_of_draws(
+    draws: FloatArray,
+    parameter: Parameter,
+    contraction: float,
+    *,
+    informed: float = 0.5,
+    across: int = 12,
+    points: int = 4001,
+    least: float = 0.02,
+) -> str:
     """The same of what has no profile, from posterior over prior: what the readings say of this parameter alone.
 
     A side is closed where they make its end less probable, by as much as a profile must drop. Neither a bound at which
@@ -211,20 +241,28 @@ def verdict_of_draws(draws: FloatArray, parameter: Parameter, contraction: float
     parameter : Parameter
     contraction : float
         One minus the ratio of posterior to prior variance.
+    informed : float
+        Contraction below which the posterior is the prior with another name.
+    across : int
+        Parts of equal probability in which the posterior is compared with the prior.
+    points : int
+        Between the bounds.
+    least : float
+        Share of the posterior that would be expected in an end for that to be looked at.
     """
-    if contraction < _INFORMED:
+    if contraction < informed:
         return "not determined"
-    edges = np.quantile(draws, np.linspace(0, 1, _ACROSS + 1))
+    edges = np.quantile(draws, np.linspace(0, 1, across + 1))
     prior = np.exp(parameter.log_prior(0.5 * (edges[1:] + edges[:-1])))
-    highest = float(np.max(1 / (_ACROSS * np.maximum(np.diff(edges), 1e-12) * prior)))
+    highest = float(np.max(1 / (across * np.maximum(np.diff(edges), 1e-12) * prior)))
     ends = parameter.sampling_bounds
-    x = np.linspace(ends.lower, ends.upper, _FINE)
+    x = np.linspace(ends.lower, ends.upper, points)
     # Share of the posterior that would lie below each x, and above it, if the readings spoke for that end as for the
     # best.
     below = cumulative_trapezoid(highest * np.exp(parameter.log_prior(x)), x, initial=0)
     closed = []
     for share, inside in ((below, np.less_equal), (below[-1] - below, np.greater_equal)):
-        k = int(np.argmin(np.where(share > _TELLING, share, np.inf)))
+        k = int(np.argmin(np.where(share > least, share, np.inf)))
         closed.append(bool(np.mean(inside(draws, x[k])) < math.exp(-DROP_90) * min(share[k], 1.0)))
     return _word(*closed)
 

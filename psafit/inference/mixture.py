@@ -13,17 +13,25 @@ from scipy.stats import chi2, qmc
 
 from psafit.arrays import FloatArray
 
-# Student densities: degrees of freedom, widening (over the number of dimensions), most in a mixture.
-_TAILS, _WIDER, _MOST = 6.0, 1.8, 8
-
 
 @dataclass(frozen=True, eq=False)
 class StudentMixture:
-    """Student densities: centres (k, d), lower roots of their scale matrices (k, d, d), shares (k,)."""
+    """Student densities.
+
+    Parameters
+    ----------
+    centre : (k, d) array
+    root : (k, d, d) array
+        Lower roots of their scale matrices.
+    share : (k,) array
+    tails : float
+        Degrees of freedom.
+    """
 
     centre: FloatArray
     root: FloatArray
     share: FloatArray
+    tails: float = 6.0
 
     @classmethod
     def of(cls, parts: Sequence[tuple[FloatArray, FloatArray, float]]) -> StudentMixture:
@@ -54,14 +62,14 @@ class StudentMixture:
         d = self.centre.shape[1]
         points = np.clip(qmc.Sobol(d + 2, rng=random).random(n), 1e-9, 1 - 1e-9)
         which = np.minimum(np.searchsorted(np.cumsum(self.share), points[:, 0]), len(self.share) - 1)
-        normal = ndtri(points[:, 2:]) * np.sqrt(_TAILS / chi2.ppf(points[:, 1], _TAILS))[:, None]
+        normal = ndtri(points[:, 2:]) * np.sqrt(self.tails / chi2.ppf(points[:, 1], self.tails))[:, None]
         return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
 
     def scatter(self, n: int, random: np.random.Generator) -> FloatArray:
         """Independent draws."""
         which = random.choice(len(self.share), n, p=self.share)
         normal = random.standard_normal((n, self.centre.shape[1]))
-        normal /= np.sqrt(random.chisquare(_TAILS, (n, 1)) / _TAILS)
+        normal /= np.sqrt(random.chisquare(self.tails, (n, 1)) / self.tails)
         return np.asarray(self.centre[which] + (self.root[which] @ normal[:, :, None])[:, :, 0])
 
     def log_density(self, u: FloatArray) -> FloatArray:
@@ -72,11 +80,11 @@ class StudentMixture:
         """Log of each Student density at the rows of `u`; (k, n)."""
         d = u.shape[1]
         z = self.inverse @ (u.T - self.centre[:, :, None])  # (k, d, n)
-        constant = gammaln((_TAILS + d) / 2) - gammaln(_TAILS / 2) - 0.5 * d * math.log(_TAILS * math.pi)
+        constant = gammaln((self.tails + d) / 2) - gammaln(self.tails / 2) - 0.5 * d * math.log(self.tails * math.pi)
         constant = constant + np.log(np.diagonal(self.inverse, axis1=1, axis2=2)).sum(axis=1)
-        return np.asarray(constant[:, None] - 0.5 * (_TAILS + d) * np.log1p(np.square(z).sum(axis=1) / _TAILS))
+        return np.asarray(constant[:, None] - 0.5 * (self.tails + d) * np.log1p(np.square(z).sum(axis=1) / self.tails))
 
-    def around(self, u: FloatArray, weights: FloatArray, width: FloatArray) -> StudentMixture:
+    def around(self, u: FloatArray, weights: FloatArray, width: FloatArray, most: int = 8) -> StudentMixture:
         """A mixture around weighted draws: all of them, and the heaviest with their neighbours.
 
         Parameters
@@ -86,6 +94,8 @@ class StudentMixture:
             Normalised.
         width : (d,) array
             Of the bounds.
+        most : int
+            Densities in it.
         """
         weights = tempered(weights)
         d = u.shape[1]
@@ -107,7 +117,7 @@ class StudentMixture:
         old = [
             (c, r @ r.T, 0.1 * float(w)) for c, r, w in zip(self.centre, self.root, self.share, strict=True)
         ]  # fmt: skip
-        return StudentMixture.of([*parts, *old][:_MOST])
+        return StudentMixture.of([*parts, *old][:most])
 
     def stretched(self, n: int, width: FloatArray, reach: float = 1 / 6) -> StudentMixture:
         """Half of it, and half its first part drawn out along one of the first `n` coordinates after the other.
@@ -132,9 +142,9 @@ class StudentMixture:
         return StudentMixture.of([*own, *along])
 
 
-def widening(d: int) -> float:
+def widening(d: int, wider: float = 1.8) -> float:
     """Factor on a covariance in `d` dimensions by which a proposal is wider than what it is to cover."""
-    return (1 + _WIDER / d) ** 2
+    return (1 + wider / d) ** 2
 
 
 def tempered(weights: FloatArray) -> FloatArray:

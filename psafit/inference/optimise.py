@@ -23,22 +23,10 @@ from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.physics import baseline
 
-# Difference steps in sampling coordinates of order one: cube root of the simulator's relative error (1e-12).
-_STEP = 1e-4
-# How far apart starts lie (in units of the prior's width).
-_APART = 0.25
-# Quantiles of a strength's prior at which a smaller model's optimum is a start for a larger one.
-_STRENGTHS = (0.05, 0.25, 0.5, 0.75, 0.95)
-# Scatter tried for a prediction: quantiles of each parameter's prior. The last is for a model that misses the readings
-# by far: it may fit best where they are nothing but scatter, and no climb from a small one comes there.
-_SCATTER = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985, 0.99999)
-_TAILS = (0.2, 0.8)
-# What stands for a residual or a height that is not finite: worse than any, and its square still a number.
-_WORST = 1e12
 
-
-def _finite(x: FloatArray) -> FloatArray:
-    return np.nan_to_num(x, nan=_WORST, posinf=_WORST, neginf=-_WORST)
+def _finite(x: FloatArray, worst: float = 1e12) -> FloatArray:
+    """`x`, with `worst` for what is not finite: worse than any, and its square still a number."""
+    return np.nan_to_num(x, nan=worst, posinf=worst, neginf=-worst)
 
 
 def _lmfit_parameters(problem: Problem, u: FloatArray, n: int) -> lmfit.Parameters:
@@ -67,10 +55,15 @@ def _minimize(*arguments: Any, **options: Any) -> lmfit.minimizer.MinimizerResul
         return lmfit.minimize(*arguments, calc_covar=False, **options)
 
 
-def gradient(f: Callable[[FloatArray], FloatArray], u: FloatArray, bounds: FloatArray) -> FloatArray:
-    """Central differences of a batched function at one point, in one batch, one-sided at a bound; (n_dim, ...)."""
+def gradient(
+    f: Callable[[FloatArray], FloatArray], u: FloatArray, bounds: FloatArray, *, by: float = 1e-4
+) -> FloatArray:
+    """Central differences of a batched function at one point, in one batch, one-sided at a bound; (n_dim, ...).
+
+    Coordinates are of order one: steps `by` the cube root of the simulator's relative error (1e-12).
+    """
     u = np.clip(u, bounds[:, 0], bounds[:, 1])
-    steps = _STEP * np.eye(u.size)
+    steps = by * np.eye(u.size)
     above, below = np.minimum(u + steps, bounds[:, 1]), np.maximum(u - steps, bounds[:, 0])
     both = f(np.concatenate([above, below]))
     width = np.diag(above - below).reshape(-1, *[1] * (both.ndim - 1))
@@ -81,20 +74,29 @@ def _inside(problem: Problem, u: FloatArray, margin: float) -> FloatArray:
     return np.clip(u, problem.bounds[:, 0] + margin, problem.bounds[:, 1] - margin)
 
 
-def _scatter(problem: Problem, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _scatter(
+    problem: Problem,
+    predicted: FloatArray,
+    quantiles: Sequence[float] = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985, 0.99999),
+    tails: Sequence[float] = (0.2, 0.8),
+) -> tuple[FloatArray, FloatArray]:
     """Log density of the readings at the best scatter on a grid, its prior included, and that scatter.
 
     Parameters
     ----------
     problem : Problem
     predicted : (n_sets, n_points) array, um
+    quantiles, tails : sequence of float
+        The grid: quantiles of the priors of both widths, and of the degrees of freedom. The last width is for a model
+        that misses the readings by far: it may fit best where they are nothing but scatter, and no climb from a small
+        one comes there.
 
     Returns
     -------
     (n_sets,) array and (n_sets, 3) array of sampling coordinates
     """
     n = problem.n_model
-    grid = np.array(np.meshgrid(_SCATTER, _SCATTER, _TAILS)).reshape(3, -1).T
+    grid = np.array(np.meshgrid(quantiles, quantiles, tails)).reshape(3, -1).T
     u = np.stack([p.prior_quantile(grid[:, i]) for i, p in enumerate(noise.PARAMETERS)], axis=1)
     values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(noise.PARAMETERS)], axis=1)
     prior = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(problem.parameters[n:])], axis=0)
@@ -108,7 +110,7 @@ def _scatter(problem: Problem, predicted: FloatArray) -> tuple[FloatArray, Float
 
 
 def starts_of(
-    problem: Problem, seed: int, n_starts: int, n_draws: int, known: FloatArray | None = None
+    problem: Problem, seed: int, n_starts: int, n_draws: int, known: FloatArray | None = None, *, apart: float = 0.25
 ) -> tuple[FloatArray, int]:
     """Starts: the best of many draws of the prior, no two of them close.
 
@@ -121,6 +123,8 @@ def starts_of(
         Good places in sampling coordinates. In three quarters of the draws each baseline parameter, and each cause
         with all that belongs to it, is with even chances that of one of these: where causes hold each other in place,
         no draw of all of them comes near.
+    apart : float
+        How far apart starts lie, in units of the prior's width, where that yields enough of them.
 
     Returns
     -------
@@ -163,18 +167,23 @@ def starts_of(
         left = np.array([k for pair in zip(left, left[half], strict=True) for k in pair])
     chosen: list[int] = []
     # Far apart first; where that does not yield enough starts, closer.
-    for apart in (_APART, 0.5 * _APART, 0.0):
+    for distance in (apart, 0.5 * apart, 0.0):
         for k in left:
             if len(chosen) == n_starts:
                 break
             if k in chosen or not np.isfinite(height[k]):
                 continue
-            if all(np.abs((draws[k, :n] - draws[c, :n]) / width).max() > apart for c in chosen):
+            if all(np.abs((draws[k, :n] - draws[c, :n]) / width).max() > distance for c in chosen):
                 chosen.append(int(k))
     return draws[chosen], len(draws)
 
 
-def widened(problem: Problem, nested: FloatArray, names: Sequence[str]) -> FloatArray:
+def widened(
+    problem: Problem,
+    nested: FloatArray,
+    names: Sequence[str],
+    strengths: Sequence[float] = (0.05, 0.25, 0.5, 0.75, 0.95),
+) -> FloatArray:
     """A point of a model as points of one with more causes.
 
     Parameters
@@ -185,12 +194,14 @@ def widened(problem: Problem, nested: FloatArray, names: Sequence[str]) -> Float
         Values of the smaller one, in the parameters' units.
     names : sequence of str
         Its parameters.
+    strengths : sequence of float
+        Quantiles of a new strength's prior at which the smaller model's optimum is a start.
 
     Returns
     -------
     (n, n_dim) array
         Sampling coordinates: first with what is new at neutral values, where it has any, else at the prior's median;
-        then with each new strength in turn at quantiles of its prior.
+        then with each new strength in turn at those quantiles.
     """
     known = dict(zip(names, nested, strict=True))
     u = problem.prior_transform(np.full(problem.n_dim, 0.5))
@@ -203,7 +214,7 @@ def widened(problem: Problem, nested: FloatArray, names: Sequence[str]) -> Float
         if term.strength.name not in known:
             i = problem.names.index(term.strength.name)
             own = [problem.names.index(p.name) for p in term.parameters[1:]]
-            for q in _STRENGTHS:
+            for q in strengths:
                 row = u.copy()
                 row[own] = [problem.parameters[j].prior_quantile(0.5) for j in own]
                 row[i] = term.strength.prior_quantile(q)
@@ -211,7 +222,7 @@ def widened(problem: Problem, nested: FloatArray, names: Sequence[str]) -> Float
     return _inside(problem, np.array(rows), 1e-3)
 
 
-def climb(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
+def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
     """Top of the posterior near `start`, all parameters free: (coordinates, height, lmfit's result)."""
 
     def depth(rows: FloatArray) -> FloatArray:
@@ -250,7 +261,7 @@ def report(result: lmfit.minimizer.MinimizerResult, top: FloatArray, covariance:
     Parameters
     ----------
     result : MinimizerResult
-        Of `climb`.
+        Of `polish`.
     top : (n_dim,) array
         Where the climb went on to from where lmfit's part of it ended.
     covariance : (n_dim, n_dim) array

@@ -10,8 +10,8 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import Candidate, fit, principal, settle_at, united
-from psafit.inference.evidence import EFFECTIVE, ROUNDS, Weighed, weigh
+from psafit.inference.candidate import Candidate, candidate_at, fit, principal, united
+from psafit.inference.evidence import RoundSettings, Weighed, weigh
 from psafit.inference.problem import Problem
 
 
@@ -36,8 +36,8 @@ class SampleSettings:
     starts: int = 12
     from_prior: int = 2
     better: float = 0.5
-    rounds: int = ROUNDS
-    effective: float = EFFECTIVE
+    rounds: int = RoundSettings.most
+    effective: float = RoundSettings.effective
 
 
 def sample(
@@ -77,7 +77,7 @@ def sample(
     progress(1, 3, "fit again")
     other = second(problem, known, seed=seed, settings=s)
     progress(2, 3, "importance sampling")
-    return joined(problem, one, other, seed=seed, settings=s)
+    return joined(one, other, seed=seed, settings=s)
 
 
 def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
@@ -91,9 +91,7 @@ def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings:
     return fit(problem, again, seed=seed + 1, draws=settings.draws, most=settings.starts)
 
 
-def joined(
-    problem: Problem, one: Candidate, other: Candidate, *, seed: int, settings: SampleSettings
-) -> tuple[Candidate, Weighed]:
+def joined(one: Candidate, other: Candidate, *, seed: int, settings: SampleSettings) -> tuple[Candidate, Weighed]:
     """Put two looks for modes together, and draw from the posterior; see `sample`."""
     s, found = settings, principal(united(one, other))
     added = min(max(found.laplace_apart - one.laplace_apart, 0.0), math.log(2.0))
@@ -110,4 +108,4 @@ def joined(
 def _climbed(found: Candidate, top: FloatArray) -> Candidate:
     """The same model, climbed on from its modes and from a draw."""
     end = ascend(found.problem, np.vstack([found.modes, top[None]]))
-    return settle_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)
+    return candidate_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)

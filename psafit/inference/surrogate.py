@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from psafit.arrays import FloatArray
 from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Emulated, Pool, hills_of, laplace_mixture, on_plateaus
+from psafit.inference.evidence import Emulated, Pool, laplace_mixture, on_plateaus, separated
 from psafit.inference.mixture import StudentMixture
 
 
@@ -52,7 +52,7 @@ class Surrogate:
     ) -> None:
         self._strides, self._caution, problem = tuple(strides), caution, candidate.problem
         random = np.random.default_rng([seed, 6])
-        hills, self._nearest = hills_of(candidate)
+        hills, self._nearest = separated(candidate)
         of, predicted = self._nearest(draws), problem.predict(draws)
         height = heights(problem, draws, predicted, problem.observed)
         self._parts: dict[int, Emulated] = {}

@@ -22,10 +22,10 @@ from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
 from psafit.workers import processes
 
-__all__ = ["Ids", "Ladder", "SearchSettings", "climb"]
+__all__ = ["Ids", "Ladder", "SearchSettings", "search_models"]
 
 
-def climb(
+def search_models(
     problem: Problem,
     catalogue: Sequence[Term],
     *,

@@ -15,7 +15,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.errors import PsafitError
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import ENOUGH, Candidate, fit, settle_at
+from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit
 from psafit.inference.evidence import Weighed
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import widened
@@ -85,7 +85,7 @@ class ProblemFitter:
         """Fit models from the optima of two that together have all their causes."""
         tasks = list(self._carried(wanted, known))
         found = self._done(tasks)
-        return [_estimated(settle_at(t.problem, a["u"])) for t, a in zip(tasks, found, strict=True)]
+        return [_estimated(candidate_at(t.problem, a["u"])) for t, a in zip(tasks, found, strict=True)]
 
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
         """Optimise models from where a neighbour has its optimum; only those that rise come back."""
@@ -95,7 +95,7 @@ class ProblemFitter:
         for model, end in zip(known, self._done(tasks), strict=True):
             before = model.content.candidate
             if end["height"][0] > max(before.height, model.content.top) + self.settings.better:
-                risen.append(_estimated(settle_at(before.problem, np.vstack([end["u"], before.modes])), model))
+                risen.append(_estimated(candidate_at(before.problem, np.vstack([end["u"], before.modes])), model))
         return risen
 
     def sample(self, model: Known, foreseen: Foreseen[Fitted] | None = None) -> Known:
@@ -111,7 +111,7 @@ class ProblemFitter:
         (kept,) = self._done([self._joined(model, one, other)], self._ahead(ahead))
         modes = kept["modes"]
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
-        draws, found = Weighed(**values), settle_at(problem, modes)
+        draws, found = Weighed(**values), candidate_at(problem, modes)
         top = max(model.content.top, short.height, found.height)
         return Model(short.ids, draws.log_evidence, found.height, True, Fitted(found, draws, top))
 
@@ -266,13 +266,13 @@ def _short(
 ) -> Arrays:
     """Fit a model shortly."""
     s, few = settings, len(problem.terms) <= settings.from_prior
-    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts, "fresh": few, "full": s.short_climbs}
-    return _arrays(fit(problem, parts, seed=seed, extra=extra, **how))
+    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts, "fresh": few}
+    return _arrays(fit(problem, parts, seed=seed, extra=extra, settings=FitSettings(full=s.short_climbs), **how))
 
 
 def _climbed(problem: Problem, starts: FloatArray, schedule: tuple[tuple[int, int], ...]) -> Arrays:
     """Where climbs end."""
-    end = ascend(problem, starts, schedule=schedule, still_below=ENOUGH, unite=True)
+    end = ascend(problem, starts, schedule=schedule, still_below=FitSettings.enough, unite=True)
     return {"u": end.u, "height": end.height}
 
 
@@ -283,7 +283,7 @@ def _look(problem: Problem, which: str, short: Candidate, settings: SearchSettin
 
 def _joined(problem: Problem, one: Candidate, other: Candidate, settings: SearchSettings, seed: int) -> Arrays:
     """Draw from the posterior of a model that was looked at twice."""
-    found, draws = joined(problem, one, other, seed=seed, settings=settings)
+    found, draws = joined(one, other, seed=seed, settings=settings)
     return {"modes": found.modes, **{name: np.asarray(value, float) for name, value in vars(draws).items()}}
 
 

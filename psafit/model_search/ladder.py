@@ -31,10 +31,6 @@ CREDIBLE = 0.95
 """Probability of the reported set."""
 NEGLIGIBLE = 0.01
 """Probability of all sets that were not sampled below which they may be passed over in silence."""
-# Nats of a likelihood that leave as much doubt; a set so much less probable than another is not brought up beside it.
-_FITS_ALIKE, _ABSURD = math.log(CREDIBLE / (1 - CREDIBLE)), 1e-3
-# Draws over which probabilities are averaged.
-_SHAKES = 400
 
 
 def key_of(ids: Sequence[str]) -> str:
@@ -140,19 +136,20 @@ class Ladder:
             held += share[ids]
         return tuple(order[:cut])
 
-    def _fitting_alike(self, named: Ids) -> set[Ids]:
+    def _fitting_alike(self, named: Ids, absurd: float = 1e-3) -> set[Ids]:
         """Fitted sets of no more causes that Akaike's criterion does not put behind a set at odds of 19.
 
-        Its own probability must not make one absurd: a value can be found for almost anything.
+        None is brought up whose own probability is less than that of the set by a factor `absurd`: a value can be found
+        for almost anything.
         """
         own = self.of(named)
 
         def behind(c: Candidate) -> float:
             return own.log_likelihood - c.log_likelihood - (own.problem.n_dim - c.problem.n_dim)
 
-        least = _ABSURD * self.probability[named]
+        least, alike = absurd * self.probability[named], math.log(CREDIBLE / (1 - CREDIBLE))
         rivals = [c for c in self.candidates if c.ids != named and len(c.ids) <= len(named)]
-        return {c.ids for c in rivals if self.probability[c.ids] > least and behind(c) < _FITS_ALIKE}
+        return {c.ids for c in rivals if self.probability[c.ids] > least and behind(c) < alike}
 
     def gain(self, ids: Ids) -> float:
         """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""
@@ -169,14 +166,18 @@ def log_prior(ids: Ids, beliefs: Mapping[str, float]) -> float:
     return sum(math.log(p) if id in ids else math.log1p(-p) for id, p in beliefs.items())
 
 
-def rank(searched: Searched[Fitted], beliefs: Mapping[str, float], settings: SearchSettings) -> Ladder:
-    """Posterior probabilities of the models, what adds nothing visible counted with what it is added to."""
+def rank(
+    searched: Searched[Fitted], beliefs: Mapping[str, float], settings: SearchSettings, *, shakes: int = 400
+) -> Ladder:
+    """Posterior probabilities of the models, what adds nothing visible counted with what it is added to.
+
+    Evidences are known with an error: probabilities are averaged over so many `shakes` by it.
+    """
     value = {ids: searched.models[ids].log_evidence for ids in sorted(searched.models, key=sorted)}
     weighed = {ids: m.content.draws for ids, m in searched.models.items() if m.content.draws is not None}
     mass = {ids: v + log_prior(ids, beliefs) for ids, v in value.items()}
-    # Evidences are known with an error; probabilities are their mean over it.
     doubt = np.array([weighed[ids].doubt if ids in weighed else settings.doubt for ids in mass])
-    shaken = np.array(list(mass.values())) + doubt * np.random.default_rng(0).standard_normal((_SHAKES, len(mass)))
+    shaken = np.array(list(mass.values())) + doubt * np.random.default_rng(0).standard_normal((shakes, len(mass)))
     chances = np.exp(shaken - logsumexp(shaken, axis=1, keepdims=True)).mean(axis=0)
     share = dict(zip(mass, chances.tolist(), strict=True))
     for ids in sorted(share, key=len, reverse=True):

@@ -23,7 +23,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
 from psafit.model_search.settings import SearchSettings
@@ -109,6 +109,114 @@ class Searched(Generic[Content]):
     expanded: frozenset[Ids]
 
 
+def resized(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
+    """Return the sets with one cause more or one less, in the catalogue's order."""
+    more = [{*ids, other} for other in catalogue if other not in ids] if len(ids) < most else []
+    return _ordered([*more, *({*ids} - {less} for less in ids)], catalogue)
+
+
+def exchanged(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
+    """Return the sets with another cause in the place of one, in the catalogue's order."""
+    others = [id for id in catalogue if id not in ids]
+    return _ordered([{*ids} - {less} | {more} for less in ids for more in others], catalogue)
+
+
+def _ordered(sets: Sequence[set[str]], catalogue: Sequence[str]) -> list[Ids]:
+    return [tuple(id for id in catalogue if id in one) for one in sets]
+
+
+@dataclass(frozen=True, eq=False)
+class _Known(Generic[Content]):
+    """What a search knows while it goes on.
+
+    Parameters
+    ----------
+    catalogue : sequence of str
+    fitter : Fitter
+    log_prior : callable
+    settings : SearchSettings
+    models : dict
+        Every model fitted, by its causes.
+    estimates : dict
+        Log evidence of each by its short fit, nats.
+    done : dict
+        How many of the kinds of its neighbours were fitted.
+    kinds : tuple of callable
+        Those of one cause more or less first, then exchanged.
+    """
+
+    catalogue: Sequence[str]
+    fitter: Fitter[Content]
+    log_prior: Callable[[Ids], float]
+    settings: SearchSettings
+    models: dict[Ids, Model[Content]] = field(default_factory=dict)
+    estimates: dict[Ids, float] = field(default_factory=dict)
+    done: dict[Ids, int] = field(default_factory=dict)
+    kinds: tuple[Callable[[Ids, Sequence[str], int], list[Ids]], ...] = (resized, exchanged)
+
+    def _parts(self, model: Model[Content]) -> list[Model[Content]]:
+        subsets = (ids for n in range(len(model.ids)) for ids in itertools.combinations(model.ids, n))
+        return [self.models[ids] for ids in subsets if ids in self.models]
+
+    def evidence(self, model: Model[Content]) -> float:
+        """Log evidence, nats; that of a short fit is corrected by its largest sampled part."""
+        if model.sampled:
+            return model.log_evidence
+        sampled = [m for m in self._parts(model) if m.sampled]
+        known = max(sampled, key=lambda m: (len(m.ids), m.log_evidence), default=None)
+        return model.log_evidence + (known.log_evidence - self.estimates[known.ids] if known else 0.0)
+
+    def value(self, model: Model[Content]) -> float:
+        """Log posterior probability, nats, not normalised."""
+        return self.evidence(model) + self.log_prior(model.ids)
+
+    def shows(self, model: Model[Content], errors: float = 2.0) -> bool:
+        """Whether it exceeds every part of itself, if its estimate falls short by so many standard errors."""
+        slack = 0.0 if model.sampled else errors * self.settings.doubt
+        highest = max(map(self.evidence, self._parts(model)), default=-math.inf)
+        return self.evidence(model) + slack > highest + self.settings.visible
+
+    def complete(self, model: Model[Content]) -> bool:
+        """Whether all of its neighbours were fitted."""
+        return self.done[model.ids] == len(self.kinds)
+
+    def keep(self, found: Sequence[Model[Content]]) -> None:
+        """Keep models that were fitted."""
+        for model in found:
+            self.models[model.ids] = model
+            self.estimates[model.ids] = model.log_evidence
+            self.done[model.ids] = 0
+
+    def expand(self, model: Model[Content]) -> None:
+        """Fit the next kind of a model's neighbours."""
+        neighbours = self.kinds[self.done[model.ids]]
+        self.done[model.ids] += 1
+        wanted = neighbours(model.ids, self.catalogue, self.settings.most_causes)
+        new = [ids for ids in wanted if ids not in self.models]
+        self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
+        if neighbours is exchanged:
+            found = self.fitter.carried(new, self.models)
+            least = max(self.value(m) for m in self.models.values() if self.shows(m)) - 2 * self.settings.window
+            new = [m.ids for m in found if self.value(m) >= least]
+            self.keep(found)
+        self.keep(self.fitter.short(new, self.models))
+
+    def sample(self, best: Model[Content], others: Sequence[Model[Content]]) -> None:
+        """Sample a model; the others are those of which that is foreseen."""
+        later = [m for m in (best, *others) if self.done[m.ids]]
+        sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, self.catalogue, self.settings.most_causes))
+        new = tuple(ids for ids in sets if ids not in self.models)
+        foreseen = Foreseen(tuple(m for m in others if not m.sampled), new, self.models)
+        self.models[best.ids] = sampled = self.fitter.sample(best, foreseen)
+        if sampled.height > best.height + self.settings.better:
+            self.done[best.ids] = 0
+
+    def searched(self) -> Searched[Content]:
+        """What was looked at."""
+        final = {ids: replace(m, log_evidence=self.evidence(m)) for ids, m in self.models.items()}
+        return Searched(final, frozenset(ids for ids, m in self.models.items() if self.complete(m)))
+
+
 def search(
     catalogue: Sequence[str],
     fitter: Fitter[Content],
@@ -137,95 +245,28 @@ def search(
         Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
     settings = settings or SearchSettings()
-    models: dict[Ids, Model[Content]] = {}
-    # How many of the kinds of neighbours of a model were fitted: those of one cause more or less first, then exchanged.
-    kinds = (resized, exchanged)
-    done: dict[Ids, int] = {}
-    passes = functools.cache(passes)
-
-    estimates: dict[Ids, float] = {}
-
-    def parts(model: Model[Content]) -> list[Model[Content]]:
-        subsets = (ids for n in range(len(model.ids)) for ids in itertools.combinations(model.ids, n))
-        return [models[ids] for ids in subsets if ids in models]
-
-    def evidence(model: Model[Content]) -> float:
-        if model.sampled:
-            return model.log_evidence
-        sampled = [m for m in parts(model) if m.sampled]
-        known = max(sampled, key=lambda m: (len(m.ids), m.log_evidence), default=None)
-        return model.log_evidence + (known.log_evidence - estimates[known.ids] if known else 0.0)
-
-    def value(model: Model[Content]) -> float:
-        return evidence(model) + log_prior(model.ids)
-
-    def shows(model: Model[Content], errors: float = 2.0) -> bool:
-        slack = 0.0 if model.sampled else errors * settings.doubt
-        return evidence(model) + slack > max(map(evidence, parts(model)), default=-math.inf) + settings.visible
-
-    def keep(found: Sequence[Model[Content]]) -> None:
-        for model in found:
-            models[model.ids] = model
-            estimates[model.ids] = model.log_evidence
-            done[model.ids] = 0
-
-    keep(fitter.short([()], models))
+    known = _Known(catalogue, fitter, log_prior, settings)
+    models, passes = known.models, functools.cache(passes)
+    known.keep(fitter.short([()], models))
     models[()] = fitter.sample(models[()])
-    keep(fitter.short([ids for ids in dict.fromkeys(starts) if ids], models))
-
-    def expand(model: Model[Content]) -> None:
-        neighbours = kinds[done[model.ids]]
-        done[model.ids] += 1
-        wanted = neighbours(model.ids, catalogue, settings.most_causes)
-        new = [ids for ids in wanted if ids not in models]
-        keep(fitter.again([models[ids] for ids in wanted if ids in models], model))
-        if neighbours is exchanged:
-            found = fitter.carried(new, models)
-            least = max(value(m) for m in models.values() if shows(m)) - 2 * settings.window
-            new = [m.ids for m in found if value(m) >= least]
-            keep(found)
-        keep(fitter.short(new, models))
-
+    known.keep(fitter.short([ids for ids in dict.fromkeys(starts) if ids], models))
     while True:
-        shown = [m for m in models.values() if shows(m)]
-        leader = max(shown, key=value)
-        least = value(leader) - settings.window
-        near = [m for m in shown if value(m) >= least]
-        left = [m for m in near if not m.sampled or done[m.ids] < len(kinds)]
+        shown = [m for m in models.values() if known.shows(m)]
+        leader = max(shown, key=known.value)
+        least = known.value(leader) - settings.window
+        near = [m for m in shown if known.value(m) >= least]
+        left = [m for m in near if not m.sampled or not known.complete(m)]
         if not left:
-            single = [m for m in models.values() if len(m.ids) == 1 and value(m) >= least and not done[m.ids]]
+            single = [m for m in models.values() if len(m.ids) == 1 and known.value(m) >= least]
+            single = [m for m in single if not known.done[m.ids]]
             if leader.ids or not single or passes(leader):
-                final = {ids: replace(m, log_evidence=evidence(m)) for ids, m in models.items()}
-                return Searched(final, frozenset(ids for ids, n in done.items() if n == len(kinds)))
+                return known.searched()
             left = single
-        best, *others = sorted(left, key=lambda m: (m.sampled and done[m.ids], -value(m), m.ids))
+        best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
         name = " + ".join(best.ids) or "the baseline"
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
-        certain = best is leader and shows(best, errors=0.0)
-        if best.sampled or (not done[best.ids] and (certain or best not in near)):
-            expand(best)
-            continue
-        later = [m for m in (best, *others) if done[m.ids]]
-        sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, catalogue, settings.most_causes))
-        foreseen = Foreseen(
-            tuple(m for m in others if not m.sampled), tuple(ids for ids in sets if ids not in models), models
-        )
-        models[best.ids] = sampled = fitter.sample(best, foreseen)
-        if sampled.height > best.height + settings.better:
-            done[best.ids] = 0
-
-
-def resized(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
-    """Return the sets with one cause more or one less, in the catalogue's order."""
-    more = [{*ids, other} for other in catalogue if other not in ids] if len(ids) < most else []
-    return _ordered([*more, *({*ids} - {less} for less in ids)], catalogue)
-
-
-def exchanged(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
-    """Return the sets with another cause in the place of one, in the catalogue's order."""
-    others = [id for id in catalogue if id not in ids]
-    return _ordered([{*ids} - {less} | {more} for less in ids for more in others], catalogue)
-
-
-def _ordered(sets: Sequence[set[str]], catalogue: Sequence[str]) -> list[Ids]:
-    return [tuple(id for id in catalogue if id in one) for one in sets]
+        certain = best is leader and known.shows(best, errors=0.0)
+        if best.sampled or (not known.done[best.ids] and (certain or best not in near)):
+            known.expand(best)
+        else:
+            known.sample(best, others)

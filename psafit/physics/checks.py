@@ -13,6 +13,7 @@ _TABLE_3 = {
 }  # fmt: skip
 _NEUTRAL = {
     "phase": 0.0, "lag": 0.0, "inverse_slew": 0.0, "gap": 0.0, "lean": 0.0, "bond": 0.0, "pull": 1.0, "cycles": 0.0,
+    "grip": 0.0,
     "rub": 0.0,
 }  # fmt: skip
 

@@ -66,9 +66,11 @@ class Setup:
     cycles : array
         Periods of the drive within which the tip may strike a launched ball again, unless the ball has reached the
         apex of its hop before; 0: one contact.
+    grip : array, m/s^2
+        Friction on the ball before the hop, over its mass: against its motion in contact and between strikes; a ball at
+        rest is held by up to as much.
     rub : array, m/s^2
-        Friction of what the ball slides on, over its mass: against its motion in contact, between strikes and in
-        flight; a ball at rest is held by up to as much.
+        The same in the hop.
     """
 
     k_c: FloatArray
@@ -88,6 +90,7 @@ class Setup:
     bond: FloatArray
     pull: FloatArray
     cycles: FloatArray
+    grip: FloatArray
     rub: FloatArray
 
     @classmethod
@@ -152,6 +155,7 @@ class World:
     bond: float = 0.0
     pull: float = 1.0
     cycles: float = 0.0
+    grip: float = 0.0
     rub: float = 0.0
     stroke: Callable[[float], float] = field(init=False)
     memories: list[Memory] = field(default_factory=list)

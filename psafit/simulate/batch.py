@@ -128,7 +128,7 @@ def _needs_steps(rig: Setup) -> NDArray[np.bool_]:
     """Where the motion is not one linear phase from rest to separation."""
     turned = (rig.phase < 0.0) | (rig.phase > 0.5 * np.pi)
     return (
-        (rig.inverse_slew > 0.0) | (rig.gap > 0.0) | (rig.pull != 1.0) | (rig.cycles > 0.0) | (rig.rub > 0.0) | turned
+        (rig.inverse_slew > 0.0) | (rig.gap > 0.0) | (rig.pull != 1.0) | (rig.cycles > 0.0) | (rig.grip > 0.0) | turned
     )
 
 

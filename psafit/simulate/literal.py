@@ -280,7 +280,7 @@ class _Drive:
         self.work = 0.0  # until the launch
         self.command = _Command(point, world.phase)
         self.seat = world.M * world.g * world.lean / world.l
-        self.grip = world.M * world.rub
+        self.grip = world.M * world.grip
         # Held by friction, or sliding this way.
         self.held, self.way = self.grip > 0.0, 0.0
         self.rest = self.highest = 0.0

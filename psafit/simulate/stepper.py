@@ -366,7 +366,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     """
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
-    gap, lean, bond, pull, cycles, rub = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
+    gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
     law_at, law_p, factor_at, _, branch_at, branch_p = calls
     S, T1, T2, U1, U2, G, made, made_linear = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
@@ -379,7 +379,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     for k in range(n_branch):
         mem_z[k], mem_u[k] = 0.0, 0.0
 
-    press, grip = ball * g * lean / length, ball * rub
+    press, grip = ball * g * lean / length, ball * hold
     # Friction holds the ball until a force exceeds its grip; then `load` is what opposes the motion, in its direction.
     stuck, way, opposed = grip > 0.0, 0.0, press
     x1 = v1 = x2 = v2 = w = 0.0
@@ -566,6 +566,9 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             gained = times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball)
             theta, floor = _crossing(v2, gained + v2, 0.0, way, fresh, slip / h, bern, stack)
             if theta < cut:
+                if fresh and level > 0 and _is_noise(bern, DEGREE, theta, _RESOLVED * slip / h + floor):
+                    level = max(level - 3, 0)
+                    continue
                 cut, event = theta, 3
         elif grip > 0.0 and regime != FREE:
             # The force tears it off.

@@ -128,7 +128,7 @@ def test_the_command_checks_a_cause(sensor: Path, tmp_path: Path) -> None:
 def test_what_conditions_can_tell_apart_is_said_and_drawn(
     known_folder: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:  # type: ignore[no-untyped-def]
-    few = terms(["indentation_damping", "hunt_crossley", "swing_drag"])
+    few = terms(["amplifier_lag", "hunt_crossley", "swing_drag"])
     monkeypatch.setattr("psafit.physics.TERMS", few)
     picture, file = tmp_path / "m.png", tmp_path / "m.json"
     assert run(monkeypatch, "plan", known_folder, "--isolability", "--plot", picture, "--json", file) == 0

@@ -23,7 +23,7 @@ from psafit.inference.problem import Problem
 from psafit.inference.run import Silent, load
 from psafit.inference.run import fit as run_fit
 from psafit.inference.samplers.emcee import Settings
-from psafit.model_search import climb
+from psafit.model_search import search_models
 from psafit.physics import TERMS
 
 
@@ -114,7 +114,7 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
     assert stored["misfit"]["search"]["stored"] == (not searches)
     assert set(stored["looked_at"]) == {"fitted", "estimated", "mass_not_looked_at"}
     if searches:
-        plain = climb(Problem(e, e.ids), causes, seed=1)
+        plain = search_models(Problem(e, e.ids), causes, seed=1)
         assert stored["misfit"]["search"]["lead"] == pytest.approx(lead(plain), abs=1e-9)
         assert stored["misfit"]["search"]["lead"] > max(stored["misfit"]["search"]["null"])
         assert stored["misfit"]["search"]["p_value"] == pytest.approx(1 / (1 + searches))

@@ -12,7 +12,7 @@ from truths import FEW, experiment, problem
 from psafit.diagnose.gain import over_groups, split, summarise
 from psafit.diagnose.leftover import Leftover
 from psafit.experiment import fingerprint
-from psafit.model_search import climb
+from psafit.model_search import search_models
 
 
 @pytest.mark.slow
@@ -22,7 +22,7 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     other = replace(e, groups=(e.groups[0], *(replace(g, launch_range_um=g.launch_range_um + 9) for g in e.groups[1:])))
     found = []
     for data in (e, other):
-        ladder = climb(problem(data, ("a",)), FEW, seed=1)
+        ladder = search_models(problem(data, ("a",)), FEW, seed=1)
         found.append(split(ladder, ("b", "c"), 1))
     for one, two in zip(found[0].after, found[1].after, strict=True):
         assert one.median == pytest.approx(two.median)
@@ -40,7 +40,7 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
 
 def test_an_unnamed_discrepancy_widens_and_moves_nothing(monkeypatch):
     """Where a group was not seen; half a unit of the logarithm makes a band about exp(0.8) wide to either side."""
-    ladder = climb(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
+    ladder = search_models(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
     found = []
     for size in (0.0, 0.5):
         monkeypatch.setattr(Leftover, "elsewhere", lambda self, scatter, rng, size=size: np.full(scatter.shape, size))
@@ -59,7 +59,9 @@ def test_a_group_that_cannot_tell_is_in_no_mean(tmp_path):
     still = replace(e.groups[1], amplitude_v=np.zeros(24), launch_range_um=np.full(24, 0.02))
     groups = (e.groups[0], still, e.groups[2])
     e = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
-    result = summarise("strict", e, [split(climb(problem(e, ("a",)), FEW[:1], seed=1), ("b", "c"), 1)], tmp_path, 1)
+    result = summarise(
+        "strict", e, [split(search_models(problem(e, ("a",)), FEW[:1], seed=1), ("b", "c"), 1)], tmp_path, 1
+    )
     b, c = result.groups
     assert (b.silent, c.silent) == ("nothing drives it", "")
     assert (result.log_rmse_before, result.log_rmse_after) == (c.log_rmse_before, c.log_rmse_after)

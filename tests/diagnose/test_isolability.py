@@ -13,7 +13,7 @@ from psafit.physics import terms
 from psafit.simulate import Design
 from psafit.simulate.sensitivity import RIGS
 
-FEW = terms(["stroke_tolerance", "swing_drag", "amplifier_lag"])
+FEW = terms(["amplifier_lag", "hunt_crossley", "indentation_damping"])
 
 
 @pytest.fixture(scope="module")
@@ -23,11 +23,11 @@ def found():
     return isolability("a rig", e.constants, e.groups, limits, FEW, settings=IsolabilitySettings(readings=(4,)))
 
 
-def test_what_only_scales_the_ranges_looks_alike(found):
+def test_dampings_of_one_contact_look_alike(found):
     nats = np.array(found.nats)
     assert found.causes == [t.id for t in FEW] and np.diag(nats) == pytest.approx(0.0)
-    scale, drag, lag = range(3)
-    assert max(nats[scale, drag], nats[drag, scale]) < 3.0 < nats[lag, scale]
+    lag, hunt_crossley, indentation = range(3)
+    assert max(nats[hunt_crossley, indentation], nats[indentation, hunt_crossley]) < 3.0 < nats[lag, indentation]
     assert all(nats[i, j] <= found.seen[i] + 1e-9 for i in range(3) for j in range(3))
 
 
@@ -47,9 +47,9 @@ def test_nats_are_half_the_least_squares_that_the_rival_leaves():
     e, settings = experiment(), IsolabilitySettings(imitating=(0.5,))
     raw = _Effects.at(Design.of(e.constants, e.groups), np.array(RIGS["damped"]), FEW, settings)
     made = raw.rows["amplifier_lag", 0.5][0]
-    columns = np.vstack([raw.slopes, raw.rows["swing_drag", 0.5]]).T
+    columns = np.vstack([raw.slopes, raw.rows["indentation_damping", 0.5]]).T
     left = made - columns @ np.linalg.lstsq(columns, made, rcond=None)[0]
-    told = raw.refitted().against(["amplifier_lag"], ["swing_drag"], settings)
+    told = raw.refitted().against(["amplifier_lag"], ["indentation_damping"], settings)
     assert told == pytest.approx(0.5 * left @ left, rel=1e-6)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from truths import FEW, TRUTH, experiment, problem
 
 from psafit.diagnose.room import room
-from psafit.model_search import Ladder, climb
+from psafit.model_search import Ladder, search_models
 from psafit.physics import terms
 from psafit.simulate import MICRO, Design, simulate
 
@@ -14,7 +14,7 @@ LAG, FRICTION = (next(t for t in FEW if t.id == id) for id in ("amplifier_lag", 
 
 
 def test_sharper_readings_leave_less() -> None:
-    rough, fine = (climb(problem(experiment(relative=r)), FEW, seed=1) for r in (0.04, 0.01))
+    rough, fine = (search_models(problem(experiment(relative=r)), FEW, seed=1) for r in (0.04, 0.01))
     assert rough.leader.ids == fine.leader.ids == ()
     left = [room(ladder, (), FRICTION, seed=1) for ladder in (rough, fine)]
     assert all(x is not None for x in left)

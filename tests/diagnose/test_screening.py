@@ -10,7 +10,7 @@ from truths import FEW, experiment, problem
 
 from psafit.diagnose.screening import PRESENT, VISIBLE, _luck, _unclear, _with_neutral, screen
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import fit, settle
+from psafit.inference.candidate import candidate_of, fit
 from psafit.physics import terms
 
 
@@ -27,7 +27,7 @@ def test_what_a_fit_has_left_to_climb_is_no_causes_merit(sound):
     short[0, 0] += 0.1
     end = ascend(sound.problem, short, schedule=((0, 1),))
     assert end.height[0] < sound.height - 50
-    onward = screen(settle(sound.problem, end), FEW)
+    onward = screen(candidate_of(sound.problem, end), FEW)
     for there, here in zip(onward, screen(sound, FEW), strict=True):
         assert there.log_bayes == pytest.approx(here.log_bayes, abs=0.7)
 

@@ -14,7 +14,7 @@ from psafit.diagnose.record import NEAREST, UNSEEN
 from psafit.diagnose.screening import VISIBLE, screen
 from psafit.diagnose.told import _cause, _word, misfit_of
 from psafit.inference.sample import sample
-from psafit.model_search import climb
+from psafit.model_search import search_models
 from psafit.parameters import Belief, Normal
 from psafit.physics import terms
 
@@ -45,7 +45,7 @@ def test_values_that_nobody_expects_are_flagged():
     for beliefs, flagged in (((), []), ((told,), ["amplifier_lag_tau"])):
         one = problem(replace(e, beliefs=beliefs))
         lag = replace(one, terms=terms(["amplifier_lag"])).terms
-        ladder = climb(one, lag, seed=1)
+        ladder = search_models(one, lag, seed=1)
         cause = _cause(ladder, verdict, ladder.of(("amplifier_lag",)))
         assert cause.implausible == flagged
     widths = cause.evidence.prior_width
@@ -58,7 +58,7 @@ def test_values_that_nobody_expects_are_flagged():
 def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):
     """And that heavy tails take them up, where they do."""
     e = experiment(spoil=narrow)
-    ladder = climb(problem(e), FEW, seed=1)
+    ladder = search_models(problem(e), FEW, seed=1)
     before = examine(ladder.baseline, FEW, seed=1, n_simulated=99)
     misfit = misfit_of(before, None, leftover(ladder.baseline), ladder.baseline, ladder.leader)
     hz = e.group("a").frequency_hz[9]

@@ -12,7 +12,7 @@ from psafit.diagnose.leftover import leftover
 from psafit.diagnose.misfit import ALPHA, examine
 from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
-from psafit.model_search import climb
+from psafit.model_search import search_models
 
 
 def test_verdicts(hidden, sound):
@@ -75,6 +75,6 @@ def test_verdicts(hidden, sound):
     doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
     # Nothing hidden.
-    plain = climb(sound.problem, FEW, seed=1)
+    plain = search_models(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)
     assert conclude(plain, quiet, None, leftover(sound), leftover(sound)).verdict == "adequate"

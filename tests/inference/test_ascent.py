@@ -10,7 +10,7 @@ import pytest
 
 from psafit.experiment import read_experiment
 from psafit.inference.ascent import ascend, ascend_linearly, expansion, heights, slopes
-from psafit.inference.optimise import climb, starts_of
+from psafit.inference.optimise import polish, starts_of
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -84,7 +84,7 @@ def test_heights_are_the_log_posterior_and_minus_infinity_outside(problem):
 def test_many_climbs_end_where_a_trusted_optimiser_does(problem):
     starts, _ = starts_of(problem, 3, 12, 512)
     end = ascend(problem, starts)
-    _, trusted, _ = climb(problem, end.u[end.best])
+    _, trusted, _ = polish(problem, end.u[end.best])
     assert end.height[end.best] == pytest.approx(trusted, abs=0.05)
     assert end.height.max() == pytest.approx(-201.72, abs=0.05)
 

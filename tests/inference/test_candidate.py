@@ -13,7 +13,16 @@ from truths import FEW, TRUTH, experiment, problem
 from psafit.challenge.hide import make
 from psafit.experiment import read_experiment
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import Candidate, _across_steps, built_up, fit, hills, settle_at, thinned
+from psafit.inference.candidate import (
+    Candidate,
+    FitSettings,
+    _across_steps,
+    built_up,
+    candidate_at,
+    fit,
+    separate_modes,
+    thinned,
+)
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -31,7 +40,7 @@ def test_what_acts_by_steps_is_found_a_step_away():
     away[0, whole.names.index("repeat_cycles")] = 1.3
     stuck = ascend(whole, away)
     assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.height[0] < best.height[0] - 10
-    assert _across_steps(whole, stuck).height.max() > best.height[0] - 1
+    assert _across_steps(whole, stuck, FitSettings()).height.max() > best.height[0] - 1
 
 
 @pytest.mark.slow
@@ -49,7 +58,7 @@ def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
 
 @pytest.mark.slow
 def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
-    one = settle_at(hidden.leader.problem, hidden.leader.modes[:1])
+    one = candidate_at(hidden.leader.problem, hidden.leader.modes[:1])
     assert one.laplace_apart == pytest.approx(one.laplace)
     width = 1 / np.sqrt(one.curvature[0, 0, 0])
     for steps, counted in ((0.0, 1.0), (0.3, 1.0), (30.0, 2.0)):
@@ -84,7 +93,7 @@ def test_hills_lie_apart_by_their_own_widths(width, expected):
     tops = Candidate(
         problem, modes, problem.log_posterior(modes), nothing, nothing, curvature, nothing, nothing, (0, 0, 0)
     )
-    assert hills(tops) == expected
+    assert separate_modes(tops) == expected
 
 
 def test_a_fit_without_fresh_starts_holds_what_is_within_it():

@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from psafit.errors import InputError
 from psafit.experiment import Experiment
 from psafit.inference import run as running
-from psafit.inference.candidate import settle_at
+from psafit.inference.candidate import candidate_at
 from psafit.inference.mixture import StudentMixture
 from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, sample
@@ -87,7 +87,7 @@ def test_sampler_draws_the_posterior_it_is_given(problem: Problem, finished: run
     """Importance weights of a Laplace approximation reproduce emcee's means."""
     top = problem.to_sampling(np.array([finished.fit.minima[0].values[n] for n in problem.names]))
     rng = np.random.default_rng(3)
-    root = np.linalg.cholesky(1.5 * settle_at(problem, top[None]).covariance[0])
+    root = np.linalg.cholesky(1.5 * candidate_at(problem, top[None]).covariance[0])
     z = rng.standard_t(5, (40_000, problem.n_dim))
     u = top + z @ root.T
     log_weight = problem.log_posterior(u) - stats.t(5).logpdf(z).sum(axis=1)

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from psafit.inference.nested import nested_evidence
 from scipy.special import logsumexp
 from truths import experiment, problem, rig_with_two_hills
 
 from psafit.errors import ConvergenceError
-from psafit.inference.ascent import Ascent
-from psafit.inference.candidate import fit, hills, settle, settle_at
-from psafit.inference.evidence import Emulated, _drawn_inside, _laplace_mixture, _Mixture, _Pool, _sample, weigh
+from psafit.inference.ascent import Ascent, Effort
+from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
+from psafit.inference.evidence import Emulated, Pool, RoundSettings, _drawn_inside, _sample, laplace_mixture, weigh
+from psafit.inference.mixture import StudentMixture
+from psafit.inference.samplers.nautilus import nested_evidence
 from psafit.physics import terms
 
 
@@ -47,7 +48,9 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     scale = one.parameters[k].scale
     u = fitted.modes[:1].copy()
     u[0, k] = place / scale
-    found = weigh(settle(one, Ascent(u, one.log_posterior(u), one.predict(u), 0)), seed=1)
+    found = weigh(
+        candidate_of(one, Ascent(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
+    )
     # Of the other parameters all places above agree, so that a line tells the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)
     line[:, k] = np.linspace(0, 10, 501) / scale
@@ -71,10 +74,10 @@ def test_evidence_is_that_of_a_nested_sampler(sound):
 @pytest.mark.filterwarnings("error")
 def test_one_draw_far_above_all_others_is_no_width(sound):
     """A first round that misses a narrow posterior but once: the emulator must still say something of other places."""
-    mixture, random = _laplace_mixture(sound), np.random.default_rng(0)
+    mixture, random = laplace_mixture(sound), np.random.default_rng(0)
     u = np.vstack([sound.modes[:1], mixture.draw(256, random).clip(*sound.problem.bounds.T)])
     height = np.where(np.arange(len(u)) == 0, 0.0, -1e6)
-    found = Emulated(sound, _Pool(u, height, height, len(u)), sound.problem.predict(u), mixture, random)
+    found = Emulated(sound, Pool(u, height, height, len(u)), sound.problem.predict(u), mixture, random)
     draws = found.draw(64, random)
     assert np.isfinite(found.log_density(draws)).sum() > 32
     assert np.ptp(draws, axis=0).min() > 0
@@ -84,16 +87,16 @@ def test_evidence_of_a_corner():
     """A mode at the bounds of eight parameters: of draws around it one in three hundred lies inside."""
     rate = np.linspace(2, 5, 8)
     bounds, width = np.repeat([[0.0, 1.0]], rate.size, axis=0), np.ones(rate.size)
-    first = _Mixture.of([(np.zeros(rate.size), 0.3**2 * np.eye(rate.size), 1.0)])
+    first = StudentMixture.of([(np.zeros(rate.size), 0.3**2 * np.eye(rate.size), 1.0)])
 
     def height(u):
         return np.sum(np.log(rate) - rate * u, axis=1)
 
     def adapted(found, last):
-        return last.mixture.around(found, width)
+        return last.mixture.around(found.u, found.weights, width)
 
     assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
-    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), 256, 12, 1e9).weighed()
+    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)).weighed()
     assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
     assert found.effective > 60
     with pytest.raises(ConvergenceError, match="within the bounds"):
@@ -112,8 +115,8 @@ def test_hills_weigh_what_each_weighs_alone():
     """Seven nats lower and far wider, the second hill holds most of the posterior."""
     rig, _ = rig_with_two_hills(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
-    leaders = hills(found)
-    alone = [weigh(settle_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
+    leaders = separate_modes(found)
+    alone = [weigh(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
     assert found.heights[leaders[1]] < found.height - 5 and alone[1] > alone[0] + 1
     assert weigh(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
 
@@ -130,14 +133,30 @@ def test_hills_weigh_what_the_nested_sampler_finds():
 def test_what_the_readings_hardly_tell_of_is_as_wide_as_its_bounds():
     """A slope of almost nothing is less than rounding beside the others', and must not become a width of nothing."""
     one = replace(problem(experiment(n=8)), terms=terms(["separation_height"]))
-    fitted = settle_at(one, one.prior_transform(np.full((1, one.n_dim), 0.5)))
+    fitted = candidate_at(one, one.prior_transform(np.full((1, one.n_dim), 0.5)))
     k = one.names.index("separation_weight")
     curvature = fitted.curvature.copy()
     curvature[0, k], curvature[0, :, k] = 0.0, 0.0
     curvature[0, k, k] = 1e-16 * curvature.max()
-    first = _laplace_mixture(replace(fitted, curvature=curvature))
+    first = laplace_mixture(replace(fitted, curvature=curvature))
     spread = np.sqrt(np.diagonal(first.root[0] @ first.root[0].T))
     assert spread[k] > 0.25 * np.ptp(one.bounds[k])
+
+
+def test_a_stretched_density_reaches_far_along_each_coordinate():
+    """What goes along with a coordinate does so still; what is beside that stays as narrow as it was."""
+    covariance = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 0.01]])
+    width = np.array([36.0, 36.0, 12.0])
+    one = StudentMixture.of([(np.zeros(3), covariance, 1.0)])
+    found = one.stretched(2, width)
+    assert found.share == pytest.approx([0.5, 0.25, 0.25])
+    assert found.root[0] == pytest.approx(one.root[0])
+    for j, root in enumerate(found.root[1:]):
+        longer = root @ root.T
+        assert math.sqrt(longer[j, j]) == pytest.approx(6.0)
+        assert longer[1 - j, j] / longer[j, j] == pytest.approx(0.8)
+        assert longer[1 - j, 1 - j] - longer[1 - j, j] ** 2 / longer[j, j] == pytest.approx(0.36)
+        assert longer[2, 2] == pytest.approx(0.01)
 
 
 def test_prior_width_survives_draws_of_hardly_any_weight():

@@ -12,8 +12,8 @@ from rigs import TRUTH, measure, rig
 
 from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment, read_experiment
-from psafit.inference.candidate import Candidate, fit, settle_at
-from psafit.inference.optimise import climb, gradient, report
+from psafit.inference.candidate import Candidate, candidate_at, fit
+from psafit.inference.optimise import gradient, polish, report
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -36,9 +36,9 @@ def test_lmfit_polishes_what_was_found(problem: Problem) -> None:
     """From a little beside the top it climbs back; the report is of the best wherever its own part has ended."""
     best = found(problem)
     start = best.modes[0] + 0.05
-    _, height, result = climb(problem, start)
+    _, height, result = polish(problem, start)
     assert height == pytest.approx(best.height, abs=0.01) and result.nfev > 0
-    there = settle_at(problem, start[None])
+    there = candidate_at(problem, start[None])
     table = re.findall(r"(\w+): +(\S+) \+/- (\S+)", report(result, start, there.covariance[0]))
     told = {name: (float(x), float(s)) for name, x, s in table}
     for i, name in enumerate(problem.names):
@@ -50,7 +50,7 @@ def test_lmfit_polishes_what_was_found(problem: Problem) -> None:
 def test_a_search_begins_where_it_is_told_to(problem: Problem) -> None:
     """Beyond the bounds, at them."""
     best = found(problem, most=12)
-    near = settle_at(problem, np.clip(np.stack([best.modes[0] + 0.3, problem.bounds[:, 1]]), *problem.bounds.T))
+    near = candidate_at(problem, np.clip(np.stack([best.modes[0] + 0.3, problem.bounds[:, 1]]), *problem.bounds.T))
     again = fit(problem, [near], seed=5, draws=64, most=2, fresh=False)
     assert again.values == pytest.approx(best.values, rel=0.02)
 
@@ -68,7 +68,7 @@ def test_a_flat_top_makes_no_noise() -> None:
     """One amplitude sweep leaves a sheet of equal fits, on which lmfit's own error estimates are not finite."""
     psa = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
     best = found(Problem(psa, (3,)), most=6)
-    assert climb(best.problem, best.modes[0])[1] > best.height - 0.01  # a warning would be an error
+    assert polish(best.problem, best.modes[0])[1] > best.height - 0.01  # a warning would be an error
 
 
 @pytest.mark.slow

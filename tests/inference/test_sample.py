@@ -12,7 +12,7 @@ from truths import experiment, problem, rig_with_two_hills
 from psafit.experiment import read_experiment
 from psafit.inference import noise
 from psafit.inference.ascent import ascend
-from psafit.inference.candidate import fit, hills, settle_at
+from psafit.inference.candidate import candidate_at, fit, separate_modes
 from psafit.inference.evidence import weigh
 from psafit.inference.problem import Problem
 from psafit.inference.sample import sample
@@ -37,11 +37,11 @@ def test_a_second_hill_of_the_baseline_is_not_lost(seed):
     rig, truth = rig_with_two_hills(seed)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     assert np.abs(found.modes[:, 1] - truth[1]).min() < 1.5
-    apart = found.modes[hills(found)]
+    apart = found.modes[separate_modes(found)]
     assert len(apart) > 1
     for k in range(len(apart)):
-        alone = settle_at(rig, apart[[k]])
-        assert hills(alone) == [0]
+        alone = candidate_at(rig, apart[[k]])
+        assert separate_modes(alone) == [0]
         again = sample(rig, [alone], seed=1)[0]
         assert np.abs(again.modes[:, :3] - truth[:3]).max(axis=1).min() < 1.5
         assert sample(rig, [alone], seed=1)[0].modes.tobytes() == again.modes.tobytes()

@@ -15,7 +15,7 @@ from psafit import watch
 from psafit.errors import InputError
 from psafit.experiment import Experiment
 from psafit.inference import identify, samplers
-from psafit.inference.candidate import settle_at
+from psafit.inference.candidate import candidate_at
 from psafit.inference.problem import Problem
 from psafit.inference.run import fit, load
 from psafit.inference.sample import SampleSettings, sample
@@ -138,7 +138,7 @@ def test_a_chain_and_draws_that_miss_a_part_are_told_apart(known: Experiment, tm
     assert same.furthest.apart <= 2 * same.by_chance
     from psafit.inference.run import _compared
 
-    found = settle_at(run.problem, run.problem.to_sampling(np.array([list(run.fit.minima[0].values.values())])))
+    found = candidate_at(run.problem, run.problem.to_sampling(np.array([list(run.fit.minima[0].values.values())])))
     _, whole = sample(run.problem, [found], seed=3, settings=FEW)
     half = whole.draws[:, 0] < whole.quantiles(whole.draws[:, 0], [0.5])[0]
     lost = replace(whole, draws=whole.draws[half], weights=whole.weights[half] / whole.weights[half].sum())

@@ -17,9 +17,9 @@ from joblib.externals.loky import get_reusable_executor
 from truths import FEW, experiment, problem
 
 from psafit.errors import ConvergenceError, InputError
-from psafit.inference.candidate import settle_at
+from psafit.inference.candidate import candidate_at
 from psafit.inference.memory import Memory
-from psafit.model_search import Ladder, SearchSettings, climb
+from psafit.model_search import Ladder, SearchSettings, search_models
 from psafit.model_search import fitter as fitting
 from psafit.model_search.fitter import Fitted, ProblemFitter
 from psafit.model_search.loop import Foreseen, Model
@@ -41,7 +41,7 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladd
     lag = hidden.of(("amplifier_lag",))
     moved = lag.modes[:1].copy()
     moved[0, 0] += 0.1
-    held = Model(lag.ids, 0.0, lag.height, False, Fitted(settle_at(lag.problem, moved)))
+    held = Model(lag.ids, 0.0, lag.height, False, Fitted(candidate_at(lag.problem, moved)))
     pair = hidden.of(("amplifier_lag", "reading_offset"))
     origin = Model(pair.ids, hidden.log_evidence[pair.ids], pair.height, True, Fitted(pair))
     (risen,) = fitter.again([held], origin)
@@ -79,25 +79,25 @@ def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: L
 
 def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = hidden.baseline.problem
-    first = climb(one, FEW[:1], seed=1, memory=Memory(tmp_path))
+    first = search_models(one, FEW[:1], seed=1, memory=Memory(tmp_path))
     with monkeypatch.context() as patch:
         patch.delattr(fitting, "fit")
         patch.delattr(fitting, "joined")
-        again = climb(one, FEW[:1], seed=1, memory=Memory(tmp_path))
+        again = search_models(one, FEW[:1], seed=1, memory=Memory(tmp_path))
     assert again.log_evidence == first.log_evidence and again.probability == first.probability
 
 
 def test_a_search_of_no_causes_is_refused(hidden: Ladder) -> None:
     with pytest.raises(InputError, match="choose 1 or more"):
-        climb(hidden.baseline.problem, FEW, seed=1, settings=SearchSettings(most_causes=0))
+        search_models(hidden.baseline.problem, FEW, seed=1, settings=SearchSettings(most_causes=0))
 
 
 @pytest.mark.slow
 def test_processes_search_what_one_would(tmp_path: Path) -> None:
     one = problem(experiment(["amplifier_lag"], [4e-5], n=12))
-    alone = climb(one, FEW, seed=1)
+    alone = search_models(one, FEW, seed=1)
     for memory in (Memory(None), Memory(tmp_path)):
-        shared = climb(one, FEW, seed=1, jobs=2, memory=memory)
+        shared = search_models(one, FEW, seed=1, jobs=2, memory=memory)
         assert shared.log_evidence == alone.log_evidence
         assert all(np.array_equal(c.modes, d.modes) for c, d in zip(shared.candidates, alone.candidates, strict=True))
 
@@ -106,7 +106,7 @@ def test_processes_search_what_one_would(tmp_path: Path) -> None:
 def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     for catalogue in (FEW, FEW[::-1]):
-        found = climb(whole, catalogue, seed=1)
+        found = search_models(whole, catalogue, seed=1)
         assert set(found.leader.ids) == set(PAIR) and found.probability[found.leader.ids] > 0.9
 
 
@@ -114,10 +114,10 @@ def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
 def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
     """A model that fewer readings led to is fitted beside the baseline, and its neighbours if it leads."""
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
-    plain = climb(whole, FEW, seed=1)
+    plain = search_models(whole, FEW, seed=1)
     part = replace(plain.leader.problem, group_ids=("a", "b"))
-    known = settle_at(part, plain.leader.modes)
-    begun = climb(whole, FEW, seed=1, starts=[known])
+    known = candidate_at(part, plain.leader.modes)
+    begun = search_models(whole, FEW, seed=1, starts=[known])
     assert () in begun.weighed
     assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
     assert begun.leader.ids == plain.leader.ids == PAIR
@@ -180,14 +180,14 @@ def killing(memory: Memory, pids: Callable[[], Sequence[int]], dead: list[int]) 
 @pytest.mark.slow
 def test_a_search_whose_worker_is_killed_goes_on_with_the_same_command(tmp_path: Path) -> None:
     one, dead = problem(experiment(["amplifier_lag"], [4e-5], n=12)), []  # type: ignore[var-annotated]
-    memory, alone = Memory(tmp_path), climb(one, FEW, seed=1)
+    memory, alone = Memory(tmp_path), search_models(one, FEW, seed=1)
     killer = killing(memory, lambda: list(get_reusable_executor(reuse=True)._processes), dead)
     with pytest.raises(InputError, match=r"ended from outside.*repeat the same command"):
-        climb(one, FEW, seed=1, jobs=2, memory=memory)
+        search_models(one, FEW, seed=1, jobs=2, memory=memory)
     killer.join()
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert dead and len(kept) >= 3
-    again = climb(one, FEW, seed=1, jobs=2, memory=memory)
+    again = search_models(one, FEW, seed=1, jobs=2, memory=memory)
     assert again.log_evidence == alone.log_evidence
     assert {path: path.stat().st_mtime_ns for path in kept} == kept  # nothing that was done is done again
 
@@ -196,11 +196,11 @@ def test_a_search_whose_worker_is_killed_goes_on_with_the_same_command(tmp_path:
 def test_a_cluster_that_loses_a_worker_in_mid_search_finds_what_one_process_finds(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     one, dead = problem(experiment(["amplifier_lag"], [4e-5], n=12)), []  # type: ignore[var-annotated]
-    alone = climb(one, FEW, seed=1)
+    alone = search_models(one, FEW, seed=1)
     memory = Memory(tmp_path)
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         killer = killing(memory, lambda: [w.pid for w in cluster.workers.values()], dead)
-        found = climb(one, FEW, seed=1, scheduler=cluster.scheduler_address, memory=memory)
+        found = search_models(one, FEW, seed=1, scheduler=cluster.scheduler_address, memory=memory)
         killer.join()
     assert dead
     assert found.log_evidence == alone.log_evidence and found.probability == alone.probability

@@ -10,6 +10,7 @@ from numba import get_num_threads, set_num_threads
 
 from psafit.experiment import Constants
 from psafit.physics import TERMS, baseline, terms
+from psafit.physics.term import Setup
 from psafit.simulate import Design, columns, path_of, simulate, stepper
 from psafit.simulate.contract import Draw
 from psafit.simulate.literal import literal_launch
@@ -257,9 +258,20 @@ def test_friction_holds_a_ball_that_is_pushed_too_little() -> None:
     """k_c q V = 0.12 mN against 27 mN: it does not move at all, and with friction enough to a tenth it does."""
     chosen = terms(["sliding_support", "separation_height"])
     low = Design.sweep(RIG, "sine", [100.0, 1000.0], 1e-3)
-    held, free = (simulate(low, [1e6, 1e3, 30.0, a, 1.0], chosen) for a in (1.0, 1e-4))
+    held, free = (simulate(low, [1e6, 1e3, 30.0, a, 1.0, 1.0], chosen) for a in (1.0, 1e-4))
     assert held.launch_range.tolist() == [[0.0, 0.0]] and held.separation_place.tolist() == [[0.0, 0.0]]
     assert (free.launch_range > 0).all()
+
+
+def test_a_ball_that_is_torn_off_slides_on() -> None:
+    """Just torn off it hardly moves: that is no coming to rest, at which the same instant would come again for ever."""
+    rig = Constants(M=0.012, m=0.003, q=8e-8, l=0.15, k_s=3e7, g=9.81)
+    (cause,) = terms(["sliding_support"])
+    theta = np.array([[9.378e5, 1.728e5, 3.746]])
+    design = Design.sweep(rig, "sine", [200.0, 410.0, 4260.0], 10.0)
+    setup = cause.setup(Setup.of(rig, theta), np.array([[4.653, 1.0]]))
+    *_, steps = stepper.separation(design, setup, theta, stepper.Calls())
+    assert (steps < 2000).all()
 
 
 def test_the_first_hop_does_not_depend_on_how_long_the_drive_runs_on() -> None:

@@ -22,12 +22,6 @@ from psafit.inference.evidence import systematic
 from psafit.inference.problem import Problem
 from psafit.inference.sampling import Chain, Progress, SamplerSettings, Target, dealt
 
-# Points that bound the likelihood's shells, points simulated at once, and effective draws at the end. The evidence's
-# error is far below the half nat that matters.
-_LIVE, _BATCH, _EFFECTIVE = 1000, 256, 2000
-# What the logarithm of an impossible likelihood is called: minus infinity would end the sampler.
-_IMPOSSIBLE = -1e30
-
 
 @dataclass(frozen=True)
 class NestedEvidence:
@@ -65,8 +59,8 @@ def nested_evidence(
     problem: Problem,
     *,
     seed: int,
-    n_live: int = _LIVE,
-    effective: float = _EFFECTIVE,
+    n_live: int = 1000,
+    effective: float = 2000,
     progress: Callable[[int], None] = lambda calls: None,
 ) -> NestedEvidence:
     """Evidence of a model by nested sampling.
@@ -76,9 +70,9 @@ def nested_evidence(
     problem : Problem
     seed : int
     n_live : int
-        Live points.
+        Points that bound the likelihood's shells.
     effective : float
-        Effective draws at the end.
+        Effective draws at the end: the evidence's error is far below the half nat that matters.
     progress : callable
         Called with the number of sets simulated so far.
 
@@ -97,9 +91,20 @@ def nested_evidence(
 
 
 def _sampler(
-    problem: Problem, seed: int, n_live: int, progress: Callable[[int], None], path: Path | None = None
+    problem: Problem,
+    seed: int,
+    n_live: int,
+    progress: Callable[[int], None],
+    path: Path | None = None,
+    *,
+    batch: int = 256,
+    impossible: float = -1e30,
 ) -> Any:
-    """Nautilus's sampler of a model, as it was kept at `path`."""
+    """Nautilus's sampler of a model, as it was kept at `path`.
+
+    Sets are simulated a `batch` at once. The logarithm of an impossible likelihood is called `impossible`: minus
+    infinity would end the sampler.
+    """
     calls = 0
 
     def log_likelihood(u: FloatArray) -> FloatArray:
@@ -107,13 +112,13 @@ def _sampler(
         calls += len(u)
         progress(calls)
         value = problem.log_likelihood(u)
-        return np.where(np.isfinite(value), value, _IMPOSSIBLE)
+        return np.where(np.isfinite(value), value, impossible)
 
     def prior(quantiles: FloatArray) -> FloatArray:
         return problem.prior_transform(np.clip(quantiles, 1e-12, 1 - 1e-12))
 
     return require()(
-        prior, log_likelihood, n_dim=problem.n_dim, n_live=n_live, n_batch=_BATCH, vectorized=True, pass_dict=False,
+        prior, log_likelihood, n_dim=problem.n_dim, n_live=n_live, n_batch=batch, vectorized=True, pass_dict=False,
         seed=seed, filepath=path,
     )  # fmt: skip
 
@@ -135,8 +140,8 @@ class Settings(SamplerSettings):
     """
 
     max_steps: int = 2_000_000
-    n_live: int = _LIVE
-    effective_samples: float = _EFFECTIVE
+    n_live: int = 1000
+    effective_samples: float = 2000
     chunk: int = 20_000
     chains: int = 4
 

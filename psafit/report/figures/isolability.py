@@ -22,6 +22,7 @@ def isolability_figure(found: Isolability, *, most: float = 30.0) -> Figure:
     """
     blocks = [id for block in found.blocks for id in block.causes]
     seen = [*blocks, *(id for id in found.causes if id not in blocks and id not in found.unseen)]
+    seen = seen or found.causes  # where none would be seen, all of them show how little they do
     order = [found.causes.index(id) for id in seen]
     nats = np.array(found.nats)[np.ix_(order, order)]
     n, limit = len(order), found.settings.apart

@@ -1,0 +1,67 @@
+"""The pages are written in short sentences and paragraphs, and with the field's words (CONTRIBUTING.md, Prose)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+HISTORY = {"campaign-history.md", "changelog.md", "history.md", "search-history.md"}
+# Made from docstrings and from `--help`; their prose is that of the code.
+GENERATED = {"causes.md", "commands.md"}
+PAGES = [ROOT / "README.md", *(p for p in sorted((ROOT / "docs").rglob("*.md")) if p.name not in HISTORY)]
+AVOIDED = re.compile(
+    r"\b(hills?|climb(s|ed|ing)?|ascend\w*|ladders?|rungs?|leaders?|told|tells?|leftovers?|unnamed|coarse\w*|cliffs?)\b"
+)
+
+
+def prose(text: str) -> str:
+    """The page without blocks, pictures, equations and code."""
+    text = re.sub(r"^( *)```.*?^\1``` *$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"(?<=\n\n)(    .*\n)+|^:::.*(\n    .*)*|!\[[^\]]*\]\([^)]*\)", "", text, flags=re.MULTILINE)
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    return re.sub(r"`[^`]+`|\$[^$\n]+\$", "X", text)
+
+
+def paragraphs(text: str) -> list[str]:
+    """Paragraphs and items of lists; tables and headings are neither."""
+    rows = re.sub(r"^(#|\|).*$", "", prose(text), flags=re.MULTILINE)
+    items = re.sub(r"^ *([-*+]|\d+\.) ", "\n\n", rows, flags=re.MULTILINE)
+    return [" ".join(p.split()) for p in re.split(r"\n\s*\n", items) if p.strip()]
+
+
+def sentences(paragraph: str) -> list[str]:
+    return re.split(r"(?<=[.!?:])[)*_\"”']*\s+", paragraph)
+
+
+def long(pieces: list[str], words: int) -> list[str]:
+    return [p for p in pieces if len(p.split()) > words]
+
+
+def test_sentences_and_paragraphs_are_short() -> None:
+    every = [p for page in PAGES for p in paragraphs(page.read_text("utf-8"))]
+    said = [s for p in every for s in sentences(p)]
+    assert len(said) > 1000
+    assert len(long(said, 40)) <= 0.03 * len(said), long(said, 40)
+    assert len(long(every, 90)) <= 0.05 * len(every), long(every, 90)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if p.name not in GENERATED], ids=lambda p: p.name)
+def test_words_are_those_of_the_field(page: Path) -> None:
+    found = [m[0] for m in AVOIDED.finditer(prose(page.read_text("utf-8")))]
+    assert not found
+
+
+def test_a_long_sentence_is_found() -> None:
+    page = f"# Title\n\n{'word ' * 41}end. Short.\n\n- item\n- {'word ' * 91}\n\n```\n{'code ' * 100}\n```\n"
+    every = paragraphs(page)
+    assert len(every) == 3 and len(long(every, 90)) == 1
+    assert [len(long(sentences(p), 40)) for p in every] == [1, 0, 1]
+
+
+def test_the_readme_fits_on_a_few_screens() -> None:
+    text = (ROOT / "README.md").read_text("utf-8")
+    assert len(text.splitlines()) <= 120
+    assert "make fit GROUP=1" in text[:600] and "make test" in text[:600]
