@@ -35,12 +35,12 @@ from psafit.files import (
     sole,
     write_atomically,
 )
-from psafit.inference import identify, store
-from psafit.inference.candidate import Candidate, built_up, principal, settle_at
+from psafit.inference import identify, noise, store
+from psafit.inference.candidate import Candidate, built_up, candidate_at, principal
 from psafit.inference.evidence import Weighed, weigh
 from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
 from psafit.inference.memory import Memory
-from psafit.inference.optimise import climb, report
+from psafit.inference.optimise import polish, report
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import USUAL, sampler
@@ -292,7 +292,7 @@ class _Work:
         self.watcher.stage("search")
         if asked.known:
             places = problem.to_sampling(np.array([list(at.values()) for at in asked.known]))
-            known = [settle_at(problem, np.clip(places, *problem.bounds.T))]
+            known = [candidate_at(problem, np.clip(places, *problem.bounds.T))]
         elif problem.terms:
             # From scratch, a search among causes that hold each other in place ends on whatever hill is near.
             known = [
@@ -310,10 +310,10 @@ class _Work:
         tops, evaluations = [], 0
         for k, mode in enumerate(found.modes):
             self.watcher.update(k, len(found.modes), "modes polished")
-            top, height, result = climb(problem, mode)
+            top, height, result = polish(problem, mode)
             tops.append((height if math.isfinite(height) else -math.inf, k, top, result))
             evaluations += int(result.nfev) * (1 + 2 * problem.n_dim)
-        polished = settle_at(problem, np.array([top for _, _, top, _ in tops]), found.starts)
+        polished = candidate_at(problem, np.array([top for _, _, top, _ in tops]), found.starts)
         _, _, top, result = max(tops, key=lambda polish: (polish[0], -polish[1]))
         return Fit(
             identity=asked.identity,
@@ -370,10 +370,12 @@ class _Work:
         """Add the mode that the search has missed, and begin the chain anew."""
         problem = self.asked.problem
         self.watcher.stage("climb")
-        top, height, result = climb(problem, chain.highest)
+        top, height, result = polish(problem, chain.highest)
         if not height > chain.height:
             top = chain.highest
-        better = principal(settle_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts])))
+        better = principal(
+            candidate_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts]))
+        )
         # The record comes last: killed before, the same chain is drawn again and finds the same.
         (self.folder / "chain.h5").unlink(missing_ok=True)
         record = replace(
@@ -396,7 +398,7 @@ class _Work:
             chain.log_posterior[:, ::thin],
             self.asked.identity,
         )
-        _keep(folder / "posterior.nc", problem, draws, settings.stored)
+        _keep(folder / "posterior.nc", problem, draws, settings.stored, record.seed)
         self.watcher.stage("profile")
         flat = problem.to_sampling(draws.flat)
         top = flat[np.argmax(draws.log_posterior)]
@@ -407,23 +409,29 @@ class _Work:
         return Run(folder, problem, record, summary, draws)
 
 
-def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int) -> None:
-    """Write `posterior.nc`, with the log likelihood of some of the draws."""
+def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int, seed: int) -> None:
+    """Write `posterior.nc`: with readings and their log likelihood from some of the draws, and as many prior draws."""
+    rng = np.random.default_rng([seed, 37])
     n_chains, n_kept = draws.values.shape[:2]
     flat = problem.to_sampling(draws.flat)
     every = math.ceil(len(flat) * problem.observed.size / stored)
     rows = flat.reshape(n_chains, n_kept, -1)[:, ::every].reshape(-1, problem.n_dim)
-    log_likelihood = np.concatenate(
-        [
-            problem.pointwise_log_likelihood(part).astype(np.float32)
-            for part in np.array_split(rows, math.ceil(len(rows) / 2048))
-        ]
-    )
+    likelihood, readings = [], []
+    for part in np.array_split(rows, math.ceil(len(rows) / 2048)):
+        ranges, scatter, known = problem.predict(part), problem.noise_values(part), problem.known_sigma
+        likelihood.append(noise.log_density(problem.observed, ranges, scatter, known).astype(np.float32))
+        # An instrument does not show ranges below zero.
+        readings.append(np.maximum(noise.draw(ranges, scatter, known, rng), 0.0).astype(np.float32))
+    shape = n_chains, -1, problem.observed.size
+    density = np.stack([p.log_prior(flat[:, i]) for i, p in enumerate(problem.parameters)], axis=-1)
     design = problem.design
     store.write(
         path,
         draws,
-        log_likelihood.reshape(n_chains, -1, problem.observed.size),
+        np.concatenate(likelihood).reshape(shape),
+        np.concatenate(readings).reshape(shape),
+        problem.to_physical(problem.prior_transform(rng.random((n_kept, problem.n_dim)))),
+        density.reshape(draws.values.shape),
         problem.observed,
         {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "square": design.waveform},
     )
@@ -503,7 +511,7 @@ def _entries(found: Candidate) -> list[MinimumEntry]:
 def _found(problem: Problem, record: Fit) -> Candidate:
     """The modes as a record keeps them."""
     values = np.array([[m.values[name] for name in problem.names] for m in record.minima])
-    return settle_at(problem, problem.to_sampling(values), np.array([m.starts for m in record.minima]))
+    return candidate_at(problem, problem.to_sampling(values), np.array([m.starts for m in record.minima]))
 
 
 def _teller(watcher: Watcher, limit: int) -> Callable[[Progress], None]:

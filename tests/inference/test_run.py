@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -24,8 +25,8 @@ from psafit.experiment import Experiment
 from psafit.inference import identify
 from psafit.inference import run as running
 from psafit.inference.ascent import Effort
-from psafit.inference.candidate import settle_at
-from psafit.inference.optimise import climb
+from psafit.inference.candidate import candidate_at
+from psafit.inference.optimise import polish
 from psafit.inference.problem import Problem
 from psafit.inference.run import fit, load
 from psafit.inference.sample import sample
@@ -68,7 +69,7 @@ def test_a_fit_of_causes_begins_where_smaller_models_lead(
     chosen = terms(["gap", "preload", "swing_drag"])
     problem = Problem(known, (1,), chosen)
     modes = problem.prior_transform(np.full((2, 9), 0.5)) + np.array([[0.0], [0.3]])
-    built = settle_at(problem, np.clip(modes, *problem.bounds.T))
+    built = candidate_at(problem, np.clip(modes, *problem.bounds.T))
     monkeypatch.setattr(running, "sample", begun)
     monkeypatch.setattr(running, "built_up", lambda problem, **options: built)
     for n, expected in ((0, r"\[\]"), (3, rf"\[{len(built.modes)}\]")):
@@ -139,16 +140,16 @@ def test_a_minimum_that_the_search_missed_is_added(
     true = sample(problem, seed=1)[0]
     wrong = true.modes[0].copy()
     wrong[:3] += [1.5, -1.0, 1.0]
-    poor = settle_at(problem, wrong[None], np.array([3]), Effort(6, 0, 10))
+    poor = candidate_at(problem, wrong[None], np.array([3]), Effort(6, 0, 10))
     assert poor.height < true.height - 10
     monkeypatch.setattr(running, "sample", lambda *a, **k: (poor, None))
 
     def stuck(problem: Problem, start: np.ndarray) -> Any:
         """Lmfit, which does not get away from where the search has ended."""
-        top, height, result = climb(problem, start)
+        top, height, result = polish(problem, start)
         return (start, poor.height, result) if (start == wrong).all() else (top, height, result)
 
-    monkeypatch.setattr(running, "climb", stuck)
+    monkeypatch.setattr(running, "polish", stuck)
     monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
     arguments: dict[str, Any] = {"seed": 2, "n_starts": 3, "settings": replace(SHORT, max_steps=400)}
     run = running.fit(known, [1], tmp_path / "a", **arguments)
@@ -208,6 +209,27 @@ def test_run_reads_back(finished: running.Run) -> None:
     stored = az.from_netcdf(str(finished.folder / "posterior.nc"))
     assert set(finished.problem.names) <= set(stored["posterior"].data_vars)
     assert stored["log_likelihood"]["launch_range_um"].shape[-1] == finished.problem.observed.size
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # ArviZ doubts so few draws
+def test_what_arviz_computes_runs_on_the_file(finished: running.Run) -> None:
+    """LOO, LOO-PIT and the sensitivity to prior and likelihood; the groups are those of the same draws."""
+    import arviz as az
+
+    stored, problem = az.from_netcdf(str(finished.folder / "posterior.nc")), finished.problem
+    n = problem.observed.size
+    assert {"prior", "posterior_predictive", "log_likelihood", "log_prior", "observed_data"} <= set(stored.groups())
+    assert math.isfinite(az.loo(stored).elpd_loo)
+    pit = az.loo_pit(stored, y="launch_range_um")
+    assert pit.shape == (n,) and 0.2 < pit.mean() < 0.8
+    assert set(az.psens(stored, component="prior").data_vars) == set(problem.names)
+    each = np.stack([stored["log_prior"][name].values for name in problem.names], axis=-1)
+    u = problem.to_sampling(finished.draws.flat)
+    assert each.sum(axis=-1).ravel() == pytest.approx(problem.log_prior(u))
+    prior = np.stack([stored["prior"][name].values[0] for name in problem.names], axis=-1)
+    assert np.isfinite(problem.log_prior(problem.to_sampling(prior))).all()
+    made = stored["posterior_predictive"]["launch_range_um"].values
+    assert made.shape == stored["log_likelihood"]["launch_range_um"].shape and (made >= 0).all()
 
 
 def test_repeating_a_finished_run_changes_nothing(finished: running.Run, known: Experiment) -> None:
