@@ -113,7 +113,8 @@ class ProblemFitter:
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
         draws, found = Weighed(**values), candidate_at(problem, modes)
         top = max(model.content.top, short.height, found.height)
-        return Model(short.ids, draws.log_evidence, found.height, True, Fitted(found, draws, top))
+        off = found.laplace_apart - draws.log_evidence
+        return Model(short.ids, draws.log_evidence, found.height, True, Fitted(found, draws, top), off)
 
     @cached_property
     def _starting(self) -> Iterator[None]:

@@ -49,6 +49,8 @@ class Model(Generic[Content]):
     sampled : bool
     content : object
         The fit, for whoever made it.
+    laplace_off : float, nats
+        Of a sampled model: what Laplace's approximation at the same optima exceeds its evidence by.
     """
 
     ids: Ids
@@ -56,6 +58,7 @@ class Model(Generic[Content]):
     height: float
     sampled: bool
     content: Content
+    laplace_off: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -137,8 +140,6 @@ class _Known(Generic[Content]):
     settings : SearchSettings
     models : dict
         Every model fitted, by its causes.
-    estimates : dict
-        Log evidence of each by its short fit, nats.
     done : dict
         How many of the kinds of its neighbours were fitted.
     kinds : tuple of callable
@@ -150,7 +151,6 @@ class _Known(Generic[Content]):
     log_prior: Callable[[Ids], float]
     settings: SearchSettings
     models: dict[Ids, Model[Content]] = field(default_factory=dict)
-    estimates: dict[Ids, float] = field(default_factory=dict)
     done: dict[Ids, int] = field(default_factory=dict)
     kinds: tuple[Callable[[Ids, Sequence[str], int], list[Ids]], ...] = (resized, exchanged)
 
@@ -164,7 +164,7 @@ class _Known(Generic[Content]):
             return model.log_evidence
         sampled = [m for m in self._parts(model) if m.sampled]
         known = max(sampled, key=lambda m: (len(m.ids), m.log_evidence), default=None)
-        return model.log_evidence + (known.log_evidence - self.estimates[known.ids] if known else 0.0)
+        return model.log_evidence - (known.laplace_off if known else 0.0)
 
     def value(self, model: Model[Content]) -> float:
         """Log posterior probability, nats, not normalised."""
@@ -184,7 +184,6 @@ class _Known(Generic[Content]):
         """Keep models that were fitted."""
         for model in found:
             self.models[model.ids] = model
-            self.estimates[model.ids] = model.log_evidence
             self.done[model.ids] = 0
 
     def expand(self, model: Model[Content]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ class Fake:
 
     def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
         self.sampled.append(model.ids)
-        return Model(model.ids, self.evidence(model.ids), 0.0, True, None)
+        return Model(model.ids, self.evidence(model.ids), 0.0, True, None, self.error(model.ids))
 
 
 def every_set(most: int = len(CATALOGUE)) -> list[Ids]:
@@ -82,6 +83,17 @@ def test_what_a_short_fit_is_off_by_is_not_taken_for_a_cause() -> None:
     found = search(CATALOGUE, fake, flat, starts=[("a",), ("a", "b")])
     assert fake.sampled == [(), ("a",)] and found.expanded == {()}
     assert found.models["a", "b"].log_evidence == pytest.approx(0.0)
+
+
+def test_a_baseline_that_a_short_fit_missed_makes_no_cause_show() -> None:
+    """What the sampled baseline rises by is no error of Laplace's, and its neighbours were fitted from its new top."""
+
+    class Low(Fake):
+        def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
+            return replace(super().sample(model, foreseen), laplace_off=0.0)
+
+    fake = Low(additive({}), error=lambda ids: 0.0 if ids else -100.0)
+    assert search(CATALOGUE, fake, flat).expanded == {()} and fake.sampled == [()]
 
 
 def test_what_shows_perhaps_is_sampled_before_its_neighbours_are_fitted() -> None:
