@@ -301,7 +301,7 @@ class Diagnosed(_Shown):
         A discrepancy without a name that has a share of the probability is the last.
         """
         rows = [
-            [" + ".join(c.terms) or "baseline", c.probability, c.evidence.get("gain"), c.evidence.get("over_baseline")]
+            [" + ".join(c.terms) or "baseline", c.probability, c.evidence.gain, c.evidence.over_baseline]
             for c in self.record.causes
         ]
         if self.record.tells_unnamed:
@@ -328,7 +328,7 @@ class Diagnosed(_Shown):
         """
         found = self._model(model)
         rows = [
-            [name, known(p["median"]), known(p["lower"]), known(p["upper"]), p["unit"], name in found.implausible]
+            [name, p.median, known(p.lower), known(p.upper), p.unit, name in found.implausible]
             for name, p in found.parameters.items()
         ]
         columns = ["parameter", "median", "lower_90", "upper_90", "unit", "implausible"]
@@ -355,7 +355,6 @@ class Diagnosed(_Shown):
 
     def _told(self) -> tuple[str, list[pd.DataFrame]]:
         named = f" ({' + '.join(self.named)})" if self.named else ""
-        restricted = [self.record.restricted] if self.record.left_out else []
         tables = [self.causes]
         if any(set(c.terms) == set(self.named) for c in self.record.causes):
             name, column = " + ".join(self.named) or "baseline", "what the readings say"
@@ -363,17 +362,17 @@ class Diagnosed(_Shown):
             tables.append(
                 pd.DataFrame(rows, columns=[f"parameter of {name}", column]).set_index(f"parameter of {name}")
             )
-        return " ".join([f"{self.verdict}{named}.", *restricted, *self.record.sentences, self.record.searched]), tables
+        return " ".join([f"{self.verdict}{named}.", *self.record.sentences]), tables
 
 
 def _sizes(cause: CauseResult) -> Iterator[tuple[str, str]]:
     """Each parameter of a model, and its value with its interval and unit as the terminal prints it."""
     for name, p in cause.parameters.items():
-        if p["lower"] is None:
-            unit = "" if p["unit"] == "1" else f" {p['unit']}"
-            size = f"{significant(known(p['median']))}{unit} (not sampled)"
+        if p.lower is None or p.upper is None:
+            unit = "" if p.unit == "1" else f" {p.unit}"
+            size = f"{significant(p.median)}{unit} (not sampled)"
         else:
-            size = describe("", p["unit"], p["median"], (p["lower"], p["upper"]), [], "determined").removeprefix(" = ")
+            size = describe("", p.unit, p.median, (p.lower, p.upper), [], "determined").removeprefix(" = ")
         yield name, size + ("; implausible under its prior" if name in cause.implausible else "")
 
 

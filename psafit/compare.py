@@ -197,24 +197,20 @@ def read_side(folder: Path) -> Side:
 
 def _of_diagnosis(folder: Path) -> Side:
     record = read_json(folder / RESULT, Diagnosis, sealed=True, remedy="run psafit diagnose again")
-    adopted = next((c for c in record.causes if c.terms == record.named), None)
     facts = {
         "data": _data(record.title, record.fingerprint),
         "fitted groups": _listed(record.groups),
         "model": _listed(["baseline", *sorted(record.named)], " + "),
-        "simulator": str(record.numerics.get("engine", "")),
+        "simulator": record.numerics.engine,
         "seed": str(record.seed),
         "verdict": record.verdict,
         **{f"version of {name}": version for name, version in record.versions.items()},
         "command": record.command,
     }
     parameters = {
-        name: Estimate(
-            known(p.get("median")), known(p.get("lower")), known(p.get("upper")), str(p.get("unit", "1")),
-            str(p.get("description", "")),
-        )
-        for name, p in (adopted.parameters if adopted else {}).items()
-    }  # fmt: skip
+        name: Estimate(p.median, known(p.lower), known(p.upper), p.unit, p.description)
+        for name, p in (record.leader.parameters if record.leader else {}).items()
+    }
     told = read_predictions(record.table(folder, record.predictions))
     return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, told)
 

@@ -25,6 +25,7 @@ TITLES = {
     "causes": "search the causes, on all groups",
     "tests": "test the baseline and its best extension",
     "next experiment": "look for the measurement that tells most",
+    "isolability": "compare what causes would do",
     "significance": "repeat the search where nothing is hidden",
     "nautilus": "evidence by a nested sampler",
     "strict gain": "strict gain: causes from the training groups alone",

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import types
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,6 +26,14 @@ from psafit.files import digest, encodable, read_bytes, write_atomically
 SCHEMA = 1
 Record = TypeVar("Record")
 _ANEW = "run psafit fit again with another --out"
+
+
+ABSENT = {"absent": True}
+"""Metadata of a field that may be None, and then has no key in the file; a "key" renames it there."""
+
+
+def _key(f: dataclasses.Field[Any]) -> str:
+    return str(f.metadata.get("key", f.name))
 
 
 class Brief:
@@ -451,7 +460,8 @@ class Validation(Brief):
 def plain(value: Any) -> Any:
     """Reduce a record to what JSON holds."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        held = ((f, getattr(value, f.name)) for f in dataclasses.fields(value))
+        return {_key(f): plain(v) for f, v in held if not (v is None and f.metadata.get("absent"))}
     if isinstance(value, Mapping):
         return {encodable(str(k)): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -466,15 +476,21 @@ def plain(value: Any) -> Any:
 
 
 def _restored(kind: Any, value: Any) -> Any:
-    """What was stored as null where a number was not finite, as NaN."""
-    if value is None and kind is float:
-        return math.nan
-    inner = typing.get_args(kind)
-    if isinstance(value, list) and typing.get_origin(kind) is list:
-        return [_restored(inner[0], v) for v in value]
+    """What was stored as null where a number was not finite, as NaN; every value under its field's name."""
+    if value is None:
+        return math.nan if kind is float else None
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (types.UnionType, typing.Union):
+        records = [k for k in inner if dataclasses.is_dataclass(k) or typing.get_origin(k)]
+        return _restored(records[0], value) if records else value
+    if isinstance(value, list) and origin in (list, tuple):
+        each = [inner[0]] * len(value) if origin is list or inner[-1] is Ellipsis else inner
+        return [_restored(k, v) for k, v in zip(each, value, strict=False)]
+    if isinstance(value, dict) and origin is dict:
+        return {k: _restored(inner[1], v) for k, v in value.items()}
     if isinstance(value, dict) and dataclasses.is_dataclass(kind):
         kinds = typing.get_type_hints(kind)
-        return {k: _restored(kinds.get(k), v) for k, v in value.items()}
+        return {f.name: _restored(kinds[f.name], value[_key(f)]) for f in dataclasses.fields(kind) if _key(f) in value}
     return value
 
 
@@ -517,6 +533,8 @@ def read_json(path: Path, kind: type[Record], *, sealed: bool = False, remedy: s
     content = read_content(path, remedy=remedy)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise refused(f"is not a psafit record of schema {SCHEMA}")
+    if sealed and content.get("sha256") != _seal(content):
+        raise refused("was changed after psafit wrote it")
     from pydantic import TypeAdapter, ValidationError  # slow to import, and only readers need it
 
     try:
@@ -524,7 +542,7 @@ def read_json(path: Path, kind: type[Record], *, sealed: bool = False, remedy: s
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise refused(f"does not hold what a {kind.__name__} holds ({place}: {first['msg']})") from error
-    if sealed and content.get("sha256") != _seal(content):
-        raise refused("was changed after psafit wrote it")
+        raise refused(
+            f"does not hold what a {kind.__name__} of this version holds ({place}: {first['msg']})"
+        ) from error
     return record

@@ -57,5 +57,19 @@ def significant(value: float, digits: int = 3, *, per_cent: bool = False) -> str
     return f"{float(number) + 0.0:.{digits}g}"
 
 
+def percent(fraction: float) -> str:
+    """Format a share in whole per cent; never 0 or 100 unless it is.
+
+    >>> percent(0.005), percent(0.925), percent(1.0)
+    ('under 1 %', '93 %', '100 %')
+    """
+    text = fixed(fraction, per_cent=True)
+    if text == "0" and fraction > 0:
+        text = "under 1"
+    elif text == "100" and fraction < 1:
+        text = "over 99"
+    return f"{text} %"
+
+
 def _decimal(value: float, per_cent: bool) -> Decimal:
     return Decimal(repr(float(value))) * (100 if per_cent else 1)

@@ -104,7 +104,7 @@ def test_a_diagnosis_in_a_notebook(diagnosis: tuple[Path, Experiment]) -> None:
     few = Diagnosed(replace(found.record, unnamed=1e-4), experiment, folder)
     assert few.causes.index[-1] == "baseline"
     assert "ambiguous (hysteresis)" in repr(found) and "baseline" in found._repr_html_()
-    assert found.record.searched in " ".join(repr(found).split())
+    assert found.record.sentences[0] in " ".join(repr(found).split())
     ax = Figure().subplots()
     assert found.plot(ax=ax) is ax and found.plot(2, ax=ax) is ax
     assert found.report() == folder / "diagnosis.html"
@@ -125,7 +125,7 @@ def test_parameters_of_a_diagnosis(diagnosis: tuple[Path, Experiment]) -> None:
     assert list(table.columns) == ["median", "lower_90", "upper_90", "unit", "implausible"]
     cause = found.record.causes[0]
     assert list(table.index) == list(cause.parameters) and table["implausible"].sum() == len(cause.implausible) == 1
-    assert table["median"].tolist() == [p["median"] for p in cause.parameters.values()]
+    assert table["median"].tolist() == [p.median for p in cause.parameters.values()]
     for model in ("slew_limit + gap", ["gap", "slew_limit"]):
         assert list(found.parameters_of(model).index) == list(found.record.causes[1].parameters)
     assert found.parameters_of("baseline").equals(found.parameters_of([]))

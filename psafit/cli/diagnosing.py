@@ -147,29 +147,28 @@ def diagnose(
             page = write_diagnosis(result, data, folder)
     if not (quiet or no_report):
         click.echo(f"report: {shown_path(page)}")
-    return DONE if result.numerics["converged"] else CHECK_FAILED
+    return DONE if result.numerics.converged else CHECK_FAILED
 
 
 def _tell(result: Diagnosis) -> None:
     """Print a diagnosis."""
+    from psafit.diagnose.answer import Sizes, answer
+    from psafit.diagnose.words import PLAIN
+
     click.echo(result.headline)
-    if result.left_out:
-        click.echo(f"  {result.restricted}")
-    for sentence in result.sentences:
-        click.echo(f"  {sentence}")
-    for sentence in result.breaks:
-        click.echo(f"  {sentence}")
-    click.echo(f"  {result.searched}")
+    for statement in answer(result):
+        if not isinstance(statement, Sizes):  # they stand in the table
+            click.echo(f"  {statement.say(PLAIN)}")
     unnamed = result.mostly_unnamed
     if unnamed or result.verdict == "unexplained":
         click.echo("  if a model of the catalogue had to do:")
     rows: list[tuple[float, list[str]]] = []
     for cause in result.causes[:5]:
         words = " + ".join(cause.terms) or "no cause"
-        head = f"{words}, log likelihood {fixed(cause.evidence['gain'], 1, sign=True)} nats over the baseline's"
+        head = f"{words}, log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
         told = cause.terms == result.named or cause.terms in result.alternatives
         sizes = _sizes(cause, whole=cause.terms == result.named) if told else ()
-        rows.append((cause.evidence["share"] if unnamed else cause.probability, [head, *sizes]))
+        rows.append((cause.evidence.share if unnamed else cause.probability, [head, *sizes]))
     if not unnamed and result.tells_unnamed:
         rows.append((result.unnamed, ["a discrepancy without a name"]))
     # What is named stands first, whatever its share.
@@ -178,13 +177,13 @@ def _tell(result: Diagnosis) -> None:
         click.echo(f"  {_share(share):>5} %  {head}")
         for line in values:
             click.echo(f"           {line}")
-    for place in result.misfit["where"][:5]:
-        click.echo(f"  baseline, {place['text']}")
-    if not result.numerics["converged"]:
-        click.echo(f"  {unresolved(result.numerics['error'], result.numerics['required'])}")
+    for place in result.misfit.where[:5]:
+        click.echo(f"  baseline, {place.text}")
+    if not result.numerics.converged:
+        click.echo(f"  {unresolved(result.numerics.error, result.numerics.required)}")
     for run in result.extension.values():
-        if not run["converged"]:
-            click.echo(f"  posterior of {' + '.join(run['terms'])}: {run['message']}")
+        if not run.converged:
+            click.echo(f"  posterior of {' + '.join(run.terms)}: {run.message}")
 
 
 def _share(fraction: float) -> str:
@@ -201,6 +200,6 @@ def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
     plain = {p.name for p in baseline.PARAMETERS}
     for name, p in cause.parameters.items():
         mine = owner(name) in cause.terms or (whole and name in plain)
-        if mine and p["lower"] is not None:
-            size = describe(name, p["unit"], p["median"], (p["lower"], p["upper"]), [], "determined")
+        if mine and p.lower is not None and p.upper is not None:
+            size = describe(name, p.unit, p.median, (p.lower, p.upper), [], "determined")
             yield size + ("; implausible under its prior" if name in cause.implausible else "")

@@ -18,7 +18,6 @@ from psafit.cli.common import (
     JSON,
     PLUGIN,
     QUIET,
-    RUN,
     SEED,
     Command,
     Place,
@@ -28,6 +27,7 @@ from psafit.cli.common import (
     write_result,
 )
 from psafit.errors import InputError
+from psafit.text import fixed
 
 if TYPE_CHECKING:
     from psafit.experiment import GroupId
@@ -60,19 +60,91 @@ def new(folder: Path, quiet: bool) -> int:
     return DONE
 
 
-@click.command(cls=Command, short_help="Turn a proposed measurement into an experiment folder.")
-@RUN
-@click.option("--out", type=Place("folder"), required=True, help="Receives the folder; must be new, or empty.")
+@click.command(cls=Command, short_help="Plan a measurement: a proposed one, or what conditions can tell.")
+@click.argument("place", metavar="RUN|EXP", type=Place("input"))
+@click.option("--out", type=Place("folder"), help="Receives the folder; must be new, or empty.")
 @click.option("--proposal", type=click.IntRange(1), default=1, show_default=True, help="Which one, from the best on.")
 @click.option("--experiment", type=Place("input"), metavar="EXP", help="Measurements of a diagnosis that keeps none.")
+@click.option(
+    "--isolability", is_flag=True, help="Say which causes the conditions of an experiment EXP can tell apart."
+)
+@click.option("--plot", type=Place("file"), metavar="FILE", help="Draw that as a matrix: .png, .svg or .pdf.")
+@PLUGIN
 @QUIET
-def plan(run: Path, out: Path, proposal: int, experiment: Path | None, quiet: bool) -> int:
-    """Turn a measurement that a diagnosis proposes into an experiment folder.
+@JSON
+def plan(
+    place: Path,
+    out: Path | None,
+    proposal: int,
+    experiment: Path | None,
+    isolability: bool,
+    plot: Path | None,
+    quiet: bool,
+    json_file: Path | None,
+) -> int:
+    """Turn a measurement that a diagnosis RUN proposes into an experiment folder.
 
-    It holds what was measured and one more group, whose file waits for its readings.
+    It holds what was measured and one more group, whose file waits for its readings. With --isolability, say which
+    causes the conditions of an experiment folder EXP can tell apart, and which sweep would split those that look alike.
+    Its files need no readings.
     """
+    if isolability:
+        if out is not None:
+            raise InputError("--isolability writes no folder", "leave --out out; --plot and --json take its answer")
+        return _isolability(place, plot, json_file, quiet)
+    if plot is not None or json_file is not None:
+        raise InputError("--plot and --json belong to --isolability", "add --isolability, or leave them out")
+    if out is None:
+        raise InputError("no --out", "name the folder that receives the plan")
+    return _planned(place, out, proposal, experiment, quiet)
+
+
+def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet: bool) -> int:
+    """Say which causes conditions can tell apart."""
+    from psafit.cli.simulating import PICTURES
+    from psafit.diagnose.isolability import isolability
+    from psafit.experiment import read_plan
+    from psafit.physics import TERMS, informed
+    from psafit.progress import watcher
+
+    if plot is not None and plot.suffix.lower() not in PICTURES:
+        raise InputError("is no kind of picture psafit writes", f"end its name in {' or '.join(PICTURES)}", file=plot)
+    read = read_plan(folder)
+    _, terms = informed(read.beliefs, TERMS)
+    with watcher(quiet) as show:
+        show.stage("isolability")
+        found = isolability(
+            read.title, read.constants, read.groups, read.limits, terms,
+            progress=lambda k, n: show.update(k, n, "blocks of causes that look alike"),
+        )  # fmt: skip
+    if plot is not None:
+        from psafit.report.figures.isolability import isolability_figure
+        from psafit.report.simulated import save
+
+        save(isolability_figure(found), plot)
+    write_result(json_file, found)
+    if not quiet:
+        click.echo(f"{found.readings} readings, {len(found.causes)} causes at plausible strengths")
+        if found.unseen:
+            click.echo(f"would not be seen: {', '.join(found.unseen)}")
+        for id, others in found.taken_for.items():
+            click.echo(f"{id} may be taken for {', '.join(others)}")
+        for block in found.blocks:
+            click.echo(f"look alike: {', '.join(block.causes)}")
+            if (s := block.split) is not None:
+                what = "are told apart by" if s.splits else "none tells all apart; the best is"
+                click.echo(f"  {what} {s.readings} readings, {s.text} (the closest pair by {fixed(s.nats, 1)} nats)")
+        if found.pairs:
+            click.echo(f"{len(found.pairs)} pairs of causes look like a single one, or the reverse; --json lists them")
+        if plot is not None:
+            click.echo(f"picture: {shown_path(plot)}")
+    return DONE
+
+
+def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet: bool) -> int:
+    """Turn a proposal into an experiment folder."""
     import psafit
-    from psafit.diagnose.next_experiment import planned, promise
+    from psafit.diagnose.next_experiment import planned
     from psafit.diagnose.record import RESULT, is_diagnosis
     from psafit.experiment import read_plan, write_experiment
     from psafit.files import filling
@@ -81,14 +153,14 @@ def plan(run: Path, out: Path, proposal: int, experiment: Path | None, quiet: bo
         raise InputError("is a fit, which proposes nothing", "give the folder of psafit diagnose", file=run)
     opened = psafit.load_diagnosis(run, experiment)
     found, measured = opened.record.next_experiment, opened.experiment
-    offered = found.get("proposals", [])
+    offered = found.proposals
     if not offered:
         raise InputError("proposes no measurement", "drive the stack in some group, and diagnose again", file=run)
     if proposal > len(offered):
         raise InputError(f"--proposal {proposal}: there are {len(offered)}", "take one of those in its report")
     with unwritten(run / RESULT, "holds no proposal psafit could have made"):
         sweep = planned(offered[proposal - 1], _unused(measured.ids), measured)
-        text = escaped(f"{offered[proposal - 1]['text']}; it {promise(found, proposal - 1)}")
+        text = escaped(f"{offered[proposal - 1].text}; it {found.promise(proposal - 1)}")
     with filling(out):
         write_experiment(measured, out, [sweep])
         read_plan(out)  # a ball twice as heavy may be beyond what an experiment can hold

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -19,7 +19,6 @@ from psafit.cli.common import (
     Place,
     causes,
     shown_path,
-    unwritten,
     write_result,
 )
 from psafit.errors import LARGEST_SEED, InputError
@@ -217,17 +216,12 @@ def _models_of(run: Path) -> tuple[list[_Model], tuple[Group, ...]]:
         raise InputError("holds no model", "repeat the diagnosis", file=run / RESULT)
     tied = [c for c in found.causes[1:] if c.terms in found.alternatives][: _DRAWN - 1]
     models = [
-        (recorded(c.terms, found.versions, run / RESULT), _medians(c.parameters, run / RESULT))
+        (recorded(c.terms, found.versions, run / RESULT), {name: p.median for name, p in c.parameters.items()})
         for c in (found.causes[0], *tied)
     ]
     # Only what sessions have for themselves asks whose readings they are.
     latent = any(t.latent for terms, _ in models for t in terms)
     return models, read_experiment(run / "experiment").groups if latent else ()
-
-
-def _medians(parameters: Mapping[str, Any], file: Path) -> dict[str, float]:
-    with unwritten(file, "holds a parameter without a value"):
-        return {name: float(p["median"]) for name, p in parameters.items()}
 
 
 def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:

@@ -14,18 +14,24 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
-from psafit.diagnose import next_experiment, show, told
+from psafit.diagnose import next_experiment, told
+from psafit.diagnose.answer import sentences
 from psafit.diagnose.confusable import confusable
+from psafit.diagnose.gain import Choice
 from psafit.diagnose.laws import broken
 from psafit.diagnose.leftover import leftover, stretch
 from psafit.diagnose.misfit import examine
+from psafit.diagnose.next_experiment import NextExperiment, Purpose
 from psafit.diagnose.record import (
     MARKER,
     PAGE,
     PREDICTIONS,
     RESULT,
+    Apart,
     CauseResult,
+    Confusion,
     Diagnosis,
+    ExtensionRun,
 )
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
@@ -44,9 +50,9 @@ from psafit.inference.memory import Memory, code, lent
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import fit, load, versions
 from psafit.inference.samplers import USUAL, sampler
-from psafit.inference.samplers.nautilus import nested_evidence, require
+from psafit.inference.samplers.nautilus import NestedEvidence, nested_evidence, require
 from psafit.model_search import SearchSettings
-from psafit.model_search.ladder import CREDIBLE, Ladder
+from psafit.model_search.ladder import CREDIBLE, Ladder, key_of
 from psafit.numerics import refine
 from psafit.physics import TERMS
 from psafit.physics.term import Term
@@ -133,7 +139,7 @@ def diagnose(
     with sole(folder):
         _claim(folder, experiment)
         held = _held(folder, identity)
-        if held and (not draw_on or all(run["converged"] for run in held.extension.values())):
+        if held and (not draw_on or all(run.converged for run in held.extension.values())):
             return held
         shown, n_jobs = watcher or Silent(), jobs or cores()
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
@@ -224,8 +230,8 @@ def _held(folder: Path, identity: str) -> Diagnosis | None:
         raise
     except InputError:
         return None
-    parts = [held.predictions, *(gain["predictions"] for gain in held.gain.values())]
-    parts += [run["folder"] for run in held.extension.values()]
+    parts = [held.predictions, *(gain.predictions for gain in held.gain.values())]
+    parts += [run.folder for run in held.extension.values()]
     whole = all((folder / part).exists() for part in parts)
     unchanged = whole and all(sha256(folder / name) == seal for name, seal in held.files.items())
     return held if unchanged and held.identity == identity else None
@@ -268,47 +274,43 @@ class _Work:
             held = [ladder.baseline if verdict.verdict == "adequate" else leader]
             held += [ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held]]
             laws = [law for model in held for law in broken(model, self.settings.laws)]
-            misfit = told.misfit_of(before, after, left, ladder.baseline, leader)
-            if verdict.verdict == "unexplained" and verdict.named:
-                misfit["remains"] = verdict.remains
-            misfit["sessions"] = [asdict(o) for o in show.offsets(leader)]
-            firm = robustness(ladder.baseline, leader, bare, left) if leader.terms else None
-            if firm:
-                misfit["robustness"] = asdict(firm)
+            misfit = told.misfit_of(
+                before, after, left, ladder.baseline, leader,
+                remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
+                firm=robustness(ladder.baseline, leader, bare, left) if leader.terms else None,
+            )  # fmt: skip
         # Where nothing is wrong, the model that is adopted is the baseline, whatever leads.
         adopted = ladder.baseline if verdict.verdict == "adequate" else leader
         draws = ladder.draws(adopted.ids, self.seed)
         if not self.drawing:  # the tables that follow belong to another answer, which has no record yet
             for name in (RESULT, PAGE):
                 (self.folder / name).unlink(missing_ok=True)
-        numerics = asdict(refine(adopted.problem, adopted.modes[:1], experiment.fingerprint))
+        numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
         write_predictions(
             self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed)
         )
         with self._stage("next experiment"):
             most = self.settings.rehearsed
             proposal = _next(ladder, verdict, self.seed, most, None if quick else self.watcher)
-            confusion = {} if quick else _confusion(ladder, verdict, self.seed, most, self.watcher)
-            confusion["alike"] = [asdict(pair) for pair in confusable(adopted, self.catalogue)]
-        ledger: list[dict[str, Any]] = [
-            {"choice": "verdict, causes named, their probabilities", "saw": list(experiment.ids), "scored_on": []}
-        ]
+            confusion = Confusion() if quick else _confusion(ladder, verdict, self.seed, most, self.watcher)
+            confusion = replace(confusion, alike=confusable(adopted, self.catalogue))
+        ledger = [Choice("verdict, causes named, their probabilities", list(experiment.ids), [])]
         measured = {} if quick else self._gains(ladder)
         for scored in measured.values():
-            ledger += scored["ledger"]
-        extension: dict[str, Any] = {}
+            ledger += scored.ledger
+        extension: dict[str, ExtensionRun] = {}
         runs = {} if quick or not self.settings.steps else {"adopted": (verdict.named, experiment.ids)}
         if runs and "strict" in measured:
-            runs["strict"] = (tuple(measured["strict"]["groups"][0]["named"]), self.training)
+            runs["strict"] = (tuple(measured["strict"].groups[0].named), self.training)
         for which, (ids, groups) in runs.items():
             if ids:
                 self.watcher.part(f"{which} extension")
                 with self._timed(f"{which} extension"):
                     extension[which] = self._extend(ids, groups)
-                what, unseen = f"posterior of the extension ({which})", extension[which]["scored_on"]
-                ledger.append({"choice": what, "saw": list(groups), "scored_on": unseen})
+                what, unseen = f"posterior of the extension ({which})", extension[which].scored_on
+                ledger.append(Choice(what, list(groups), unseen))
         if repeats or (verdict.named and self.catalogue):
-            misfit["search"] = asdict(self._significance(ladder, repeats))
+            misfit = replace(misfit, search=self._significance(ladder, repeats))
         causes = told.causes_of(ladder, verdict)
         if nautilus:
             decisive = [set(ids) for ids in ((), verdict.named, leader.ids, *verdict.alternatives)]
@@ -316,7 +318,7 @@ class _Work:
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
         screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
-        tables = [PREDICTIONS, *(one["predictions"] for one in measured.values())]
+        tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
             verdict=verdict.verdict,
@@ -331,18 +333,7 @@ class _Work:
             predictions=PREDICTIONS,
             files={name: sha256(self.folder / name) for name in tables},
             laws=laws,
-            sentences=told.sentences(
-                verdict,
-                before,
-                ladder,
-                firm,
-                screening,
-                measured,
-                proposal,
-                misfit.get("search"),
-                quick,
-                furthest=told.furthest(ladder, verdict, misfit),
-            ),
+            sentences=[],
             unnamed=verdict.unnamed,
             screening=screening,
             show=told.shown(ladder),
@@ -362,6 +353,7 @@ class _Work:
             left_out=list(self.left_out),
             settings=self.settings,
         )
+        result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
 
@@ -405,7 +397,7 @@ class _Work:
         """What all searches of this diagnosis share."""
         return self.experiment, self.catalogue, self.seed, self.settings.search
 
-    def _gains(self, whole: Ladder) -> dict[str, Any]:
+    def _gains(self, whole: Ladder) -> dict[str, gains.Gain]:
         """What the extension gains on groups that it has not seen, for each protocol.
 
         The searches of the nested protocol begin at the sets that all groups have led to: places are computation, and
@@ -433,13 +425,11 @@ class _Work:
                         gains.split(found[seen, starts[protocol]], held_out, self.seed, self.settings.draws)
                         for seen, held_out in splits
                     ]
-                    measured[protocol] = asdict(
-                        gains.summarise(protocol, self.experiment, done, self.folder, self.seed)
-                    )
+                    measured[protocol] = gains.summarise(protocol, self.experiment, done, self.folder, self.seed)
         if audited:
             seen, _ = audited
             about = found[seen, sampled], found[seen, ()], self.experiment.ids, seen
-            measured["nested"]["ledger"] += _audit(*about)
+            measured["nested"].ledger.extend(_audit(*about))
         return measured
 
     def _significance(self, ladder: Ladder, repeats: int) -> Significance:
@@ -453,7 +443,7 @@ class _Work:
                 progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
             )  # fmt: skip
 
-    def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> dict[str, Any]:
+    def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> ExtensionRun:
         """Fit causes to groups like any run, sample their posterior, and validate it."""
         terms = tuple(t for t in self.catalogue if t.id in ids)
         problem = Problem(self.experiment, tuple(groups), terms)
@@ -485,38 +475,37 @@ class _Work:
                 command=self.command,
             )
         validation, _ = validate(run)
-        return {
-            "folder": place,
-            "groups": list(groups),
-            "terms": [t.id for t in terms],
-            "scored_on": [s.group for s in validation.groups if s.role == "holdout"],
-            "converged": run.summary.converged,
-            "message": run.summary.message,
-            "importance": _beside(run.summary.importance),
-            "holdout_log_rmse": validation.holdout_log_rmse,
-        }
+        return ExtensionRun(
+            folder=place,
+            groups=list(groups),
+            terms=[t.id for t in terms],
+            scored_on=[s.group for s in validation.groups if s.role == "holdout"],
+            converged=run.summary.converged,
+            message=run.summary.message,
+            importance=_apart(run.summary.importance),
+            holdout_log_rmse=validation.holdout_log_rmse,
+        )
 
     def _confirmed(self, cause: CauseResult, ladder: Ladder) -> CauseResult:
         """The same with the evidence that a nested sampler gives the model."""
         problem = next(c for c in ladder.candidates if set(c.ids) == set(cause.terms)).problem
 
         def progress(calls: int) -> None:
-            self.watcher.update(0, 1, f"{told.words_of(cause.terms)}: {calls:,} sets")
+            self.watcher.update(0, 1, f"{key_of(cause.terms)}: {calls:,} sets")
 
         def make() -> dict[str, FloatArray]:
             found = nested_evidence(problem, seed=self.seed, progress=progress)
             return {name: np.asarray(value, float) for name, value in asdict(found).items()}
 
         found = self._memory.recall("nautilus", problem, [self.seed], make)
-        return replace(cause, evidence=cause.evidence | {"nautilus": {name: float(a) for name, a in found.items()}})
+        nautilus = NestedEvidence(float(found["log_evidence"]), float(found["effective_draws"]), int(found["calls"]))
+        return replace(cause, evidence=replace(cause.evidence, nautilus=nautilus))
 
 
-def _beside(other: ImportanceSummary) -> dict[str, Any]:
+def _apart(other: ImportanceSummary) -> Apart:
     """How far a chain and importance draws are apart."""
     worst = other.furthest
-    return {
-        "parameter": worst.name, "apart": worst.apart, "by_chance": other.by_chance, "effective": other.effective,
-    }  # fmt: skip
+    return Apart(worst.name, worst.apart, other.by_chance, other.effective)
 
 
 def _climbed(
@@ -538,19 +527,19 @@ def _climbed(
     )  # fmt: skip
 
 
-def _audit(begun: Ladder, anew: Ladder, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[dict[str, Any]]:
+def _audit(begun: Ladder, anew: Ladder, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[Choice]:
     """Lines of the ledger on where the searches of the nested protocol began, and what that has changed in one."""
     worth = [found.log_evidence[found.leader.ids] + found.log_prior(found.leader.ids) for found in (begun, anew)]
     return [
-        {"choice": "sets at which the searches began", "saw": list(every), "scored_on": []},
-        {
-            "choice": "the same search from nothing",
-            "saw": list(seen),
-            "scored_on": [],
-            "led_to": list(anew.leader.ids),
-            "begun_led_to": list(begun.leader.ids),
-            "log_posterior_below_begun": worth[0] - worth[1],
-        },
+        Choice("sets at which the searches began", list(every), []),
+        Choice(
+            "the same search from nothing",
+            list(seen),
+            [],
+            led_to=list(anew.leader.ids),
+            begun_led_to=list(begun.leader.ids),
+            log_posterior_below_begun=worth[0] - worth[1],
+        ),
     ]
 
 
@@ -582,37 +571,38 @@ def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[
     return [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals[:most]]
 
 
-def _confusion(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watcher) -> dict[str, Any]:
+def _confusion(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watcher) -> Confusion:
     """Whether tied models could be told apart by the same conditions, measured again."""
     if not (verdict.named and verdict.alternatives):
-        return {}
+        return Confusion()
     tied = _tied(ladder, verdict, seed, most)
     if len(tied) < 2:
-        return {}
+        return Confusion()
     prior = [ladder.log_prior(c.ids) for c, _ in tied]
-    return asdict(repeat(tied, prior, seed=seed, progress=lambda k, n: watcher.update(k, n, "experiments repeated")))
+    found = repeat(tied, prior, seed=seed, progress=lambda k, n: watcher.update(k, n, "experiments repeated"))
+    return Confusion([], found.proposal, found.truth, found.before, found.after, found.first)
 
 
-def _next(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watcher | None) -> dict[str, Any]:
+def _next(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watcher | None) -> NextExperiment:
     """Proposals for the verdict at hand: against the best rival, or for a weakly determined parameter.
 
     With a watcher the best is rehearsed, and the best that leaves the rig as it is.
     """
     if not any((g.amplitude_v > 0).any() for g in ladder.leader.problem.experiment.groups):
-        return {}
+        return NextExperiment()
     tied = _tied(ladder, verdict, seed, most)
     if len(tied) == 1:
         name, found = next_experiment.determine(*tied[0], seed=seed)
         weak = next_experiment.is_weak(*tied[0], name)
-        return next_experiment.as_dict(found, f"determines {name}") | {"weak": weak}
+        return NextExperiment.of(found, Purpose("narrow", parameter=name), weak)
     found = next_experiment.tell_apart(tied, seed=seed)
-    about = f"tells {told.words_of(tied[0][0].ids)} from {', '.join(told.words_of(c.ids) for c, _ in tied[1:])}"
-    result = next_experiment.as_dict(found, about)
+    result = NextExperiment.of(found, Purpose("separate", [list(c.ids) for c, _ in tied]))
     if watcher is not None and verdict.alternatives:
         prior = [ladder.log_prior(c.ids) for c, _ in tied]
         here = [p for p in found if not p.constants][:1]
-        result["rehearsals"] = [
-            asdict(rehearse(tied, prior, p, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals")))
+        rehearsals = [
+            rehearse(tied, prior, p, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
             for p in {p.text: p for p in found[:1] + here}.values()
         ]
+        return replace(result, rehearsals=rehearsals)
     return result

@@ -21,10 +21,9 @@ same few and takes that for the truth: the groups' deviations are stretched as S
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -37,6 +36,8 @@ from psafit.experiment import Experiment, Group, GroupId
 from psafit.inference import noise
 from psafit.inference.evidence import quantiles
 from psafit.model_search import Ids, Ladder
+from psafit.model_search.ladder import key_of
+from psafit.records import ABSENT
 from psafit.validate import (
     COLUMNS,
     log_ratio,
@@ -106,15 +107,29 @@ class GroupGain:
     silent: str = ""
 
 
-def names_nothing(gain: Mapping[str, Any]) -> bool:
-    """Whether the groups that were seen named no cause, so that nothing was gained or lost on the others."""
-    before, after = gain["log_rmse_before"], gain["log_rmse_after"]
-    return None not in (before, after) and abs(after - before) < _TOLD and not any(g["named"] for g in gain["groups"])
+@dataclass(frozen=True)
+class Choice:
+    """Which data a choice saw: a line of the ledger.
 
+    Parameters
+    ----------
+    choice : str
+    saw, scored_on : list of group ids
+    models : dict, optional
+        Probability of each model that was averaged, by its causes: see `psafit.model_search.ladder.key_of`.
+    led_to, begun_led_to : list of str, optional
+        Of a search repeated from nothing: its leading set, and that of the search that began at known sets.
+    log_posterior_below_begun : float, optional
+        By how much the first exceeds the second, nats.
+    """
 
-def worse(gain: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Groups of a protocol in a result file that the extension predicts worse than the baseline, beyond chance."""
-    return [g for g in gain["groups"] if not g["silent"] and (g["log_rmse_interval"][0] or 0.0) > 0]
+    choice: str
+    saw: list[GroupId]
+    scored_on: list[GroupId]
+    models: dict[str, float] | None = field(default=None, metadata=ABSENT)
+    led_to: list[str] | None = field(default=None, metadata=ABSENT)
+    begun_led_to: list[str] | None = field(default=None, metadata=ABSENT)
+    log_posterior_below_begun: float | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)
@@ -135,7 +150,7 @@ class Gain:
         90 % interval of the change.
     coverage_before, coverage_after : float
         Share of all held-out readings inside their 90 % predictive intervals.
-    ledger : list of dict
+    ledger : list of Choice
         What each choice saw.
     predictions : str
         The CSV beside the result.
@@ -151,8 +166,18 @@ class Gain:
     elpd_interval: list[float]
     coverage_before: float
     coverage_after: float
-    ledger: list[dict[str, object]]
+    ledger: list[Choice]
     predictions: str
+
+    @property
+    def names_nothing(self) -> bool:
+        """Whether the groups that were seen named no cause, so that nothing was gained or lost on the others."""
+        return abs(self.log_rmse_after - self.log_rmse_before) < _TOLD and not any(g.named for g in self.groups)
+
+    @property
+    def worse(self) -> list[GroupGain]:
+        """Groups that the extension predicts worse than the baseline, beyond chance."""
+        return [g for g in self.groups if not g.silent and g.log_rmse_interval[0] > 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,12 +363,12 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         coverage_before=float(every[0].mean()),
         coverage_after=float(every[1].mean()),
         ledger=[
-            {
-                "choice": "causes, parameters and scatter",
-                "saw": list(one.seen),
-                "scored_on": [f.group for f in one.after],
-                "models": {" + ".join(ids) or "baseline": share for ids, share in one.mixture.items()},
-            }
+            Choice(
+                "causes, parameters and scatter",
+                list(one.seen),
+                [f.group for f in one.after],
+                {key_of(ids): share for ids, share in one.mixture.items()},
+            )
             for one in splits
         ],
         predictions=name,

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,9 @@ _FEWEST = 5
 _COINCIDENT = 0.05
 # Replicates beyond the first of their conditions from which on they tell how a reading scatters.
 _SPARE = 3
-CHARACTERS = {
+Variable = Literal["frequency", "amplitude"]
+Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
+CHARACTERS: dict[Character, str] = {
     "none": "no particular character",
     "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong, not the scatter",
     "scatter": "the mean is right; the law of the scatter is not",
@@ -115,7 +118,7 @@ class Place:
     """
 
     group: GroupId
-    variable: str
+    variable: Variable
     lower: float
     upper: float
     log_bias: float
@@ -145,7 +148,7 @@ class Coincidence:
         Share of simulated data sets with such readings at any condition.
     """
 
-    variable: str
+    variable: Variable
     readings: tuple[tuple[GroupId, int], ...]
     lower: float
     upper: float
@@ -183,7 +186,7 @@ class Misfit:
     statistics: tuple[Statistic, ...]
     places: tuple[Place, ...]
     coincidences: tuple[Coincidence, ...]
-    character: str
+    character: Character
     odd_groups: tuple[GroupId, ...]
     odd_points: tuple[tuple[GroupId, int], ...]
     scores: FloatArray
@@ -214,7 +217,7 @@ def numbered(problem: Problem, row: int) -> tuple[GroupId, int]:
     return problem.group_ids[group[row]], int(row - np.searchsorted(group, group[row]))
 
 
-def sweeps(problem: Problem) -> list[tuple[GroupId, str, NDArray[np.intp]]]:
+def sweeps(problem: Problem) -> list[tuple[GroupId, Variable, NDArray[np.intp]]]:
     """Each group's id, the variable it sweeps, and its rows of the design in the order of the sweep."""
     groups = problem.experiment.select(problem.group_ids)
     return [(g.id, g.swept, np.flatnonzero(problem.design.group == k)[g.in_sweep]) for k, g in enumerate(groups)]
@@ -294,7 +297,7 @@ def examine(
     places = _places(problem, observed[0], simulated, candidate.predicted)
     coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted)
     odd_points = tuple(numbered(problem, int(k)) for k in np.flatnonzero(np.abs(observed[0]) > _ODD))
-    character: str = "none"
+    character: Character = "none"
     odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
         character, odd_groups = _character(candidate, catalogue, statistics, seed, influence, odd_points)
@@ -415,12 +418,12 @@ def _look(
     return found
 
 
-def shared(problem: Problem) -> dict[str, list[NDArray[np.intp]]]:
+def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
     """Rows of the design at which several groups that sweep the same variable meet, by that variable.
 
     A row a group. Values meet that are nearer to each other than half the least step of any of these sweeps.
     """
-    ordered: dict[str, list[NDArray[np.intp]]] = {}
+    ordered: dict[Variable, list[NDArray[np.intp]]] = {}
     for _, variable, rows in sweeps(problem):
         ordered.setdefault(variable, []).append(rows)
     found = {}
@@ -532,7 +535,7 @@ def _character(
     seed: int,
     influence: bool,
     odd_points: tuple[tuple[GroupId, int], ...],
-) -> tuple[str, tuple[GroupId, ...]]:
+) -> tuple[Character, tuple[GroupId, ...]]:
     """Say what kind of thing is wrong; see `Misfit`."""
     kinds = {s.kind for s in statistics if s.significant}
     problem = candidate.problem

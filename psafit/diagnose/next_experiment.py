@@ -17,20 +17,21 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, field, fields, replace
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Conditions, Constants, Experiment, GroupId, changes_text
+from psafit.experiment import Conditions, Constants, Experiment, GroupId, Waveform, changes_text
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
+from psafit.records import ABSENT
 from psafit.simulate import Design, simulate
 from psafit.text import fixed, significant
 
@@ -76,7 +77,7 @@ class Proposal:
     """
 
     text: str
-    waveform: str
+    waveform: Waveform
     frequency_hz: list[float]
     amplitude_v: list[float]
     constants: dict[str, float]
@@ -103,6 +104,106 @@ class Pair:
     separation: float
 
 
+@dataclass(frozen=True)
+class Purpose:
+    """What measurements are for.
+
+    Parameters
+    ----------
+    kind : {"separate", "narrow"}
+        To tell sets of causes apart, or to determine a parameter.
+    sets : list of lists of str
+        The first is to be told from the others.
+    parameter : str
+        To be determined.
+    """
+
+    kind: Literal["separate", "narrow"]
+    sets: list[list[str]] = field(default_factory=list)
+    parameter: str = ""
+
+    @property
+    def text(self) -> str:
+        """Return the purpose in words."""
+        if self.kind == "narrow":
+            return f"determines {self.parameter}"
+        first, *others = ((" + ".join(ids) or "the baseline") for ids in self.sets)
+        return f"tells {first} from {', '.join(others)}"
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """Measurements to make next.
+
+    Parameters
+    ----------
+    about : str
+        The purpose in words; empty where nothing is proposed.
+    proposals : list of Proposal
+        Best first.
+    purpose : Purpose, optional
+    weak : bool, optional
+        Of a parameter to be determined: whether the readings leave it half as wide as its prior, or wider.
+    rehearsals : list of Rehearsal, optional
+    """
+
+    about: str = ""
+    proposals: list[Proposal] = field(default_factory=list)
+    purpose: Purpose | None = field(default=None, metadata=ABSENT)
+    weak: bool | None = field(default=None, metadata=ABSENT)
+    rehearsals: list[Rehearsal] | None = field(default=None, metadata=ABSENT)
+
+    @classmethod
+    def of(cls, found: Sequence[Proposal], purpose: Purpose, weak: bool | None = None) -> NextExperiment:
+        """Return the best of some proposals, one that leaves the rig as it is among them."""
+        return cls(purpose.text, _first(found, _TOLD, lambda p: not p.constants), purpose, weak)
+
+    @property
+    def tells_apart(self) -> bool:
+        """Whether the proposals are to separate models, not to narrow a parameter of one."""
+        return self.purpose is not None and self.purpose.kind == "separate"
+
+    @property
+    def recommended(self) -> Proposal | None:
+        """The best of the proposals, if it would do more than its estimate errs, and enough to be told."""
+        best = next(iter(self.proposals), None)
+        least = _APART if self.tells_apart else _NARROWER
+        return best if best and best.separation - 2 * best.error > least else None
+
+    def promise(self, which: int) -> str:
+        """Return what one of the proposals is expected to do, in words."""
+        one = self.proposals[which]
+        does = (
+            f"{self.about}, by {significant(one.separation, 2)} +- {significant(one.error, 1)} nats on average"
+            if self.tells_apart
+            else f"{self.about}: narrower by {fixed(-math.expm1(-one.separation), per_cent=True)} %"
+        )
+        return does + ("" if self.recommended else ", hardly worth the measurement")
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """How a measurement did, in simulation.
+
+    Parameters
+    ----------
+    proposal : str
+        The measurement.
+    truth : list of lists of str
+        Causes that made the readings, once for each rehearsal.
+    before, after : list of float
+        Probability of the truth among the tied models, without and with the new readings, once for each rehearsal.
+    first : int
+        Rehearsals in which the truth came out first.
+    """
+
+    proposal: str
+    truth: list[list[str]]
+    before: list[float]
+    after: list[float]
+    first: int
+
+
 @dataclass(frozen=True, eq=False)
 class Possible:
     """A measurement that the rig allows."""
@@ -114,7 +215,7 @@ class Possible:
     def judged(self, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
         """It with what it would do."""
         d = self.design
-        waveform = "square" if d.waveform[0] else "sine"
+        waveform: Waveform = "square" if d.waveform[0] else "sine"
         f, v = d.frequency.tolist(), d.amplitude.tolist()
         separation, success, error = found
         return Proposal(self.text, waveform, f, v, self.changed, separation, success, error, list(pairs))
@@ -124,11 +225,20 @@ class Possible:
 _Judgement = tuple[float, float | None, float]
 
 
-def proposals(candidate: Candidate) -> list[Possible]:
-    """Measurements that the rig allows: sweeps within its limits, and each changed constant."""
-    problem = candidate.problem
-    every = Design.of(problem.experiment.constants, problem.experiment.groups)
-    limits = dict(problem.experiment.limits)
+def proposals(
+    constants: Constants, groups: Sequence[Conditions], allowed: Iterable[tuple[str, tuple[float, float]]]
+) -> list[Possible]:
+    """Return the measurements that the rig allows: sweeps within its limits, and each changed constant.
+
+    Parameters
+    ----------
+    constants : Constants
+    groups : sequence of Conditions
+        What is measured, or planned.
+    allowed : pairs of a name and two ends
+        The limits that the experiment states, if any.
+    """
+    every, limits = Design.of(constants, groups), dict(allowed)
     low_f, high_f = limits.get("frequency_hz") or np.quantile(every.frequency, (0.02, 0.98)).tolist()
     span = f"{_say(low_f)} to {_say(high_f)} Hz"
     shares = (1.0, 0.5, 0.2) if _say(low_f) != _say(high_f) else ()
@@ -141,7 +251,6 @@ def proposals(candidate: Candidate) -> list[Possible]:
         bottom = float(every.amplitude[every.amplitude > 0].min())
         if top <= 1.5 * bottom:
             bottom = top / 10
-    constants = problem.experiment.constants
     found = []
     for words, changed in _rigs(constants, limits):
         rig = replace(constants, **changed)
@@ -156,6 +265,11 @@ def proposals(candidate: Candidate) -> list[Possible]:
                 text = f"{waveform}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
                 found.append(Possible(text, Design.sweep(rig, waveform, at, sweep), changed))
     return list({p.text: p for p in found}.values())
+
+
+def _possible(candidate: Candidate) -> list[Possible]:
+    experiment = candidate.problem.experiment
+    return proposals(experiment.constants, experiment.groups, experiment.limits)
 
 
 def _rigs(constants: Constants, limits: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, dict[str, float]]]:
@@ -179,7 +293,7 @@ def _say(value: float) -> str:
 def tell_apart(tied: Sequence[tuple[Candidate, Weighed]], *, seed: int) -> list[Proposal]:
     """Measurements by how well they would separate two models or more; best first."""
     rng = np.random.default_rng([seed, 17])
-    possible = proposals(tied[0][0])
+    possible = _possible(tied[0][0])
     forecasts: list[list[_Forecast]] = []
     # A glance at all of them, then a closer look at the best.
     for n_draws in (_GLANCE, _DRAWS):
@@ -203,7 +317,7 @@ def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, lis
     It is the one of which a measurement can tell most.
     """
     rng = np.random.default_rng([seed, 17])
-    possible, weak = proposals(leader), weakly_determined(leader, draws)
+    possible, weak = _possible(leader), weakly_determined(leader, draws)
     model = _Model.of(leader, draws.resampled(_GLANCE), rng)
     falls = np.array([_narrowing(model.forecast(p.design), model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
@@ -230,19 +344,6 @@ def _worth_building(found: list[Proposal]) -> list[Proposal]:
     if here.separation < found[0].separation - max(_HARDLY * found[0].separation, error):
         return found
     return [here, *(p for p in found if p is not here)]
-
-
-def recommended(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """The best of the proposals in a result file, if it would do more than its estimate errs, and enough to be told."""
-    best = next(iter(found.get("proposals", [])), None)
-    if best is None or None in (best["separation"], best["error"]):
-        return None  # what is not finite is null there
-    return best if best["separation"] - 2 * best["error"] > (_APART if tells_apart(found) else _NARROWER) else None
-
-
-def tells_apart(found: Mapping[str, Any]) -> bool:
-    """Whether the proposals in a result file are to separate two models, not to narrow a parameter of one."""
-    return str(found.get("about", "")).startswith("tells ")
 
 
 def _best(possible: Sequence[Possible], separation: Sequence[float] | FloatArray) -> list[int]:
@@ -375,22 +476,22 @@ def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArr
     return -0.5 * np.log(np.clip(left, 1e-3, 1.0)), 0.5 * error / np.clip(left, 1e-3, None)
 
 
-def planned(proposal: Mapping[str, Any], id: GroupId, measured: Experiment) -> Conditions:
-    """The sweep that a proposal of a result file asks for, as a group of what was measured.
+def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions:
+    """The sweep that a proposal asks for, as a group of what was measured.
 
     In numbers that can be set on a generator, and with the readings' usual uncertainty where each states one.
     """
-    f, v = map(_settable, (proposal["frequency_hz"], proposal["amplitude_v"]))
+    f, v = map(_settable, (proposal.frequency_hz, proposal.amplitude_v))
     usual = Problem(measured, measured.ids).usual_sigma
     taken = {g.file.casefold() for g in measured.groups}
     names = itertools.chain(["planned.csv"], (f"planned{k}.csv" for k in itertools.count(2)))
     return Conditions(
         id,
-        proposal["waveform"],
+        proposal.waveform,
         next(name for name in names if name not in taken),
         f,
         v,
-        changed=tuple(proposal["constants"].items()),
+        changed=tuple(proposal.constants.items()),
         sigma_um=None if usual is None else np.full(f.size, usual),
     )
 
@@ -398,20 +499,3 @@ def planned(proposal: Mapping[str, Any], id: GroupId, measured: Experiment) -> C
 def _settable(values: Sequence[float]) -> FloatArray:
     """Six digits of each, between the least and the greatest."""
     return np.clip([float(f"{x:.6g}") for x in values], min(values), max(values))
-
-
-def promise(found: Mapping[str, Any], which: int) -> str:
-    """What one of the proposals in a result file is expected to do, in words."""
-    one = found["proposals"][which]
-    does = (
-        f"{found['about']}, by {significant(one['separation'], 2)} +- {significant(one['error'], 1)} nats on average"
-        if tells_apart(found)
-        else f"{found['about']}: narrower by {fixed(-math.expm1(-one['separation']), per_cent=True)} %"
-    )
-    return does + ("" if recommended(found) else ", hardly worth the measurement")
-
-
-def as_dict(found: Iterable[Proposal], about: str) -> dict[str, object]:
-    """For the result file."""
-    told = _first(list(found), _TOLD, lambda p: not p.constants)
-    return {"about": about, "proposals": [asdict(p) for p in told]}

@@ -5,16 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
+from psafit.diagnose.confusable import Alike
+from psafit.diagnose.gain import Choice, Gain
+from psafit.diagnose.misfit import Character, Coincidence, Statistic
+from psafit.diagnose.next_experiment import NextExperiment, Rehearsal
+from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.settings import Settings
+from psafit.diagnose.show import Corner, Drift, Growth, Line, Offset
+from psafit.diagnose.significance import Significance
 from psafit.errors import InputError
 from psafit.experiment import GroupId
-from psafit.experiment.text import listed
 from psafit.files import sha256
+from psafit.inference.samplers.nautilus import NestedEvidence
 from psafit.model_search.ladder import LookedAt
-from psafit.records import Brief
-from psafit.text import fixed
+from psafit.records import ABSENT, Brief, Numerics
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
 # Names of causes in a headline.
@@ -32,6 +38,59 @@ def is_diagnosis(folder: Path) -> bool:
     return found
 
 
+@dataclass(frozen=True)
+class ParameterResult:
+    """A parameter of one model.
+
+    Parameters
+    ----------
+    median, lower, upper : float
+        In `unit`; the ends of the 90 % interval are None where the model was not sampled.
+    unit, description : str
+    prior_share : float
+        Quantile of the prior at which the median lies; nan where that is not known.
+    """
+
+    median: float
+    lower: float | None
+    upper: float | None
+    unit: str
+    description: str
+    prior_share: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Evidence of one model, nats.
+
+    Parameters
+    ----------
+    log_evidence, over_baseline : float
+    gain : float
+        Of the log likelihood at the top, over the baseline's.
+    share : float
+        Probability if the catalogue holds the truth and the search has missed nothing.
+    method : {"adaptive importance sampling", "Laplace"}
+        The second where a short fit's estimate is all that is known.
+    error, effective_draws, pareto_k : float, optional
+        Of importance sampling.
+    prior_width : dict, optional
+        Change of the log evidence when the priors of the causes' parameters are "half" and "twice" as wide.
+    nautilus : NestedEvidence, optional
+    """
+
+    log_evidence: float
+    over_baseline: float
+    gain: float
+    share: float
+    method: Literal["adaptive importance sampling", "Laplace"]
+    error: float | None = field(default=None, metadata=ABSENT)
+    effective_draws: float | None = field(default=None, metadata=ABSENT)
+    pareto_k: float | None = field(default=None, metadata=ABSENT)
+    prior_width: dict[str, float] | None = field(default=None, metadata=ABSENT)
+    nautilus: NestedEvidence | None = field(default=None, metadata=ABSENT)
+
+
 @dataclass(frozen=True, repr=False)
 class CauseResult(Brief):
     """One model of the ladder.
@@ -43,12 +102,8 @@ class CauseResult(Brief):
     probability : float
         Posterior probability that these causes are at work and no other that can be seen: larger sets whose evidence
         is not better by three nats are counted with it.
-    parameters : dict
-        By name: median, lower and upper (90 % interval), unit, and the quantile of the prior at which the median lies.
-    evidence : dict
-        log_evidence, over_baseline (nats), gain (of the log likelihood at the top), error, effective draws, pareto_k,
-        method ("Laplace" where a short fit's estimate is all that is known), and how the evidence changes when the
-        priors of the strengths are half and twice as wide.
+    parameters : dict of str to ParameterResult
+    evidence : Evidence
     implausible : list of str
         Parameters whose median lies where the prior has less than one chance in twenty, or at a bound; never those
         whose prior is uniform.
@@ -58,9 +113,14 @@ class CauseResult(Brief):
 
     terms: list[str]
     probability: float
-    parameters: dict[str, dict[str, Any]]
-    evidence: dict[str, Any]
+    parameters: dict[str, ParameterResult]
+    evidence: Evidence
     implausible: list[str]
+
+    @property
+    def sampled(self) -> bool:
+        """Whether the model was sampled, and not only fitted."""
+        return self.evidence.method != "Laplace"
 
 
 # Probability of a discrepancy without a name from which on it is told.
@@ -118,7 +178,218 @@ class ScreeningResult:
     room: float | None = None
 
 
+@dataclass(frozen=True)
+class Where:
+    """Where predictions err to one side.
+
+    Parameters
+    ----------
+    group : group id
+    variable : {"frequency", "amplitude"}
+        What the group's sweep varies.
+    start, to : float, Hz or V
+        The stretch; the key of `start` is "from".
+    text : str
+        The same in words.
+    log_bias : float
+        Mean of ln(predicted/measured) there.
+    score : float
+        By how many standard deviations.
+    together : list of group ids
+        Other groups whose readings stand out at the same condition.
+    """
+
+    group: GroupId
+    variable: Literal["frequency", "amplitude"]
+    start: float = field(metadata={"key": "from"})
+    to: float
+    text: str
+    log_bias: float
+    score: float
+    together: list[GroupId]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading far from a model.
+
+    Parameters
+    ----------
+    group : group id
+    number : int
+        In the group, from 0.
+    frequency_hz, amplitude_v, reading_um, predicted_um : float
+    score : float
+        In standard deviations of the scatter.
+    """
+
+    group: GroupId
+    number: int
+    frequency_hz: float
+    amplitude_v: float
+    reading_um: float
+    predicted_um: float
+    score: float
+
+
+@dataclass(frozen=True)
+class Tests:
+    """What the tests say of one model: see `psafit.diagnose.misfit.Misfit`; `where` of the extension only."""
+
+    p_value: float
+    character: Character
+    furthest: list[Reading]
+    odd_groups: list[GroupId]
+    odd_points: list[tuple[GroupId, int]]
+    coincidences: list[Coincidence]
+    statistics: list[Statistic]
+    n_simulated: int
+    refit: str
+    where: list[Where] | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True)
+class GroupLeftover:
+    """Mean and largest absolute leftover of a group, in ln units; None where no reading tells of one."""
+
+    group: GroupId
+    mean: float | None
+    largest: float | None
+
+
+@dataclass(frozen=True)
+class LeftoverResult:
+    """An unnamed discrepancy beside the leader: see `psafit.diagnose.leftover.Leftover`."""
+
+    log_bayes: float
+    amplitude: float
+    level: float
+    reach: float
+    sigma_rel: float
+    groups: list[GroupLeftover]
+    mean: list[float]
+    sd: list[float | None]
+
+
+@dataclass(frozen=True)
+class MisfitResult:
+    """What is wrong.
+
+    Parameters
+    ----------
+    p_value : float
+        Of the baseline's tests.
+    where : list of Where
+    baseline, extended : Tests
+        The second where the leader has causes.
+    leftover : LeftoverResult
+    sessions : list of Offset
+    remains : bool, optional
+        Whether structure remains beside the causes of an extension that does not explain the readings.
+    robustness : Robustness, optional
+    search : Significance, optional
+    """
+
+    p_value: float
+    where: list[Where]
+    baseline: Tests
+    leftover: LeftoverResult
+    sessions: list[Offset] = field(default_factory=list)
+    extended: Tests | None = field(default=None, metadata=ABSENT)
+    remains: bool | None = field(default=None, metadata=ABSENT)
+    robustness: Robustness | None = field(default=None, metadata=ABSENT)
+    search: Significance | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True)
+class ModelShown:
+    """What is drawn of one model: see `psafit.diagnose.show`.
+
+    Parameters
+    ----------
+    growth, corners, drift, lines : lists
+    predicted_um : list of float
+        At all readings, one group after the other.
+    without_um : dict of str to list of float
+        By cause: the same without it.
+    parameters : dict
+        Values of the best fit.
+    """
+
+    growth: list[Growth]
+    corners: list[Corner]
+    drift: list[Drift]
+    lines: list[Line]
+    predicted_um: list[float]
+    without_um: dict[str, list[float]]
+    parameters: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Apart:
+    """How far a chain and importance draws are apart: see `psafit.records.ImportanceSummary`."""
+
+    parameter: str
+    apart: float
+    by_chance: float
+    effective: float
+
+
+@dataclass(frozen=True)
+class ExtensionRun:
+    """Causes that were fitted and sampled like any run.
+
+    Parameters
+    ----------
+    folder : str
+    groups : list of group ids
+        Fitted.
+    terms : list of str
+    scored_on : list of group ids
+    converged : bool
+    message : str
+    importance : Apart
+    holdout_log_rmse : float, optional
+    """
+
+    folder: str
+    groups: list[GroupId]
+    terms: list[str]
+    scored_on: list[GroupId]
+    converged: bool
+    message: str
+    importance: Apart
+    holdout_log_rmse: float | None
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """What these conditions could tell apart.
+
+    Parameters
+    ----------
+    alike : list of Alike
+    proposal, truth, before, after, first
+        Of tied models: `psafit.diagnose.next_experiment.Rehearsal` of the same conditions again.
+    """
+
+    alike: list[Alike] = field(default_factory=list)
+    proposal: str | None = field(default=None, metadata=ABSENT)
+    truth: list[list[str]] | None = field(default=None, metadata=ABSENT)
+    before: list[float] | None = field(default=None, metadata=ABSENT)
+    after: list[float] | None = field(default=None, metadata=ABSENT)
+    first: int | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def repeated(self) -> Rehearsal | None:
+        """The experiments repeated, if any were."""
+        if self.proposal is None or self.first is None:
+            return None
+        return Rehearsal(self.proposal, self.truth or [], self.before or [], self.after or [], self.first)
+
+
 Law = Literal["carried", "energy"]
+VerdictWord = Literal["adequate", "explained", "ambiguous", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -170,14 +441,12 @@ class Diagnosis(Brief):
     looked_at : LookedAt
         Sets of causes that were fitted on all readings, those of them of which the evidence is an estimate, and the
         probability that these estimates add up to.
-    misfit : dict
-        p_value, where, what the tests say of the baseline and of the extension, and whether structure remains beside
-        the causes of an extension that does not explain the readings.
-    numerics : dict
+    misfit : MisfitResult
+    numerics : Numerics
         Refinement of the predictions at the fitted parameters.
-    gain : dict
+    gain : dict of str to Gain
         "strict" and "nested"; empty after `--quick`.
-    next_experiment : dict
+    next_experiment : NextExperiment
     predictions : str
         CSV of the extension fitted to everything the verdict used.
     sentences : list of str
@@ -185,11 +454,10 @@ class Diagnosis(Brief):
     unnamed : float
         Probability that something is wrong which no cause describes.
     screening : list of ScreeningResult
-    show : dict
-        Growth and drift of baseline and extension.
-    ledger : list of dict
-        Which data each choice saw.
-    extension : dict
+    show : dict of str to ModelShown
+        "baseline", and "extended" where the leader has causes.
+    ledger : list of Choice
+    extension : dict of str to ExtensionRun
         Causes fitted with lmfit and emcee like any run, each with its folder, groups, terms, whether the chain has
         converged, and the score on other groups: "adopted", those named, fitted to all groups; "strict", those that the
         training groups name by themselves, fitted to these alone. Empty after `--quick`; nothing named, nothing fitted.
@@ -197,9 +465,7 @@ class Diagnosis(Brief):
         Where it comes from.
     files : dict
         SHA-256 of each table of predictions.
-    confusion : dict
-        Of tied models: how often the one that made the readings comes out first when the same conditions are measured
-        again in simulation (`psafit.diagnose.rehearsal.Rehearsal`). Empty where nothing is tied, and after `--quick`.
+    confusion : Confusion
     identity : str
         SHA-256 of all that determines the result.
     left_out : list of str
@@ -213,22 +479,22 @@ class Diagnosis(Brief):
     _told = ("verdict", "named", "title", "quick")
 
     schema: int
-    verdict: str
+    verdict: VerdictWord
     named: list[str]
     alternatives: list[list[str]]
     causes: list[CauseResult]
     looked_at: LookedAt
-    misfit: dict[str, Any]
-    numerics: dict[str, Any]
-    gain: dict[str, Any]
-    next_experiment: dict[str, Any]
+    misfit: MisfitResult
+    numerics: Numerics
+    gain: dict[str, Gain]
+    next_experiment: NextExperiment
     predictions: str
     sentences: list[str]
     unnamed: float
     screening: list[ScreeningResult]
-    show: dict[str, Any]
-    extension: dict[str, Any]
-    ledger: list[dict[str, Any]]
+    show: dict[str, ModelShown]
+    extension: dict[str, ExtensionRun]
+    ledger: list[Choice]
     title: str
     fingerprint: str
     groups: list[GroupId]
@@ -239,55 +505,16 @@ class Diagnosis(Brief):
     command: str
     seconds: dict[str, float]
     files: dict[str, str] = field(default_factory=dict)
-    confusion: dict[str, Any] = field(default_factory=dict)
+    confusion: Confusion = field(default_factory=Confusion)
     identity: str = ""
     left_out: list[str] = field(default_factory=list)
     settings: Settings = field(default_factory=Settings)
     laws: list[Broken] = field(default_factory=list)
 
     @property
-    def breaks(self) -> list[str]:
-        """Return a sentence for each law that is broken."""
-        laws = {
-            "carried": "A ball cannot move less than the tip carries it",
-            "energy": "A ball cannot gain more than the drive gives",
-        }
-        return [
-            f"{laws[b.law]}. {' + '.join(b.terms) or 'The baseline'} breaks that law at"
-            f" {b.readings} reading{'' if b.readings == 1 else 's'}, most at {b.text}."
-            for b in self.laws
-        ]
-
-    @property
-    def restricted(self) -> str:
-        """Return the sentence that says to which causes the diagnosis was restricted; empty where to none."""
-        if not self.left_out:
-            return ""
-        looked_at = listed([s.id for s in self.screening])
-        return (
-            f"Only {looked_at} {'was' if len(self.screening) == 1 else 'were'} looked at, as asked:"
-            f" the verdict says nothing of the catalogue's {len(self.left_out)} other"
-            f" cause{'' if len(self.left_out) == 1 else 's'}."
-        )
-
-    @property
-    def searched(self) -> str:
-        """Return what says how many sets of causes were looked at, and what the others may hold."""
-        missed = fixed(self.settings.search.missed, 0, per_cent=True)
-        return f"{self._counted} The chance that a better set was missed is {missed} %, a part of every probability."
-
-    @property
-    def _counted(self) -> str:
-        fitted, estimated = self.looked_at.fitted, self.looked_at.estimated
-        head = f"{fitted:,} set{' of causes was' if fitted == 1 else 's of causes were'} fitted on all readings"
-        if not estimated:
-            return f"{head}{' and' if fitted == 1 else ', all of them'} sampled."
-        mass = self.looked_at.mass_not_looked_at
-        share = fixed(mass, 1, per_cent=True)
-        share = "less than 0.1" if share == "0.0" and mass > 0 else share
-        others = "the other has" if estimated == 1 else "the others have"
-        together = "" if estimated == 1 else " together"
-        return f"{head}, {fitted - estimated:,} of them sampled; {others} {share} % of the probability{together}."
+    def leader(self) -> CauseResult | None:
+        """The adopted model, where it is among the models of the record."""
+        return next((c for c in self.causes if c.terms == self.named), None)
 
     @property
     def headline(self) -> str:

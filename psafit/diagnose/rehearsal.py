@@ -11,14 +11,14 @@ the diagnosis does. A proposal that works leaves the model that made the reading
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import softmax
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.next_experiment import Proposal
-from psafit.experiment import Group, Waveform
+from psafit.diagnose.next_experiment import Proposal, Rehearsal
+from psafit.experiment import Group
 from psafit.inference import noise
 from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
@@ -30,30 +30,6 @@ from psafit.simulate import Design, simulate
 _TRIALS, _STARTS = 3, 12
 _CLIMB = ((6, 12), (24, 3))
 NEW = "the proposed sweep"
-
-
-@dataclass(frozen=True)
-class Rehearsal:
-    """How a measurement did.
-
-    Parameters
-    ----------
-    proposal : str
-        The measurement.
-    truth : list of lists of str
-        Causes that made the readings, once for each rehearsal.
-    before, after : list of float
-        Probability of the truth among the tied models, without and with the new readings, once for each rehearsal.
-    first : int
-        Rehearsals in which the truth came out first.
-    """
-
-    proposal: str
-    truth: list[list[str]]
-    before: list[float]
-    after: list[float]
-    first: int
-
 
 Tied = Sequence[tuple[Candidate, Weighed]]
 # Measures, with one model as the truth: says which readings any model is then fitted to.
@@ -156,9 +132,8 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     ranges = simulate(design, problem.theta(u, [NEW], rng), problem.terms).read_um
     known = None if problem.usual_sigma is None else np.full(frequency.size, problem.usual_sigma)
     readings = np.maximum(noise.draw(ranges, problem.noise_values(u), known, rng), 0.0)[0]
-    waveform: Waveform = "square" if proposal.waveform == "square" else "sine"
     changed = tuple(proposal.constants.items())
-    return Group(NEW, waveform, "", frequency, voltage, readings, changed=changed, sigma_um=known)
+    return Group(NEW, proposal.waveform, "", frequency, voltage, readings, changed=changed, sigma_um=known)
 
 
 def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> Candidate:

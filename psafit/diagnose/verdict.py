@@ -20,10 +20,9 @@ from dataclasses import dataclass
 
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
-from psafit.diagnose.record import Broken
+from psafit.diagnose.record import Broken, VerdictWord
 from psafit.model_search import Ids, Ladder
 from psafit.model_search.ladder import CREDIBLE
-from psafit.text import fixed, significant
 
 UNNAMED = 0.1
 """Prior probability that something is wrong which no cause of the catalogue describes."""
@@ -46,20 +45,17 @@ class Verdict:
         Probability of a discrepancy without a name, beside what has one or in its place.
     inclusion : dict
         Probability of each cause to be part of the truth, given that the catalogue holds it.
-    reasons : tuple of str
-        Sentences.
     remains : bool
         Whether structure remains beside the causes; where it does not, and yet they do not explain the readings, a
         smooth curve in their place would be simpler.
     """
 
-    verdict: str
+    verdict: VerdictWord
     named: Ids
     alternatives: tuple[Ids, ...]
     probability: dict[Ids, float]
     unnamed: float
     inclusion: dict[str, float]
-    reasons: tuple[str, ...]
     remains: bool = False
 
 
@@ -94,64 +90,19 @@ def conclude(
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
     nothing, mostly_unnamed = ladder.probability[()], unnamed > 0.5
-    reasons = []
     if not before.wrong and nothing >= 1 - CREDIBLE and not mostly_unnamed:
-        reasons.append(
-            f"The tests find nothing wrong with the baseline (family-wise p = {significant(before.p_value, 2)}), and"
-            f" it keeps {significant(nothing, per_cent=True)} % of what the catalogue's models have together."
-        )
-        return Verdict("adequate", (), (), probability, unnamed, inclusion, tuple(reasons))
-
+        return Verdict("adequate", (), (), probability, unnamed, inclusion)
     best = ladder.leader.ids
-    if not best:
-        # Something is wrong, and no cause helps.
-        reasons.append(
-            f"The tests find the baseline wrong (family-wise p = {significant(before.p_value, 2)}), but no cause is"
-            " more probable than it."
-            if before.wrong
-            else "A discrepancy without a name is more probable than any cause."
-            if mostly_unnamed
-            else f"No model leads: the baseline has {fixed(nothing, 1, per_cent=True)} %, every set of causes less."
-        )
-        return Verdict("unexplained", (), (), probability, unnamed, inclusion, tuple(reasons))
-    alternatives = ladder.rivals(best)
+    if not best:  # something is wrong, and no cause helps
+        return Verdict("unexplained", (), (), probability, unnamed, inclusion)
+    alternatives, named = ladder.rivals(best), _best_first(best, ladder)
     residual = after is not None and after.p_value < ALPHA
-    named = _best_first(best, ladder)
     if residual or mostly_unnamed:
-        how = "fits little better than the baseline, and" if () in alternatives else "explains most, but"
         remains = residual or beside > instead
-        what = "structure remains" if remains else "a smooth curve in its place is simpler"
-        reasons.append(
-            f"{' + '.join(named)} {how} {what}"
-            + (f" (family-wise p = {significant(after.p_value, 2)})" if residual and after else "")
-            + (f"; an unnamed discrepancy has probability {fixed(unnamed, 2)}" if mostly_unnamed else "")
-            + "."
-        )
-        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, tuple(reasons), remains)
+        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, remains)
     if alternatives:
-        only = ladder.probability[best] >= CREDIBLE
-        reasons.append(
-            f"{len(alternatives) + 1} sets of causes explain these readings"
-            + (
-                " about equally well; only what is plausible beforehand speaks for the first."
-                if only
-                else f", and none of them has the {fixed(CREDIBLE, per_cent=True)} % that naming it alone takes."
-            )
-        )
-        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion, tuple(reasons))
-    what = " + ".join(named)
-    if laws:
-        reasons.append(f"{what} fits, but cannot be the answer: it breaks a law that holds whatever the causes are.")
-        return Verdict("unexplained", named, (), probability, unnamed, inclusion, tuple(reasons))
-    kept, other = unnamed >= 1 - CREDIBLE, ladder.looked_at.no_other()
-    left_over = f"the tests find nothing left, but a discrepancy without a name keeps {fixed(unnamed, per_cent=True)} %"
-    reasons.append(
-        f"{what} explains the misfit, {left_over if kept else 'nothing is left of it'}, and {other} does as well."
-        if before.wrong
-        else f"{what} is far more probable than the baseline, which the tests by themselves do not reject; {other} does"
-        " as well."
-    )
-    return Verdict("explained", named, (), probability, unnamed, inclusion, tuple(reasons))
+        return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion)
+    return Verdict("unexplained" if laws else "explained", named, (), probability, unnamed, inclusion)
 
 
 def _odds(ladder: Ladder, left: Leftover, bare: Leftover) -> tuple[float, float]:

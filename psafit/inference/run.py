@@ -35,7 +35,7 @@ from psafit.files import (
     sole,
     write_atomically,
 )
-from psafit.inference import identify, store
+from psafit.inference import identify, noise, store
 from psafit.inference.candidate import Candidate, built_up, candidate_at, principal
 from psafit.inference.evidence import Weighed, weigh
 from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
@@ -398,7 +398,7 @@ class _Work:
             chain.log_posterior[:, ::thin],
             self.asked.identity,
         )
-        _keep(folder / "posterior.nc", problem, draws, settings.stored)
+        _keep(folder / "posterior.nc", problem, draws, settings.stored, record.seed)
         self.watcher.stage("profile")
         flat = problem.to_sampling(draws.flat)
         top = flat[np.argmax(draws.log_posterior)]
@@ -409,23 +409,29 @@ class _Work:
         return Run(folder, problem, record, summary, draws)
 
 
-def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int) -> None:
-    """Write `posterior.nc`, with the log likelihood of some of the draws."""
+def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int, seed: int) -> None:
+    """Write `posterior.nc`: with readings and their log likelihood from some of the draws, and as many prior draws."""
+    rng = np.random.default_rng([seed, 37])
     n_chains, n_kept = draws.values.shape[:2]
     flat = problem.to_sampling(draws.flat)
     every = math.ceil(len(flat) * problem.observed.size / stored)
     rows = flat.reshape(n_chains, n_kept, -1)[:, ::every].reshape(-1, problem.n_dim)
-    log_likelihood = np.concatenate(
-        [
-            problem.pointwise_log_likelihood(part).astype(np.float32)
-            for part in np.array_split(rows, math.ceil(len(rows) / 2048))
-        ]
-    )
+    likelihood, readings = [], []
+    for part in np.array_split(rows, math.ceil(len(rows) / 2048)):
+        ranges, scatter, known = problem.predict(part), problem.noise_values(part), problem.known_sigma
+        likelihood.append(noise.log_density(problem.observed, ranges, scatter, known).astype(np.float32))
+        # An instrument does not show ranges below zero.
+        readings.append(np.maximum(noise.draw(ranges, scatter, known, rng), 0.0).astype(np.float32))
+    shape = n_chains, -1, problem.observed.size
+    density = np.stack([p.log_prior(flat[:, i]) for i, p in enumerate(problem.parameters)], axis=-1)
     design = problem.design
     store.write(
         path,
         draws,
-        log_likelihood.reshape(n_chains, -1, problem.observed.size),
+        np.concatenate(likelihood).reshape(shape),
+        np.concatenate(readings).reshape(shape),
+        problem.to_physical(problem.prior_transform(rng.random((n_kept, problem.n_dim)))),
+        density.reshape(draws.values.shape),
         problem.observed,
         {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "square": design.waveform},
     )

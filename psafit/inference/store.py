@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
@@ -53,7 +54,14 @@ def _is_tree(arviz: Any) -> bool:
 
 
 def write(
-    path: Path, draws: Draws, log_likelihood: FloatArray, observed: FloatArray, constant: Mapping[str, Any]
+    path: Path,
+    draws: Draws,
+    log_likelihood: NDArray[np.floating[Any]],
+    predicted: NDArray[np.floating[Any]],
+    prior: FloatArray,
+    log_prior: FloatArray,
+    observed: FloatArray,
+    constant: Mapping[str, Any],
 ) -> None:
     """Write `posterior.nc` in one step.
 
@@ -63,6 +71,12 @@ def write(
     draws : Draws
     log_likelihood : (n_chains, n, n_points) array
         Of every fitted reading; of fewer draws, evenly spaced, where the readings are many.
+    predicted : (n_chains, n, n_points) array, um
+        Readings drawn from the same draws.
+    prior : (n, n_dim) array
+        Draws of the prior, in the parameters' units.
+    log_prior : (n_chains, n_draws, n_dim) array
+        Log prior density of each parameter in its sampling coordinate.
     observed : (n_points,) array, um
     constant : mapping of name to (n_points,) array
         Conditions of the fitted readings.
@@ -71,6 +85,9 @@ def write(
 
     groups: dict[str, Any] = {
         "posterior": {n: draws.values[..., i] for i, n in enumerate(draws.names)},
+        "posterior_predictive": {"launch_range_um": predicted},
+        "prior": {n: prior[None, :, i] for i, n in enumerate(draws.names)},
+        "log_prior": {n: log_prior[..., i] for i, n in enumerate(draws.names)},
         "sample_stats": {"lp": draws.log_posterior},
         "log_likelihood": {"launch_range_um": log_likelihood},
         "observed_data": {"launch_range_um": observed},
@@ -82,12 +99,18 @@ def write(
     }
     with warnings.catch_warnings():  # ArviZ takes many short chains for a transposed array
         warnings.filterwarnings("ignore", message="More chains|Found chain", category=UserWarning)
-        data = az.from_dict(groups, **layout) if _is_tree(az) else az.from_dict(**groups, **layout)
+        if _is_tree(az):
+            data = az.from_dict(groups, **layout)
+        else:
+            apart = {"log_prior": groups.pop("log_prior")}  # ArviZ 0.x's from_dict does not know this group
+            data = az.from_dict(**groups, **layout)
+            data.add_groups(apart)
     for part in data.subtree if _is_tree(az) else (data[name] for name in data.groups()):
         part.attrs.pop("created_at", None)  # the same draws are the same file
     data.attrs["psafit_identity"] = draws.identity
     with replacing(path) as temporary:
-        arrays = (draws.values, draws.log_posterior, log_likelihood, observed, *constant.values())
+        arrays = (draws.values, draws.log_posterior, log_likelihood, predicted, prior, log_prior, observed)
+        arrays = (*arrays, *constant.values())
         reserve(temporary, sum(np.asarray(a).nbytes for a in arrays) + HDF5_FRAME)
         data.to_netcdf(str(temporary), engine="h5netcdf")
 

@@ -33,6 +33,16 @@ NEGLIGIBLE = 0.01
 """Probability of all sets that were not sampled below which they may be passed over in silence."""
 
 
+def key_of(ids: Sequence[str]) -> str:
+    """Return a set of causes as the key of a file names it."""
+    return " + ".join(ids) or "baseline"
+
+
+def set_of(key: str) -> list[str]:
+    """Return the set of causes that such a key names."""
+    return [] if key == "baseline" else key.split(" + ")
+
+
 @dataclass(frozen=True)
 class LookedAt:
     """What a search has looked at, and what it left out.

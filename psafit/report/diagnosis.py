@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.compare import Told, known, read_predictions
+from psafit.compare import Told, read_predictions
+from psafit.diagnose.answer import Searched
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import PAGE, Diagnosis
+from psafit.diagnose.show import Line
+from psafit.diagnose.words import PLAIN
 from psafit.experiment import Experiment
 from psafit.inference.run import load
 from psafit.numerics import audit
-from psafit.records import Numerics, Refinement
 from psafit.report import diagnosis_answer as answer
 from psafit.report import diagnosis_pictures, figures
 from psafit.report import diagnosis_tables as tables
@@ -52,7 +52,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     Path
         Of the page.
     """
-    for place in {run["folder"] for run in result.extension.values()}:
+    for place in {run.folder for run in result.extension.values()}:
         if (folder / place).is_dir():
             extension = load(folder / place)
             write_report(extension, *validate(extension), audit(extension))
@@ -63,14 +63,9 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     content = {
         "title": f"Diagnosis: {result.title}",
         "verdict": {"text": result.verdict, "kind": answer.kind(result)},
-        "sentences": [
-            answer.examined(result, experiment) + " " + answer.adequate(result),
-            answer.wrong(result, experiment),
-            answer.gained(result),
-            *answer.what_next(result.next_experiment),
-        ],
-        "own_sentences": [result.restricted, *result.sentences] if result.left_out else result.sentences,
-        "searched": result.searched,
+        "sentences": answer.first_screen(result),
+        "own_sentences": result.sentences,
+        "searched": Searched(result.looked_at, result.settings.search.missed).say(PLAIN),
         "no_other": result.looked_at.no_other("set of causes").capitalize(),
         "tiles": answer.tiles(result, shown),
         "summary": diagnosis_pictures.summary_picture(pictured),
@@ -79,15 +74,15 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "left_out": len(shown) - len(pictured),
         "zeros": any(figures.has_zeros(g.group, g.curves) for g in pictured),
         "extended": "extended" in result.show,
-        "where": tables.where(result.misfit),
-        "where_after": tables.where(result.misfit.get("extended", {})),
+        "where": tables.where(result.misfit.where),
+        "where_after": tables.where(result.misfit.extended.where or [] if result.misfit.extended else []),
         "growth": tables.growth(result, experiment),
         "no_growth": tables.without_growth(result),
-        "rejected": known(result.misfit.get("p_value")) < ALPHA,
+        "rejected": result.misfit.p_value < ALPHA,
         "scatter": tables.scatter(result),
         "drift": tables.drift_rows(result),
         "corners": tables.corner_rows(result),
-        "sessions": tables.session_rows(result.misfit.get("sessions", [])),
+        "sessions": tables.session_rows(result.misfit.sessions),
         "models": tables.model_rows(result),
         "all_groups": ",".join(str(g) for g in result.groups),
         "leader": None
@@ -97,29 +92,29 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
             {"name": model(c.terms), "rows": tables.parameter_rows(c)} for c in result.causes if c is not leader
         ],
         "robustness": tables.robustness(result, leader),
-        "leader_listed": leader is words.listed_leader(result),
+        "leader_listed": leader is result.leader,
         "mostly_unnamed": result.mostly_unnamed,
         "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, TITLES, result.named),
         "screening": tables.screening_rows(result.screening),
         "alternatives": tables.alternatives(result),
-        "tests_before": tables.tests(result.misfit.get("baseline", {})),
-        "search": tables.search(result.misfit.get("search")),
-        "tests_after": tables.tests(result.misfit.get("extended", {})),
+        "tests_before": tables.tests(result.misfit.baseline),
+        "search": tables.search(result.misfit.search),
+        "tests_after": tables.tests(result.misfit.extended) if result.misfit.extended else None,
         "leftover": tables.leftover(result, shown),
         "quick": result.quick,
-        "gains": [tables.gain(name, result.gain[name]) for name in ("strict", "nested") if result.gain.get(name)],
+        "gains": [tables.gain(one) for one in result.gain.values()],
         "extension": {"adopted": None, "strict": None}
         | {
-            which: run | {"model": model(run["terms"]), "compared": _compared(run)}
+            which: vars(run) | {"model": model(run.terms), "compared": typeset(compared(**vars(run.importance)))}
             for which, run in result.extension.items()
         },
         "ledger": tables.ledger(result.ledger),
-        "begun": any("led_to" in entry for entry in result.ledger),
+        "begun": any(entry.led_to is not None for entry in result.ledger),
         "proposals": tables.proposals(result.next_experiment),
-        "confusion": tables.rehearsal(result.confusion),
-        "alike": tables.alike(result.confusion),
-        "rehearsals": [tables.rehearsal(one) for one in result.next_experiment.get("rehearsals", [])],
-        "numerics": _numerics(result.numerics),
+        "confusion": tables.rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
+        "alike": tables.alike(result.confusion.alike),
+        "rehearsals": [tables.rehearsal(one) for one in result.next_experiment.rehearsals or []],
+        "numerics": told_numerics(result.numerics),
         "data_warnings": experiment.warnings,
         "facts": _facts(result, experiment),
         "alpha": percent(ALPHA),
@@ -132,11 +127,6 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     return render("diagnosis.html.j2", folder / PAGE, **content)
 
 
-def _compared(run: dict[str, Any]) -> str:
-    """Whether the chain of an extension and importance draws agree; nothing where that is not on record."""
-    return typeset(compared(**run["importance"])) if "importance" in run else ""
-
-
 def _told(path: Path, model: str | None = None) -> dict[str, Told]:
     """What a table beside the record says of each group; nothing where it is not there."""
     return {str(t.group.id): t for t in read_predictions(path, model)} if path.is_file() else {}
@@ -146,11 +136,11 @@ def _band(told: Told | None, n: int) -> tuple[figures.Band, ...]:
     return (figures.Band(figures.READING_BAND, told.lower, told.upper),) if told and told.lower.size == n else ()
 
 
-def _line(told: Mapping[str, Any] | None, gone: str | None = None) -> tuple[FloatArray, FloatArray] | None:
+def _line(told: Line | None, gone: str | None = None) -> tuple[FloatArray, FloatArray] | None:
     """What a record says between the readings of a group, with all causes or without one; a sweep of two is none."""
     if told is None:
         return None
-    at, um = np.asarray(told["at"]), np.asarray(told["um"] if gone is None else told["without_um"][gone], dtype=float)
+    at, um = np.asarray(told.at), np.asarray(told.um if gone is None else told.without_um[gone], dtype=float)
     return (at, um) if np.isfinite(um).all() else None
 
 
@@ -158,13 +148,14 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     """The groups of the record with the models' predictions, which the record holds one group after the other."""
     members = experiment.select(result.groups)
     n = sum(g.n_points for g in members)
-    told = {name: np.asarray(model.get("predicted_um", []), dtype=float) for name, model in result.show.items()}
+    told = {name: np.asarray(model.predicted_um, dtype=float) for name, model in result.show.items()}
     adopted = _told(result.table(folder, result.predictions))
     strict = result.gain.get("strict")
-    unseen = _told(result.table(folder, strict["predictions"]), "extended") if strict else {}
-    each = {id: np.asarray(v, dtype=float) for id, v in result.show.get("extended", {}).get("without_um", {}).items()}
+    unseen = _told(result.table(folder, strict.predictions), "extended") if strict else {}
+    extended = result.show.get("extended")
+    each = {id: np.asarray(v, dtype=float) for id, v in (extended.without_um if extended else {}).items()}
     without = {id: ranges for id, ranges in each.items() if ranges.size == n}
-    lines = {model: {str(line["group"]): line for line in show.get("lines", [])} for model, show in result.show.items()}
+    lines = {model: {str(line.group): line for line in show.lines} for model, show in result.show.items()}
     found, start = [], 0
     for group in members:
         part = slice(start, start + group.n_points)
@@ -192,14 +183,6 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     return found
 
 
-def _numerics(n: Mapping[str, Any]) -> dict[str, Any] | None:
-    if not n:
-        return None
-    found: dict[str, Any] = {k: math.nan if v is None and k != "tolerance" else v for k, v in n.items()}
-    found["refinement"] = [Refinement(**{k: known(v) for k, v in step.items()}) for step in n["refinement"]]
-    return told_numerics(Numerics(**found))
-
-
 def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
     facts: list[list[Any]] = [
         ["Data", result.title],
@@ -211,7 +194,7 @@ def _facts(result: Diagnosis, experiment: Experiment) -> list[list[Any]]:
         ["Predictions of the adopted model", result.predictions],
         ["Fingerprint of the data (SHA-256)", result.fingerprint],
         ["Versions", ", ".join(f"{name} {version}" for name, version in result.versions.items())],
-        ["Time taken", ", ".join(f"{name} {known(s):.1f}{NBSP}s" for name, s in result.seconds.items()) or "–"],
+        ["Time taken", ", ".join(f"{name} {s:.1f}{NBSP}s" for name, s in result.seconds.items()) or "–"],
     ]
     if result.command:
         facts.insert(2, ["Command", result.command])

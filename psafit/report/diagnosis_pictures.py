@@ -13,7 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from psafit.arrays import FloatArray
+from psafit.diagnose.gain import Gain
 from psafit.diagnose.record import NEAREST, UNSEEN, ScreeningResult
+from psafit.diagnose.show import Growth
 from psafit.experiment import Group
 from psafit.report import figures
 from psafit.report.diagnosis_words import share
@@ -155,8 +157,8 @@ def explorable(shown: Sequence[Shown]) -> list[dict[str, Any]]:
 
 
 def growth_pictures(
-    baseline: Sequence[Mapping[str, Any]],
-    extended: Sequence[Mapping[str, Any]],
+    baseline: Sequence[Growth],
+    extended: Sequence[Growth],
     conditions: Mapping[str, str],
     zeros: Mapping[str, int],
 ) -> list[Picture]:
@@ -164,22 +166,22 @@ def growth_pictures(
 
     Parameters
     ----------
-    baseline, extended : sequences of dict
-        `psafit.diagnose.show.Growth` as a dict, in the same order; the second empty without extension.
+    baseline, extended : sequences of Growth
+        In the same order; the second empty without extension.
     conditions, zeros : dict
         What each group holds, and how many readings of zero, which have no exponent; by its id as text.
     """
-    rest = {str(g["group"]): g for g in extended}
-    drawn = [(str(g["group"]), g) for g in baseline if len(g["at"]) > 0]
+    rest = {str(g.group): g for g in extended}
+    drawn = [(str(g.group), g) for g in baseline if g.at]
     return [_growth(g, rest.get(id), conditions.get(id, ""), zeros.get(id, 0), len(drawn)) for id, g in drawn]
 
 
-def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: str, zeros: int, n: int) -> Picture:
-    ext = ext if ext is not None and len(ext["at"]) > 0 else None
+def _growth(base: Growth, ext: Growth | None, condition: str, zeros: int, n: int) -> Picture:
+    ext = ext if ext is not None and ext.at else None
     seen = ext or base  # the readings weighed by the scatter of the better model
-    at, lower, upper = (np.asarray(seen[k], dtype=float) for k in ("at", "lower", "upper"))
-    measured = np.asarray(seen["measured"], dtype=float)
-    letter = _SYMBOL[base["variable"]]
+    at, lower, upper = (np.array(x) for x in (seen.at, seen.lower, seen.upper))
+    measured = np.array(seen.measured)
+    letter = _SYMBOL[base.variable]
     with figure_style():
         figure, axes = new_figure(height=2.75)
         axes.axhline(0.0, color=PALETTE["faint"], lw=1.0, zorder=0.5)
@@ -190,26 +192,26 @@ def _growth(base: Mapping[str, Any], ext: Mapping[str, Any] | None, condition: s
             axes.vlines(at, lower, upper, color=PALETTE["ink"], lw=9, alpha=0.16)
             mark = {"marker": "_", "markersize": 22, "markeredgewidth": 2}
         axes.plot(at, measured, **MEASURED)
-        axes.plot(base["at"], base["simulated"], **_BASELINE, **mark)
+        axes.plot(base.at, base.simulated, **_BASELINE, **mark)
         if ext is not None:
-            axes.plot(ext["at"], ext["simulated"], **_EXTENDED, **mark)
-        lines = [measured, np.asarray(base["simulated"], dtype=float)]
-        lines += [np.asarray(ext["simulated"], dtype=float)] if ext is not None else []
+            axes.plot(ext.at, ext.simulated, **_EXTENDED, **mark)
+        lines = [measured, np.array(base.simulated)]
+        lines += [np.array(ext.simulated)] if ext is not None else []
         values = np.concatenate([*lines, *([lower, upper] if at.size == 1 else [])])
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         room = 0.25 * (high - low) + 0.1
         scale_axis(axes, "y", low - room, high + room, log=False)
         shown = at if at.size > 1 else at * np.array([0.5, 2.0])
         _scale_x(axes, shown, log=bool(shown.min() > 0 and shown.max() >= 3 * shown.min()))
-        axes.set_xlabel(AXIS[base["variable"]])
+        axes.set_xlabel(AXIS[base.variable])
         axes.set_ylabel(f"d ln L / d ln {letter}")
-        title(axes, base["group"], condition)
-    text = f"measured {_extent(seen['measured'])}, baseline {_extent(base['simulated'])}"
+        title(axes, base.group, condition)
+    text = f"measured {_extent(seen.measured)}, baseline {_extent(base.simulated)}"
     if ext is not None:
-        text += f", extended {_extent(ext['simulated'])}"
+        text += f", extended {_extent(ext.simulated)}"
     if zeros:
         text += f"; without {count(zeros, 'reading')} of zero, which {'has' if zeros == 1 else 'have'} no logarithm"
-    alt = f"Local exponent of the launch range against {SWEPT[base['variable']]}, group {base['group']}: {text}."
+    alt = f"Local exponent of the launch range against {SWEPT[base.variable]}, group {base.group}: {text}."
     return Picture(_uri(figure, n), alt, f"Exponent: {text}.")
 
 
@@ -304,23 +306,23 @@ def _bars(
     return figure
 
 
-def gain_picture(protocol: str, gain: Mapping[str, Any]) -> Picture:
+def gain_picture(gain: Gain) -> Picture:
     """Error of each unseen group, before and after."""
-    rows = gain["groups"]
-    before = np.array([r["log_rmse_before"] for r in rows], dtype=float)
-    after = np.array([r["log_rmse_after"] for r in rows], dtype=float)
+    rows, protocol = gain.groups, gain.protocol
+    before = np.array([r.log_rmse_before for r in rows])
+    after = np.array([r.log_rmse_after for r in rows])
     with figure_style():
         figure, axes = new_figure(height=1.35 + 0.32 * (len(rows) + 1))
         at = np.arange(len(rows) + 1)[::-1]
-        means = (float(gain["log_rmse_before"]), float(gain["log_rmse_after"]))
+        means = (gain.log_rmse_before, gain.log_rmse_after)
         b, a = np.append(before, means[0]), np.append(after, means[1])
         axes.hlines(at, np.minimum(a, b), np.maximum(a, b), color=PALETTE["faint"], lw=3, zorder=1)
         axes.plot(b, at, "s", ms=6.5, mfc="white", mec=PALETTE["grey"], mew=1.6, label="before: baseline", zorder=3)
         axes.plot(a, at, "o", ms=7, color=PALETTE["vermillion"], label="after: extended", zorder=3)
-        low, high = (means[0] + float(c) for c in gain["log_rmse_interval"])
+        low, high = (means[0] + c for c in gain.log_rmse_interval)
         axes.plot([low, high], [0, 0], color=PALETTE["vermillion"], lw=2.2, alpha=0.5, zorder=2)
         axes.axhline(0.5, color=PALETTE["grey"], lw=0.8)
-        axes.set_yticks(at, [*(label(f"group {short(r['group'])}") for r in rows), "mean, 90 %"])
+        axes.set_yticks(at, [*(label(f"group {short(r.group)}") for r in rows), "mean, 90 %"])
         axes.set_ylim(-0.6, len(rows) + 0.4)
         most = max(float(b.max()), float(a.max()), 0.1)
         scale_axis(axes, "x", 0.0, 1.08 * max(most, min(high, 1.5 * most)), log=False)
@@ -328,7 +330,7 @@ def gain_picture(protocol: str, gain: Mapping[str, Any]) -> Picture:
         axes.set_xlabel("Log RMSE of readings not seen (0 is perfect)")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     each = "; ".join(
-        f"group {r['group']} {b:.3f} before, {a:.3f} after" for r, b, a in zip(rows, before, after, strict=True)
+        f"group {r.group} {b:.3f} before, {a:.3f} after" for r, b, a in zip(rows, before, after, strict=True)
     )
     return Picture(
         figure_data_uri(figure),

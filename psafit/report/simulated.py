@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from psafit.experiment import Conditions, by_group
@@ -41,7 +42,11 @@ def write_picture(
         for drawn, (g, middle, line) in zip(curves, parts, strict=True):
             smooth = None if g.along is None else (g.along, line)
             drawn.append(figures.Curve(name, color, middle, dashed=dashed, line=smooth))
-    figure = figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves)
+    save(figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves), path)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure in one step; its ending says what kind of picture: .png, .svg or .pdf."""
     kind = path.suffix.lower().removeprefix(".")
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)  # equal pictures are equal bytes
     buffer = io.BytesIO()

@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 
 from psafit.report.figures.axes import SUPERSCRIPT, power_of_ten
 from psafit.text import fixed
+from psafit.text import percent as plain_percent
 
 _GREEK: Final = {
     "alpha": "α",
@@ -156,12 +157,7 @@ def percent(fraction: float) -> str:
     >>> percent(0.005).replace(NBSP, " ")
     'under 1 %'
     """
-    text = fixed(fraction, per_cent=True).replace("-", "\N{MINUS SIGN}")
-    if text == "0" and fraction > 0:
-        text = "under 1"
-    elif text == "100" and fraction < 1:
-        text = "over 99"
-    return f"{text}{NBSP}%"
+    return plain_percent(fraction).replace("-", "\N{MINUS SIGN}").replace(" %", f"{NBSP}%")
 
 
 def p_value(p: float) -> str:

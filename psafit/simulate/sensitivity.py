@@ -142,7 +142,11 @@ class Effect:
     @property
     def deviation(self) -> FloatArray:
         """The same in standard deviations of the scatter, (n_directions, n_points): always finite."""
-        return in_scatter(self.launch_range) - in_scatter(self.neutral)
+        return self.in_units_of(RELATIVE_SCATTER, ABSOLUTE_SCATTER)
+
+    def in_units_of(self, relative: float, absolute: float) -> FloatArray:
+        """The same of a scatter of so many parts of the range and, in quadrature, so many m."""
+        return in_scatter(self.launch_range, relative, absolute) - in_scatter(self.neutral, relative, absolute)
 
 
 def in_scatter(

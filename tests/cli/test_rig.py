@@ -17,9 +17,11 @@ from sensors import SENSOR
 
 from psafit import files
 from psafit.cli import rig as of_rigs
+from psafit.diagnose.next_experiment import NextExperiment
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, read_experiment, read_plan, write_experiment
 from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
+from psafit.physics import terms
 from psafit.records import write_json
 
 
@@ -123,6 +125,27 @@ def test_the_command_checks_a_cause(sensor: Path, tmp_path: Path) -> None:
         assert [line[:4] for line in lines[:-1]] == ["pass" if c["passed"] else "FAIL" for c in told["checks"]]
 
 
+def test_what_conditions_can_tell_apart_is_said_and_drawn(
+    known_folder: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:  # type: ignore[no-untyped-def]
+    few = terms(["amplifier_lag", "hunt_crossley", "swing_drag"])
+    monkeypatch.setattr("psafit.physics.TERMS", few)
+    picture, file = tmp_path / "m.png", tmp_path / "m.json"
+    assert run(monkeypatch, "plan", known_folder, "--isolability", "--plot", picture, "--json", file) == 0
+    told, held = capsys.readouterr().out, json.loads(file.read_text("utf-8"))
+    assert held["causes"] == [t.id for t in few] and len(held["nats"]) == 3 and picture.stat().st_size > 1000
+    assert "swing_drag" in held["unseen"] and "would not be seen: " in told
+    for words, said in (
+        (["--isolability", "--out", tmp_path / "x"], "writes no folder"),
+        (["--isolability", "--plot", tmp_path / "x.txt"], "no kind of picture"),
+        (["--plot", picture, "--out", tmp_path / "x"], "belong to --isolability"),
+        ([], "no --out"),
+    ):
+        assert run(monkeypatch, "plan", known_folder, *words) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1 and not (tmp_path / "x").exists()
+
+
 def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     """Measured groups stay as they are; the proposed one waits for its readings, and for nothing else."""
     folder, experiment = shutil.copytree(diagnosis[0], tmp_path / "run"), diagnosis[1]
@@ -144,11 +167,13 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
     write_experiment(experiment.with_readings(np.concatenate([g.launch_range_um for g in experiment.groups]) + 1),
                      spoilt / "experiment")  # fmt: skip
     record = make_record(experiment)
-    bad = {**record.next_experiment["proposals"][0], "frequency_hz": [-1.0, 5.0]}
-    odd = replace(record, next_experiment=record.next_experiment | {"proposals": [bad]})
+    bad = replace(record.next_experiment.proposals[0], frequency_hz=[-1.0, 5.0])
+    odd = replace(record, next_experiment=replace(record.next_experiment, proposals=[bad]))
     write_json(forged / "diagnosis.json", odd, sealed=True)
     nothing = shutil.copytree(folder, tmp_path / "nothing")
-    write_json(nothing / "diagnosis.json", replace(make_record(experiment), next_experiment={}), sealed=True)
+    write_json(
+        nothing / "diagnosis.json", replace(make_record(experiment), next_experiment=NextExperiment()), sealed=True
+    )
     capsys.readouterr()
     for words, told in (
         ([folder, "--out", tmp_path / "next"], "holds something already"),

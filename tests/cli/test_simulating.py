@@ -15,6 +15,7 @@ from commands import run
 from diagnoses_by_hand import make_record
 
 from psafit.cli import simulating
+from psafit.diagnose.record import ParameterResult
 from psafit.errors import InputError
 from psafit.experiment import (
     Conditions,
@@ -52,7 +53,8 @@ def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def
 ) -> None:
     record = make_record(diagnosis[1])
     values = {"k_c": 2e6, "hysteresis_strength": 0.2, "hysteresis_voltage": 15.0, "sigma_rel": 0.05}
-    best = replace(record.causes[0], terms=["hysteresis"], parameters={n: {"median": x} for n, x in values.items()})
+    parameters = {n: ParameterResult(x, None, None, "1", "", 0.5) for n, x in values.items()}
+    best = replace(record.causes[0], terms=["hysteresis"], parameters=parameters)
     write_json(tmp_path / "diagnosis.json", replace(record, causes=[best, *record.causes[1:]]), sealed=True)
     words = ("--set", "c_c=40", "--quiet", "--json", tmp_path / "it.json")
     assert run(monkeypatch, "simulate", known_folder, "--run", tmp_path, *words) == 0

@@ -12,6 +12,9 @@ from rigs import RIG
 from truths import FEW, experiment, few, problem
 
 from psafit.diagnose import diagnose, diagnosis
+from psafit.diagnose.answer import sentences
+from psafit.diagnose.next_experiment import NextExperiment
+from psafit.diagnose.record import Confusion
 from psafit.diagnose.settings import Settings as Effort
 from psafit.diagnose.significance import lead
 from psafit.errors import InputError
@@ -52,10 +55,11 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
 def test_what_an_adequate_baseline_does_not_exclude_is_told_apart(tmp_path):
     """Else the parameter of which the readings tell least is what to measure next."""
     found = diagnose(experiment(), ["a"], tmp_path, quick=True, catalogue=FEW)
-    assert found.verdict == "adequate" and found.next_experiment["proposals"]
+    assert found.verdict == "adequate" and found.next_experiment.proposals
     open_ = [c for c in found.causes if c.terms and c.probability >= 0.05]
-    assert found.next_experiment["about"].startswith("tells the baseline from" if open_ else "determines ")
-    assert found.confusion == {"alike": []}
+    assert found.next_experiment.tells_apart == bool(open_)
+    assert found.next_experiment.about.startswith("tells the baseline from" if open_ else "determines ")
+    assert found.confusion == Confusion()
 
 
 def test_the_order_in_which_groups_are_named_does_not_matter(tmp_path, monkeypatch):
@@ -81,7 +85,7 @@ def test_a_diagnosis_that_makes_no_sense_is_refused(tmp_path):
 
 def test_without_a_drive_nothing_is_proposed(tmp_path):
     found = diagnose(few([5.0, 0.0, 4.0, 0.0, 6.0], amplitude=0.0), ["a"], tmp_path, quick=True, catalogue=FEW[:1])
-    assert found.next_experiment == {}
+    assert found.next_experiment == NextExperiment()
 
 
 @pytest.mark.parametrize(
@@ -142,7 +146,7 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
     quick = diagnose(e, ["a"], tmp_path / "two", **asked)
     assert again.causes == result.causes
     assert quick.causes == result.causes
-    assert quick.gain == {} and quick.extension == {} and quick.misfit["search"] == result.misfit["search"]
+    assert quick.gain == {} and quick.extension == {} and quick.misfit.search == result.misfit.search
     # A whole answer is read back; what has lost a part is worked out.
     with monkeypatch.context() as m:
         m.delattr(diagnosis._Work, "all")
@@ -161,8 +165,9 @@ def test_only_the_causes_asked_for_are_looked_at(tmp_path):
     assert [s.id for s in found.screening] and {s.id for s in found.screening} == {t.id for t in FEW[:2]}
     assert found.left_out == [t.id for t in TERMS if t not in FEW[:2]]
     assert found.headline.endswith("(of 2 causes looked at)")
-    assert found.restricted.startswith("Only ") and f"{len(TERMS) - 2} other causes" in found.restricted
-    assert replace(found, left_out=[]).restricted == "" and "looked at" not in replace(found, left_out=[]).headline
+    assert found.sentences[0].startswith("Only ") and f"{len(TERMS) - 2} other causes" in found.sentences[0]
+    whole = replace(found, left_out=[])
+    assert not sentences(whole)[0].startswith("Only ") and "looked at" not in whole.headline
     assert (
         diagnose(experiment(n=8), ["a"], tmp_path, quick=True, catalogue=FEW[:2], settings=Effort(simulated=49))
         == found
@@ -198,7 +203,7 @@ def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
         return diagnose(e, ["a"], tmp_path, **asked, **options).extension["adopted"]
 
     first = again()
-    assert not first["converged"] and "after 60 steps" in first["message"]
+    assert not first.converged and "after 60 steps" in first.message
     with monkeypatch.context() as m:  # the command that draws on is broken off: what there was stays
         m.setattr(diagnosis._Work, "_extend", interrupted)
         with pytest.raises(KeyboardInterrupt):
@@ -207,7 +212,7 @@ def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
     (tmp_path / "diagnosis.json").unlink()  # killed after the extension, before the end
     assert again() == first
     assert again(draw_on=False) == first
-    assert again()["message"] != first["message"]
+    assert again().message != first.message
 
 
 @pytest.mark.slow
@@ -257,6 +262,6 @@ def test_a_cluster_diagnoses_as_one_process_does(tmp_path):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         found = diagnose(e, ["a"], tmp_path / "cluster", scheduler=cluster.scheduler_address, **asked)
     assert found.identity == alone.identity and found.causes == alone.causes and found.gain == alone.gain
-    assert found.misfit["search"] == alone.misfit["search"] and len(found.misfit["search"]["null"]) == 2
+    assert found.misfit.search == alone.misfit.search and len(found.misfit.search.null) == 2
     steps = [{p.name for p in (tmp_path / name / "steps").iterdir()} for name in ("alone", "cluster")]
     assert steps[0] <= steps[1]  # what was worked ahead for nothing is there, too

@@ -32,7 +32,7 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
         assert g.elpd_interval[0] < g.elpd_after - g.elpd_before < g.elpd_interval[1]
     assert result.log_rmse_after < result.log_rmse_before
     assert [g.group for g in result.groups] == ["b", "c"]
-    assert all("b" not in entry["saw"] for entry in result.ledger)
+    assert all("b" not in entry.saw for entry in result.ledger)
     rows = (tmp_path / result.predictions).read_text().splitlines()
     assert rows[0].endswith("role,model")
     assert len(rows) == 1 + 2 * 48

@@ -1,4 +1,4 @@
-"""Words for what a search has found."""
+"""What a search has found, as the record holds it."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from types import SimpleNamespace
 import pytest
 from truths import FEW, experiment, narrow, problem
 
-from psafit.diagnose.gain import worse
 from psafit.diagnose.leftover import leftover
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, UNSEEN
 from psafit.diagnose.screening import VISIBLE, screen
-from psafit.diagnose.told import _cause, _word, furthest, misfit_of, sentences
+from psafit.diagnose.told import _cause, _word, misfit_of
 from psafit.inference.sample import sample
 from psafit.model_search import search_models
 from psafit.parameters import Belief, Normal
@@ -49,38 +48,11 @@ def test_values_that_nobody_expects_are_flagged():
         ladder = search_models(one, lag, seed=1)
         cause = _cause(ladder, verdict, ladder.of(("amplifier_lag",)))
         assert cause.implausible == flagged
-    widths = cause.evidence["prior_width"]
+    widths = cause.evidence.prior_width
     assert widths["twice"] > 1 > 0 > widths["half"]
     wide = problem(replace(e, beliefs=(replace(told, prior=Normal(0.0, 2.4e-5)),)))
     wider = sample(replace(wide, terms=terms(["amplifier_lag"])), [ladder.baseline], seed=1)[1]
-    assert widths["twice"] == pytest.approx(wider.log_evidence - cause.evidence["log_evidence"], abs=0.7)
-
-
-def test_groups_that_are_predicted_worse_are_named(hidden):
-    """Beyond chance, and where a reading can tell."""
-    rows = [("a", [0.1, 0.4], ""), ("b", [-0.1, 0.4], ""), ("c", [0.1, 0.4], "too quiet"), ("d", [None, None], "")]
-    gain = {"groups": [{"group": g, "log_rmse_interval": ends, "silent": why} for g, ends, why in rows]}
-    assert [g["group"] for g in worse(gain)] == ["a"]
-    scores = {"log_rmse_before": 0.3, "log_rmse_after": 0.6}
-    one = {"groups": [{**gain["groups"][0], **scores}], **scores, "log_rmse_interval": [0.1, 0.4]}
-    calm = SimpleNamespace(reasons=(), alternatives=(), named=())
-    quiet = SimpleNamespace(wrong=False)
-    search = {"lead": 9.2, "null": [-1.0, 2.4], "p_value": 1 / 3, "stored": False}
-    tied = SimpleNamespace(reasons=(), alternatives=(("c",), ()), named=("a", "b"))
-    said = sentences(tied, quiet, hidden, None, [], {}, {}, None)
-    assert "Not to be told apart from a + b: c; the baseline." in said
-    said = sentences(calm, quiet, hidden, None, [], {"strict": one}, {}, search)
-    assert "Predicted worse than by the baseline (strict): group a (0.300 to 0.600)." in said
-    assert "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
-    said = sentences(calm, quiet, hidden, None, [], {}, {}, search | {"null": [-1.0, -2.4]})
-    assert any("none put a model with causes first; this one leads by 9" in one for one in said)
-    stored = search | {"stored": True, "readings": [56, 150]}
-    said = sentences(calm, quiet, hidden, None, [], {}, {}, stored)
-    where = "designs of 56 to 150 readings with nothing hidden (stored table, this catalogue)"
-    assert f"Of 2 searches on {where} none led by more than 2 nats; this one leads by 9 (p <= 0.33)." in said
-    unknown = {"lead": 9.2, "null": [], "p_value": None, "stored": True, "readings": [], "missing": "catalogue"}
-    said = sentences(calm, quiet, hidden, None, [], {}, {}, unknown)
-    assert any("is not known: the stored table is of another catalogue (--searches 19" in one for one in said)
+    assert widths["twice"] == pytest.approx(wider.log_evidence - cause.evidence.log_evidence, abs=0.7)
 
 
 def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):
@@ -89,15 +61,9 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):
     ladder = search_models(problem(e), FEW, seed=1)
     before = examine(ladder.baseline, FEW, seed=1, n_simulated=99)
     misfit = misfit_of(before, None, leftover(ladder.baseline), ladder.baseline, ladder.leader)
-    text = furthest(ladder, SimpleNamespace(verdict="adequate"), misfit)
     hz = e.group("a").frequency_hz[9]
-    assert text.startswith("Furthest from the baseline: group ") and text.count(f"{hz:.6g} Hz") == 2
-    assert "heavy tails (nu 2" in text
-    assert [w["group"] for w in misfit["where"][:2]] == ["a", "c"] and "as there in group c" in misfit["where"][0][
-        "text"
-    ]
-    quiet = misfit_of(
-        examine(hidden.leader, FEW, seed=1, n_simulated=99), None, leftover(hidden.leader), hidden.leader, hidden.leader
-    )
-    named = SimpleNamespace(verdict="explained")
-    assert "heavy tails" not in furthest(hidden, named, {"extended": quiet["baseline"]})
+    assert [r.frequency_hz for r in misfit.baseline.furthest].count(hz) == 2
+    assert [w.group for w in misfit.where[:2]] == ["a", "c"] and misfit.where[0].together == ["c"]
+    assert "as there in group c" in misfit.where[0].text
+    cause = _cause(ladder, SimpleNamespace(named=(), probability={(): 1.0}), ladder.baseline)
+    assert cause.parameters["nu"].upper < 10.0

@@ -50,7 +50,7 @@ def test_verdicts(hidden, sound):
                 replace(hidden, candidates=candidates, probability=share), before, after, left, bare
             )
     assert {key for key, v in verdicts.items() if v.verdict == "ambiguous"} == {(2.0, 0.02)}
-    assert verdicts[2.0, 0.02].alternatives == (other.ids,) and "plausible" in verdicts[2.0, 0.02].reasons[0]
+    assert verdicts[2.0, 0.02].alternatives == (other.ids,)
     # Causes that share the probability take nothing from what has no name: it has a tenth before the readings.
     doubtful = replace(left, log_bayes=np.log(9 * 1.5))
     hopeless = replace(bare, log_evidence=-np.inf)
@@ -70,18 +70,10 @@ def test_verdicts(hidden, sound):
     as_good = replace(bare, log_evidence=none.log_evidence + 50.0)
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
-    assert better.verdict == "unexplained" and "a smooth curve in its place is simpler" in better.reasons[0]
-    assert not better.remains
+    assert better.verdict == "unexplained" and not better.remains
     # What has no name and keeps a part beside an explanation is told with it.
     doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
-    assert "a discrepancy without a name keeps 20 %" in doubted.reasons[0]
-    # What was not sampled may do as well where it may hold more than a hundredth.
-    for mass, said in ((0.005, "no other set does"), (0.02, "no other set that was sampled does")):
-        share = dict.fromkeys(hidden.probability, 0.0) | {leader.ids: 1 - mass, other.ids: mass}
-        guessed = replace(hidden, probability=share, weighed={leader.ids: hidden.weighed[leader.ids]})
-        told = conclude(guessed, before, after, none, hopeless)
-        assert told.verdict == "explained" and f"{said} as well" in told.reasons[0]
     # Nothing hidden.
     plain = search_models(sound.problem, FEW, seed=1)
     quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -208,6 +209,27 @@ def test_run_reads_back(finished: running.Run) -> None:
     stored = az.from_netcdf(str(finished.folder / "posterior.nc"))
     assert set(finished.problem.names) <= set(stored["posterior"].data_vars)
     assert stored["log_likelihood"]["launch_range_um"].shape[-1] == finished.problem.observed.size
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # ArviZ doubts so few draws
+def test_what_arviz_computes_runs_on_the_file(finished: running.Run) -> None:
+    """LOO, LOO-PIT and the sensitivity to prior and likelihood; the groups are those of the same draws."""
+    import arviz as az
+
+    stored, problem = az.from_netcdf(str(finished.folder / "posterior.nc")), finished.problem
+    n = problem.observed.size
+    assert {"prior", "posterior_predictive", "log_likelihood", "log_prior", "observed_data"} <= set(stored.groups())
+    assert math.isfinite(az.loo(stored).elpd_loo)
+    pit = az.loo_pit(stored, y="launch_range_um")
+    assert pit.shape == (n,) and 0.2 < pit.mean() < 0.8
+    assert set(az.psens(stored, component="prior").data_vars) == set(problem.names)
+    each = np.stack([stored["log_prior"][name].values for name in problem.names], axis=-1)
+    u = problem.to_sampling(finished.draws.flat)
+    assert each.sum(axis=-1).ravel() == pytest.approx(problem.log_prior(u))
+    prior = np.stack([stored["prior"][name].values[0] for name in problem.names], axis=-1)
+    assert np.isfinite(problem.log_prior(problem.to_sampling(prior))).all()
+    made = stored["posterior_predictive"]["launch_range_um"].values
+    assert made.shape == stored["log_likelihood"]["launch_range_um"].shape and (made >= 0).all()
 
 
 def test_repeating_a_finished_run_changes_nothing(finished: running.Run, known: Experiment) -> None:

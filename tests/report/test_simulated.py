@@ -11,6 +11,7 @@ import pytest
 from commands import run
 from diagnoses_by_hand import make_record
 
+from psafit.diagnose.record import ParameterResult
 from psafit.experiment import Experiment
 from psafit.records import write_json
 from psafit.report import simulated
@@ -23,9 +24,8 @@ def test_a_picture_shows_the_tied_sets(  # type: ignore[no-untyped-def]
     record = make_record(diagnosis[1])
     both = {"hysteresis_strength": 0.2, "hysteresis_voltage": 15.0, "gap_width": 1e-6}
     sets = (["hysteresis"], ["gap", "hysteresis"], [])
-    causes = [
-        replace(record.causes[0], terms=ids, parameters={n: {"median": x} for n, x in both.items()}) for ids in sets
-    ]
+    values = {n: ParameterResult(x, None, None, "1", "", 0.5) for n, x in both.items()}
+    causes = [replace(record.causes[0], terms=ids, parameters=values) for ids in sets]
     tied = replace(record, verdict="ambiguous", named=sets[0], alternatives=[sets[1], ["preload"]], causes=causes)
     found, file = tmp_path / "found", tmp_path / "x.csv"
     found.mkdir()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from psafit.challenge.score import percent
 from psafit.cli.diagnosing import _share
-from psafit.diagnose.next_experiment import promise
+from psafit.diagnose.next_experiment import NextExperiment, Proposal, Purpose
 from psafit.report import diagnosis_words as words
 from psafit.report import wording
 
@@ -49,7 +51,8 @@ def test_the_same_probability_reads_the_same_everywhere():
 
 
 def test_nothing_is_narrower_by_minus_zero():
-    offered = {"about": "determines k_c", "proposals": [{"separation": -1e-3, "error": 0.1, "constants": {}}]}
-    assert "narrower by 0 %" in promise(offered, 0)
-    assert plain_spaces(words.narrowing(-1e-3)) == "0 %" and words.nats(-0.04) == "0.0" == words.signed(-0.04)
-    assert wording.exact(-0.0) == "0" and "-0 " not in wording.typeset(words.lead({"separation": -0.01, "error": 0.1}))
+    one = Proposal("", "sine", [], [], {}, -1e-3, None, 0.0)
+    offered = NextExperiment.of([one], Purpose("narrow", parameter="k_c"))
+    assert "narrower by 0 %" in offered.promise(0)
+    assert plain_spaces(words.narrowing(one)).startswith("0 %") and words.nats(-0.04) == "0.0" == words.signed(-0.04)
+    assert wording.exact(-0.0) == "0" and "-0 " not in wording.typeset(words.lead(replace(one, separation=-0.01)))

@@ -1,0 +1,331 @@
+r"""Which causes a design can tell apart, before anything is measured.
+
+At a place :math:`\theta` of the baseline, cause :math:`i` at a plausible strength changes the ranges by :math:`e_i`, in
+standard deviations of the scatter (`psafit.simulate.sensitivity`). With :math:`P` the projection on what refitted
+parameters of the baseline cannot imitate, and :math:`Q_M` that on what the effects of a model's causes span beside it,
+
+.. math:: N_{i|M} = \tfrac12 \lVert (1 - Q_M) P e_i \rVert^2
+
+are the nats by which readings that cause :math:`i` has made will speak against model :math:`M`, on average. It is the
+expected difference of the best log likelihoods in the linearised problem. :math:`N_{i|0}`, with nothing in :math:`M`,
+says whether the cause is seen at all. Effects bend with their strength: a cause of :math:`M` is taken at several
+strengths, and the one that imitates best counts. Of the places in the baseline that are tried the median is told.
+
+A cause *may be taken for* another where its readings speak less than a threshold against that. Two *look alike* where
+each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the refit is
+linear: of a cause that changes the ranges many times over the numbers say in which direction, not how far.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.sparse.csgraph import connected_components
+
+from psafit.arrays import FloatArray
+from psafit.diagnose.next_experiment import Possible, proposals
+from psafit.experiment import Constants
+from psafit.experiment.records import Conditions
+from psafit.physics.term import Term
+from psafit.simulate import Design
+from psafit.simulate.sensitivity import RIGS, derivatives, effect, plausible
+
+
+@dataclass(frozen=True)
+class IsolabilitySettings:
+    """Options of `isolability`.
+
+    Parameters
+    ----------
+    apart : float
+        Nats from which on readings speak clearly against a model; three are odds of twenty to one.
+    strength : float
+        Strength of the cause that makes the readings, as a share of its prior: see
+        `psafit.simulate.sensitivity.plausible`.
+    imitating : tuple of float
+        Strengths at which another cause may imitate it.
+    relative, absolute : float, um
+        Scatter of the readings: a share of the range, and what is added in quadrature.
+    readings : tuple of int
+        Numbers of readings of a further sweep that are tried, fewest first; the last is what a proposal has.
+    """
+
+    apart: float = 3.0
+    strength: float = 0.5
+    imitating: tuple[float, ...] = (0.2, 0.5, 0.8)
+    relative: float = 0.05
+    absolute: float = 0.3
+    readings: tuple[int, ...] = (4, 8, 16)
+
+
+@dataclass(frozen=True)
+class LookAlike:
+    """Readings of `truth` that speak by so many nats only against `rival`."""
+
+    truth: list[str]
+    rival: list[str]
+    nats: float
+
+
+@dataclass(frozen=True)
+class Split:
+    """The cheapest sweep that tells the causes of a block apart.
+
+    Parameters
+    ----------
+    text : str
+        The sweep.
+    readings : int
+    waveform : {"sine", "square"}
+    frequency_hz, amplitude_v : list of float
+    nats : float
+        By which the pair of the block that is hardest to tell apart is told, with this sweep and what is planned.
+    splits : bool
+        Whether every pair is told; else the sweep is the best of those that the rig allows.
+    """
+
+    text: str
+    readings: int
+    waveform: str
+    frequency_hz: list[float]
+    amplitude_v: list[float]
+    nats: float
+    splits: bool
+
+
+@dataclass(frozen=True)
+class Block:
+    """Causes that look alike, and what would split them; None where no further sweep was asked for."""
+
+    causes: list[str]
+    split: Split | None
+
+
+@dataclass(frozen=True)
+class Isolability:
+    """Which causes a design can tell apart.
+
+    Parameters
+    ----------
+    title : str
+    readings : int
+        Of the design.
+    causes : list of str
+        Rows and columns of `nats`.
+    seen : list of float
+        Nats by which readings that a cause has made speak against the baseline.
+    nats : list of lists of float
+        By which readings of the row's cause speak against the column's, both beside refitted parameters.
+    unseen : list of str
+        Causes that the design would not show; they are in no block.
+    pairs : list of LookAlike
+        Two causes that one other one may be had for, and causes that a pair may be had for which neither of it is.
+    taken_for : dict
+        By cause: those for which its readings may be taken.
+    blocks : list of Block
+        Of two causes or more.
+    settings : IsolabilitySettings
+    """
+
+    title: str
+    readings: int
+    causes: list[str]
+    seen: list[float]
+    nats: list[list[float]]
+    unseen: list[str]
+    pairs: list[LookAlike]
+    taken_for: dict[str, list[str]]
+    blocks: list[Block]
+    settings: IsolabilitySettings
+
+
+@dataclass(frozen=True, eq=False)
+class _Effects:
+    """What causes do at one place, in standard deviations of the scatter.
+
+    `slopes` (n, n_points) belong to the baseline's parameters; `rows` holds by cause and strength the
+    (n_directions, n_points) effects. Causes in `latent` have a direction for each session.
+    """
+
+    slopes: FloatArray
+    rows: dict[tuple[str, float], FloatArray]
+    latent: frozenset[str]
+
+    @classmethod
+    def at(cls, design: Design, theta: FloatArray, terms: Sequence[Term], settings: IsolabilitySettings) -> _Effects:
+        """The effects in a design, at a place of the baseline."""
+        relative, absolute = settings.relative, settings.absolute * 1e-6
+        slopes, rows = derivatives(design, theta), {}
+        for term in terms:
+            for share in {settings.strength, *settings.imitating}:
+                one = effect(term, design, theta, plausible(term, share))
+                rows[term.id, share] = one.in_units_of(relative, absolute)
+                size = one.neutral / np.hypot(absolute, relative * one.neutral)
+        return cls(slopes * size, rows, frozenset(t.id for t in terms if t.latent))
+
+    def of(self, ids: Sequence[str]) -> _Effects:
+        """Those of some causes."""
+        return _Effects(self.slopes, {key: rows for key, rows in self.rows.items() if key[0] in ids}, self.latent)
+
+    def with_part(self, other: _Effects, points: NDArray[np.intp]) -> _Effects:
+        """The same with some readings of one more session."""
+        rows = {}
+        for (id, share), one in self.rows.items():
+            more = other.rows[id, share][:, points]
+            if id in self.latent:
+                rows[id, share] = np.asarray(block_diag(one, more))
+            else:
+                rows[id, share] = np.hstack([one, more])
+        return _Effects(np.hstack([self.slopes, other.slopes[:, points]]), rows, self.latent)
+
+    def refitted(self) -> _Effects:
+        """What a refit of the baseline cannot imitate."""
+        known = _basis(self.slopes)
+        return _Effects(self.slopes, {key: _outside(rows, known) for key, rows in self.rows.items()}, self.latent)
+
+    def against(self, truth: Sequence[str], rival: Sequence[str], settings: IsolabilitySettings) -> float:
+        """Nats by which readings of some causes speak against others; the least over the strengths of one other."""
+        made = _summed([self.rows[id, settings.strength] for id in truth])
+        shares = settings.imitating if len(rival) == 1 else (settings.strength,)
+        left = []
+        for share in shares:
+            basis = _basis(np.vstack([self.rows[id, share] for id in rival])) if rival else np.empty((0, made.shape[1]))
+            left.append(float(np.mean(0.5 * np.sum(_outside(made, basis) ** 2, axis=1))))
+        return min(left)
+
+
+def _summed(effects: Sequence[FloatArray]) -> FloatArray:
+    """Every combination of directions of some causes at work together."""
+    return np.array([np.sum(rows, axis=0) for rows in itertools.product(*effects)])
+
+
+def _outside(rows: FloatArray, basis: FloatArray) -> FloatArray:
+    return np.asarray(rows - (rows @ basis.T) @ basis)
+
+
+def _basis(rows: FloatArray, floor: float = 1e-6) -> FloatArray:
+    """Orthonormal rows that span the given ones, but for directions below a part of the largest."""
+    _, size, directions = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(directions[size > floor * max(float(size.max(initial=0.0)), 1e-12)])
+
+
+def isolability(
+    title: str,
+    constants: Constants,
+    groups: Sequence[Conditions],
+    limits: Iterable[tuple[str, tuple[float, float]]],
+    catalogue: Sequence[Term],
+    *,
+    settings: IsolabilitySettings | None = None,
+    places: Sequence[Sequence[float]] | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Isolability:
+    """Ask which causes a design can tell apart.
+
+    Parameters
+    ----------
+    title : str
+    constants : Constants
+    groups : sequence of Conditions
+        What is measured, or planned.
+    limits : pairs of a name and two ends
+        Of the rig: see `psafit.diagnose.next_experiment.proposals`.
+    catalogue : sequence of Term
+    settings : IsolabilitySettings, optional
+    places : sequence of (3,) arrays, optional
+        Values of the baseline's parameters; those of `psafit.simulate.sensitivity.RIGS` by default.
+    progress : callable
+        Called with (steps done, steps).
+
+    Returns
+    -------
+    Isolability
+    """
+    settings = settings or IsolabilitySettings()
+    design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
+    sweeps = [p for p in proposals(constants, groups, limits) if not p.changed]
+    raw = [_Effects.at(design, theta, catalogue, settings) for theta in at]
+    effects = [one.refitted() for one in raw]
+    ids = [t.id for t in catalogue]
+
+    def told(truth: Sequence[str], rival: Sequence[str] = ()) -> float:
+        return float(np.median([one.against(truth, rival, settings) for one in effects]))
+
+    seen = [told([id]) for id in ids]
+    nats = [[0.0 if i == j else told([i], [j]) for j in ids] for i in ids]
+    visible = [id for id, size in zip(ids, seen, strict=True) if size >= settings.apart]
+    blocks = _blocks(ids, visible, nats, settings.apart)
+    split: list[Block] = []
+    for k, block in enumerate(blocks):
+        progress(k, len(blocks))
+        terms = [t for t in catalogue if t.id in block]
+        split.append(Block(block, _cheapest(raw, sweeps, at, terms, settings)))
+    return Isolability(
+        title=title, readings=design.n_points, causes=ids, seen=seen, nats=nats,
+        unseen=[id for id in ids if id not in visible],
+        pairs=_pairs(visible, told, settings.apart),
+        taken_for={
+            i: near for i in visible
+            if (near := [j for j in visible if i != j and nats[ids.index(i)][ids.index(j)] < settings.apart])
+        },
+        blocks=split, settings=settings,
+    )  # fmt: skip
+
+
+def _pairs(visible: Sequence[str], told: Callable[..., float], apart: float) -> list[LookAlike]:
+    """Pairs that look like a single cause, and single ones that look like a pair of which neither alone does."""
+    alone = {(i, j): told([i], [j]) for i in visible for j in visible if i != j}
+    found = []
+    for one in visible:
+        for pair in itertools.combinations([id for id in visible if id != one], 2):
+            if (size := told(pair, [one])) < apart:
+                found.append(LookAlike(list(pair), [one], size))
+            if all(alone[one, id] >= apart for id in pair) and (size := told([one], pair)) < apart:
+                found.append(LookAlike([one], list(pair), size))
+    return sorted(found, key=lambda x: x.nats)
+
+
+def _blocks(
+    ids: Sequence[str], visible: Sequence[str], nats: Sequence[Sequence[float]], apart: float
+) -> list[list[str]]:
+    """Causes connected by looking alike: components of the graph whose edges are the pairs that may be exchanged."""
+    places = [ids.index(id) for id in visible]
+    most = np.maximum(np.array(nats), np.array(nats).T)[np.ix_(places, places)]
+    n, label = connected_components(most < apart, directed=False)
+    found = [[id for id, own in zip(visible, label, strict=True) if own == k] for k in range(n)]
+    return [block for block in found if len(block) > 1]
+
+
+def _cheapest(
+    planned: Sequence[_Effects],
+    sweeps: Sequence[Possible],
+    places: Sequence[FloatArray],
+    terms: Sequence[Term],
+    settings: IsolabilitySettings,
+) -> Split | None:
+    """The sweep of fewest readings that tells all pairs of some causes apart; the best one where none does."""
+    ids = [t.id for t in terms]
+    before = [one.of(ids) for one in planned]
+    further = [[_Effects.at(s.design, theta, terms, settings) for theta in places] for s in sweeps]
+    best: Split | None = None
+    for n in settings.readings:
+        for sweep, more in zip(sweeps, further, strict=True):
+            d = sweep.design
+            points = np.unique(np.linspace(0, d.n_points - 1, n).round().astype(int))
+            effects = [b.with_part(m, points).refitted() for b, m in zip(before, more, strict=True)]
+            least = min(
+                float(np.median([one.against([a], [b], settings) for one in effects]))
+                for a, b in itertools.permutations(ids, 2)
+            )
+            if best is None or least > best.nats:
+                waveform = "square" if d.waveform[0] else "sine"
+                f, v = d.frequency[points].tolist(), d.amplitude[points].tolist()
+                best = Split(sweep.text, points.size, waveform, f, v, least, least >= settings.apart)
+        if best is not None and best.splits:
+            return best
+    return best

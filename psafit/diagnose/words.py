@@ -1,0 +1,81 @@
+"""How a statement names causes, groups and numbers: as plain text here, otherwise where somebody overrides it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from psafit.experiment import GroupId
+from psafit.text import fixed, percent, significant
+
+# Causes of a set from which on one like it is told by what differs.
+_LARGE = 3
+
+
+class Words:
+    """Plain text: causes by their identifiers."""
+
+    def put(self, template: str, *parts: object) -> str:
+        """Return a sentence with its parts in place."""
+        return template.format(*parts)
+
+    def causes(self, ids: Sequence[str]) -> str:
+        """Return a set of causes."""
+        return " + ".join(ids) or "the baseline"
+
+    def cause(self, id: str) -> str:
+        """Return one cause."""
+        return id
+
+    def parameter(self, name: str) -> str:
+        """Return a parameter."""
+        return name
+
+    def groups(self, ids: Sequence[GroupId]) -> str:
+        """Return some groups: ``group 1``, ``groups 1 and 2``."""
+        return self.put("group {}" if len(ids) == 1 else "groups {}", self.listed(map(str, ids)))
+
+    def listed(self, items: Iterable[object]) -> str:
+        """Return ``a, b and c``."""
+        shown = [str(item) for item in items]
+        return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
+
+    def joined(self, by: str, items: Iterable[object]) -> str:
+        """Return items with a separator between them."""
+        return by.join(map(str, items))
+
+    def number(self, text: str) -> str:
+        """Return a number, perhaps with its unit, that is text already."""
+        return text
+
+    def per_cent(self, fraction: float) -> str:
+        """Return a share in whole per cent; never 0 or 100 unless it is."""
+        return percent(fraction)
+
+    def size(self, name: str, unit: str, median: float, ends: tuple[float, float] | None) -> str:
+        """Return a parameter's value with its interval."""
+        interval = f" ({significant(ends[0])} to {significant(ends[1])})" if ends else ""
+        return f"{name} = {significant(median)}{interval}{'' if unit == '1' else f' {unit}'}"
+
+    # What follows is made of the above.
+
+    def instead(self, named: Sequence[str], ids: Sequence[str]) -> str:
+        """Return a set that does as well as a large one: by what is exchanged, where that is shorter."""
+        gone, new = ([id for id in one if id not in other] for one, other in ((named, ids), (ids, named)))
+        if len(named) < _LARGE or len(gone) + len(new) > 2 or not ids:
+            return self.causes(ids)
+        if not gone:
+            return self.put("these and {}", self.causes(new))
+        if not new:
+            return self.put("these without {}", self.causes(gone))
+        return self.put("{} in the place of {}", self.causes(new), self.causes(gone))
+
+    def nats(self, value: float) -> str:
+        """Return nats with one digit behind the point."""
+        return self.number(f"{fixed(value, 1)} nats")
+
+    def fraction(self, value: float) -> str:
+        """Return a small share in per cent, with two digits."""
+        return self.number(f"{significant(value, 2, per_cent=True)} %")
+
+
+PLAIN = Words()

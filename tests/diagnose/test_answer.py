@@ -1,0 +1,128 @@
+"""What a diagnosis says, from a record made by hand."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from diagnoses_by_hand import make_experiment, make_record
+
+from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Named, Searched, answer, sentences
+from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
+from psafit.diagnose.significance import Significance
+from psafit.diagnose.words import PLAIN
+from psafit.model_search.ladder import LookedAt
+
+
+def record() -> Diagnosis:
+    return make_record(make_experiment())
+
+
+def of(d: Diagnosis, kind: type) -> list:
+    return [one for one in answer(d) if isinstance(one, kind)]
+
+
+def test_a_statement_holds_the_numbers_that_its_sentence_says() -> None:
+    (judged,), (named,) = of(record(), Judged), of(record(), Named)
+    assert (judged.adequate, judged.p_value, judged.simulated) == ("no", 0.001, 999)
+    assert (named.causes, named.probability) == (["hysteresis"], 0.61)
+    assert "hysteresis (probability 61 %); or gap + slew_limit; or preload." in named.say(PLAIN)
+    one_by_one = [statement.say(PLAIN) for statement in answer(record())]
+    assert one_by_one == sentences(record())
+    assert not any(re.search(r"\b(nan|None)\b|  ", text) for text in one_by_one)
+
+
+def test_only_what_was_looked_at_does_less_well() -> None:
+    alone = replace(record(), verdict="explained", alternatives=[])
+    for mass, said in ((0.004, "no other set does as well"), (0.02, "no other set that was sampled does as well")):
+        (named,) = of(replace(alone, looked_at=LookedAt(164, 151, mass)), Named)
+        assert said in named.say(PLAIN)
+    (named,) = of(replace(alone, unnamed=0.2), Named)
+    assert "A discrepancy without a name keeps 20 % of the probability." in named.say(PLAIN)
+
+
+def test_why_the_best_extension_is_no_explanation() -> None:
+    d = replace(record(), verdict="unexplained", alternatives=[])
+    law = Broken("energy", d.named, 1, 200.0, 20.0, 2.0, 1.0, 3, "group 1")
+    for change, left in (
+        ({"misfit": replace(d.misfit, remains=True)}, "structure"),
+        ({"misfit": replace(d.misfit, remains=False), "unnamed": 0.9}, "smooth"),
+        ({"misfit": replace(d.misfit, remains=False), "laws": [law]}, "law"),
+    ):
+        (named,) = of(replace(d, **change), Named)
+        assert named.left == left
+    assert (
+        "A ball cannot gain more than the drive gives. hysteresis breaks that law at 3 readings, most at group 1."
+        in (sentences(replace(d, laws=[law])))
+    )
+
+
+def test_what_is_held_back_by_what_is_plausible_alone_is_told() -> None:
+    leader = record().causes[0]
+    sure = replace(leader, evidence=replace(leader.evidence, share=0.97))
+    (named,) = of(replace(record(), causes=[sure, *record().causes[1:]]), Named)
+    assert named.fits_alike and "cannot separate it from what fits as well" in named.say(PLAIN)
+
+
+def test_heavy_tails_are_told_with_the_readings_that_they_take_up() -> None:
+    leader = record().causes[0]
+    for ends, told in (((2.1, 3.4), True), ((2.1, 80.0), False)):
+        nu = ParameterResult(3.0, *ends, "1", "tails", 0.1)
+        wide = replace(leader, parameters=leader.parameters | {"nu": nu})
+        (furthest,) = of(replace(record(), causes=[wide]), Furthest)
+        assert (furthest.tails == ends) == told
+        assert ("heavy tails (nu 2.1 to 3.4, 90 %)" in furthest.say(PLAIN)) == told
+
+
+def test_groups_that_are_predicted_worse_are_named() -> None:
+    """Beyond chance, and where a reading can tell."""
+    strict = record().gain["strict"]
+    first, second = strict.groups
+    rows = [
+        replace(first, log_rmse_interval=[0.1, 0.4]), replace(second, log_rmse_interval=[-0.1, 0.4]),
+        replace(first, group="quiet", log_rmse_interval=[0.1, 0.4], silent="too quiet"),
+        replace(first, group="unknown", log_rmse_interval=[float("nan")] * 2),
+    ]  # fmt: skip
+    gain = replace(strict, groups=rows)
+    assert [g.group for g in gain.worse] == [first.group]
+    said = Gained(gain, [1]).say(PLAIN)
+    assert said.endswith("Predicted worse than by the baseline: group 2 (0.900 to 0.200).")
+
+
+def test_how_often_chance_finds_as_much() -> None:
+    def said(**options) -> str:
+        return ByChance(replace(Significance(9.2, [-1.0, 2.4], 1 / 3), **options)).say(PLAIN)
+
+    assert said() == (
+        "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)."
+    )
+    assert "none put a model with causes first; this one leads by 9" in said(null=[-1.0, -2.4])
+    where = "designs of 56 to 150 readings with nothing hidden (stored table, this catalogue)"
+    assert f"Of 2 searches on {where} none led" in said(stored=True, readings=[56, 150])
+    unknown = said(null=[], p_value=None, stored=True, missing="catalogue")
+    assert "is not known: the stored table is of another catalogue (--searches 19" in unknown
+
+
+@pytest.mark.parametrize(
+    ("looked_at", "told"),
+    [
+        (LookedAt(1, 0, 0.0), "1 set of causes was fitted on all readings and sampled."),
+        (LookedAt(3, 0, 0.0), "3 sets of causes were fitted on all readings, all of them sampled."),
+        (
+            LookedAt(25, 1, 0.062),
+            "25 sets of causes were fitted on all readings, 24 of them sampled; the other has 6.2 % of the"
+            " probability.",
+        ),
+        (
+            LookedAt(1640, 1627, 1e-5),
+            "1,640 sets of causes were fitted on all readings, 13 of them sampled; the others have less than 0.1 % of"
+            " the probability together.",
+        ),
+    ],
+)
+def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, told: str) -> None:
+    assert (
+        Searched(looked_at, 0.03).say(PLAIN)
+        == f"{told} The chance that a better set was missed is 3 %, a part of every probability."
+    )

@@ -1,0 +1,61 @@
+"""Which causes a design can tell apart, before anything is measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from truths import experiment
+
+from psafit.diagnose.isolability import IsolabilitySettings, _Effects, isolability
+from psafit.physics import terms
+from psafit.simulate import Design
+from psafit.simulate.sensitivity import RIGS
+
+FEW = terms(["amplifier_lag", "hunt_crossley", "indentation_damping"])
+
+
+@pytest.fixture(scope="module")
+def found():
+    e = experiment()
+    limits = (("frequency_hz", (200.0, 2e4)), ("amplitude_v", (2.0, 20.0)))
+    return isolability("a rig", e.constants, e.groups, limits, FEW, settings=IsolabilitySettings(readings=(4,)))
+
+
+def test_dampings_of_one_contact_look_alike(found):
+    nats = np.array(found.nats)
+    assert found.causes == [t.id for t in FEW] and np.diag(nats) == pytest.approx(0.0)
+    lag, hunt_crossley, indentation = range(3)
+    assert max(nats[hunt_crossley, indentation], nats[indentation, hunt_crossley]) < 3.0 < nats[lag, indentation]
+    assert all(nats[i, j] <= found.seen[i] + 1e-9 for i in range(3) for j in range(3))
+
+
+def test_a_sweep_is_offered_for_causes_that_look_alike(found):
+    assert all(
+        found.nats[found.causes.index(i)][found.causes.index(j)] < 3.0
+        for i, near in found.taken_for.items()
+        for j in near
+    )
+    for block in found.blocks:
+        assert len(block.causes) > 1 and block.split is not None and block.split.readings == 4
+        assert block.split.splits == (block.split.nats >= found.settings.apart)
+
+
+def test_nats_are_half_the_least_squares_that_the_rival_leaves():
+    """By ordinary least squares on all columns at once, in the place of projections one after the other."""
+    e, settings = experiment(), IsolabilitySettings(imitating=(0.5,))
+    raw = _Effects.at(Design.of(e.constants, e.groups), np.array(RIGS["damped"]), FEW, settings)
+    made = raw.rows["amplifier_lag", 0.5][0]
+    columns = np.vstack([raw.slopes, raw.rows["indentation_damping", 0.5]]).T
+    left = made - columns @ np.linalg.lstsq(columns, made, rcond=None)[0]
+    told = raw.refitted().against(["amplifier_lag"], ["indentation_damping"], settings)
+    assert told == pytest.approx(0.5 * left @ left, rel=1e-6)
+
+
+def test_more_scatter_tells_less(found):
+    e = experiment()
+    wide = isolability(
+        "a rig", e.constants, e.groups, (), FEW, settings=replace(found.settings, relative=0.2, absolute=1.2)
+    )
+    assert all(a < b for a, b in zip(wide.seen, found.seen, strict=True))
