@@ -263,7 +263,7 @@ def _attend() -> None:
         return
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Compiling takes hundreds of megabytes once. joblib takes that for a leak, ends the worker, and says so in a warning.
+    # Compiling takes hundreds of megabytes once: joblib takes that for a leak, ends the worker, and warns of it.
     process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
 
     def watch(parent: int) -> None:
