@@ -120,6 +120,10 @@ def swing(speed, place, status, length, g, lean, rub, weight, loss_at, loss_p, t
                 top = _rise(v, start, l, g[i], rub[i], loss_at, loss_p, first + i * stride, n_steps)
                 out[i, j] = l * math.sin(top) - x_0
             else:
-                height = v * v / (2.0 * g[i]) + start * start / (l + math.sqrt(l * l - start * start))
-                height = min(height, l)
-                out[i, j] = math.sqrt(height * (2.0 * l - height)) - x_0
+                low = start * start / (l + math.sqrt(l * l - start * start))
+                height = min(v * v / (2.0 * g[i]), l - low)
+                gained = height * (2.0 * (l - low) - height)
+                top = math.sqrt(start * start + gained)
+                # What the ball gains beyond its rest keeps its digits beside a long lean.
+                moved = start - x_0
+                out[i, j] = top if x_0 == 0.0 else (moved * (2.0 * x_0 + moved) + gained) / (top + x_0)

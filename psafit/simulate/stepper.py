@@ -49,7 +49,7 @@ from psafit.simulate.compiled import compiled, last, least, load, prange, size, 
 from psafit.simulate.design import SQUARE, Design
 
 # Error admitted in one step, relative to the ball's speed: see docs/numerics.md for what it does to the launch range.
-TOLERANCE = 1e-5
+TOLERANCE = 3e-6
 
 _MOST_BRANCHES = 8
 _LEVELS = 96
