@@ -40,7 +40,7 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
         work = diagnosis._Work(data, ("a",), folder, 1, FEW[:1], 1, Silent(), ())
         measured = work._gains(work._search(data.ids))
         for scored in measured.values():
-            assert all(not set(entry["saw"]) & set(entry["scored_on"]) for entry in scored["ledger"])
+            assert all(not set(entry.saw) & set(entry.scored_on) for entry in scored.ledger)
         for protocol in ("strict", "nested"):
             with (folder / f"predictions-{protocol}.csv").open() as f:
                 rows = [row for row in csv.DictReader(f) if row["group"] == "b"]
