@@ -129,7 +129,8 @@ class Draw:
         design = Design.sweep(self.constants, self.point.waveform, self.point.frequency, self.point.amplitude)
         row = np.array([*self.theta, *itertools.chain(*self.values)])
         found = simulate(design, row, self.causes, tolerance=tolerance)
-        return float(found.launch_range[0, 0]), found.engine
+        # Where the place of a ball counts that is not launched, steps have followed it.
+        return float(found.launch_range[0, 0]), found.engine if found.launched[0, 0] else "stepper"
 
     def reference(self, factor: float = 1.0) -> float:
         """Launch range, m, of the literal reference, with all parameters times a factor."""

@@ -57,8 +57,10 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     height = one.log_posterior(line)
     mass = np.exp(height - height.max())
     expected = np.interp([0.05, 0.5, 0.95], np.cumsum(mass) / mass.sum(), np.linspace(0, 10, 501))
-    assert found.quantiles(found.draws[:, k] * scale, [0.05, 0.5, 0.95]) == pytest.approx(expected, abs=0.2)
     assert found.effective > 300
+    # Three standard errors of a median of so many draws, evenly spread.
+    error = 0.5 * (expected[2] - expected[0]) / 0.9 / np.sqrt(found.effective)
+    assert found.quantiles(found.draws[:, k] * scale, [0.05, 0.5, 0.95]) == pytest.approx(expected, abs=3 * error)
     assert found.log_evidence == pytest.approx(weigh(fitted, seed=2).log_evidence, abs=0.2)
 
 
