@@ -153,7 +153,18 @@ def test_a_data_set_does_not_depend_on_the_number_of_workers(tmp_path: Path) -> 
     found = []
     for jobs in ("1", "2"):
         folder = tmp_path / jobs
-        words = ["-n", "3", "--jobs", jobs, "--folder", str(folder), "--out", str(folder / "sbc.png")]
+        words = [
+            "-n",
+            "3",
+            "--terms",
+            "amplifier_lag",
+            "--jobs",
+            jobs,
+            "--folder",
+            str(folder),
+            "--out",
+            str(folder / "sbc.png"),
+        ]
         done = subprocess.run([sys.executable, sbc.__file__, *words], capture_output=True, text=True, check=False)
         assert "all (3 data sets)" in done.stdout, done.stderr
         assert (folder / "sbc.png").exists()
