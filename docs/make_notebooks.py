@@ -28,6 +28,7 @@ def executed(notebook: Path, folder: Path, seconds: int = 1800) -> nbformat.Note
     book = nbformat.read(notebook, as_version=4)
     paths = [str(Path(sys.executable).parent), os.environ["PATH"]]
     environment = os.environ | {"PATH": os.pathsep.join(paths)}
+    environment.pop("MPLBACKEND", None)  # figures go into the notebook
     client = NotebookClient(
         book, timeout=seconds, kernel_name="python3", resources={"metadata": {"path": str(place)}}, record_timing=False
     )
