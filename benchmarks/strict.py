@@ -34,7 +34,9 @@ def main() -> int:
     experiment = read_experiment(words.experiment)
     seen = tuple(experiment.group(name).id for name in words.groups.split(","))
     begun = time.process_time()
-    found = searched(Problem(experiment, seen), TERMS, seed=words.seed, memory=Memory(words.memory))
+    memory = Memory(words.memory)
+    memory.begin()
+    found = searched(Problem(experiment, seen), TERMS, seed=words.seed, memory=memory)
     print(f"{len(found.log_evidence)} sets fitted in {time.process_time() - begun:.0f} CPU s")
     for ids in (ids for ids, share in found.probability.items() if share > 0.01):
         candidate = found.of(ids)
