@@ -254,7 +254,7 @@ def modes(rig: Setup) -> Modes:
     return Modes(pole, lead[:, None] * pole**2 * weight, lead, roots)
 
 
-@compiled
+@compiled(borrows=True)
 def _tabulate(place, amplitude, n, table):  # type: ignore[no-untyped-def]
     """What the march needs of each mode, in real numbers, so that no modulus is taken twice."""
     for k in range(n):
@@ -264,7 +264,7 @@ def _tabulate(place, amplitude, n, table):  # type: ignore[no-untyped-def]
         table[k, 4], table[k, 5], table[k, 6] = modulus, modulus * rate**2, modulus * rate**3
 
 
-@compiled
+@compiled(borrows=True)
 def _evaluate(table, n, t):  # type: ignore[no-untyped-def]
     """Value, two derivatives, and the bounds on |d''|, |d'''| from `t` on."""
     d0 = d1 = d2 = b2 = b3 = noise = 0.0
@@ -317,7 +317,7 @@ def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
     return safe
 
 
-@compiled
+@compiled(borrows=True)
 def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     """Integral of the indentation over [0, t]; expm1 keeps the digits of slow poles."""
     total = 0.0
@@ -333,7 +333,7 @@ def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@compiled(borrows=True)
 def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     """Integral of the integral of the indentation over [0, t]."""
     total = 0.0
@@ -346,7 +346,7 @@ def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@compiled(borrows=True)
 def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
     """First zero of the indentation plus `lift` in (t, end], infinity if none; and whether it has yet to rise."""
     for _ in range(_MAX_STEPS):
@@ -381,7 +381,7 @@ def _aside(s, drive):  # type: ignore[no-untyped-def]
     return drive - shift if abs(s - drive) < shift else s
 
 
-@compiled
+@compiled(borrows=True)
 def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
     """Time until which the indentation is positive for sure, its first derivative that does not vanish being given."""
     bound = 0.0
@@ -390,20 +390,21 @@ def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
     return (order + 1) * lowest / bound
 
 
-@compiled
+@compiled(inside=True)
 def _leading(da, db, dC, omega):  # type: ignore[no-untyped-def]
     """First derivative of the command, from a rest, that does not vanish: its order and value; zero if none."""
-    size = _ROUNDED * (abs(da) + abs(dC))
+    swing = abs(dC.real) + abs(dC.imag)
+    size = _ROUNDED * (abs(da) + swing)
     value = da + dC.imag
     if abs(value) > size:
         return 0, value
     rate = db + omega * dC.real
-    if abs(rate) > _ROUNDED * (abs(db) + omega * abs(dC)):
+    if abs(rate) > _ROUNDED * (abs(db) + omega * swing):
         return 1, rate
     return 2, -omega * omega * dC.imag
 
 
-@compiled
+@compiled(inside=True)
 def _answer(s, value, da, db, dC, omega):  # type: ignore[no-untyped-def]
     """Laplace transform at `s` of a change of the command: its level, slope and phasor change by so much.
 
@@ -418,18 +419,25 @@ def _answer(s, value, da, db, dC, omega):  # type: ignore[no-untyped-def]
     return found + da / s + (omega * dC.real + s * dC.imag) / below
 
 
-@compiled
-def _grown(place, n, span, grow, growth):  # type: ignore[no-untyped-def]
-    """What a mode is multiplied by within a piece of this length, and its integral; pieces of a table are alike."""
+@compiled(borrows=True)
+def _grown(place, n, span, before, end, grow, growth):  # type: ignore[no-untyped-def]
+    """What a mode is multiplied by within a piece of this length, and its integral; for which length they are.
+
+    They stay where the piece is as long as the one `before`: samples at equal distances differ by roundings of the
+    time, up to `end`.
+    """
+    if abs(span - before) <= _ROUNDING * end:
+        return before
     for k in range(n):
         z = place[k] * span
         grow[k] = np.exp(z)
         growth[k] = (grow[k] - 1.0) / place[k]
         if abs(z) < 1e-2:  # the difference loses its digits where its series is short
             growth[k] = span * (1.0 + z / 2 * (1.0 + z / 3 * (1.0 + z / 4 * (1.0 + z / 5 * (1.0 + z / 6)))))
+    return span
 
 
-@compiled
+@compiled(inside=True)
 def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
     """Whether a bound on the curvature alone shows that the indentation stays above zero for so long."""
     d0 = d1 = b2 = size = 0.0
@@ -443,7 +451,7 @@ def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
     return d0 + lift + min(d1, 0.0) * span - 0.5 * b2 * span * span > _NOISE * (size + lift)
 
 
-@compiled
+@compiled(borrows=True)
 def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, work):  # type: ignore[no-untyped-def]
     """Separation under a command: (time, integral of the indentation until then, integral of that).
 
@@ -458,7 +466,7 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
         if weight[k] != 0:
             s = _aside(pole[k], drive) if swings else pole[k]
             place[n], amplitude[n] = s, 0.0
-            by_level[n], by_slope[n] = weight[k] / s, weight[k] / (s * s)
+            by_level[n] = weight[k] / s
             n += 1
     n_modes = n
     forced = 0j
@@ -475,7 +483,7 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
     # The command just before: level, slope and phasor of the swing.
     a, b, C = point[IDLE], 0.0, 0j
     once = twice = before = 0.0
-    rising, first = True, True
+    rising, first, ramps = True, True, False
     while True:
         anchor, end, level, slope, swing, psi = command(rows, point, row, k, phase)
         span = end - now
@@ -491,18 +499,21 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
             value = lowest if order == 0 else 0.0
             if lowest < 0.0 and not pressed:
                 return -1.0, 0.0, 0.0
-        for j in range(n_modes):
-            if not first:
+        if db != 0.0 and not ramps:
+            ramps = True
+            for j in range(n_modes):
+                by_slope[j] = by_level[j] / place[j]
+        if not first:
+            for j in range(n_modes):
                 amplitude[j] *= grow[j]
+        for j in range(n_modes):
             if swings:
                 s = place[j]
                 amplitude[j] += by_level[j] * _answer(s, value, da, db, dC, omega) * s
             else:
-                amplitude[j] += by_level[j] * da + by_slope[j] * db
-        # Samples at equal distances differ by roundings of the time.
-        if abs(span - before) > _ROUNDING * end and not math.isinf(span):
-            _grown(place, n_modes, span, grow, growth)
-            before = span
+                amplitude[j] += by_level[j] * da
+                if db != 0.0:
+                    amplitude[j] += by_slope[j] * db
         if swings:
             amplitude[n_modes] = forced * complex(phasor.imag, -phasor.real)
         if first:
@@ -510,6 +521,7 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
             if lowest > 0.0:
                 t = min(_start(place, amplitude, n, len(roots) - 2 + order, lead * lowest), span)
         elif not (swings or placed or rising) and _is_apart(place, amplitude, n, span, lift) and end <= horizon:
+            before = _grown(place, n_modes, span, before, end, grow, growth)
             for j in range(n):
                 once += (amplitude[j] * growth[j]).real
             a, b, now, k = level + slope * span, slope, end, k + 1
@@ -527,6 +539,7 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
             return now + t, once, twice
         if end > horizon:
             return math.inf, once, twice
+        before = _grown(place, n_modes, span, before, end, grow, growth)
         a, b = level + slope * span, slope
         C = phasor * complex(math.cos(omega * span), math.sin(omega * span)) if swings else 0j
         now, k = end, k + 1

@@ -27,25 +27,27 @@ COMMAND = 16
 BEGIN, LEVEL, SLOPE, SWING, ANGLE = range(5)
 
 
-@compiled(borrows=True)
+@compiled(inside=True)
 def phase_of(point, phase):  # type: ignore[no-untyped-def]
     """What a phase (rad) at the start adds to a command: a recording and a wave of jumps take none."""
     return phase if point[SHIFTS] != 0.0 else 0.0
 
 
-@compiled(borrows=True)
+@compiled(inside=True)
 def first_row(rows, point, phase):  # type: ignore[no-untyped-def]
     """Piece of the period within which the command starts."""
     n = int(point[COUNT])
     first = int(point[FIRST])
-    turn = (point[TURN] + phase / (2.0 * math.pi)) % 1.0
+    turn = point[TURN]
+    if phase != 0.0:
+        turn = (turn + phase / (2.0 * math.pi)) % 1.0
     row = 0
     while row + 1 < n and rows[first + row + 1, BEGIN] <= turn:
         row += 1
     return row
 
 
-@compiled(borrows=True)
+@compiled(inside=True)
 def command(rows, point, row, k, phase):  # type: ignore[no-untyped-def]
     """The piece number `k` from the start, which lies in piece `row` of the period, as (t_0, end, a, b, G, psi).
 
@@ -54,8 +56,10 @@ def command(rows, point, row, k, phase):  # type: ignore[no-untyped-def]
     n = int(point[COUNT])
     first = int(point[FIRST])
     index = row + k
-    period = index // n
-    index -= period * n
+    period = 0
+    if index >= n:
+        period = index // n
+        index -= period * n
     at = first + index
     scale = point[SCALE]
     psi = 2.0 * math.pi * point[TURN] + phase + rows[at, ANGLE]
@@ -78,7 +82,7 @@ def command(rows, point, row, k, phase):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@compiled(borrows=True)
+@compiled(inside=True)
 def first_move(rows, point, row, phase):  # type: ignore[no-untyped-def]
     """Number of the first piece that does not rest at the idle voltage, and its beginning; infinity if none."""
     k, now = 0, 0.0
