@@ -169,7 +169,12 @@ class Rig(_Shown):
 
     def _told(self) -> tuple[str, list[pd.DataFrame]]:
         rows = [
-            [str(g.id), g.waveform, g.n_points, *(_span(x) for x in (g.frequency_hz, g.amplitude_v, g.launch_range_um))]
+            [
+                str(g.id),
+                g.drive.label,
+                g.n_points,
+                *(_span(x) for x in (g.frequency_hz, g.amplitude_v, g.launch_range_um)),
+            ]
             for g in self.experiment.groups
         ]
         columns = ["group", "waveform", "readings", "frequency (Hz)", "amplitude (V)", "launch range (um)"]

@@ -16,6 +16,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.diagnose.gain import changes, interval
 from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
+from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
 from psafit.files import encodable, read_error
@@ -239,7 +240,10 @@ def read_predictions(path: Path, model: str | None = None) -> list[Told]:
         return [
             Told(
                 Group(
-                    str(id), rows["waveform"].iloc[0], path.name, *(rows[name].to_numpy(float) for name in _MEASURED)
+                    str(id),
+                    Drive(rows["waveform"].iloc[0]),
+                    path.name,
+                    *(rows[name].to_numpy(float) for name in _MEASURED),
                 ),
                 str(rows["role"].iloc[0]),
                 *(rows[name].to_numpy(float) for name in ("predicted_um", "lower_um", "upper_um", "log_density")),

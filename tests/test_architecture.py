@@ -18,7 +18,7 @@ PACKAGE = ROOT / "psafit"
 
 # From the ground up. A module imports from its own floor or from below, never from above.
 FLOORS = (
-    {"", "arrays", "errors", "files", "parameters", "plugins", "text", "workers"},  # "" is psafit/__init__.py
+    {"", "arrays", "drives", "errors", "files", "parameters", "plugins", "text", "workers"},  # "" is psafit/__init__.py
     {"experiment", "records"},
     {"physics"},
     {"simulate"},

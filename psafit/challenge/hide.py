@@ -19,13 +19,13 @@ import psafit
 from psafit.arrays import FloatArray
 from psafit.challenge import strength as strengths
 from psafit.challenge.answer import ANSWER, COMMITMENT, EXPERIMENT, KINDS, Answer, Kind, Place, Scatter, seal, sizes
+from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment import (
     Constants,
     Experiment,
     Group,
     GroupId,
-    Waveform,
     fingerprint,
     session_name,
     write_experiment,
@@ -368,8 +368,7 @@ def _some(
     found = np.empty(len(points))
     for k, i in enumerate(points):
         group = int(design.group[i])
-        waveform: Waveform = "square" if design.waveform[i] else "sine"
-        point = Point(waveform, float(design.frequency[i]), float(design.amplitude[i]))
+        point = Point(design.drives[design.drive[i]], float(design.frequency[i]), float(design.amplitude[i]))
         causes = []
         for term in terms:
             own = [parameters[p.name] for p in term.parameters]
@@ -437,7 +436,7 @@ def _drawn_design(rng: np.random.Generator, readings: int | None = None) -> Expe
     groups = []
     for number in range(1, n_groups + 1):
         n = (int(rng.integers(200, 351)) if readings is None else readings) // n_groups
-        waveform: Waveform = "square" if rng.uniform() < 0.35 else "sine"
+        waveform = "square" if rng.uniform() < 0.35 else "sine"
         if number == 1 or rng.uniform() < 0.5:
             low, high = rng.uniform(50.0, 400.0), rng.uniform(5e3, 25e3)
             f = np.round(np.geomspace(low, high, n), 0)
@@ -445,7 +444,7 @@ def _drawn_design(rng: np.random.Generator, readings: int | None = None) -> Expe
         else:
             f = np.full(n, float(round(rng.uniform(500.0, 4000.0), -2)))
             v = np.round(np.linspace(rng.uniform(1.0, 5.0), 20.0, n), 2)
-        groups.append(Group(number, waveform, f"group{number}.csv", f, v, np.zeros(n)))
+        groups.append(Group(number, Drive(waveform), f"group{number}.csv", f, v, np.zeros(n)))
     return _blank(constants, tuple(groups))
 
 

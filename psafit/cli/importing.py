@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from psafit.cli.common import DONE, JSON, QUIET, Command, Place, count, escaped, shown_path, warn, write_result
+from psafit.drives import WAVEFORMS
 from psafit.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
 @click.command("import", cls=Command, short_help="Make an experiment folder of what instruments write.")
 @click.argument("files", metavar="FILE...", type=Place("input"), nargs=-1, required=True)
 @click.option("--out", type=Place("folder"), required=True, help="Receives the folder; must be new, or empty.")
-@click.option("--waveform", metavar="NAME[,NAME...]", help="Of all tables, or one for each: sine or square.")
+@click.option("--waveform", metavar="NAME[,NAME...]", help=f"Of all tables, or one for each: {', '.join(WAVEFORMS)}.")
 @click.option(
     "--column",
     "columns",

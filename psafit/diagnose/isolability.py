@@ -81,7 +81,7 @@ class Split:
     text : str
         The sweep.
     readings : int
-    waveform : {"sine", "square"}
+    waveform : str
     frequency_hz, amplitude_v : list of float
     nats : float
         By which the pair of the block that is hardest to tell apart is told, with this sweep and what is planned.
@@ -323,7 +323,7 @@ def _cheapest(
                 for a, b in itertools.permutations(ids, 2)
             )
             if best is None or least > best.nats:
-                waveform = "square" if d.waveform[0] else "sine"
+                waveform = d.drives[d.drive[0]].waveform
                 f, v = d.frequency[points].tolist(), d.amplitude[points].tolist()
                 best = Split(sweep.text, points.size, waveform, f, v, least, least >= settings.apart)
         if best is not None and best.splits:

@@ -24,7 +24,7 @@ from psafit.inference.candidate import Candidate
 from psafit.physics import baseline
 from psafit.physics.term import Term
 from psafit.simulate.batch import MICRO, columns, simulate
-from psafit.simulate.design import SQUARE, Design
+from psafit.simulate.design import Design
 from psafit.simulate.literal import energy
 from psafit.simulate.reference import Point
 from psafit.text import significant
@@ -79,9 +79,7 @@ def _energy(
         own = np.flatnonzero(design.group == session)
         i = int(own[np.argmax(ranges[own])])
         one = design.point(i)
-        point = Point(
-            "square" if one.waveform[0] == SQUARE else "sine", float(one.frequency[0]), float(one.amplitude[0])
-        )
+        point = Point(one.drives[one.drive[0]], float(one.frequency[0]), float(one.amplitude[0]))
         pairs = _pairs(theta, terms, int(session), int(design.group.max()) + 1)
         try:
             gained, given = energy(point, theta[: len(baseline.PARAMETERS)].tolist(), pairs, one.constants)

@@ -382,7 +382,8 @@ def _look(
         if np.ptp(value) < 1e-9:
             continue
         t = 2 * (value - value.min()) / np.ptp(value) - 1
-        degree = 1 if name == "waveform" else min(5, len(np.unique(value)) - 1)
+        # A polynomial through as many values as there are, of waveforms, tells each from the others.
+        degree = min(5, len(np.unique(value)) - 1)
         basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(t, degree))
         found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis[:, 1:]).sum(axis=1))
         # Bins see what a polynomial does not: a step, a spike.
@@ -455,7 +456,7 @@ def conditions(design: Design) -> list[NDArray[np.intp]]:
     """Rows of every condition of the rig."""
     seen: dict[tuple[float, ...], list[int]] = {}
     for i in range(design.n_points):
-        key = (float(design.frequency[i]), float(design.amplitude[i]), int(design.waveform[i]), int(design.rig[i]))
+        key = (float(design.frequency[i]), float(design.amplitude[i]), int(design.drive[i]), int(design.rig[i]))
         seen.setdefault(key, []).append(i)
     return [np.array(rows) for rows in seen.values()]
 

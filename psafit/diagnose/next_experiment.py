@@ -1,15 +1,15 @@
 r"""Which measurement would tell tied causes apart, or a weakly determined parameter best.
 
-Each proposal is a sweep, sine or square, within the limits that the experiment states for frequency, amplitude and each
-constant of the rig that can be changed; where it states none, between the frequencies and up to the amplitude that were
-measured, or the same with a string or a ball of half or twice the size. It is read with the fitted scatter and the
-usual uncertainty of the readings, where they state one. For models with posterior draws, readings are simulated from
-one, and the log ratio of its posterior predictive density of these readings (a mixture over its draws) to the mean of
-the others' is what the readings would add to its log odds. The mean over many simulated experiments is the expected
-separation; the share of them in which the right model wins by three nats is how often the proposal works: measured data
-drawn from each tied model, judged again. Of more than two it is also told which pairs a proposal tells apart, since one
-may settle one question and leave another. What is printed comes from simulated experiments that had no part in the
-choice of a proposal.
+Each proposal is a sweep, with a drive that the rig has, within the limits that the experiment states for frequency,
+amplitude and each constant of the rig that can be changed; where it states none, between the frequencies and up to the
+amplitude that were measured, or the same with a string or a ball of half or twice the size. It is read with the fitted
+scatter and the usual uncertainty of the readings, where they state one. For models with posterior draws, readings are
+simulated from one, and the log ratio of its posterior predictive density of these readings (a mixture over its draws)
+to the mean of the others' is what the readings would add to its log odds. The mean over many simulated experiments is
+the expected separation; the share of them in which the right model wins by three nats is how often the proposal works:
+measured data drawn from each tied model, judged again. Of more than two it is also told which pairs a proposal tells
+apart, since one may settle one question and leave another. What is printed comes from simulated experiments that had no
+part in the choice of a proposal.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
-from psafit.experiment import Conditions, Constants, Experiment, GroupId, Waveform, changes_text
+from psafit.drives import Drive
+from psafit.experiment import Conditions, Constants, Experiment, GroupId, changes_text
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
@@ -52,6 +53,7 @@ _APART, _NARROWER = 0.5, 0.1
 _HARDLY = 0.1
 # Log ratios of densities count up to here: beyond, nobody doubts any more.
 CLEAR = 50.0
+_EITHER = (Drive("sine"), Drive("square"))
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Proposal:
     Parameters
     ----------
     text : str
-    waveform : {"sine", "square"}
+    waveform : str
     frequency_hz, amplitude_v : list of float
     constants : dict
         Changed constants of the rig, SI; empty for none.
@@ -74,10 +76,12 @@ class Proposal:
         Standard error of the separation.
     pairs : list of Pair
         How far it separates each two of the models; empty for one model alone.
+    drive : dict
+        What else the drive has of a group's keys, such as `bias_v`; empty for a plain waveform.
     """
 
     text: str
-    waveform: Waveform
+    waveform: str
     frequency_hz: list[float]
     amplitude_v: list[float]
     constants: dict[str, float]
@@ -85,6 +89,7 @@ class Proposal:
     success: float | None
     error: float
     pairs: list[Pair] = field(default_factory=list)
+    drive: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -215,10 +220,12 @@ class Possible:
     def judged(self, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
         """It with what it would do."""
         d = self.design
-        waveform: Waveform = "square" if d.waveform[0] else "sine"
+        drive = d.drives[d.drive[0]]
         f, v = d.frequency.tolist(), d.amplitude.tolist()
         separation, success, error = found
-        return Proposal(self.text, waveform, f, v, self.changed, separation, success, error, list(pairs))
+        return Proposal(
+            self.text, drive.waveform, f, v, self.changed, separation, success, error, list(pairs), drive.settings
+        )  # fmt: skip
 
 
 # Separation, success and the separation's standard error, as `Proposal` holds them.
@@ -251,19 +258,22 @@ def proposals(
         bottom = float(every.amplitude[every.amplitude > 0].min())
         if top <= 1.5 * bottom:
             bottom = top / 10
+    # Who drives with a plain sine or square may do either; a table stands for one voltage alone.
+    used = list(dict.fromkeys(g.drive for g in groups if g.drive.table is None))
+    drives = dict.fromkeys([*_EITHER, *used] if set(_EITHER) & set(used) else used)
     found = []
     for words, changed in _rigs(constants, limits):
         rig = replace(constants, **changed)
-        for waveform in ("sine", "square"):
+        for drive in drives:
             for share in shares:
                 volts = max(top * share, min(bottom, top))
                 sweep = np.geomspace(low_f, high_f, _POINTS)
-                text = f"{waveform}, {_say(volts)} V, {span}{words}"
-                found.append(Possible(text, Design.sweep(rig, waveform, sweep, volts), changed))
+                text = f"{drive.label}, {_say(volts)} V, {span}{words}"
+                found.append(Possible(text, Design.sweep(rig, drive, sweep, volts), changed))
             for at in fixed:
                 sweep = np.linspace(bottom, top, _POINTS)
-                text = f"{waveform}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
-                found.append(Possible(text, Design.sweep(rig, waveform, at, sweep), changed))
+                text = f"{drive.label}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
+                found.append(Possible(text, Design.sweep(rig, drive, at, sweep), changed))
     return list({p.text: p for p in found}.values())
 
 
@@ -487,7 +497,7 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
     names = itertools.chain(["planned.csv"], (f"planned{k}.csv" for k in itertools.count(2)))
     return Conditions(
         id,
-        proposal.waveform,
+        Drive.with_settings(proposal.waveform, proposal.drive),
         next(name for name in names if name not in taken),
         f,
         v,

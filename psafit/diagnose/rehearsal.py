@@ -18,6 +18,7 @@ from scipy.special import softmax
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Proposal, Rehearsal
+from psafit.drives import Drive
 from psafit.experiment import Group
 from psafit.inference import noise
 from psafit.inference.ascent import ascend
@@ -128,12 +129,13 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     """Readings of the proposed sweep, of a truth drawn from a model's posterior."""
     frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
     rig = replace(problem.experiment.constants, **proposal.constants)
-    design = Design.sweep(rig, proposal.waveform, frequency, voltage)
+    drive = Drive.with_settings(proposal.waveform, proposal.drive)
+    design = Design.sweep(rig, drive, frequency, voltage)
     ranges = simulate(design, problem.theta(u, [NEW], rng), problem.terms).read_um
     known = None if problem.usual_sigma is None else np.full(frequency.size, problem.usual_sigma)
     readings = np.maximum(noise.draw(ranges, problem.noise_values(u), known, rng), 0.0)[0]
     changed = tuple(proposal.constants.items())
-    return Group(NEW, proposal.waveform, "", frequency, voltage, readings, changed=changed, sigma_um=known)
+    return Group(NEW, drive, "", frequency, voltage, readings, changed=changed, sigma_um=known)
 
 
 def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> Candidate:

@@ -28,7 +28,6 @@ from psafit.experiment.records import (
     Experiment,
     Group,
     GroupId,
-    Waveform,
     by_group,
     changes_text,
     describe,
@@ -52,7 +51,6 @@ __all__ = [
     "Group",
     "GroupId",
     "Plan",
-    "Waveform",
     "by_group",
     "changes_text",
     "describe",
@@ -207,7 +205,7 @@ def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:
     kind = Group if "launch_range_um" in columns else Conditions
     names = {f.name for f in fields(kind)}
     held = {name: column for name, column in columns.items() if name in names}
-    return kind(declared.id, declared.waveform, declared.file, changed=declared.changed, **held)
+    return kind(declared.id, declared.drive, declared.file, changed=declared.changed, **held)
 
 
 def _definition(folder: Path) -> Definition:

@@ -9,18 +9,20 @@ import stat
 import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, get_args
+from typing import Any
 
+from psafit.drives import NAMES, TABLE, Drive, Table, instead
 from psafit.errors import Faults, InputError
-from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId, Waveform
+from psafit.experiment.drive_table import read_drive
+from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId
 from psafit.experiment.rig import MATERIALS, Rig
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
-from psafit.experiment.text import listed, meant, one_line, read_text, shown, unreadable
+from psafit.experiment.text import listed, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_ID = 999_999_999
 _GROUP_KEYS = ("id", "waveform", "file")
-_WAVEFORMS: tuple[Waveform, ...] = get_args(Waveform)
+_DRIVE_KEYS = ("bias_v", "idle_v", "phase_deg", "cycles", "drive")
 _CONSTANTS = tuple(f.name for f in fields(Constants))
 # Hard limits of each constant, SI: far beyond any rig; a wrong unit is only warned of.
 LIMITS = {
@@ -30,6 +32,14 @@ LIMITS = {
     "l": (1e-6, 1e6),
     "k_s": (1e-3, 1e15),
     "g": (1e-3, 1e6),
+}
+# Hard limits of what is said of a drive.
+DRIVE_LIMITS = {"bias_v": (-1e5, 1e5), "idle_v": (-1e5, 1e5), "phase_deg": (-360.0, 360.0), "cycles": (1e-3, 1e9)}
+_DRIVE_REMEDY = {
+    "bias_v": "give it in volts",
+    "idle_v": "give it in volts",
+    "phase_deg": "give the phase at the start in degrees",
+    "cycles": "give how many periods the drive lasts, or leave it out if it runs on",
 }
 _PRIOR = 'write for example [prior.k_c] with median, factor (a value that may be zero: mean, sd) and source = "..."'
 _LIMITED = "write for example under [limits]: frequency_hz = [100, 20000], or l = [0.06, 0.12]"
@@ -77,7 +87,7 @@ class DeclaredGroup:
     """A group as it is declared, its file not read yet."""
 
     id: GroupId
-    waveform: Waveform
+    drive: Drive
     file: str
     path: Path
     changed: tuple[tuple[str, float], ...]
@@ -365,7 +375,7 @@ class Definition:
 
     def _group(self, i: int, table: dict[str, Any]) -> DeclaredGroup:
         faults = Faults()
-        unknown, stands_for = self.unknown_keys(table, (*_GROUP_KEYS, "constants"), "group", i)
+        unknown, stands_for = self.unknown_keys(table, (*_GROUP_KEYS, *_DRIVE_KEYS, "constants"), "group", i)
         for fault in unknown:
             faults.add(fault)
         missing = [key for key in _GROUP_KEYS if key not in table and key not in stands_for]
@@ -378,14 +388,14 @@ class Definition:
                 group_id = self._id(i, table["id"])
         if "waveform" in table:
             with faults.kept():
-                waveform = self._waveform(i, called, table["waveform"])
+                drive = self._drive(i, called, table)
         if "file" in table:
             with faults.kept():
                 file, path = self._path(i, called, table["file"])
         with faults.kept():
             changed = self._changed(i, table)
         faults.end()
-        return DeclaredGroup(group_id, waveform, file, path, changed)
+        return DeclaredGroup(group_id, drive, file, path, changed)
 
     def _id(self, i: int, value: object) -> GroupId:
         if type(value) is int and 0 <= value <= MAX_ID:
@@ -400,16 +410,57 @@ class Definition:
             "id",
         )
 
-    def _waveform(self, i: int, called: str, value: object) -> Waveform:
+    def _drive(self, i: int, called: str, table: dict[str, Any]) -> Drive:
+        """The drive of a group."""
+        name, faults = self._waveform(i, called, table["waveform"]), Faults()
+        numbers: dict[str, float] = {}
+        for key in ("bias_v", "idle_v", "phase_deg", "cycles"):
+            with faults.kept():
+                if key in table:
+                    numbers[key] = self._drive_number(i, called, key, table[key])
+        rows: Table | None = None
+        with faults.kept():
+            if name == TABLE:
+                rows = self._drive_table(i, called, table.get("drive"))
+            elif "drive" in table:
+                raise self.error(
+                    f'{called}: drive is read with waveform = "{TABLE}" only',
+                    f'write waveform = "{TABLE}" if that file is the drive, or leave out drive', "group", i, "drive",
+                )  # fmt: skip
+        if rows and rows.recorded:
+            for key in numbers.keys() & {"bias_v", "phase_deg", "cycles"}:
+                what = f"{called}: {key} has no meaning for a recorded voltage, which is taken as it is"
+                faults.add(self.error(what, f"leave out {key}", "group", i, key))
+        faults.end()
+        return Drive(name, **numbers, table=rows, file=str(table["drive"]) if rows else "")
+
+    def _waveform(self, i: int, called: str, value: object) -> str:
         """The waveform, whatever capitals and blanks it is written with."""
         name = value.strip().lower() if isinstance(value, str) else ""
-        for known in _WAVEFORMS:
-            if name == known:
-                return known
-        near = meant(name, _WAVEFORMS)
-        remedy = near if near.startswith("did") else "write " + " or ".join(f'"{known}"' for known in _WAVEFORMS)
+        if name in NAMES:
+            return name
         what = f"{called}: unknown waveform {shown(_value_text(value))}"
-        raise self.error(what, remedy, "group", i, "waveform")
+        raise self.error(what, instead(name), "group", i, "waveform")
+
+    def _drive_number(self, i: int, called: str, key: str, value: object) -> float:
+        number = _number(value)
+        if number is None:
+            raise self.error(
+                f"{called}: {key} is not a number", f"write {key} = a number, without quotes or unit", "group", i, key
+            )
+        low, high = DRIVE_LIMITS[key]
+        if not low <= number <= high:
+            what = f"{called}: {key} = {number:g} is not between {low:g} and {high:g}"
+            raise self.error(what, _DRIVE_REMEDY[key], "group", i, key)
+        return number
+
+    def _drive_table(self, i: int, called: str, file: object) -> Table:
+        """The rows of a drive that stands in a file."""
+        if file is None:
+            what = f'{called}: waveform "{TABLE}" needs drive'
+            raise self.error(what, 'write drive = "name.csv", with phase, level or time_us, voltage_v', "group", i)
+        _, path = self._path(i, called, file, "drive")
+        return read_drive(path)
 
     def _changed(self, i: int, table: dict[str, Any]) -> tuple[tuple[str, float], ...]:
         """The constants that were others in one group."""
@@ -427,14 +478,14 @@ class Definition:
         faults.end()
         return tuple(found)
 
-    def _path(self, i: int, called: str, file: object) -> tuple[str, Path]:
+    def _path(self, i: int, called: str, file: object, key: str = "file") -> tuple[str, Path]:
         """Name and place of a group's file."""
         if not isinstance(file, str) or not file.strip():
-            what, remedy = f"{called}: file is not a file name", 'write file = "name.csv"'
-            raise self.error(what, remedy, "group", i, "file")
+            what, remedy = f"{called}: {key} is not a file name", f'write {key} = "name.csv"'
+            raise self.error(what, remedy, "group", i, key)
 
         def error(what: str, remedy: str) -> InputError:
-            return self.error(f"{called}: {shown(file)} {what}", remedy, "group", i, "file")
+            return self.error(f"{called}: {shown(file)} {what}", remedy, "group", i, key)
 
         absolute = PurePosixPath(file).is_absolute() or PureWindowsPath(file).anchor != ""
         path = self.folder / file

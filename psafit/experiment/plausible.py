@@ -149,7 +149,7 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: 
     """
     found = []
     for first, second in itertools.combinations(groups, 2):
-        if (first.waveform, first.changed) != (second.waveform, second.changed):
+        if (first.drive, first.changed) != (second.drive, second.changed):
             continue
         mine, others = _mean_ranges(first, scatter_um), _mean_ranges(second, scatter_um)
         ratios = [others[condition] / mine[condition] for condition in mine if condition in others]

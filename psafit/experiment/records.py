@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
+from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment.rig import Rig
 from psafit.experiment.text import listed, one_line, shown
 from psafit.parameters import Belief
 
-Waveform = Literal["sine", "square"]
 GroupId = int | str
 
 DEFINITION = "experiment.toml"
@@ -64,8 +64,8 @@ class Conditions:
     ----------
     id : int or str
         Name of the group; 1 and "1" are the same group.
-    waveform : {"sine", "square"}
-        Drive voltage.
+    drive : Drive
+        Drive voltage; the name of a waveform stands for that one with nothing changed.
     file : str
         CSV file, relative to the experiment folder.
     frequency_hz, amplitude_v : (n_points,) array, Hz, V
@@ -82,7 +82,7 @@ class Conditions:
     """
 
     id: GroupId
-    waveform: Waveform
+    drive: Drive
     file: str
     frequency_hz: FloatArray
     amplitude_v: FloatArray
@@ -90,6 +90,7 @@ class Conditions:
     sigma_um: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "drive", Drive.of(self.drive))
         for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
             given = getattr(self, name, None)
             if given is None and name not in CONDITION_COLUMNS:
@@ -103,6 +104,11 @@ class Conditions:
                 raise ValueError(f"group {self.id}: {name} must be finite and {sign}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    @property
+    def waveform(self) -> str:
+        """Name of the drive's waveform."""
+        return self.drive.waveform
 
     @property
     def n_points(self) -> int:
@@ -152,7 +158,7 @@ class Conditions:
             found[::parts] = values
             return found
 
-        return Conditions(self.id, self.waveform, self.file, between(f[first]), between(v[first]), changed=self.changed)
+        return Conditions(self.id, self.drive, self.file, between(f[first]), between(v[first]), changed=self.changed)
 
     def rig(self, constants: Constants) -> Constants:
         """The rig's constants in this sweep."""
@@ -269,7 +275,7 @@ class Experiment:
 def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
     """SHA-256 of the numbers: equal if and only if a run would see the same data.
 
-    It covers the constants and, for each group in order, id, waveform, changed constants and columns in row order
+    It covers the constants and, for each group in order, id, drive, changed constants and columns in row order
     (results are stored row by row). Titles, paths and the way a number is written do not enter.
 
     Returns
@@ -282,6 +288,13 @@ def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
         digest.update(f"{f.name}={float(getattr(constants, f.name)).hex()}\n".encode())
     for group in groups:
         digest.update(f"group={group.id} {group.waveform} {group.n_points}\n".encode())
+        for key, setting in group.drive.settings.items():
+            if key != "drive":  # a file's name: its numbers are what counts
+                digest.update(f"{key}={float(setting).hex()}\n".encode())
+        if table := group.drive.table:
+            digest.update(
+                b"%d" % table.recorded + table.at.astype("<f8").tobytes() + table.value.astype("<f8").tobytes()
+            )
         for name, value in group.changed:
             digest.update(f"{name}={value.hex()}\n".encode())
         for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
@@ -326,6 +339,7 @@ def _describe_group(group: Group) -> dict[str, Any]:
     return {
         "id": group.id,
         "waveform": group.waveform,
+        **group.drive.settings,
         "file": group.file,
         "n_points": group.n_points,
         "constants": dict(group.changed),

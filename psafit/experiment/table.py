@@ -61,7 +61,7 @@ def read_csv(
     InputError
         With every fault of the file.
     """
-    rows = _rows(file, most_bytes)
+    rows = csv_rows(file, most_bytes)
     empty: list[int] = []  # lines of rows of empty cells, a fault where readings stand on both sides
     line, cells = next(
         (row for row in rows if not _is_empty(row[1])),
@@ -107,7 +107,7 @@ def _is_empty(cells: list[str] | InputError) -> bool:
     return not isinstance(cells, InputError) and not any(map(str.strip, cells))
 
 
-def _rows(file: Path, most_bytes: int) -> Iterator[tuple[int, list[str] | InputError]]:
+def csv_rows(file: Path, most_bytes: int) -> Iterator[tuple[int, list[str] | InputError]]:
     """Rows of a CSV file that have any cells, with the line where each begins: a quoted cell may span lines."""
     text = read_text(file, most_bytes, "CSV (UTF-8); psafit import reads other text, and workbooks")
     row: list[str] = []  # the lines of one
@@ -300,8 +300,13 @@ def within(value: float, name: str, cell: str) -> float:
 
 def _number(cell: str, name: str) -> float:
     """The value of a cell within the limits of its column."""
+    return within(plain(cell), name, cell)
+
+
+def plain(cell: str) -> float:
+    """The number in a cell, or a `CellFault`."""
     if _NUMBER.fullmatch(cell):  # float() alone would take "1_000", "nan" and other digits
-        return within(float(cell), name, cell)
+        return float(cell)
     if not cell:
         raise CellFault("is empty", "enter the value, or delete the row if nothing was read")
     if _NOT_FINITE.fullmatch(cell):

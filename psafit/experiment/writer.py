@@ -18,6 +18,7 @@ import numpy as np
 
 from psafit.errors import InputError
 from psafit.experiment.definition import Definition
+from psafit.experiment.drive_table import PERIOD, RECORDED
 from psafit.experiment.records import (
     DEFINITION,
     OPTIONAL_COLUMNS,
@@ -60,6 +61,8 @@ def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Con
     for group, name in zip(groups, names, strict=True):
         content = _kept_table(experiment.folder / group.file, group) if isinstance(group, Group) else None
         write_atomically(folder / name, table_text(group).encode() if content is None else content)
+    for name, text in _drive_files(groups).items():
+        write_atomically(folder / name, text.encode())
     write_atomically(folder / DEFINITION, "".join([head, *written]).encode())
 
 
@@ -72,6 +75,19 @@ def _names(groups: Sequence[Conditions]) -> list[str]:
     if all(usable) and len({n.casefold() for n in names}) == len(names):
         return names
     return [f"group{number}.csv" for number in range(1, len(groups) + 1)]
+
+
+def _drive_files(groups: Sequence[Conditions]) -> dict[str, str]:
+    """The CSV files of drives that are tables, by name."""
+    found = {}
+    for drive in (g.drive for g in groups if g.drive.table):
+        table = drive.table
+        assert table is not None
+        names, unit = (RECORDED, 1e-6) if table.recorded else (PERIOD, 1.0)
+        rows = zip((table.at / unit).tolist(), table.value.tolist(), strict=True)
+        lines = [",".join(names), *(",".join(map(number_text, row)) for row in rows)]
+        found[drive.file] = "\n".join(lines) + "\n"
+    return found
 
 
 def _kept_table(file: Path, group: Group) -> bytes | None:
@@ -90,7 +106,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
     try:
         found = Definition(experiment.folder)
         text = found.file.read_bytes().removeprefix(codecs.BOM_UTF8).decode("utf-8")
-        declared = [(g.id, g.waveform, g.file, g.changed) for g in found.groups(found.faults)]
+        declared = [(g.id, g.drive, g.file, g.changed) for g in found.groups(found.faults)]
         found.faults.end()
         same = (
             tomllib.loads(text) == found.data
@@ -100,7 +116,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
             and found.rig() == experiment.rig
             and found.text("title", experiment.title) == experiment.title
             and found.text("source", "") == experiment.source
-            and declared == [(g.id, g.waveform, g.file, g.changed) for g in experiment.groups]
+            and declared == [(g.id, g.drive, g.file, g.changed) for g in experiment.groups]
         )
         # Without a title it would be called after the new folder.
         text = text if "title" in found.data else f"title = {_quoted(experiment.title)}\n{text}"
@@ -162,6 +178,8 @@ def group_text(group: Conditions, file: str) -> str:
     lines = [
         "", "[[group]]", f"id = {group_id}", f"waveform = {_quoted(group.waveform)}", f"file = {_quoted(file)}",
     ]  # fmt: skip
+    for key, value in group.drive.settings.items():
+        lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else number_text(value)}")
     if group.changed:
         changed = ", ".join(f"{name} = {number_text(value)}" for name, value in group.changed)
         lines.append(f"constants = {{ {changed} }}")

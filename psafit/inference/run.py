@@ -433,7 +433,7 @@ def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int, seed: i
         problem.to_physical(problem.prior_transform(rng.random((n_kept, problem.n_dim)))),
         density.reshape(draws.values.shape),
         problem.observed,
-        {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "square": design.waveform},
+        {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "waveform": design.waveform},
     )
 
 

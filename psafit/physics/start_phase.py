@@ -4,7 +4,8 @@ r"""A sine that does not start at its zero.
 
 A generator that is switched on rather than triggered, or gated by a relay, starts anywhere: the voltage jumps by
 :math:`V_a \sin\phi_0` and the burst has part of the character of a square wave. Assumed: the same phase in every
-launch; one that varies is scatter. A square command is not affected.
+launch; one that varies is scatter. It acts on sines and triangles: jumps start where a trigger puts them, and a table
+has its own start.
 """
 
 from __future__ import annotations

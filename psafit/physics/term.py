@@ -49,7 +49,7 @@ class Setup:
         String.
     g : array, m/s^2
     phase : array, rad
-        At which a sine command starts; a square command ignores it.
+        At which the command starts, beside its own; one of jumps, or from a table, ignores it.
     lag : array, s
         Time constant of the amplifier: ``u' = (V_cmd - u)/lag``; 0: the voltage is the command.
     inverse_slew : array, s/V

@@ -17,7 +17,6 @@ from psafit.experiment import (
     Constants,
     Experiment,
     Group,
-    Waveform,
     changes_text,
     read_experiment,
 )
@@ -131,14 +130,14 @@ def reproduce(folder: str | Path) -> Reproduction:
     )
 
 
-def _frequency_sweep(experiment: Experiment, waveform: Waveform) -> Group | None:
+def _frequency_sweep(experiment: Experiment, waveform: str) -> Group | None:
     """The group of a waveform with most frequencies."""
     found = [g for g in experiment.groups if g.waveform == waveform]
     return max(found, key=lambda g: np.unique(g.frequency_hz).size, default=None)
 
 
 def _study_ranges(
-    frequency: FloatArray, amplitude: FloatArray, waveform: Waveform, reading: _Reading,
+    frequency: FloatArray, amplitude: FloatArray, waveform: str, reading: _Reading,
     parameters: ContactParameters, constants: Constants, step: float, total: float,
 ) -> FloatArray:  # fmt: skip
     """Launch ranges of the study's scheme, um."""
@@ -157,7 +156,7 @@ def _study_range(
 
 
 def _sweep(
-    group: Group, waveform: Waveform, parameters: ContactParameters, constants: Constants,
+    group: Group, waveform: str, parameters: ContactParameters, constants: Constants,
     step: float, total: float,
 ) -> Sweep:  # fmt: skip
     amplitude = float(group.amplitude_v.max())

@@ -37,8 +37,9 @@ from numpy.typing import NDArray
 
 from psafit.arrays import ComplexArray, FloatArray
 from psafit.physics.term import Setup
+from psafit.simulate.command import FREQUENCY, IDLE, LENGTH, OMEGA, REACH, command, first_move, first_row, phase_of
 from psafit.simulate.compiled import compiled, prange
-from psafit.simulate.design import SQUARE, Design
+from psafit.simulate.design import Design
 
 # Poles closer than this (relative) lose digits to cancellation, eps/_CLOSE for two of them, when summed one by one.
 _CLOSE = 1e-3
@@ -50,6 +51,9 @@ _RADIUS = 0.01
 # An undamped pole met by the drive is moved aside: costs the square of (cycles in contact x this), and eps over it.
 _DETUNE = 1e-7
 _MAX_STEPS = 2_000_000
+# A command that begins this close to its idle voltage, relative to its size, begins there.
+_ROUNDING = 2 * np.finfo(float).eps
+_ROUNDED = 512 * np.finfo(float).eps
 # Bounds lose to rounding: below this fraction of the summed amplitudes a positive value means nothing.
 _NOISE = 8 * np.finfo(float).eps
 
@@ -250,7 +254,7 @@ def modes(rig: Setup) -> Modes:
     return Modes(pole, lead[:, None] * pole**2 * weight, lead, roots)
 
 
-@compiled
+@compiled(borrows=True)
 def _tabulate(place, amplitude, n, table):  # type: ignore[no-untyped-def]
     """What the march needs of each mode, in real numbers, so that no modulus is taken twice."""
     for k in range(n):
@@ -260,7 +264,7 @@ def _tabulate(place, amplitude, n, table):  # type: ignore[no-untyped-def]
         table[k, 4], table[k, 5], table[k, 6] = modulus, modulus * rate**2, modulus * rate**3
 
 
-@compiled
+@compiled(borrows=True)
 def _evaluate(table, n, t):  # type: ignore[no-untyped-def]
     """Value, two derivatives, and the bounds on |d''|, |d'''| from `t` on."""
     d0 = d1 = d2 = b2 = b3 = noise = 0.0
@@ -313,7 +317,7 @@ def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
     return safe
 
 
-@compiled
+@compiled(borrows=True)
 def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     """Integral of the indentation over [0, t]; expm1 keeps the digits of slow poles."""
     total = 0.0
@@ -329,7 +333,7 @@ def _impulse(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@compiled(borrows=True)
 def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     """Integral of the integral of the indentation over [0, t]."""
     total = 0.0
@@ -342,32 +346,32 @@ def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@compiled(borrows=True)
 def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
-    """First zero of the indentation plus `lift` in (t, end]; infinity where there is none."""
+    """First zero of the indentation plus `lift` in (t, end], infinity if none; and whether it has yet to rise."""
     for _ in range(_MAX_STEPS):
         d0, d1, d2, b2, b3, noise = _evaluate(table, n, t)
         if noise < lift:
-            return math.inf  # too little motion is left
+            return math.inf, rising  # too little motion is left
         d0 += lift
         floor = _NOISE * (noise + lift)
         if d0 <= floor:
             # Indistinguishable from contact at zero: on the way down it is the separation.
             if d1 <= 0.0 and not rising:
-                return t
+                return t, rising
             d0 = floor
             d1 = max(d1, 0.0)
         else:
             rising = False
         if b2 == 0.0:
-            return math.inf
+            return math.inf, rising
         step = _safe_step(d0, d1, d2, b2, b3)
         if t + step == t or (d1 < 0.0 and step <= 2e-16 * t):
-            return t
+            return t, rising
         t += step
         if t > end:
-            return math.inf
-    return math.nan
+            return math.inf, rising
+    return math.nan, rising
 
 
 @compiled
@@ -377,7 +381,7 @@ def _aside(s, drive):  # type: ignore[no-untyped-def]
     return drive - shift if abs(s - drive) < shift else s
 
 
-@compiled
+@compiled(borrows=True)
 def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
     """Time until which the indentation is positive for sure, its first derivative that does not vanish being given."""
     bound = 0.0
@@ -386,104 +390,185 @@ def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
     return (order + 1) * lowest / bound
 
 
-@compiled
-def _sine(pole, weight, lead, roots, f, volt, phase, lift, horizon, placed, amplitude, place, table):  # type: ignore[no-untyped-def]
-    """Separation under a sine: (time, integral of the indentation until then, integral of that)."""
-    omega = 2.0 * math.pi * f
+@compiled(inside=True)
+def _leading(da, db, dC, omega):  # type: ignore[no-untyped-def]
+    """First derivative of the command, from a rest, that does not vanish: its order and value; zero if none."""
+    swing = abs(dC.real) + abs(dC.imag)
+    size = _ROUNDED * (abs(da) + swing)
+    value = da + dC.imag
+    if abs(value) > size:
+        return 0, value
+    rate = db + omega * dC.real
+    if abs(rate) > _ROUNDED * (abs(db) + omega * swing):
+        return 1, rate
+    return 2, -omega * omega * dC.imag
+
+
+@compiled(inside=True)
+def _answer(s, value, da, db, dC, omega):  # type: ignore[no-untyped-def]
+    """Laplace transform at `s` of a change of the command: its level, slope and phasor change by so much.
+
+    What is fast beside the drive sees the level and the swing's value together, and the two may cancel.
+    """
+    found = db / (s * s) if db != 0.0 else 0j
+    if omega == 0.0:
+        return found + da / s
+    below = s * s + omega * omega
+    if abs(s) > omega:
+        return found + value / s + (omega * dC.real - omega * omega * dC.imag / s) / below
+    return found + da / s + (omega * dC.real + s * dC.imag) / below
+
+
+@compiled(borrows=True)
+def _grown(place, n, span, before, end, grow, growth):  # type: ignore[no-untyped-def]
+    """What a mode is multiplied by within a piece of this length, and its integral; for which length they are.
+
+    They stay where the piece is as long as the one `before`: samples at equal distances differ by roundings of the
+    time, up to `end`.
+    """
+    if abs(span - before) <= _ROUNDING * end:
+        return before
+    for k in range(n):
+        z = place[k] * span
+        grow[k] = np.exp(z)
+        growth[k] = (grow[k] - 1.0) / place[k]
+        if abs(z) < 1e-2:  # the difference loses its digits where its series is short
+            growth[k] = span * (1.0 + z / 2 * (1.0 + z / 3 * (1.0 + z / 4 * (1.0 + z / 5 * (1.0 + z / 6)))))
+    return span
+
+
+@compiled(inside=True)
+def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
+    """Whether a bound on the curvature alone shows that the indentation stays above zero for so long."""
+    d0 = d1 = b2 = size = 0.0
+    for k in range(n):
+        s, a = place[k], amplitude[k]
+        modulus = abs(a.real) + abs(a.imag)
+        d0 += a.real
+        d1 += (a * s).real
+        b2 += modulus * (s.real * s.real + s.imag * s.imag)
+        size += modulus
+    return d0 + lift + min(d1, 0.0) * span - 0.5 * b2 * span * span > _NOISE * (size + lift)
+
+
+@compiled(borrows=True)
+def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, work):  # type: ignore[no-untyped-def]
+    """Separation under a command: (time, integral of the indentation until then, integral of that).
+
+    The time is infinite without a separation, and negative where the tip first draws back from the ball.
+    """
+    place, amplitude, by_level, by_slope, grow, growth, table = work
+    omega = point[OMEGA]
+    swings = omega != 0.0
     drive = 1j * omega
-    sin, cos = math.sin(phase), math.cos(phase)
-    forced = lead * drive * drive * volt + 0j
-    for k in range(len(roots)):
-        forced /= drive - _aside(roots[k], drive)
     n = 0
     for k in range(len(pole)):
         if weight[k] != 0:
-            s = _aside(pole[k], drive)
-            place[n] = s
-            amplitude[n] = volt * (omega * cos + s * sin) * weight[k] / (s * s + omega * omega)
+            s = _aside(pole[k], drive) if swings else pole[k]
+            place[n], amplitude[n] = s, 0.0
+            by_level[n] = weight[k] / s
             n += 1
-    # V w/(s^2 + w^2) has the residue V/(2i) at +iw; doubled for its conjugate.
-    place[n] = drive
-    amplitude[n] = forced * complex(sin, -cos)
-    n += 1
-    order = len(roots) - 2
-    lowest = lead * volt * sin
-    if sin == 0.0:
-        order += 1
-        lowest = lead * volt * omega
-    _tabulate(place, amplitude, n, table)
-    t = _march(table, n, _start(place, amplitude, n, order, lowest), horizon, True, lift)
-    if math.isinf(t):
-        return t, 0.0, 0.0
-    twice = _twice(place, amplitude, n, t) if placed else 0.0
-    return t, _impulse(place, amplitude, n, t), twice
-
-
-@compiled
-def _square(pole, weight, lead, n_roots, f, volt, lift, horizon, placed, amplitude, place, table):  # type: ignore[no-untyped-def]
-    """Separation under a square wave: (time, integral of the indentation until then, integral of that)."""
-    half = 0.5 / f
-    n = 0
-    for k in range(len(pole)):
-        if weight[k] != 0:
-            place[n] = pole[k]
-            amplitude[n] = volt * weight[k] / pole[k]
-            n += 1
-    t = min(_start(place, amplitude, n, n_roots - 2, lead * volt), half)
-    rising = True
-    switches = 0
-    once = twice = 0.0
-    sign = -2.0 * volt
+    n_modes = n
+    forced = 0j
+    if swings:
+        forced = lead * drive * drive
+        for k in range(len(roots)):
+            forced /= drive - _aside(roots[k], drive)
+        place[n] = drive
+        n += 1
+    row = first_row(rows, point, phase)
+    k, now = first_move(rows, point, row, phase)
+    if now == math.inf:
+        return now, 0.0, 0.0
+    # The command just before: level, slope and phasor of the swing.
+    a, b, C = point[IDLE], 0.0, 0j
+    once = twice = before = 0.0
+    rising, first, ramps = True, True, False
     while True:
-        _tabulate(place, amplitude, n, table)
-        # Infinity, whether there is no zero or too little motion for one, ends this half period only.
-        t = _march(table, n, t, half, rising, lift)
-        span = half if math.isinf(t) else t
-        if placed:
-            twice += once * span + _twice(place, amplitude, n, span)
-        once += _impulse(place, amplitude, n, span)
-        if not math.isinf(t):
-            return switches * half + t, once, twice
-        switches += 1
-        if switches * half > horizon:
-            return math.inf, once, twice
-        j = 0
-        for k in range(len(pole)):
-            if weight[k] != 0:
-                amplitude[j] = amplitude[j] * np.exp(place[j] * half) + sign * weight[k] / pole[k]
-                j += 1
-        sign = -sign
+        anchor, end, level, slope, swing, psi = command(rows, point, row, k, phase)
+        span = end - now
+        if slope != 0.0:
+            level += slope * (now - anchor)
+        angle = psi + omega * now
+        phasor = swing * complex(math.cos(angle), math.sin(angle)) if swings else 0j
+        da, db, dC = level - a, slope - b, phasor - C
+        value = da + dC.imag
         t = 0.0
-        rising = False
+        if first:
+            order, lowest = _leading(da, db, dC, omega)
+            value = lowest if order == 0 else 0.0
+            if lowest < 0.0 and not pressed:
+                return -1.0, 0.0, 0.0
+        if db != 0.0 and not ramps:
+            ramps = True
+            for j in range(n_modes):
+                by_slope[j] = by_level[j] / place[j]
+        if not first:
+            for j in range(n_modes):
+                amplitude[j] *= grow[j]
+        for j in range(n_modes):
+            if swings:
+                s = place[j]
+                amplitude[j] += by_level[j] * _answer(s, value, da, db, dC, omega) * s
+            else:
+                amplitude[j] += by_level[j] * da
+                if db != 0.0:
+                    amplitude[j] += by_slope[j] * db
+        if swings:
+            amplitude[n_modes] = forced * complex(phasor.imag, -phasor.real)
+        if first:
+            first = False
+            if lowest > 0.0:
+                t = min(_start(place, amplitude, n, len(roots) - 2 + order, lead * lowest), span)
+        elif not (swings or placed or rising) and _is_apart(place, amplitude, n, span, lift) and end <= horizon:
+            before = _grown(place, n_modes, span, before, end, grow, growth)
+            for j in range(n):
+                once += (amplitude[j] * growth[j]).real
+            a, b, now, k = level + slope * span, slope, end, k + 1
+            continue
+        _tabulate(place, amplitude, n, table)
+        # Infinity, whether there is no zero or too little motion for one, ends this piece only.
+        t, rising = _march(table, n, t, min(span, horizon), rising, lift)
+        reached = span if math.isinf(t) else t
+        if math.isinf(reached):
+            return reached, once, twice
+        if placed:
+            twice += once * reached + _twice(place, amplitude, n, reached)
+        once += _impulse(place, amplitude, n, reached)
+        if not math.isinf(t):
+            return now + t, once, twice
+        if end > horizon:
+            return math.inf, once, twice
+        before = _grown(place, n_modes, span, before, end, grow, growth)
+        a, b = level + slope * span, slope
+        C = phasor * complex(math.cos(omega * span), math.sin(omega * span)) if swings else 0j
+        now, k = end, k + 1
 
 
 def _launch(  # type: ignore[no-untyped-def]
-    pole, weight, lead, roots, spring, damper, lift, phase, horizon, placed, square, frequency, voltage,
+    pole, weight, lead, roots, spring, damper, lift, lean, phase, horizon, placed, rows, points,
     when, speed, where, status,
 ):  # fmt: skip
     n_sets, n_points = when.shape
     for i in prange(n_sets):
         width = pole.shape[1] + 1
-        amplitude = np.empty(width, np.complex128)
-        place = np.empty(width, np.complex128)
-        table = np.empty((width, 7))
+        lines = np.empty((6, width), np.complex128)
+        work = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], np.empty((width, 7))
         for j in range(n_points):
+            point = points[j]
             when[i, j], speed[i, j], where[i, j], status[i, j] = 0.0, 0.0, 0.0, AT_REST
-            if voltage[j] == 0.0:
+            if point[REACH] == 0.0:
                 continue
             limit = HORIZON
             if lift[i] > 0.0:
-                limit = max(horizon[i], HORIZON_PERIODS / frequency[j])
-            if square[j]:
-                t, once, twice = _square(
-                    pole[i], weight[i], lead[i], roots.shape[1], frequency[j], voltage[j], lift[i], limit, placed,
-                    amplitude, place, table,
-                )  # fmt: skip
-            else:
-                t, once, twice = _sine(
-                    pole[i], weight[i], lead[i], roots[i], frequency[j], voltage[j], phase[i], lift[i], limit, placed,
-                    amplitude, place, table,
-                )  # fmt: skip
+                limit = max(horizon[i], point[LENGTH] + HORIZON_PERIODS / point[FREQUENCY])
+            t, once, twice = _separate(
+                pole[i], weight[i], lead[i], roots[i], rows, point, phase_of(point, phase[i]), lift[i], lean[i] > 0.0,
+                limit, placed, work,
+            )  # fmt: skip
+            if t < 0.0:
+                when[i, j], speed[i, j], status[i, j] = math.nan, 0.0, DRAWN_BACK
+                continue
             if not math.isfinite(t):
                 when[i, j], status[i, j] = math.nan, NO_SEPARATION
                 continue
@@ -536,9 +621,8 @@ def separation(
             found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in (when, speed, where, status))
             launch(
                 batch.pole, batch.weight, batch.lead, batch.roots, one.k_c / one.M, one.c_c / one.M,
-                (press + one.bond) / one.k_c, one.phase,
-                contact_horizon(one.k_c, one.M), placed, design.waveform == SQUARE, design.frequency,
-                design.amplitude, *found,
+                (press + one.bond) / one.k_c, one.lean, one.phase,
+                contact_horizon(one.k_c, one.M), placed, *design.commands, *found,
             )  # fmt: skip
             when[part], speed[part], where[part], status[part] = found
     return when, speed, where, status

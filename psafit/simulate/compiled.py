@@ -19,7 +19,7 @@ __all__ = [
     "total",
 ]  # fmt: skip
 
-_SOURCES = ("callbacks", "closed_form", "collocation", "compiled", "drive", "flight", "stepper")
+_SOURCES = ("callbacks", "closed_form", "collocation", "command", "compiled", "drive", "flight", "stepper")
 
 
 def _stamp() -> bytes:

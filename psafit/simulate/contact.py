@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from psafit.arrays import FloatArray
+from psafit.arrays import ComplexArray, FloatArray
 from psafit.physics.term import Setup
 from psafit.simulate import closed_form
-from psafit.simulate.design import SQUARE, Design
+from psafit.simulate.command import IDLE, OMEGA, command, first_move, first_row
+from psafit.simulate.design import Design
 
 
 @dataclass(frozen=True)
@@ -58,35 +60,44 @@ class Contact:
         return self.restitution_impulse / self.compression_impulse
 
 
+def _pieces(rows: FloatArray, point: FloatArray, end: float) -> Iterator[tuple[float, float, float, float, complex]]:
+    """Pieces of a command until `end`: beginning, end, level, slope, phasor of the swing."""
+    row = first_row(rows, point, 0.0)
+    k, now = first_move(rows, point, row, 0.0)
+    while now < end:
+        anchor, stop, a, b, swing, psi = command(rows, point, row, k, 0.0)
+        yield now, stop, a + b * (now - anchor) if b else a, b, swing * np.exp(1j * (psi + point[OMEGA] * now))
+        k, now = k + 1, stop
+
+
 class _Motion:
     """Indentation, its derivatives and integrals, at any time of one contact."""
 
-    def __init__(self, design: Design, theta: FloatArray) -> None:
+    def __init__(self, design: Design, theta: FloatArray, end: float) -> None:
         batch = closed_form.modes(Setup.of(design.constants, theta[None, :]))
         used = batch.weight[0] != 0
         pole, weight = batch.pole[0, used], batch.weight[0, used]
-        frequency, volt = float(design.frequency[0]), float(design.amplitude[0])
         self._k_c, _, self._c_c = theta
         self._M = design.constants.M
-        self._square = bool(design.waveform[0] == SQUARE)
-        self._half = 0.5 / frequency
-        if self._square:
-            self._pole, self._kick = pole, volt * weight / pole
-            self._start = [self._kick]
-        else:
-            omega = 2 * np.pi * frequency
-            drive = 1j * omega
-            forced = batch.lead[0] * drive**2 * volt * -1j / np.prod(drive - batch.roots[0])
-            self._pole = np.append(pole, drive)
-            self._start = [np.append(volt * omega * weight / (pole**2 + omega**2), forced)]
+        rows, points = design.commands
+        self._pieces = list(_pieces(rows, points[0], end))
+        omega = float(points[0, OMEGA])
+        drive = 1j * omega
+        self._pole = np.append(pole, drive)
+        forced = batch.lead[0] * drive**2 / np.prod(drive - batch.roots[0]) if omega else 0j
+        self._start: list[ComplexArray] = []
+        modes, level, rate, phasor, before = np.zeros(pole.size, complex), float(points[0, IDLE]), 0.0, 0j, 0.0
         self._rest = [(0.0, 0.0)]  # integral and double integral of d where each piece starts
-
-    def _pieces(self, index: int) -> None:
-        while len(self._start) <= index:
-            j, double = self._integrals(len(self._start) - 1, np.array([self._half]))
+        for begin, stop, a, b, C in self._pieces:
+            change = (a - level) / pole + (b - rate) / pole**2
+            if omega:
+                change = change + (omega * (C - phasor).real + pole * (C - phasor).imag) / (pole**2 + omega**2)
+            modes = modes * np.exp(pole * before) + weight * change
+            self._start.append(np.append(modes, -1j * forced * C))
+            before = min(stop, end) - begin
+            level, rate, phasor = a + b * before, b, C * np.exp(drive * before)
+            j, double = self._integrals(len(self._start) - 1, np.array([before]))
             self._rest.append((float(j[0]), float(double[0])))
-            sign = -2.0 if len(self._start) % 2 else 2.0
-            self._start.append(self._start[-1] * np.exp(self._pole * self._half) + sign * self._kick)
 
     def _integrals(self, index: int, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         a, s = self._start[index], self._pole
@@ -96,20 +107,19 @@ class _Motion:
         # The second remainder of exp loses its digits for slow poles, where its series is short.
         series = z * z * (0.5 + z * (1 / 6 + z * (1 / 24 + z / 120)))
         twice = np.where(np.abs(z) < 1e-3, series, grow - z)
+        s = np.where(s == 0.0, 1.0, s)  # the drive's, where it does not swing: of no weight
         single = first + (grow * (a / s)).sum(axis=1).real
         return single, second + first * t + (twice * (a / s**2)).sum(axis=1).real
 
     def at(self, time: FloatArray) -> dict[str, FloatArray]:
         time = np.atleast_1d(np.asarray(time, dtype=float))
-        index = np.zeros(time.size, int)
-        if self._square:
-            # A moment at a switch belongs to the piece that ends there.
-            index = np.maximum(np.ceil(time / self._half * (1 - 1e-15)).astype(int) - 1, 0)
+        begins = np.array([piece[0] for piece in self._pieces])
+        # A moment at a switch belongs to the piece that ends there.
+        index = np.maximum(np.searchsorted(begins, time * (1 - 1e-15), side="right") - 1, 0)
         d, rate, single, double = (np.empty(time.size) for _ in range(4))
         for piece in np.unique(index):
             here = index == piece
-            self._pieces(int(piece))
-            t = time[here] - piece * self._half
+            t = np.maximum(time[here] - begins[piece], 0.0)
             wave = self._start[piece] * np.exp(self._pole * t[:, None])
             d[here] = wave.sum(axis=1).real
             rate[here] = (wave * self._pole).sum(axis=1).real
@@ -157,8 +167,8 @@ def contact(design: Design, theta: ArrayLike, *, n_times: int = 401) -> list[Con
             raise ValueError(
                 f"no launch at {design.frequency[j]:g} Hz and {design.amplitude[j]:g} V: no contact to follow"
             )
-        motion = _Motion(design.point(j), values)
         end = float(when[0, j])
+        motion = _Motion(design.point(j), values, end)
         time = np.linspace(0.0, end, n_times)
         # Extremes are sought on a grid fine enough for the fast transient at the start, too.
         fine = np.unique(np.concatenate([np.linspace(0, end, 2001), np.geomspace(end * 1e-9, end, 2001)]))

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psafit.arrays import FloatArray
+from psafit.drives import Drive
 from psafit.experiment import Constants
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline, term
@@ -126,7 +127,7 @@ class Draw:
 
     def fast(self, tolerance: float = stepper.TOLERANCE) -> tuple[float, str]:
         """Launch range, m, and the path that gave it."""
-        design = Design.sweep(self.constants, self.point.waveform, self.point.frequency, self.point.amplitude)
+        design = Design.sweep(self.constants, self.point.drive, self.point.frequency, self.point.amplitude)
         row = np.array([*self.theta, *itertools.chain(*self.values)])
         found = simulate(design, row, self.causes, tolerance=tolerance)
         # Where the place of a ball counts that is not launched, steps have followed it.
@@ -170,7 +171,7 @@ def draw(rng: np.random.Generator, causes: Sequence[Term] = (), constants: Const
 
     values = tuple([value(p) for p in (*t.parameters, *([t.latent] if t.latent else []))] for t in causes)
     waveform = "sine" if rng.random() < 0.5 else "square"
-    point = Point(waveform, float(np.exp(rng.uniform(np.log(30), np.log(3e4)))), float(rng.uniform(1, 40)))  # type: ignore[arg-type]
+    point = Point(Drive(waveform), float(np.exp(rng.uniform(np.log(30), np.log(3e4)))), float(rng.uniform(1, 40)))
     return Draw(point, [value(p) for p in baseline.PARAMETERS], tuple(causes), values, constants)
 
 
@@ -200,8 +201,8 @@ def agreement(draws: Sequence[Draw], check: str = "reference", finer: float | No
     told = "; ".join(f"{count} {path}" for path, count in _paths(draws))
     text = f"fast against literal in {len(draws)} draws ({told}), worst in units of the allowed error {worst:.2g}"
     if wrong:
-        waveform, f, v = wrong[0].point
-        text = f"{text}; {len(wrong)} disagree, the first at {waveform}, {f:.5g} Hz, {v:.3g} V"
+        drive, f, v = wrong[0].point
+        text = f"{text}; {len(wrong)} disagree, the first at {Drive.of(drive).label}, {f:.5g} Hz, {v:.3g} V"
     return Outcome(check, not wrong, text, worst, 1.0, tuple(map(repr, wrong)))
 
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
+from psafit.drives import NAMES, Drive
 from psafit.experiment import Conditions, Constants
+from psafit.simulate.command import commands
 
-SINE, SQUARE = 0, 1
-_WAVEFORMS = {"sine": SINE, "square": SQUARE}
+_USUAL = (Drive("sine"), Drive("square"))
+SINE, SQUARE = range(2)
 MAX_FREQUENCY = 1e9  # Hz; no stack follows
 
 
@@ -27,8 +31,9 @@ class Design:
         Of rigs with a constant changed, if there are points of such.
     rig : (n_points,) int array
         Whose each point is: 0 for `constants`, k for the k-th of `others`.
-    waveform : (n_points,) int8 array
-        `SINE` or `SQUARE`.
+    drives : tuple of Drive
+    drive : (n_points,) int array
+        Which of `drives` each point has: by default `SINE` or `SQUARE`.
     frequency : (n_points,) array, Hz
     amplitude : (n_points,) array, V
     group : (n_points,) int array
@@ -41,16 +46,17 @@ class Design:
     """
 
     constants: Constants
-    waveform: NDArray[np.int8]
+    drive: NDArray[np.int64]
     frequency: NDArray[np.float64]
     amplitude: NDArray[np.float64]
     group: NDArray[np.int64]
     others: tuple[Constants, ...] = ()
     rig: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+    drives: tuple[Drive, ...] = _USUAL
 
     def __post_init__(self) -> None:
         for name, kind in (
-            ("waveform", np.int8),
+            ("drive", np.int64),
             ("frequency", np.float64),
             ("amplitude", np.float64),
             ("group", np.int64),
@@ -64,7 +70,7 @@ class Design:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         for name, sound, wanted in (
-            ("waveform", np.isin(self.waveform, (SINE, SQUARE)), f"{SINE} (sine) or {SQUARE} (square)"),
+            ("drive", (self.drive >= 0) & (self.drive < len(self.drives)), f"0 to {len(self.drives) - 1}"),
             ("frequency", (self.frequency > 0) & (self.frequency <= MAX_FREQUENCY), f"in (0, {MAX_FREQUENCY:g}] Hz"),
             ("amplitude", (self.amplitude >= 0) & np.isfinite(self.amplitude), "finite and not negative (V)"),
         ):
@@ -92,11 +98,21 @@ class Design:
 
     def points(self, chosen: NDArray[np.intp]) -> Design:
         """Some of the conditions; those of one rig have its constants."""
-        some = self.waveform[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
+        some = self.drive[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
         rig = self.rig[chosen]
         if rig.size and (rig == rig[0]).all():
-            return Design(self.rigs[rig[0]], *some)
-        return Design(self.constants, *some, self.others, rig)
+            return Design(self.rigs[rig[0]], *some, drives=self.drives)
+        return Design(self.constants, *some, self.others, rig, self.drives)
+
+    @cached_property
+    def commands(self) -> tuple[FloatArray, FloatArray]:
+        """What the engines read the drives from: see `psafit.simulate.command`."""
+        return commands(self.drives, self.drive, self.frequency, self.amplitude)
+
+    @property
+    def waveform(self) -> NDArray[np.int64]:
+        """Number of each point's waveform, in the order of the registry."""
+        return np.array([NAMES.index(d.waveform) for d in self.drives])[self.drive]
 
     @property
     def rigs(self) -> tuple[Constants, ...]:
@@ -113,21 +129,26 @@ class Design:
         """Conditions of groups, measured or planned, in the order given."""
         sizes = [g.frequency_hz.size for g in groups]
         rigs = list(dict.fromkeys([constants, *(g.rig(constants) for g in groups)]))
+        drives = tuple(dict.fromkeys([*_USUAL, *(g.drive for g in groups)]))
         every = cls(
             constants,
-            np.repeat([_WAVEFORMS[g.waveform] for g in groups], sizes),
+            np.repeat([drives.index(g.drive) for g in groups], sizes),
             np.concatenate([g.frequency_hz for g in groups]),
             np.concatenate([g.amplitude_v for g in groups]),
             np.repeat(np.arange(len(groups)), sizes),
             tuple(rigs[1:]),
             np.repeat([rigs.index(g.rig(constants)) for g in groups], sizes),
+            drives,
         )
         return every.points(np.arange(every.n_points)) if rigs[1:] else every
 
     @classmethod
-    def sweep(cls, constants: Constants, waveform: str, frequency: object, amplitude: object) -> Design:
-        """One sweep; `frequency` (Hz) and `amplitude` (V) broadcast against each other."""
+    def sweep(cls, constants: Constants, waveform: Drive | str, frequency: object, amplitude: object) -> Design:
+        """One sweep of a drive or plain waveform; `frequency` (Hz) and `amplitude` (V) broadcast together."""
         f, v = np.broadcast_arrays(np.atleast_1d(np.asarray(frequency, float)), np.asarray(amplitude, float))
-        if waveform not in _WAVEFORMS:
-            raise ValueError(f"waveform must be one of {', '.join(_WAVEFORMS)}, got {waveform!r}")
-        return cls(constants, np.full(f.size, _WAVEFORMS[waveform]), f, v, np.zeros(f.size, np.int64))
+        one = Drive.of(waveform)
+        if one.waveform not in NAMES:
+            raise ValueError(f"waveform must be one of {', '.join(NAMES)}, got {one.waveform!r}")
+        drives = tuple(dict.fromkeys([*_USUAL, one]))
+        none = np.zeros(f.size, np.int64)
+        return cls(constants, none + drives.index(one), f, v, none, drives=drives)

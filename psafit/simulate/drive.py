@@ -5,9 +5,9 @@ voltage is of one family,
 
 .. math:: u(t_0 + s) = a + b s + c\, e^{-r s} + G \sin(\omega s + \psi),
 
-and so is every quantity whose zero ends a piece: a square wave's switch, the rate against its limit, the voltage
-against its command, and, where a cause of the stack needs them apart, the zeros of the voltage and its turning
-points. Zeros are found as in `closed_form`: by steps that bounds on the derivatives prove to be safe.
+and so is every quantity whose zero ends a piece, but for the ends of the command's own (`command`): the rate against
+its limit, the voltage against its command, and, where a cause of the stack needs them apart, the zeros of the voltage
+and its turning points. Zeros are found as in `closed_form`: by steps that bounds on the derivatives prove to be safe.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ import math
 import numpy as np
 
 from psafit.simulate.closed_form import _safe_step
+from psafit.simulate.command import IDLE, REACH, command, first_move, first_row, phase_of
+from psafit.simulate.command import OMEGA as COMMAND_OMEGA
 from psafit.simulate.compiled import WIDTH, compiled, fma, load, store
 
-# Places in the record of a piece: beginning, end, the five coefficients with the two rates, and where it stands.
-BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, DIRECTION, HALVES = range(12)
-PIECE = 12
+# Places in the record of a piece: beginning, end, the five coefficients with the two rates, where it stands, and the
+# command's piece that it is in: which, from where the first one's period is counted, and when that ends.
+BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, DIRECTION, NUMBER, ROW, UNTIL, AWAY = range(15)
+PIECE = 15
 
 _NOISE = 8 * np.finfo(float).eps
 # A quantity this close to zero at the beginning of a piece is what ended the piece before.
@@ -136,43 +139,47 @@ def voltages(piece, t, scratch):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def first_piece(piece, square, volt, f, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
-    """The piece that begins at rest."""
+def first_piece(piece, rows, point, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
+    """The piece that begins with the drive, at rest under the idle voltage; whether there is one."""
     piece[:] = 0.0
-    piece[END] = 0.0
-    piece[HALVES] = -1.0
-    next_piece(piece, 0.0, square, volt, f, phase, lag, inverse_slew, split)
+    piece[ROW] = first_row(rows, point, phase_of(point, phase))
+    k, begin = first_move(rows, point, int(piece[ROW]), phase_of(point, phase))
+    if begin == math.inf:
+        return False
+    piece[NUMBER] = k - 1.0
+    piece[END] = piece[UNTIL] = begin
+    next_piece(piece, point[IDLE], rows, point, phase, lag, inverse_slew, split)
+    return True
 
 
 @compiled(borrows=True)
-def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
+def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
     """Replace a piece by the one after it; `u` is the voltage at its end.
 
     `split` asks for pieces within which voltage and rate keep their signs.
     """
     t = piece[END]
-    w = 2.0 * math.pi * f
-    end = math.inf
-    if square:
-        # Switches are counted, not computed from the time, which may be a rounding before one.
-        halves = piece[HALVES]
-        if halves < 0.0 or t == (halves + 1.0) * 0.5 / f:
-            halves += 1.0
-        piece[HALVES] = halves
-        command = volt if halves % 2.0 == 0.0 else -volt
-        end = (halves + 1.0) * 0.5 / f - t
-        swing, psi = 0.0, 0.0
-        now, rate, bend = command, 0.0, 0.0
-    else:
-        command, swing, psi = 0.0, volt, w * t + phase
-        now, rate, bend = volt * math.sin(psi), w * volt * math.cos(psi), -w * w * volt * math.sin(psi)
+    w = point[COMMAND_OMEGA]
+    if t == piece[UNTIL]:
+        piece[NUMBER] += 1.0
+    anchor, until, level, gain, swing, psi = command(
+        rows, point, int(piece[ROW]), int(piece[NUMBER]), phase_of(point, phase)
+    )
+    piece[UNTIL] = until
+    end = until - t
+    steady = level + gain * (t - anchor) if gain != 0.0 else level
+    psi += w * t
+    if swing == 0.0:
+        w = psi = 0.0
+    sin, cos = math.sin(psi), math.cos(psi)
+    now, rate, bend = steady + swing * sin, gain + w * swing * cos, -w * w * swing * sin
 
-    a, b, c, r, G, phi = command, 0.0, 0.0, 0.0, swing, psi
+    a, b, c, r, G, phi = steady, gain, 0.0, 0.0, swing, psi
     limited = inverse_slew > 0.0
     top = 1.0 / inverse_slew if limited else math.inf
     ahead = now - u
     # What a rounding of the time is worth in volts, at the largest rate.
-    loose = _ENDED * (volt + top * t) if limited else 0.0
+    loose = _ENDED * (point[REACH] + abs(point[IDLE]) + top * t) if limited else 0.0
     if lag > 0.0:
         edge = top * lag
         r = 1.0 / lag
@@ -181,29 +188,37 @@ def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # t
         if not limited or (growing <= 0.0 if near else abs(ahead) < edge):
             shift = math.atan(w * lag)
             G, phi = swing * math.cos(shift), psi - shift
-            c = u - command - G * math.sin(phi)
+            a = steady - lag * gain
+            c = u - a - G * math.sin(phi)
             if limited:
-                # c_cmd - u = lag G w cos(w s + phi) - c exp(-r s)
+                # c_cmd - u = lag (b + G w cos(w s + phi)) - c exp(-r s)
                 quarter = 0.5 * math.pi
                 for side in (1.0, -1.0):
                     end = min(
-                        end, _first_zero(edge, 0.0, side * c, r, -side * lag * G * w, w, phi + quarter, end)
-                    )  # fmt: skip
+                        end,
+                        _first_zero(
+                            edge - side * lag * gain, 0.0, side * c, r, -side * lag * G * w, w, phi + quarter, end
+                        ),
+                    )
         else:
             side = math.copysign(1.0, ahead)
-            end = min(end, _first_zero(side * (command - u) - edge, -top, 0.0, 0.0, side * swing, w, psi, end))
+            end = min(
+                end, _first_zero(side * (steady - u) - edge, side * gain - top, 0.0, 0.0, side * swing, w, psi, end)
+            )
             a, b, c, r, G = u, side * top, 0.0, 0.0, 0.0
     elif limited:
         met = abs(ahead) <= loose
         fits = abs(rate) < top * (1.0 - 1e-13) or (abs(rate) <= top * (1.0 + 1e-13) and rate * bend <= 0.0)
         if met and fits:
-            if w * abs(swing) > top:
+            if abs(gain) + w * abs(swing) > top:
                 quarter = 0.5 * math.pi
                 for side in (1.0, -1.0):
-                    end = min(end, _first_zero(top, 0.0, 0.0, 0.0, -side * swing * w, w, psi + quarter, end))
+                    end = min(
+                        end, _first_zero(top - side * gain, 0.0, 0.0, 0.0, -side * swing * w, w, psi + quarter, end)
+                    )
         else:
             side = math.copysign(1.0, rate if met else ahead)
-            end = min(end, _first_zero(side * (command - u), -top, 0.0, 0.0, side * swing, w, psi, end))
+            end = min(end, _first_zero(side * (steady - u), side * gain - top, 0.0, 0.0, side * swing, w, psi, end))
             a, b, G = u, side * top, 0.0
 
     piece[BEGIN] = t
@@ -212,11 +227,12 @@ def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # t
     e, sin, cos = c, math.sin(phi), math.cos(phi)
     v0, v1, v2 = a + e + G * sin, b - r * e + w * G * cos, r * r * e - w * w * G * sin
     v3 = -r * r * r * e - w * w * w * G * cos
-    size0 = abs(a) + abs(e) + abs(G) + volt
+    size0 = abs(a) + abs(e) + abs(G) + point[REACH]
     size1 = abs(b) + r * abs(e) + w * abs(G)
     size2 = r * r * abs(e) + w * w * abs(G)
     piece[SIGN] = _sign(v0, v1, v2, size0, size1)
     piece[DIRECTION] = _sign(v1, v2, v3, size1, size2)
+    piece[AWAY] = _sign(v0 - point[IDLE], v1, v2, size0, size1)
     if split:
         sign, direction = piece[SIGN], piece[DIRECTION]
         if sign != 0.0:
@@ -229,7 +245,4 @@ def next_piece(piece, u, square, volt, f, phase, lag, inverse_slew, split):  # t
                     direction * b, 0.0, -direction * r * c, r, direction * w * G, w, phi + quarter, end
                 ),
             )  # fmt: skip
-    if square and end == (piece[HALVES] + 1.0) * 0.5 / f - t:
-        piece[END] = (piece[HALVES] + 1.0) * 0.5 / f
-    else:
-        piece[END] = t + end
+    piece[END] = until if end == until - t else t + end

@@ -23,8 +23,9 @@ the damping force, whose impulse over a contact cancels.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,6 +33,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from psafit.arrays import FloatArray
+from psafit.drives import WAVEFORMS, Drive
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
 from psafit.physics.term import Memory, Term, World
@@ -127,7 +129,7 @@ def energy(
     """
     world = literal_world(theta, terms, constants)
     drive = _Drive(world, point, 1e-9, 400_000, counts_work=True)
-    launch = drive.run() if point.amplitude > 0.0 else None
+    launch = drive.run()
     if launch is None:
         return 0.0, 0.0
     _, speed, place = launch
@@ -141,7 +143,7 @@ def launch_in(
 ) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
     drive = _Drive(world, point, rtol, most_steps)
-    separation = None if point.amplitude == 0.0 else drive.run()
+    separation = drive.run()
     if separation is None:
         share = 1.0 if world.lean > 0.0 else math.sqrt(world.offset_weight)
         reading = float(world.reading(share * drive.highest, group))
@@ -155,71 +157,108 @@ def launch_in(
 
 
 class _Command:
-    """The command voltage, quarter by quarter of a sine, half by half of a square.
+    """The command voltage, from corner to corner of its waveform, as the waveform's own file or a table has it.
 
-    Within a quarter the sine is ``+-V sin`` or ``+-V cos`` of an angle below pi/2: no digits are lost however many
-    periods have passed. Times `tau` count from the start of the piece, which may lie inside the quarter.
+    Times `tau` count from the start of the piece, which may lie behind its corner. Between corners voltage and size of
+    its rate are monotonic.
     """
 
     def __init__(self, point: Point, phase: float) -> None:
-        self.sine = point.waveform == "sine"
-        self.volt = point.amplitude
-        self.frequency = point.frequency
+        drive = Drive.of(point.drive)
+        table = drive.table
+        self.idle, self.bias = drive.idle_v, drive.bias_v
+        self.volt, self.frequency = point.amplitude, point.frequency
         self.omega = 2.0 * math.pi * point.frequency
-        self.per_period = 4 if self.sine else 2
-        self.index, self.angle, self.time = 0, 0.0, 0.0
-        self.phase = phase if self.sine else 0.0
-        if self.sine:
-            quarters = phase / (math.pi / 2)
-            near = round(quarters)
-            if abs(phase - near * (math.pi / 2)) <= 4 * EPS * max(1.0, abs(phase)):
-                self.index, self.phase = near, near * (math.pi / 2)
-            else:
-                self.index = math.floor(quarters)
-                self.angle = phase - self.index * (math.pi / 2)
+        self.rest, self.length, self.period, self.end = drive.idle_v, 0.0, 1.0, drive.cycles / point.frequency
+        self.pace = point.frequency  # phases per second
+        turn = drive.phase_deg / 360.0
+        if table is None:
+            form = WAVEFORMS[drive.waveform]
+            self.corners, self.shape, self.slope = list(form.corners), form.value, form.rate
+            turn += phase / (2.0 * math.pi) if form.shifts else 0.0
+        else:
+            rows = list(zip(table.at.tolist(), table.value.tolist(), strict=True))
+            if table.recorded and rows[0][0] > 0.0:
+                rows = [(0.0, drive.idle_v), (rows[0][0], drive.idle_v), *rows]
+            lines = [(p, q) for p, q in itertools.pairwise(rows) if q[0] > p[0]]
+            self.corners = [p[0] for p, _ in lines]
+            self.shape = lambda k, x: lines[k][0][1] + (lines[k][1][1] - lines[k][0][1]) * x / self.width(k)
+            self.slope = lambda k, x: (lines[k][1][1] - lines[k][0][1]) / self.width(k)
+            if table.recorded:
+                self.pace, self.volt, self.period = 1.0, 1.0, rows[-1][0]
+                self.length = self.end = rows[-1][0]
+                self.rest = rows[-1][1]
+        self.per_period = len(self.corners)
+        turn %= 1.0
+        if min(turn, 1.0 - turn) <= 4 * EPS * max(1.0, abs(phase)):
+            turn = 0.0
+        near = [k for k, corner in enumerate(self.corners) if abs(turn - corner) <= 4 * EPS]
+        turn = self.corners[near[0]] if near else turn
+        self.index = sum(corner <= turn for corner in self.corners) - 1
+        self.turned = turn
+        self.x = turn - self.corners[self.index]  # of the piece's start behind its corner
+        self.time, self.done = 0.0, False
+        extremes = [
+            self.bias + self.volt * self.shape(k, x) for k in range(self.per_period) for x in (0.0, self.width(k))
+        ]
+        self.size = max(abs(u) for u in (*extremes, self.idle))
+        self.span = max(abs(u - self.idle) for u in extremes)
+
+    def width(self, k: int) -> float:
+        """Of the part behind corner number `k`."""
+        return (self.corners[k + 1] if k + 1 < self.per_period else self.period) - self.corners[k]
 
     def value(self, tau: float) -> float:
-        if not self.sine:
-            return self.volt if self.index % 2 == 0 else -self.volt
-        angle = self.angle + self.omega * tau
-        shape = math.sin(angle) if self.index % 2 == 0 else math.cos(angle)
-        return self.volt * shape * (1.0 if self.index % 4 < 2 else -1.0)
+        if self.done:
+            return self.rest
+        return self.bias + self.volt * self.shape(self.index % self.per_period, self.x + self.pace * tau)
 
     def rate(self, tau: float) -> float:
-        if not self.sine:
+        if self.done:
             return 0.0
-        angle = self.angle + self.omega * tau
-        shape = math.cos(angle) if self.index % 2 == 0 else -math.sin(angle)
-        return self.omega * self.volt * shape * (1.0 if self.index % 4 < 2 else -1.0)
+        return self.volt * self.pace * self.slope(self.index % self.per_period, self.x + self.pace * tau)
 
     def remaining(self) -> float:
-        """Time to the end of the quarter or half."""
-        if self.sine:
-            return (math.pi / 2 - self.angle) / self.omega
-        return (self.index + 1) * 0.5 / self.frequency - self.time
+        """Time to the next corner, or to the end of the drive."""
+        if self.done:
+            return math.inf
+        return min((self.width(self.index % self.per_period) - self.x) / self.pace, self.end - self.time)
+
+    def _until(self, passes: Callable[[float], float]) -> float:
+        """Time to where a monotonic function of `tau` changes its sign before the next corner; infinite if nowhere."""
+        last = self.remaining()
+        if self.done or passes(0.0) * passes(last) >= 0.0:
+            return math.inf
+        ahead = float(brentq(passes, 0.0, last, xtol=1e-300, rtol=4 * EPS))
+        return ahead if ahead * self.pace > 1e-14 * self.period else math.inf
 
     def until_rate(self, limit: float) -> float:
-        """Time to where the rate's size passes `limit` within this quarter; infinite if it does not."""
-        share = limit / (self.omega * self.volt)
-        if not self.sine or share >= 1.0:
-            return math.inf
-        angle = math.acos(share) if self.index % 2 == 0 else math.asin(share)
-        ahead = (angle - self.angle) / self.omega
-        return ahead if angle - self.angle > 1e-13 else math.inf
+        """Time to where the rate's size passes `limit` before the next corner; infinite if it does not."""
+        return math.inf if math.isinf(limit) else self._until(lambda tau: abs(self.rate(tau)) - limit)
+
+    def until_zero(self) -> float:
+        """Time to where the voltage passes zero before the next corner; infinite if it does not."""
+        return self._until(self.value)
+
+    def resting(self) -> bool:
+        """Whether this piece stays at the idle voltage."""
+        middle = 0.0 if self.done else 0.5 * self.remaining()
+        return self.value(0.0) == self.idle == self.value(middle) and self.rate(0.0) == 0.0
 
     def pass_by(self, tau: float) -> None:
-        """Start the next piece, `tau` later in the same quarter."""
+        """Start the next piece, `tau` later before the same corner."""
         self.time += tau
-        self.angle += self.omega * tau if self.sine else 0.0
+        self.x += self.pace * tau
 
     def turn(self) -> None:
-        """Start the next piece with the next quarter or half."""
-        self.index += 1
-        self.angle = 0.0
-        if self.sine:
-            self.time = (self.index * (math.pi / 2) - self.phase) / self.omega
+        """Start the next piece at the next corner, or with the rest after the drive."""
+        index = self.index + 1
+        periods, k = divmod(index, self.per_period)
+        corner = (periods * self.period + self.corners[k] - self.turned) / self.pace
+        if corner >= self.end * (1.0 - 4 * EPS):
+            self.time, self.done = self.end, True
         else:
-            self.time = self.index * 0.5 / self.frequency
+            self.index, self.x, self.time = index, 0.0, corner
 
 
 class _Ramp:
@@ -287,8 +326,9 @@ class _Drive:
         self.counts = world.lean > 0.0 or world.offset_weight > 0.0
         self.launched, self.rising = False, True
         self.threshold = -world.bond / world.k_c
-        volt, q = point.amplitude, world.q
+        volt, q = self.command.size, world.q
         self.volt = volt
+        self.settled = 0.0
         # A state z = 0 stays 0 where its rate is 0 whatever the voltage does: then it need not be carried.
         self.memories = [
             rate
@@ -350,7 +390,7 @@ class _Drive:
             elastic, damping = world.elastic(d, w), world.damping(d, w)
             force = elastic + damping
             effort = elastic + (damping - self.damper * w)  # exactly the elastic force where the damping is c_c d'
-        free = world.stroke(u) - sum(states)
+        free = world.stroke(u) - sum(states) - self.settled
         power = world.k_s * free * v1 if self.counts_work else 0.0
         a1 = (world.k_s * (free - x1) - world.c_s * v1 - force) / world.m
         rates = [rate(z, u, du) for rate, z in zip(self.memories, states, strict=True)]
@@ -398,7 +438,7 @@ class _Drive:
             memory.append(row)
         m, ball = world.m, math.inf if self.held else world.M
         by_p = (0.0 if self.held else by_w) - self.damper if self.contact else 0.0
-        force = world.k_s * (world.stroke(self.voltage(tau, u)[0]) - sum(states))
+        force = world.k_s * (world.stroke(self.voltage(tau, u)[0]) - sum(states) - self.settled)
         still, by_z = [0.0] * n, [-world.k_s / m] * n
         return [
             [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
@@ -487,10 +527,21 @@ class _Drive:
         self.amplifier = "up" if ahead > 0.0 else "down"
 
     def start(self) -> FloatArray:
-        """Rest in static equilibrium; sets whether the ball is in contact."""
+        """Rest in static equilibrium under the idle voltage, reached from 0 V; sets whether the ball is in contact."""
         world, command = self.world, self.command
         y = np.zeros(_Z + len(self.memories))
-        ahead = command.value(0.0) or command.rate(0.0) or command.value(0.5 * command.remaining())
+        idle = command.idle
+        while command.resting() and not command.done:
+            command.turn()
+        for k, rate in enumerate(self.memories, start=_Z):
+            y[k] = jump(rate, world.q, 0.0, 0.0, idle, self.clock.rtol) if idle else 0.0
+        self.settled = world.stroke(idle) - float(y[_Z:].sum())
+        y[_U] = idle
+        first = command.value(0.0) - idle
+        ahead = first if abs(first) > 64 * EPS * self.volt else 0.0
+        ahead = (
+            ahead or command.rate(0.0) or command.value(min(0.5 * command.remaining(), 1.0 / command.frequency)) - idle
+        )
         if self.seat > 0.0:
             y[_X1] = -self.seat / world.k_s
             y[_D] = _seated(world, self.seat)
@@ -501,7 +552,7 @@ class _Drive:
         self.rest = float(y[_X1] - y[_D]) - world.gap
         y[_P] = -self.damper * y[_D] / world.M if self.contact else 0.0
         self.clock.size = np.maximum(self.clock.size, np.abs(y))
-        self.set_amplifier(0.0)
+        self.set_amplifier(idle)
         if self.amplifier == "follow":
             self.follow(y, 0.0)
         return y
@@ -517,8 +568,10 @@ class _Drive:
     def run(self) -> tuple[float, float, float] | None:
         """Time, speed and place of the last separation that counts; None without a launch."""
         world, command, clock = self.world, self.command, self.clock
+        if command.span == 0.0:
+            return None
         y = self.start()
-        patience = MAX_PERIODS / command.frequency
+        patience = command.length + MAX_PERIODS / command.frequency
         # A soft contact lasts many periods of a fast drive.
         hold = max(patience, min(4 * math.pi * math.sqrt(world.M / world.k_c), 100.0))
         horizon = world.cycles / command.frequency
@@ -534,7 +587,7 @@ class _Drive:
             if waiting:
                 end = min(end, horizon - command.time)
             if self.amplifier == "follow":
-                end = min(end, command.until_rate(world.slew))
+                end = min(end, command.until_rate(world.slew), command.until_zero())
             self.active = [_X1, _V1, _D, _W, _P]
             if self.amplifier != "follow":
                 self.active.append(_U)
@@ -547,8 +600,11 @@ class _Drive:
             if self.amplifier == "follow":
                 y[_U] = command.value(tau)
             edge = event == "" and end == quarter
+            jumped = False
             if edge:
+                before_edge = command.value(tau)
                 command.turn()
+                jumped = abs(command.value(0.0) - before_edge) > 1e-13 * command.size
             else:
                 command.pass_by(tau)
             if event == "apex" or (event == "rest" and self.launched and not self.contact):
@@ -565,8 +621,8 @@ class _Drive:
                             break
             if event in ("top", "rest"):
                 self.highest = max(self.highest, float(y[_X1] - y[_D]) - world.gap - self.rest)
-            self.bend(y, event, edge)
-            if edge and launch is None and command.index % command.per_period == 0:
+            self.bend(y, event, jumped)
+            if edge and not command.done and launch is None and command.index % command.per_period == 0:
                 mode = (self.contact, self.relaxed, self.below, self.amplifier, self.held, self.way)
                 if before is not None and before[1] == mode:
                     close = 1e-12 * clock.size + self.noise(clock.size, 1.0)
@@ -589,7 +645,7 @@ class _Drive:
         # The new phase has its own scales.
         size[_D], size[_W], size[_P] = abs(y[_D]), abs(y[_W]), abs(y[_P])
 
-    def bend(self, y: FloatArray, event: str, edge: bool) -> None:
+    def bend(self, y: FloatArray, event: str, jumped: bool) -> None:
         """Pass a kink that is no change of contact."""
         if event == "zero":
             y[_D] = 0.0
@@ -619,7 +675,7 @@ class _Drive:
             else:
                 y[_U] = self.command.value(0.0)
                 self.set_amplifier(float(y[_U]), met=True)
-        elif edge and not self.command.sine:
+        elif jumped:
             self.set_amplifier(float(y[_U]))
             if self.amplifier == "follow":
                 self.follow(y, 0.0)

@@ -19,19 +19,28 @@ from scipy.integrate import DOP853, OdeSolver, Radau
 from scipy.optimize import brentq
 
 from psafit.arrays import FloatArray
+from psafit.drives import Drive
 from psafit.errors import ConvergenceError
-from psafit.experiment import Constants, Waveform
+from psafit.experiment import Constants
 
 Outcome = Literal["launched", "no separation", "diverged"]
 SquareReading = Literal["half periods", "sign of sine"]
 
 
 class Point(NamedTuple):
-    """One condition: waveform, drive frequency (Hz), voltage amplitude (V)."""
+    """One condition: drive (the name of a waveform stands for it alone), its frequency (Hz), voltage amplitude (V)."""
 
-    waveform: Waveform
+    drive: Drive | str
     frequency: float
     amplitude: float
+
+    @property
+    def waveform(self) -> Literal["sine", "square"]:
+        """Waveform, of the two that the study has and this module integrates."""
+        name = Drive.of(self.drive).waveform
+        if name not in ("sine", "square") or not Drive.of(self.drive).plain:
+            raise ValueError(f"this reference knows a plain sine and square, not {Drive.of(self.drive).label}")
+        return "square" if name == "square" else "sine"
 
 
 class ContactParameters(NamedTuple):

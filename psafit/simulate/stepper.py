@@ -45,8 +45,9 @@ from psafit.simulate.collocation import (
     C,
     basis,
 )
+from psafit.simulate.command import FREQUENCY, IDLE, JUMPS, LENGTH, REACH
 from psafit.simulate.compiled import compiled, last, least, load, prange, size, solve, splat, store, times, total
-from psafit.simulate.design import SQUARE, Design
+from psafit.simulate.design import Design
 
 # Error admitted in one step, relative to the ball's speed: see docs/numerics.md for what it does to the launch range.
 TOLERANCE = 3e-6
@@ -261,12 +262,12 @@ def _seat(press, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignor
 
 
 @compiled(inside=True)
-def _strokes(piece, t, q, theta_at, calls, mem_z, mem_u, scratch):  # type: ignore[no-untyped-def]
-    """Return the free stack's stroke at eight times, as the drive has it."""
+def _strokes(piece, t, q, settled, theta_at, calls, mem_z, mem_u, scratch):  # type: ignore[no-untyped-def]
+    """Return the free stack's stroke at eight times, as the drive has it, from where it rested."""
     _, _, factor_at, factor_p, branch_at, branch_p = calls
     u = _drive.voltages(piece, t, scratch)
     if len(factor_at) == 0 and len(branch_at) == 0:
-        return u * q
+        return u * q - settled
     sign = piece[_drive.SIGN]
     store(scratch, 0, u)
     for i in range(NODES):
@@ -277,7 +278,7 @@ def _strokes(piece, t, q, theta_at, calls, mem_z, mem_u, scratch):  # type: igno
             stroke *= call_stack_factor(factor_at[k], size_i, theta_at + factor_p[k])
         for k in range(len(branch_at)):
             stroke -= call_branch(branch_at[k], mem_z[k], mem_u[k], u_i, q, theta_at + branch_p[k])
-        scratch[i] = stroke
+        scratch[i] = stroke - settled
     return load(scratch, 0)
 
 
@@ -358,7 +359,7 @@ def _top(speed, push, h, ball, bern, stack):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, reference, grows):  # type: ignore[no-untyped-def]
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, grows):  # type: ignore[no-untyped-def]
     """Follow one trajectory to the launch.
 
     Returns (outcome, time, speed of the ball, its place, steps taken); the place is the highest where it is not
@@ -367,7 +368,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
     gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
-    law_at, law_p, factor_at, _, branch_at, branch_p = calls
+    law_at, law_p, factor_at, factor_p, branch_at, branch_p = calls
     S, T1, T2, U1, U2, G, made, made_linear = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
     law_out, scratch = nodes[0], nodes[3]
@@ -375,9 +376,18 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     n_branch, n_factor, n_law = len(branch_at), len(factor_at), len(law_at)
 
     split = n_branch > 0 or n_factor > 0
-    _drive.first_piece(piece, square, volt, f, phase, lag, inverse_slew, split)
+    if not _drive.first_piece(piece, rows, point, phase, lag, inverse_slew, split):
+        return NO_SEPARATION, math.nan, 0.0, 0.0, 0
+    f, idle = point[FREQUENCY], point[IDLE]
+    # Where the stack rests: what the idle voltage, once it was reached from 0 V, has made of it.
+    settled = q * idle
+    for k in range(n_factor):
+        settled *= call_stack_factor(factor_at[k], abs(idle), theta_at + factor_p[k])
     for k in range(n_branch):
-        mem_z[k], mem_u[k] = 0.0, 0.0
+        mem_z[k], mem_u[k] = 0.0, idle
+        if idle != 0.0:
+            mem_z[k] = call_branch(branch_at[k], 0.0, 0.0, idle, q, theta_at + branch_p[k])
+            settled -= mem_z[k]
 
     press, grip = ball * g * lean / length, ball * hold
     # Friction holds the ball until a force exceeds its grip; then `load` is what opposes the motion, in its direction.
@@ -385,13 +395,13 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     x1 = v1 = x2 = v2 = w = 0.0
     lost_d = lost_v2 = 0.0  # what the sums lack of these
     d = -gap
-    t = 0.0
+    t = piece[_drive.BEGIN]
     if lean > 0.0:
         d = _seat(press, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
         x1 = -press / k_s
         x2 = x1 - d
         regime = PUSH
-    elif gap > 0.0 or piece[_drive.SIGN] <= 0.0:
+    elif gap > 0.0 or piece[_drive.AWAY] <= 0.0:
         regime = FREE
     else:
         regime = PUSH
@@ -399,7 +409,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
     release = -bond / k_c
     separated_once = False
     last_time, last_speed, last_place = math.nan, 0.0, 0.0
-    waiting = HORIZON_PERIODS / f
+    waiting = point[LENGTH] + HORIZON_PERIODS / f
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
     fractions = load(C, 0)
@@ -442,7 +452,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
 
         # What is known of the motion without the contact force.
         elapsed = fractions * h
-        stroke = _strokes(piece, elapsed + t, q, theta_at, calls, mem_z, mem_u, scratch)
+        stroke = _strokes(piece, elapsed + t, q, settled, theta_at, calls, mem_z, mem_u, scratch)
         r = (stroke - (elapsed * v1 + x1)) * k_s - c_s * v1
         # A ball that is held does not answer the force.
         V1, V2 = (T1, T2) if stuck else (U1, U2)
@@ -621,7 +631,7 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
                     mem_z[k] = call_branch(branch_at[k], mem_z[k], mem_u[k], now, q, theta_at + branch_p[k])
                     mem_u[k] = now
                 t = piece[_drive.END]
-                _drive.next_piece(piece, now, square, volt, f, phase, lag, inverse_slew, split)
+                _drive.next_piece(piece, now, rows, point, phase, lag, inverse_slew, split)
                 new_piece = True
         else:
             carried = False
@@ -677,27 +687,28 @@ def _fly(rig, theta_at, square, f, volt, calls, cache, work, tolerance, referenc
             break
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
-        slow = last_speed < _SLOW * reference and tolerance * reference > _ROUNDING * q * volt * f
+        slow = last_speed < _SLOW * reference and tolerance * reference > _ROUNDING * q * point[REACH] * f
         outcome = _TOO_SLOW if slow and step < MOST_STEPS - 1 else LAUNCHED
         return outcome, last_time, last_speed, last_place, step
     return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), step
 
 
 @compiled(borrows=True)
-def _usual_speed(rig, theta_at, square, f, volt, calls, out):  # type: ignore[no-untyped-def]
+def _usual_speed(rig, theta_at, point, calls, out):  # type: ignore[no-untyped-def]
     """About the speed of the ball that one period of a simple contact, as stiff as the stroke makes it, launches."""
     k_c, c_c, ball, k_s, q = rig[0], rig[2], rig[4], rig[5], rig[6]
+    f, volt = point[FREQUENCY], point[REACH]
     force, _, _ = _force(q * volt, 0.0, k_c, c_c, calls[0], calls[1], theta_at, out, out.ctypes.data)
     stiffness = max(force / (q * volt), 1e-12 * k_c)
     stiffness *= k_s / (stiffness + k_s)
     w = 2.0 * math.pi * f
     own = math.sqrt(stiffness / ball)
     own = math.sqrt(own * own + c_c / ball * max(w, own))
-    return q * volt * (own / (1.0 + w / own) if square else w / (1.0 + (w / own) ** 2))
+    return q * volt * (own / (1.0 + w / own) if point[JUMPS] != 0.0 else w / (1.0 + (w / own) ** 2))
 
 
 @compiled
-def _one_set(rig, theta_at, wanted, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _one_set(rig, theta_at, wanted, rows, points, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
     n = NODES
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
@@ -709,29 +720,28 @@ def _one_set(rig, theta_at, wanted, square, frequency, voltage, calls, tolerance
         np.empty(_drive.PIECE), nodes, np.empty(n + 1), np.empty((50, n + 3)), np.empty(_MOST_BRANCHES),
         np.empty(_MOST_BRANCHES),
     )  # fmt: skip
-    for j in range(len(frequency)):
-        if voltage[j] == 0.0 or not wanted[j]:
+    for j in range(len(points)):
+        point = points[j]
+        if point[REACH] == 0.0 or not wanted[j]:
             when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
             continue
-        reference = _PART * _usual_speed(rig, theta_at, square[j], frequency[j], voltage[j], calls, nodes[0])
+        reference = _PART * _usual_speed(rig, theta_at, point, calls, nodes[0])
         total_steps = 0
         for k in range(12):
-            outcome, t, v, x, count = _fly(
-                rig, theta_at, square[j], frequency[j], voltage[j], calls, cache, work, tolerance, reference, k == 0
-            )
+            outcome, t, v, x, count = _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, k == 0)
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
-            reference = max(v, _ROUNDING * rig[6] * voltage[j] * frequency[j] / tolerance)
+            reference = max(v, _ROUNDING * rig[6] * point[REACH] * point[FREQUENCY] / tolerance)
         when[j], speed[j], place[j], status[j], steps[j] = t, v, x, outcome, total_steps
 
 
-def _all_sets(rigs, theta, wanted, square, frequency, voltage, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _all_sets(rigs, theta, wanted, rows, points, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
     for i in prange(len(theta)):
         _one_set(
-            rigs[i], first + i * stride, wanted[i], square, frequency, voltage, calls, tolerance,
+            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance,
             when[i], speed[i], place[i], status[i], steps[i],
         )  # fmt: skip
 
@@ -787,7 +797,6 @@ def separation(
     run = _parallel if len(theta) > 1 and found[0].size > _WORTH_THREADS else _serial
     run(
         rig.stack(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
-        design.waveform == SQUARE, design.frequency, design.amplitude,
-        calls.arrays(), tolerance, *found,
+        *design.commands, calls.arrays(), tolerance, *found,
     )  # fmt: skip
     return found  # type: ignore[return-value]

@@ -123,7 +123,7 @@ BAD_TOML: dict[str, tuple[str | bytes, int | None, str]] = {
         "group number 2 has no waveform",
     ),
     "no file": (TOML.replace('file = "b.csv"\n', ""), 17, "group number 2 has no file"),
-    "unknown waveform": (TOML.replace("square", "triangle"), 19, "unknown waveform 'triangle'"),
+    "unknown waveform": (TOML.replace("square", "wobbly"), 19, "unknown waveform 'wobbly'"),
     "waveform a list": (TOML.replace('"square"', "[1]"), 19, "unknown waveform 'list'"),
     "duplicate id": (TOML.replace('"late-2"', "1"), 18, "group id 1 is used twice"),
     "duplicate id as text": (TOML.replace('"late-2"', '"1"'), 18, "group id 1 is used twice"),

@@ -201,5 +201,7 @@ def test_a_waveform_is_read_whatever_its_capitals(tmp_path: Path) -> None:
     assert [g.waveform for g in other.groups] == ["sine", "square"] and other.fingerprint == plain.fingerprint
     write_experiment(other, tmp_path / "again")  # as it was written
     assert read_experiment(tmp_path / "again").fingerprint == plain.fingerprint
-    assert refusal(write(tmp_path / "sin", TOML.replace('"sine"', '"sin"'))).remedy == "did you mean sine?"
-    assert refusal(write(tmp_path / "saw", TOML.replace('"sine"', '"saw"'))).remedy == 'write "sine" or "square"'
+    assert refusal(write(tmp_path / "sin", TOML.replace('"sine"', '"sin"'))).remedy.startswith("did you mean sine?")
+    assert refusal(write(tmp_path / "saw", TOML.replace('"sine"', '"saw"'))).remedy.startswith(
+        "there are sine, square, "
+    )

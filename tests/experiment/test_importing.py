@@ -238,7 +238,7 @@ def test_a_column_may_tell_waveform_and_group(tmp_path: Path) -> None:
 
 def test_a_drive_that_is_not_known_is_not_called_another(tmp_path: Path) -> None:
     error = refused(tmp_path, GERMAN, Options(waveforms=("sawtooth",)))
-    assert "'sawtooth'" in str(error) and "do not enter it as one" in str(error)
+    assert "'sawtooth'" in str(error) and "for any other voltage" in str(error)
     assert "--waveform sine" in str(refused(tmp_path, GERMAN, Options()))
 
 

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from psafit.errors import ConvergenceError
-from psafit.experiment import Constants, Waveform, read_experiment
+from psafit.experiment import Constants, read_experiment
 from psafit.simulate import Design, simulate
 from psafit.simulate.reference import ContactParameters, Point, mp_launch, pendulum_range, rk4_launch, tight_launch
 
@@ -180,7 +180,7 @@ CRITICAL = {
 
 @pytest.mark.parametrize("name", CRITICAL)
 @pytest.mark.parametrize("waveform", ["sine", "square"])
-def test_critical_damping(name: str, waveform: Waveform) -> None:
+def test_critical_damping(name: str, waveform: str) -> None:
     roots, (k_c, c_s, c_c, k_s) = CRITICAL[name]
     a, b, c, d = np.poly(roots)[1:]
     for _ in range(20):  # Newton: from the eight digits above to all of them
@@ -230,7 +230,7 @@ def test_tight_agrees_with_fast_on_random_draws(rig: Constants) -> None:
     rng = np.random.default_rng(20)
     for _ in range(15):
         parameters = ContactParameters(10 ** rng.uniform(3, 9), 10 ** rng.uniform(0, 4.5), 10 ** rng.uniform(-2, 3))
-        waveform: Waveform = "sine" if rng.random() < 0.5 else "square"
+        waveform: str = "sine" if rng.random() < 0.5 else "square"
         point = Point(waveform, 10 ** rng.uniform(2, 4.7), rng.uniform(1, 150))
         tight, (when, speed) = tight_launch(point, parameters, rig), fast(point, parameters, rig)
         assert tight.separation_time == pytest.approx(when, rel=1e-9), (point, parameters)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from psafit.drives import WAVEFORMS, Drive
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.columns import WAVEFORM, choose
 from psafit.experiment.importing.folder import Imported, write_import
@@ -159,7 +160,7 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
                 InputError("a column tells the waveform", "leave out --waveform", file=grid.file, line=head.line)
             )
         if not said and not shape:
-            remedy = "say --waveform sine or --waveform square; several tables: --waveform sine,square"
+            remedy = f"say --waveform NAME, of {listed(WAVEFORMS)}; of several tables --waveform sine,square"
             faults.add(InputError("nothing tells the waveform of the drive", remedy, file=grid.file))
         shapes.append(shape)
     faults.end()
@@ -209,4 +210,4 @@ def _group(number: int, part: Sequence[Reading]) -> Group:
     """Readings as a group of its own."""
     names = [name for name, _ in part[0].values]
     columns = {name: np.array([dict(reading.values)[name] for reading in part]) for name in names}
-    return Group(number, part[0].waveform, f"group{number}.csv", changed=(), **columns)
+    return Group(number, Drive(part[0].waveform), f"group{number}.csv", changed=(), **columns)

@@ -85,12 +85,6 @@ COUNTED: dict[Volts, tuple[str, ...]] = {
     "peak": ("zero to peak", "0 to peak", "0 peak", "0 pk", "0 p", "0p", "peak", "pk", "p", "spitze", "scheitel"),
 }  # fmt: skip
 VOLTS: dict[Volts, str] = {"peak": "zero to peak", "pp": "peak to peak", "rms": "RMS"}
-# Peak over RMS, squared, of the waveforms about zero.
-CREST_SQUARED = {"sine": 2, "square": 1, "triangle": 3}
-WAVEFORMS = {
-    "sine": ("sine", "sin", "sinus", "sinusoidal", "sine wave"),
-    "square": ("square", "squ", "rect", "rectangle", "rectangular", "rechteck", "square wave"),
-}
 WAVEFORM_NAMES = {"waveform", "wave form", "wave", "signalform", "kurvenform", "wellenform"}
 # First cell of a row that sums up others.
 SUMMARIES = {

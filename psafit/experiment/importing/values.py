@@ -7,18 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from itertools import zip_longest
-from typing import get_args
 
+from psafit.drives import WAVEFORMS, instead
 from psafit.errors import InputError
 from psafit.experiment.importing.columns import WAVEFORM, Chosen, Column, option
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
-from psafit.experiment.importing.quantities import COLUMNS, CREST_SQUARED, VOLTS, WAVEFORMS, Volts, words
+from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
-from psafit.experiment.records import Waveform
 from psafit.experiment.table import CellFault, RowFaults, within
-from psafit.experiment.text import listed, shown
+from psafit.experiment.text import shown
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Reading:
     """One reading: where it stands, which group it is of, and the value of each of psafit's columns."""
 
     line: int
-    waveform: Waveform
+    waveform: str
     group: str
     values: tuple[tuple[str, float], ...]
 
@@ -120,7 +119,7 @@ def _check_decimals(grid: Grid, head: Head, body: Body, chosen: Chosen) -> None:
             raise InputError(what, remedy, file=grid.file, line=body.rows[0].line)
 
 
-def _waveform(row: Row, chosen: Chosen, given: str, faults: RowFaults) -> Waveform:
+def _waveform(row: Row, chosen: Chosen, given: str, faults: RowFaults) -> str:
     """The waveform of a row."""
     column = next(iter(chosen.of(WAVEFORM)), None)
     text = given if column is None else text_of(_cell(row, column))
@@ -128,20 +127,18 @@ def _waveform(row: Row, chosen: Chosen, given: str, faults: RowFaults) -> Wavefo
         return known_waveform(text)
     except CellFault as fault:
         faults.add(WAVEFORM, fault.what, fault.remedy, row.line)
-        return get_args(Waveform)[0]
+        return next(iter(WAVEFORMS))
 
 
-def known_waveform(text: str) -> Waveform:
+def known_waveform(text: str) -> str:
     """Psafit's waveform of this name, or a `CellFault`."""
-    known: tuple[Waveform, ...] = get_args(Waveform)
-    for name in known:
-        if words(text) in (words(name), *WAVEFORMS.get(name, ())):
-            return name
-    remedy = f"psafit knows {listed(known)}; another drive is none of them, so do not enter it as one"
-    raise CellFault(f"{shown(text)} is no waveform that psafit knows", remedy)
+    for form in WAVEFORMS.values():
+        if words(text) in (words(name) for name in (form.id, *form.names)):
+            return form.id
+    raise CellFault(f"{shown(text)} is no waveform that psafit knows", instead(text))
 
 
-def _value(row: Row, column: Column, notation: Notation, waveform: Waveform, faults: RowFaults) -> float | None:
+def _value(row: Row, column: Column, notation: Notation, waveform: str, faults: RowFaults) -> float | None:
     """The value of a cell; None where it is empty, and may be, or where there is a fault."""
     cell = _cell(row, column)
     text = text_of(cell)
@@ -174,7 +171,7 @@ def _no_number(cell: Cell, text: str, notation: Notation) -> tuple[str, str]:
     return f"{shown(text)} is not a number", remedy
 
 
-def _factor(number: Number, column: Column, waveform: Waveform, text: str) -> Decimal:
+def _factor(number: Number, column: Column, waveform: str, text: str) -> Decimal:
     """Number that turns a value into psafit's unit."""
     target = COLUMNS[column.column].unit
     unit = number.unit or column.unit
@@ -200,16 +197,18 @@ def _factor(number: Number, column: Column, waveform: Waveform, text: str) -> De
 
 def peak(volts: Volts, waveform: str) -> Decimal:
     """Peak of a voltage that is 1 as it is counted."""
+    form = WAVEFORMS[waveform]
     if volts != "rms":
-        return Decimal("0.5") if volts == "pp" else Decimal(1)
-    if waveform not in CREST_SQUARED:
+        low, high = form.span  # an amplitude is counted from zero, of a unipolar waveform, too
+        return 1 / Decimal(high - low) if volts == "pp" else Decimal(1)
+    if form.crest_squared is None:
         raise CellFault(f"volts are RMS, and the peak of {waveform} does not follow", "give them zero to peak")
-    return Decimal(CREST_SQUARED[waveform]).sqrt()
+    return Decimal(form.crest_squared).sqrt()
 
 
-def groups_of(found: Sequence[Reading]) -> dict[tuple[Waveform, str], list[Reading]]:
+def groups_of(found: Sequence[Reading]) -> dict[tuple[str, str], list[Reading]]:
     """Readings by waveform and label, in the order of the file."""
-    parts: dict[tuple[Waveform, str], list[Reading]] = {}
+    parts: dict[tuple[str, str], list[Reading]] = {}
     for reading in found:
         parts.setdefault((reading.waveform, reading.group), []).append(reading)
     return parts

@@ -70,12 +70,12 @@ def sweep_of(group: Conditions) -> Sweep:
     if group.varied == ("frequency",):
         log = bool(f.max() >= 3 * f.min())
         held = _volts(float(np.median(v)))
-        return Sweep("frequency", f, AXIS["frequency"], log, f"{group.waveform}, {held}{rig}", f_text)
+        return Sweep("frequency", f, AXIS["frequency"], log, f"{group.drive.label}, {held}{rig}", f_text)
     if group.varied == ("amplitude",):
         log = bool(v.min() > _DECADES * v.max() and v.max() >= 5 * v.min())
         held = frequency_text(float(np.median(f)))
-        return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.waveform}, {held}{rig}", v_text)
+        return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.drive.label}, {held}{rig}", v_text)
     order = np.arange(1.0, group.n_points + 1)
-    held = f"{group.waveform}, {f_text}, {v_text}{rig}"
+    held = f"{group.drive.label}, {f_text}, {v_text}{rig}"
     rows = f"{group.n_points} reading{'' if group.n_points == 1 else 's'}"
     return Sweep("order", order, "Reading, in the file's order", False, held, rows)

@@ -1,0 +1,115 @@
+"""Waveforms say the same twice, and a new one is one file."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psafit import drives
+from psafit.drives import NAMES, WAVEFORMS, Drive, Piece, Table, Waveform, instead
+
+FORMULAS = {
+    "sine": lambda x: np.sin(2 * np.pi * x),
+    "square": lambda x: np.where(x < 0.5, 1.0, -1.0),
+    "triangle": lambda x: 2 / np.pi * np.arcsin(np.sin(2 * np.pi * x)),
+    "unipolar_sine": lambda x: (1 - np.cos(2 * np.pi * x)) / 2,
+    "unipolar_square": lambda x: np.where(x < 0.5, 1.0, 0.0),
+}
+
+
+def by_pieces(waveform: Waveform, x: float) -> float:
+    piece = [p for p in waveform.pieces if p.begin <= x][-1]
+    return piece.level + piece.slope * (x - piece.begin) + piece.swing * math.sin(2 * math.pi * x + piece.angle)
+
+
+def by_parts(waveform: Waveform, x: float) -> tuple[float, float]:
+    k = sum(corner <= x for corner in waveform.corners) - 1
+    return waveform.value(k, x - waveform.corners[k]), waveform.rate(k, x - waveform.corners[k])
+
+
+@pytest.mark.parametrize("name", WAVEFORMS)
+def test_pieces_and_parts_are_the_formula(name: str) -> None:
+    waveform, step = WAVEFORMS[name], 1e-6
+    for x in np.random.default_rng(3).uniform(0, 1, 50):
+        assert by_pieces(waveform, x) == pytest.approx(float(FORMULAS[name](x)), abs=1e-14)
+        value, rate = by_parts(waveform, x)
+        assert value == pytest.approx(float(FORMULAS[name](x)), abs=1e-14)
+        slope = float(FORMULAS[name](x + step) - FORMULAS[name](x - step)) / (2 * step)
+        if abs(slope) < 100:  # no jump within the step
+            assert rate == pytest.approx(slope, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", WAVEFORMS)
+def test_crest(name: str) -> None:
+    waveform, x = WAVEFORMS[name], (np.arange(4000) + 0.5) / 4000
+    if waveform.crest_squared:
+        assert 1 / np.mean(FORMULAS[name](x) ** 2) == pytest.approx(waveform.crest_squared, rel=1e-5)
+    assert waveform.span == (0.0 if name.startswith("unipolar") else -1.0, 1.0)
+
+
+def test_what_there_is_not_leads_on() -> None:
+    assert instead("unipolar-sin").startswith("did you mean unipolar_sine?")
+    assert instead("Sinus").startswith("did you mean sine?")
+    for text in (instead("wobbly"), instead("sqare")):
+        assert all(name in text for name in NAMES)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"cycles": 0.0}, {"bias_v": math.nan}, {"table": Table(np.array([0.0, 1.0]), np.zeros(2), False)}],
+)
+def test_impossible_drives_are_refused(settings: dict[str, object]) -> None:
+    with pytest.raises(ValueError):
+        Drive("sine", **settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "pieces", [(Piece(0.1, 1.0),), (Piece(0.0, 0.0, swing=1.0), Piece(0.5, 1.0)), (Piece(0.0, 1.0), Piece(1.0, 0.0))]
+)
+def test_wrong_waveforms_are_refused(pieces: tuple[Piece, ...]) -> None:
+    with pytest.raises(ValueError, match="waveform wrong"):
+        Waveform("wrong", "", pieces, (0.0,), lambda k, x: 1.0, lambda k, x: 0.0)
+
+
+SAWTOOTH = """
+from psafit.drives.waveform import Piece, Waveform
+
+WAVEFORM = Waveform(
+    id="sawtooth", title="0 to 1, and back at once", pieces=(Piece(0.0, level=0.0, slope=1.0),),
+    corners=(0.0,), value=lambda k, x: x, rate=lambda k, x: 1.0,
+)
+"""
+USE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import psafit.drives
+assert psafit.drives.__file__.startswith(sys.argv[1]), psafit.drives.__file__
+import numpy as np
+from psafit.drives import Drive
+from psafit.experiment import Constants
+from psafit.simulate import Design, simulate
+from psafit.simulate.literal import literal_launch
+from psafit.simulate.reference import Point
+
+rig = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
+theta = [4e5, 9e3, 60.0]
+fast = simulate(Design.sweep(rig, "sawtooth", 800.0, 20.0), theta).launch_range[0, 0]
+slow = literal_launch(Point(Drive("sawtooth"), 800.0, 20.0), theta, [], rig).launch_range
+assert slow > 1e-7 and abs(fast - slow) < 1e-8 * slow, (fast, slow)
+"""
+
+
+@pytest.mark.slow
+def test_a_drive_is_one_file(tmp_path: Path) -> None:
+    """In a copy of the package, a waveform is added by a file, and simulated by both."""
+    package = Path(drives.__file__).parents[1]
+    shutil.copytree(package, tmp_path / "psafit", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "psafit" / "drives" / "sawtooth.py").write_text(SAWTOOTH)
+    run = subprocess.run([sys.executable, "-c", USE, str(tmp_path)], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr

@@ -1,0 +1,142 @@
+"""Every drive on both engines against the reference, and against what is known of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from rigs import RIG, TRUTH
+
+from psafit.drives import WAVEFORMS, Drive, Table
+from psafit.physics import terms
+from psafit.simulate import Design, simulate
+from psafit.simulate.contract import Draw, draw
+from psafit.simulate.reference import Point
+
+CAUSES = ((), ("amplifier_lag",), ("hysteresis",), ("hertz_exponent",), ("sliding_support",), ("preload",))
+CLOSED, STEPPED = 1e-8, 1e-6
+ATOM = 1e-10  # m
+
+
+def drives(rng: np.random.Generator) -> dict[str, Drive]:
+    """One of every kind, with random settings."""
+    at = np.sort(np.r_[0.0, rng.uniform(0, 1, 6), 1.0])
+    level = rng.uniform(-1, 1, 8)
+    level[-1] = level[0]
+    time = 1e-4 + np.linspace(0, 2e-3, 40)
+    recorded = 1 + 10 * np.sin(2e3 * time) ** 2 + 0.1 * rng.standard_normal(40)
+    turn = float(rng.uniform(-90, 90))
+    return {
+        **{name: Drive(name) for name in WAVEFORMS},
+        "bias and idle": Drive("sine", bias_v=8.0, idle_v=3.0, phase_deg=turn, cycles=2.0),
+        "idle": Drive("unipolar_sine", idle_v=float(rng.uniform(-5, 5)), phase_deg=turn),
+        "burst": Drive("triangle", bias_v=5.0, idle_v=5.0, phase_deg=30.0, cycles=1.5),
+        "pulses": Drive("unipolar_square", idle_v=-2.0, phase_deg=200.0),
+        "table": Drive("table", table=Table(at, level, False), phase_deg=turn),
+        "recorded": Drive("table", idle_v=1.0, table=Table(time, recorded, True)),
+    }
+
+
+def disagreement(one: Draw) -> float:
+    """Of engine and reference, in units of what the engine is allowed."""
+    (fast, engine), reference = one.fast(), one.reference()
+    if abs(fast - reference) <= (CLOSED if engine == "closed form" else STEPPED) * max(reference, ATOM):
+        return 0.0
+    if one.beyond_a_jump(fast, reference):
+        return 0.0
+    # Steps of the usual tolerance err by more in ill-conditioned draws.
+    fine, _ = one.fast(1e-8)
+    return abs(fine - reference) / max(reference, ATOM) / (CLOSED if engine == "closed form" else STEPPED)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", drives(np.random.default_rng(0)))
+@pytest.mark.parametrize("causes", CAUSES, ids=lambda c: "+".join(c) or "baseline")
+def test_engines_agree_with_the_reference(kind: str, causes: tuple[str, ...]) -> None:
+    rng = np.random.default_rng([7, len(kind), len(causes)])
+    for _ in range(6):
+        one = draw(rng, terms(causes))
+        point = Point(drives(rng)[kind], one.point.frequency, one.point.amplitude)
+        one = Draw(point, one.theta, one.causes, one.values, one.constants)
+        assert disagreement(one) <= 1, one
+
+
+@pytest.mark.parametrize("kind", drives(np.random.default_rng(0)))
+def test_both_engines_and_the_reference_agree(kind: str) -> None:
+    drive = drives(np.random.default_rng(1))[kind]
+    design = Design.sweep(RIG, drive, [700.0, 2500.0], 12.0)
+    closed = simulate(design, TRUTH)
+    stepped = simulate(design, TRUTH, path="stepper")
+    assert closed.engine == "closed form"
+    assert np.allclose(stepped.launch_range, closed.launch_range, rtol=STEPPED, atol=1e-16)
+    reference = Draw(Point(drive, 700.0, 12.0), TRUTH.tolist()).reference()
+    assert closed.launch_range[0, 0] == pytest.approx(reference, rel=CLOSED, abs=1e-18)
+
+
+def test_a_bias_under_which_everything_rests_does_nothing() -> None:
+    """The baseline is linear: only the way from the idle voltage counts."""
+    frequency = np.geomspace(200, 5000, 5)
+    plain = simulate(Design.sweep(RIG, "sine", frequency, 12.0), TRUTH).launch_range
+    lifted = Drive("sine", bias_v=10.0, idle_v=10.0)
+    assert np.allclose(simulate(Design.sweep(RIG, lifted, frequency, 12.0), TRUTH).launch_range, plain, rtol=1e-9)
+
+
+def test_pulses_launch_like_half_a_square() -> None:
+    """Until the first switch a pulse of V from 0 and a square of V are the same; so is a square of V/2 on V/2."""
+    slow = 20.0  # Hz: the ball leaves before the switch
+    found = [
+        simulate(Design.sweep(RIG, drive, slow, volt), TRUTH).launch_range[0, 0]
+        for drive, volt in (("square", 12.0), ("unipolar_square", 12.0), (Drive("square", bias_v=6.0), 6.0))
+    ]
+    assert found == pytest.approx([found[0]] * 3, rel=1e-12)
+
+
+def test_a_table_of_a_waveform_is_that_waveform() -> None:
+    at, level = np.array([0.0, 0.25, 0.75, 1.0]), np.array([0.0, 1.0, -1.0, 0.0])
+    frequency = np.geomspace(200, 5000, 5)
+    table = Design.sweep(RIG, Drive("table", table=Table(at, level, False)), frequency, 12.0)
+    plain = simulate(Design.sweep(RIG, "triangle", frequency, 12.0), TRUTH).launch_range
+    assert np.allclose(simulate(table, TRUTH).launch_range, plain, rtol=1e-12)
+
+
+def test_a_recording_of_a_sine_tends_to_the_sine() -> None:
+    """Linear between 2,000 samples a period: off by (2 pi/2000)^2/12 of the voltage."""
+    time = np.arange(4001) / 2000 / 800.0
+    record = Drive("table", table=Table(time, 12 * np.sin(2 * math.pi * 800 * time), True))
+    plain = simulate(Design.sweep(RIG, "sine", 800.0, 12.0), TRUTH).launch_range
+    # Amplitude and frequency of a recording are only what it is called.
+    found = simulate(Design.sweep(RIG, record, 1000.0, 1.0), TRUTH).launch_range
+    assert found[0, 0] == pytest.approx(plain[0, 0], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "drive", [Drive("table", idle_v=2.0, table=Table(np.linspace(0, 1, 12), np.full(12, 2.0), True)), Drive("sine")]
+)
+def test_a_drive_that_does_not_move_launches_nothing(drive: Drive) -> None:
+    design = Design.sweep(RIG, drive, 800.0, 0.0)
+    for path in ("closed form", "stepper"):
+        assert simulate(design, TRUTH, path=path).launch_range[0, 0] == 0.0
+    assert Draw(Point(drive, 800.0, 0.0), TRUTH.tolist()).reference() == 0.0
+
+
+def test_hysteresis_starts_from_where_the_idle_voltage_has_left_it() -> None:
+    """After a rise to 10 V, one from there is the rest of that rise: the stack yields more of it."""
+    hysteresis = terms(["hysteresis"])
+    theta = [*TRUTH, 0.4, 5.0]
+    ranges = [
+        simulate(Design.sweep(RIG, Drive("unipolar_square", bias_v=v, idle_v=v), 50.0, 5.0), theta, hysteresis)
+        for v in (0.0, 10.0)
+    ]
+    assert ranges[1].launch_range[0, 0] > 1.1 * ranges[0].launch_range[0, 0]
+
+
+def test_the_start_phase_acts_where_there_is_one() -> None:
+    acts = {
+        name: bool(
+            simulate(Design.sweep(RIG, name, 900.0, 12.0), [*TRUTH, 0.3], terms(["start_phase"])).launch_range
+            != simulate(Design.sweep(RIG, name, 900.0, 12.0), TRUTH).launch_range
+        )
+        for name in WAVEFORMS
+    }
+    assert acts == {name: w.shifts for name, w in WAVEFORMS.items()}
