@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ class Design:
         Of rigs with a constant changed, if there are points of such.
     rig : (n_points,) int array
         Whose each point is: 0 for `constants`, k for the k-th of `others`.
+    measured : (n_points,) int8 array
+        What is read at each point, as `psafit.observables.OBSERVABLES` counts; the launch range by default.
     waveform : (n_points,) int8 array
         `SINE` or `SQUARE`.
     frequency : (n_points,) array, Hz
@@ -47,6 +50,7 @@ class Design:
     group: NDArray[np.int64]
     others: tuple[Constants, ...] = ()
     rig: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+    measured: NDArray[np.int8] = field(default_factory=lambda: np.zeros(1, np.int8))
 
     def __post_init__(self) -> None:
         for name, kind in (
@@ -55,9 +59,10 @@ class Design:
             ("amplitude", np.float64),
             ("group", np.int64),
             ("rig", np.int64),
+            ("measured", np.int8),
         ):
             array = np.array(getattr(self, name), dtype=kind, ndmin=1)
-            if name == "rig" and array.size == 1:
+            if name in ("rig", "measured") and array.size == 1:
                 array = np.repeat(array, self.n_points)
             if array.shape != (self.n_points,):
                 raise ValueError(f"{name} has shape {array.shape}, expected ({self.n_points},)")
@@ -95,8 +100,20 @@ class Design:
         some = self.waveform[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
         rig = self.rig[chosen]
         if rig.size and (rig == rig[0]).all():
-            return Design(self.rigs[rig[0]], *some)
-        return Design(self.constants, *some, self.others, rig)
+            return Design(self.rigs[rig[0]], *some, measured=self.measured[chosen])
+        return Design(self.constants, *some, self.others, rig, self.measured[chosen])
+
+    @cached_property
+    def launches(self) -> tuple[Design, NDArray[np.intp]] | None:
+        """Conditions without repetition, and which of them each point is; None where launch ranges alone are read.
+
+        Readings of several observables stand at the same conditions, which one simulation serves.
+        """
+        if not self.measured.any():
+            return None
+        of = np.column_stack([self.group, self.rig, self.waveform, self.frequency, self.amplitude])
+        _, first, back = np.unique(of, axis=0, return_index=True, return_inverse=True)
+        return self.points(first), back.ravel()
 
     @property
     def rigs(self) -> tuple[Constants, ...]:
@@ -121,6 +138,7 @@ class Design:
             np.repeat(np.arange(len(groups)), sizes),
             tuple(rigs[1:]),
             np.repeat([rigs.index(g.rig(constants)) for g in groups], sizes),
+            np.concatenate([g.measured for g in groups]),
         )
         return every.points(np.arange(every.n_points)) if rigs[1:] else every
 
