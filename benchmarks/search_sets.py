@@ -86,7 +86,7 @@ def to_line(data: DataSet) -> str:
             "waveform": g.waveform,
             "frequency_hz": g.frequency_hz.tolist(),
             "amplitude_v": g.amplitude_v.tolist(),
-            "launch_range_um": g.launch_range_um.tolist(),
+            "launch_range_um": g.reading.tolist(),
         }
         for g in data.experiment.groups
     ]
@@ -101,7 +101,7 @@ def from_line(line: str) -> DataSet:
     groups = tuple(
         Group(
             g["id"], g["waveform"], f"group{k}.csv",
-            np.array(g["frequency_hz"]), np.array(g["amplitude_v"]), launch_range_um=np.array(g["launch_range_um"]),
+            np.array(g["frequency_hz"]), np.array(g["amplitude_v"]), reading=np.array(g["launch_range_um"]),
         )
         for k, g in enumerate(kept.pop("groups"), 1)
     )  # fmt: skip

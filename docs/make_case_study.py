@@ -25,7 +25,7 @@ def unseen(table: Path) -> Figure:
         band = figures.Band(figures.READING_BAND, e.lower, e.upper)
         extended = figures.Curve("extended", "vermillion", e.median, (band,))
         curves.append([extended, figures.Curve("baseline", "grey", b.median, dashed=True)])
-        after, before = (root_mean_square(log_ratio(t.median, t.group.launch_range_um)) for t in (e, b))
+        after, before = (root_mean_square(log_ratio(t.median, t.group.reading)) for t in (e, b))
         titles.append(f"Group {e.group.id}: log_rmse {before:.2f} → {after:.2f}")
     groups = [t.group for t in told[0]]
     figure = figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves)

@@ -67,12 +67,12 @@ def swept(group: Group) -> Array:
 def at(group: Group, x: float) -> float:
     """Return the reading at one value of the swept variable."""
     (index,) = np.flatnonzero(swept(group) == x)
-    return float(group.launch_range_um[index])
+    return float(group.reading[index])
 
 
 def log_range(group: Group) -> Array:
     """ln(L + 0.3 um): differences of it are what log_rmse averages."""
-    return np.log(group.launch_range_um + OFFSET_UM)
+    return np.log(group.reading + OFFSET_UM)
 
 
 def rms(x: Array) -> float:
@@ -105,7 +105,7 @@ def scatter(group: Group, reach: int) -> tuple[NDArray[np.int64], Array]:
 
 def reversals(group: Group, rising: bool, low: float, high: float) -> list[list[float]]:
     """Neighbouring readings in [low, high] that go against the stated trend (equal ones do not)."""
-    x, y = swept(group), group.launch_range_um
+    x, y = swept(group), group.reading
     return [
         [float(x[i]), float(y[i]), float(x[i + 1]), float(y[i + 1])]
         for i in range(x.size - 1)
@@ -125,10 +125,7 @@ def shared_conditions(groups: dict[int, Group]) -> list[dict[str, Any]]:
         if groups[a].waveform != groups[b].waveform:
             continue
         first, second = (
-            {
-                (float(f), float(v)): float(r)
-                for f, v, r in zip(g.frequency_hz, g.amplitude_v, g.launch_range_um, strict=True)
-            }
+            {(float(f), float(v)): float(r) for f, v, r in zip(g.frequency_hz, g.amplitude_v, g.reading, strict=True)}
             for g in (groups[a], groups[b])
         )
         for f, v in sorted(first.keys() & second.keys()):
@@ -173,13 +170,13 @@ def best_proportional(group: Group) -> dict[str, float]:
 def power_law(group: Group, low: float) -> float:
     """Exponent n of L ~ V^n above an amplitude, by least squares in logarithms."""
     keep = group.amplitude_v >= low
-    return float(np.polyfit(np.log(group.amplitude_v[keep]), np.log(group.launch_range_um[keep]), 1)[0])
+    return float(np.polyfit(np.log(group.amplitude_v[keep]), np.log(group.reading[keep]), 1)[0])
 
 
 def ratio_20_15(groups: dict[int, Group]) -> tuple[Array, Array]:
     """Range at 20 V over range at 15 V (sine) at the frequencies both sweeps have."""
     f, one, two = np.intersect1d(groups[1].frequency_hz, groups[2].frequency_hz, return_indices=True)
-    return f, groups[1].launch_range_um[one] / groups[2].launch_range_um[two]
+    return f, groups[1].reading[one] / groups[2].reading[two]
 
 
 def numbers(groups: dict[int, Group]) -> dict[str, Any]:
@@ -193,7 +190,7 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
         _, line = scatter(group, 1)
         where, cubic = scatter(group, 2)
         worst = np.argsort(-np.abs(cubic))[:3]
-        values = group.launch_range_um
+        values = group.reading
         per_group[i] = {
             "n_points": group.n_points,
             "range_um": [float(values.min()), float(values.max())],
@@ -279,30 +276,27 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
             "6 falling from 3 kHz": reversals(groups[6], False, 3000, 1e9),
         },
         "text": {
-            "range_at_2kHz_over_peak": {
-                i: at(groups[i], 2000) / float(groups[i].launch_range_um.max()) for i in (1, 2)
-            },
+            "range_at_2kHz_over_peak": {i: at(groups[i], 2000) / float(groups[i].reading.max()) for i in (1, 2)},
             "first_frequency_below_5_percent_of_peak_hz": {
                 i: float(
                     groups[i]
                     .frequency_hz[
-                        (groups[i].frequency_hz > 1200)
-                        & (groups[i].launch_range_um < 0.05 * groups[i].launch_range_um.max())
+                        (groups[i].frequency_hz > 1200) & (groups[i].reading < 0.05 * groups[i].reading.max())
                     ]
                     .min()
                 )
                 for i in (1, 2)
             },
             "square_below_3kHz_um": [
-                float(plateau.launch_range_um[plateau.frequency_hz < 3000].min()),
-                float(plateau.launch_range_um[plateau.frequency_hz < 3000].max()),
+                float(plateau.reading[plateau.frequency_hz < 3000].min()),
+                float(plateau.reading[plateau.frequency_hz < 3000].max()),
             ],
-            "square_up_to_20Hz_mean_um": float(plateau.launch_range_um[plateau.frequency_hz <= 20].mean()),
+            "square_up_to_20Hz_mean_um": float(plateau.reading[plateau.frequency_hz <= 20].mean()),
             "square_50Hz_to_2500Hz_mean_um": float(
-                plateau.launch_range_um[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].mean()
+                plateau.reading[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].mean()
             ),
             "square_50Hz_to_2500Hz_sd_um": float(
-                plateau.launch_range_um[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].std(ddof=1)
+                plateau.reading[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].std(ddof=1)
             ),
             "square_not_above_sine": square_over_sine,
             "least_1200Hz_over_3000Hz": min(
@@ -358,7 +352,7 @@ def style() -> None:
 def draw(ax: Axes, group: Group, scale: float = 1.0, keep: NDArray[np.bool_] | None = None, **more: Any) -> None:
     """Draw one group's readings; zeros cannot be shown on a logarithmic axis and are left out."""
     colour, marker, label = LOOK[int(group.id)]
-    x, y = swept(group) * scale, group.launch_range_um
+    x, y = swept(group) * scale, group.reading
     shown = (y > 0) if keep is None else keep & (y > 0)
     options = {"ms": 4.5, "lw": 0.9, "label": label, **more}
     ax.plot(x[shown], y[shown], color=colour, marker=marker, **options)
@@ -496,7 +490,7 @@ def amplitude_law(groups: dict[int, Group], facts: dict[str, Any]) -> Figure:
         colour, marker, label = LOOK[i]
         right.plot(
             groups[i].amplitude_v,
-            groups[i].launch_range_um / groups[i].amplitude_v,
+            groups[i].reading / groups[i].amplitude_v,
             color=colour,
             marker=marker,
             ms=4.5,
@@ -582,7 +576,7 @@ def scatter_figure(groups: dict[int, Group], facts: dict[str, Any]) -> Figure:
         colour, marker, label = LOOK[i]
         where, deviation = scatter(group, 2)
         left.plot(
-            np.maximum(group.launch_range_um[where], 0.05),
+            np.maximum(group.reading[where], 0.05),
             deviation,
             color=colour,
             marker=marker,

@@ -35,7 +35,7 @@ def draw(folder: Path, file: Path) -> None:
             group = experiment.group(name)
             design = Design.of(experiment.constants, [group])
             predicted = 1e6 * simulate(design, [list(FITTED.values())]).launch_range[0]
-            ratio = group.launch_range_um / predicted
+            ratio = group.reading / predicted
             axes.plot(group.frequency_hz, ratio, marker, color=PALETTE[color], label=f"{name}, readings", mfc="none")
             odd = int(np.argmin(np.abs(group.frequency_hz - ODD_HZ)))
             axes.plot(

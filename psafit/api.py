@@ -65,9 +65,10 @@ class Rig(_Shown):
             [
                 pd.DataFrame({
                     "group": g.id, "waveform": g.waveform, "frequency_hz": g.frequency_hz,
-                    "amplitude_v": g.amplitude_v, "launch_range_um": g.launch_range_um,
+                    "amplitude_v": g.amplitude_v, g.observable.column: g.reading,
                 })
-                for g in self.experiment.groups
+                for whole in self.experiment.groups
+                for g in whole.parts
             ],
             ignore_index=True,
         )  # fmt: skip
@@ -169,12 +170,7 @@ class Rig(_Shown):
 
     def _told(self) -> tuple[str, list[pd.DataFrame]]:
         rows = [
-            [
-                str(g.id),
-                g.drive.label,
-                g.n_points,
-                *(_span(x) for x in (g.frequency_hz, g.amplitude_v, g.launch_range_um)),
-            ]
+            [str(g.id), g.drive.label, g.n_points, *(_span(x) for x in (g.frequency_hz, g.amplitude_v, g.reading))]
             for g in self.experiment.groups
         ]
         columns = ["group", "waveform", "readings", "frequency (Hz)", "amplitude (V)", "launch range (um)"]

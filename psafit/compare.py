@@ -263,15 +263,15 @@ def compare(first: Side, second: Side) -> Comparison:
     InputError
         If they have no group in common.
     """
-    mates = {str(t.group.id): t for t in second.told}
-    pairs = [(t, mates[str(t.group.id)]) for t in first.told if _same(t, mates.get(str(t.group.id)))]
-    common = {str(t.group.id) for t, _ in pairs}
+    mates = {t.group.label: t for t in second.told}
+    pairs = [(t, mates[t.group.label]) for t in first.told if _same(t, mates.get(t.group.label))]
+    common = {t.group.label for t, _ in pairs}
     if not pairs:
         what = f"{first.name} and {second.name} have no group with the same readings"
         raise InputError(what, "compare results of one experiment")
     rows, redrawn = zip(*(_pair(a, b, seed) for seed, (a, b) in enumerate(pairs)), strict=True)
     judged = [k for k, row in enumerate(rows) if row.informative and "fit" not in row.roles]
-    apart = {str(t.group.id): t.group.id for t in (*first.told, *second.told)}
+    apart = {t.group.label: t.group.id for t in (*first.told, *second.told)}
     return Comparison(
         names=[first.name, second.name],
         facts=[
@@ -320,8 +320,8 @@ def _same(one: Told, other: Told | None) -> bool:
 
 def _pair(a: Told, b: Told, seed: int) -> tuple[GroupPair, FloatArray]:
     """Both scores of a group, and the bootstrap of the change of its log RMSE."""
-    measured, n = a.group.launch_range_um, a.group.n_points
-    errors = [log_ratio(t.median, measured) for t in (a, b)]
+    measured, n = a.group.reading, a.group.n_points
+    errors = [log_ratio(t.median, measured, a.group.observable.offset) for t in (a, b)]
     rmse, elpd = changes(a.group, errors, [a.log_density, b.log_density], np.random.default_rng(seed))
     gain = float((b.log_density - a.log_density).sum())
     pair = GroupPair(

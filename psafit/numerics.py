@@ -82,7 +82,7 @@ def refine(
     used = 0.0 if exact else next(r.worst for r in refinement if r.tolerance == problem.tolerance)
     finest = refinement[-1].worst
     reached = finest if exact else used
-    allowed = max(required, of_scatter * float(problem.noise_values(u[:1])[0, 0]))
+    allowed = max(required, of_scatter * float(problem.noise_values(u[:1]).reshape(3, -1)[0].min()))
 
     rigs = [rig_of(c, theta[:1], terms, len(experiment.groups)) for c in design.rigs]
     eigenvalues = np.concatenate([np.linalg.eigvals(contact_matrix_of(rig)) for rig in rigs]).astype(complex)

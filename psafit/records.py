@@ -402,6 +402,8 @@ class GroupScore:
     ----------
     group : group id
     role : {"fit", "holdout"}
+    observable : str, optional
+        What is read, by its name; left out for the launch range.
     n_points : int
     log_rmse : float
         Root mean square of ln((predicted + 0.3 um)/(measured + 0.3 um)), predicted = posterior median.
@@ -410,7 +412,7 @@ class GroupScore:
     coverage_50, coverage_90 : float
         Fraction of readings inside the central predictive interval.
     crps_um : float
-        Mean continuous ranked probability score, um.
+        Mean continuous ranked probability score, um; in the unit of another observable where `observable` names it.
     elpd : float
         Expected log predictive density, summed over the readings, nats.
     elpd_per_point : float
@@ -438,6 +440,12 @@ class GroupScore:
     drift_p_value: float
     informative: bool
     verdict: str
+    observable: str | None = dataclasses.field(default=None, metadata=ABSENT)
+
+    @property
+    def of(self) -> str:
+        """What is read, behind the group's id; empty for the launch range."""
+        return f", {self.observable.replace('_', ' ')}" if self.observable else ""
 
 
 @dataclass(frozen=True, repr=False)

@@ -4,8 +4,9 @@ For every reading the posterior predictive distribution is the mixture, over pos
 around that draw's prediction. Its scores:
 
 * `log_rmse`: root mean square of :math:`\ln\frac{\hat L + 0.3}{y + 0.3}` in um, :math:`\hat L` the posterior median;
+  other observables have an offset of their own, `psafit.observables.Observable.offset`;
 * coverage of the central 50 and 90 % predictive intervals;
-* CRPS, :math:`E|Y - y| - \tfrac12 E|Y - Y'|` (Gneiting and Raftery, JASA 102 (2007) 359), um;
+* CRPS, :math:`E|Y - y| - \tfrac12 E|Y - Y'|` (Gneiting and Raftery, JASA 102 (2007) 359), in the reading's unit;
 * expected log predictive density, :math:`\sum_i \ln \tfrac1S \sum_s p(y_i|\theta_s)`, nats;
 * PIT, the predictive probability below the reading: uniform on [0, 1] and without order along the sweep if the
   prediction is honest. Both are tested against groups simulated from the posterior, each from one draw, so that
@@ -32,10 +33,11 @@ from psafit.files import write_atomically
 from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.inference.run import Run
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.records import GroupScore, Validation, write_json
 from psafit.text import fixed
 
-OFFSET_UM = 0.3
+OFFSET_UM = LAUNCH_RANGE.offset
 COLUMNS = (
     "group",
     "waveform",
@@ -62,12 +64,12 @@ _BLOCK = 5
 
 @dataclass(frozen=True)
 class Prediction:
-    """Posterior predictive of one group; arrays of shape (n_points,) unless said.
+    """Posterior predictive of one group, or of one of its observables; arrays of shape (n_points,) unless said.
 
     Parameters
     ----------
     group : Group
-        The measurements.
+        The measurements, of one observable.
     role : {"fit", "holdout"}
     median : array, um
         Posterior median of the launch range.
@@ -103,9 +105,12 @@ class Prediction:
     drift_p_value: float
 
 
-def log_ratio(predicted: FloatArray, measured: FloatArray) -> FloatArray:
-    """``ln((predicted + 0.3 um)/(measured + 0.3 um))``, the error whose root mean square is `log_rmse`."""
-    return np.log((predicted + OFFSET_UM) / (measured + OFFSET_UM))
+def log_ratio(predicted: FloatArray, measured: FloatArray, offset: float | FloatArray = OFFSET_UM) -> FloatArray:
+    """``ln((predicted + offset)/(measured + offset))``, the error whose root mean square is `log_rmse`.
+
+    The offset is that of the observable: 0.3 um for launch ranges.
+    """
+    return np.log((predicted + offset) / (measured + offset))
 
 
 def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator) -> NDArray[np.intp]:
@@ -170,7 +175,7 @@ def departures(pit: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _p_values(group: Group, pit: FloatArray, readings: FloatArray) -> tuple[float, float]:
     """Ranks of a group's `departures` among those of simulated groups; `readings` is (n_sets, n_points)."""
-    if np.count_nonzero(group.launch_range_um) < _FEWEST:
+    if np.count_nonzero(group.reading) < _FEWEST:
         return math.nan, math.nan
     n, sweep = len(readings), group.in_sweep
     simulated = (np.argsort(np.argsort(readings[:, sweep], axis=0), axis=0) + 0.5) / n
@@ -207,6 +212,8 @@ def some_draws(run: Run, n_draws: int) -> FloatArray:
 def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Prediction]:
     """Posterior predictive of every group of the problem's experiment, from any equally weighted draws.
 
+    A group of several observables has one of each.
+
     Parameters
     ----------
     problem : Problem
@@ -215,45 +222,56 @@ def predictive(problem: Problem, draws: FloatArray, seed: int) -> list[Predictio
     seed : int
         Of the simulated readings.
     """
-    scatter = problem.noise_values(draws)
     rng, chance = np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
     result = []
-    for group in problem.experiment.groups:
-        ranges = problem.predict(draws, [group.id], rng)
-        readings = noise.draw(ranges, scatter, group.sigma_um, rng)
-        quantiles = np.quantile(readings, [0.05, 0.25, 0.75, 0.95], axis=0)
-        density = noise.log_density(group.launch_range_um, ranges, scatter, group.sigma_um)
-        below = noise.cumulative(group.launch_range_um, ranges, scatter, group.sigma_um)
-        pit = below.mean(axis=0)
-        # Readings of zero are all that the law has below it: they lie anywhere there.
-        pit = np.where(group.launch_range_um > 0, pit, pit * chance.uniform(size=pit.size))
-        # What is met more closely than any instrument reads says nothing of a band.
-        quiet = (
-            noise.at_least(np.median(scatter, axis=0)[None])[0]
-            and np.mean(ndtri(np.clip(pit, 1e-9, 1 - 1e-9)) ** 2) < 1.0
-        )
-        pit_p_value, drift_p_value = (math.nan, math.nan) if quiet else _p_values(group, pit, readings)
-        model_lower, median, model_upper = np.quantile(ranges, [0.05, 0.5, 0.95], axis=0)
-        result.append(
-            Prediction(
-                group=group,
-                role="fit" if group.id in problem.group_ids else "holdout",
-                median=median,
-                model_lower=model_lower,
-                model_upper=model_upper,
-                # A reading is never negative; the law's tail below zero is the reading zero.
-                lower=np.maximum(quantiles[0], 0.0),
-                upper=quantiles[3],
-                lower_50=np.maximum(quantiles[1], 0.0),
-                upper_50=quantiles[2],
-                log_density=logsumexp(density, axis=0) - math.log(len(draws)),
-                crps=crps(readings, group.launch_range_um),
-                pit=pit,
-                pit_p_value=pit_p_value,
-                drift_p_value=drift_p_value,
-            )
-        )
+    for whole in problem.experiment.groups:
+        everything = problem.predict(draws, [whole.id], rng)
+        for group in whole.parts:
+            ranges = everything[:, whole.measured == group.measured[0]]
+            result.append(_predicted(problem, group, draws, ranges, rng, chance))
     return result
+
+
+def _predicted(
+    problem: Problem,
+    group: Group,
+    draws: FloatArray,
+    ranges: FloatArray,
+    rng: np.random.Generator,
+    chance: np.random.Generator,
+) -> Prediction:
+    """Posterior predictive of readings of one observable; `ranges` are the predictions, (n_draws, n_points)."""
+    scatter = problem.noise_values(draws, group.measured[:1])
+    readings = noise.draw(ranges, scatter, group.sigma, rng)
+    quantiles = np.quantile(readings, [0.05, 0.25, 0.75, 0.95], axis=0)
+    density = noise.log_density(group.reading, ranges, scatter, group.sigma)
+    below = noise.cumulative(group.reading, ranges, scatter, group.sigma)
+    pit = below.mean(axis=0)
+    # Readings of zero are all that the law has below it: they lie anywhere there.
+    pit = np.where(group.reading > 0, pit, pit * chance.uniform(size=pit.size))
+    # What is met more closely than any instrument reads says nothing of a band.
+    quiet = (
+        noise.at_least(np.median(scatter, axis=0)[None])[0] and np.mean(ndtri(np.clip(pit, 1e-9, 1 - 1e-9)) ** 2) < 1.0
+    )
+    pit_p_value, drift_p_value = (math.nan, math.nan) if quiet else _p_values(group, pit, readings)
+    model_lower, median, model_upper = np.quantile(ranges, [0.05, 0.5, 0.95], axis=0)
+    return Prediction(
+        group=group,
+        role="fit" if group.id in problem.group_ids else "holdout",
+        median=median,
+        model_lower=model_lower,
+        model_upper=model_upper,
+        # A reading is never negative; the law's tail below zero is the reading zero.
+        lower=np.maximum(quantiles[0], 0.0),
+        upper=quantiles[3],
+        lower_50=np.maximum(quantiles[1], 0.0),
+        upper_50=quantiles[2],
+        log_density=logsumexp(density, axis=0) - math.log(len(draws)),
+        crps=crps(readings, group.reading),
+        pit=pit,
+        pit_p_value=pit_p_value,
+        drift_p_value=drift_p_value,
+    )
 
 
 def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupId]) -> dict[str, FloatArray]:
@@ -282,20 +300,21 @@ def silence(group: Group) -> str:
     """Why a group cannot tell a good prediction from a bad one; empty where it can."""
     if not group.amplitude_v.any():
         return "nothing drives it"
-    few = np.count_nonzero(group.launch_range_um) < _FEWEST
+    few = np.count_nonzero(group.reading) < _FEWEST
     return f"fewer than {_FEWEST} of its readings are above zero" if few else ""
 
 
 def score(prediction: Prediction) -> GroupScore:
     """Scores of one group."""
-    measured = prediction.group.launch_range_um
-    error = log_ratio(prediction.median, measured)
+    measured = prediction.group.reading
+    error = log_ratio(prediction.median, measured, prediction.group.observable.offset)
     silent = silence(prediction.group)
     told = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
     return GroupScore(
         group=prediction.group.id,
+        observable=None if prediction.group.observable is LAUNCH_RANGE else prediction.group.observable.name,
         role=prediction.role,
         n_points=measured.size,
         log_rmse=root_mean_square(error),
@@ -405,7 +424,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
         seed=run.fit.seed,
         groups=scores,
         holdout_log_rmse=float(np.mean(held_out)) if held_out else None,
-        pit={str(p.group.id): p.pit.tolist() for p in predictions},
+        pit={p.group.label: p.pit.tolist() for p in predictions},
     )
     write_json(run.folder / "validation.json", record)
     write_predictions(run.folder / "predictions.csv", predictions)
@@ -413,9 +432,33 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
 
 
 def write_predictions(path: Path, predictions: list[Prediction]) -> None:
-    """Write `predictions.csv`: one row a reading."""
-    rows = (row for p in predictions for row in prediction_rows(p.group, p.median, p.lower, p.upper, p.role))
-    write_table(path, COLUMNS, rows)
+    """Write a table, one row a launch range, and beside it one of each other observable: ``<stem>-<name>.csv``.
+
+    The first is there without a launch range, too: then it has a header alone.
+    """
+    for k, observable in enumerate(OBSERVABLES):
+        here = [p for p in predictions if p.group.measured[0] == k]
+        rows = (row for p in here for row in prediction_rows(p.group, p.median, p.lower, p.upper, p.role))
+        if here or observable is LAUNCH_RANGE:
+            write_table(path.with_name(table_name(path.stem, observable)), columns_of(observable), rows)
+
+
+def table_name(stem: str, observable: Observable) -> str:
+    """File of predictions of an observable; the launch range has no mark."""
+    return f"{stem}.csv" if observable is LAUNCH_RANGE else f"{stem}-{observable.name}.csv"
+
+
+def columns_of(observable: Observable) -> tuple[str, ...]:
+    """`COLUMNS` with the column and the unit of an observable in the place of the launch range's."""
+    unit = observable.column.removeprefix(observable.name)
+    return tuple(
+        observable.column
+        if name == LAUNCH_RANGE.column
+        else name.removesuffix("_um") + unit
+        if name.endswith("_um")
+        else name
+        for name in COLUMNS
+    )
 
 
 def prediction_rows(
@@ -430,7 +473,7 @@ def prediction_rows(
         See `Prediction`.
     role : {"fit", "holdout"}
     """
-    columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um, median, lower, upper)
+    columns = (group.frequency_hz, group.amplitude_v, group.reading, median, lower, upper)
     for row in zip(*columns, strict=True):
         yield [group.id, group.waveform, *(float(x) for x in row), role]
 

@@ -102,7 +102,7 @@ def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Experimen
     rows = (
         row
         for g in experiment.groups
-        for row in prediction_rows(g, 1.1 * g.launch_range_um, 0.8 * g.launch_range_um, 1.3 * g.launch_range_um, "fit")
+        for row in prediction_rows(g, 1.1 * g.reading, 0.8 * g.reading, 1.3 * g.reading, "fit")
     )
     write_table(folder / record.predictions, COLUMNS, rows)
     return folder, experiment

@@ -105,7 +105,7 @@ def gain(protocol: str, last: int | str) -> Gain:
 
 def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagnosis:
     last = experiment.ids[-1]
-    measured = np.concatenate([g.launch_range_um for g in experiment.groups])
+    measured = np.concatenate([g.reading for g in experiment.groups])
     text = f"group {last}, 10 to 20 V: predictions too small by a factor of 2.50 (8.1 standard deviations)"
     where = [Where(last, "amplitude", 10.0, 20.0, text, -np.log(2.5), 8.1, [])]
     evidence = Evidence(

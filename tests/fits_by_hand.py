@@ -41,7 +41,7 @@ def make_group(group_id, frequency, amplitude, measured, waveform="sine", sigma=
         np.broadcast_to(np.asarray(frequency, float), n).copy(),
         np.broadcast_to(np.asarray(amplitude, float), n).copy(),
         np.asarray(measured, float),
-        sigma_um=sigma,
+        sigma=sigma,
     )
 
 
@@ -114,7 +114,7 @@ def make_run(
 def make_predictions(run: Run) -> list[Prediction]:
     found = []
     for group in run.problem.experiment.groups:
-        y = group.launch_range_um
+        y = group.reading
         middle = 1.3 * y + 0.4
         found.append(
             Prediction(

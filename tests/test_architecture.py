@@ -19,7 +19,7 @@ PACKAGE = ROOT / "psafit"
 # From the ground up. A module imports from its own floor or from below, never from above.
 FLOORS = (
     {"", "arrays", "drives", "errors", "files", "parameters", "plugins", "text", "workers"},  # "" is psafit/__init__.py
-    {"experiment", "records"},
+    {"experiment", "observables", "records"},
     {"physics"},
     {"simulate"},
     {"inference"},

@@ -85,7 +85,7 @@ def test_what_is_not_determined_has_no_interval_beside_another(tmp_path: Path) -
 
 def test_other_readings_are_not_compared() -> None:
     one, other = made("a", 2.0), made("b", 1.1)
-    changed = replace(other.told[1].group, launch_range_um=other.told[1].group.launch_range_um + 1)
+    changed = replace(other.told[1].group, reading=other.told[1].group.reading + 1)
     other.told[1] = replace(other.told[1], group=changed)
     found = compare(one, other)
     assert [g.group for g in found.groups] == [1] and found.apart == ["two"]

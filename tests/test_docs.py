@@ -307,8 +307,7 @@ def thinned(experiment: Experiment) -> Experiment:
     groups = []
     for group in experiment.groups:
         rows = np.unique(np.linspace(0, group.n_points - 1, 12).astype(int))
-        columns = {n: getattr(group, n)[rows] for n in ("frequency_hz", "amplitude_v", "launch_range_um")}
-        groups.append(replace(group, **columns))
+        groups.append(group.at(rows))
     return replace(experiment, groups=tuple(groups))
 
 

@@ -80,7 +80,7 @@ def rows(psa: Experiment, group_id: int) -> list[tuple[float, float, float]]:
         zip(
             group.frequency_hz.tolist(),
             group.amplitude_v.tolist(),
-            group.launch_range_um.tolist(),
+            group.reading.tolist(),
             strict=True,
         )
     )
@@ -103,7 +103,7 @@ def test_group(psa: Experiment, group_id: int) -> None:
     swept = "frequency_hz" if fixed == "amplitude_v" else "amplitude_v"
     values = getattr(group, swept).tolist()
     assert values == sorted(set(values))  # ascending, no condition twice
-    assert group.sigma_um is None  # the study gives no uncertainty
+    assert group.sigma is None  # the study gives no uncertainty
     text = "".join(f"{f!r},{v!r},{r!r}\n" for f, v, r in rows(psa, group_id))
     assert hashlib.sha256(text.encode()).hexdigest() == checksum
 

@@ -43,7 +43,7 @@ def test_log_rmse_by_hand(checked) -> None:  # type: ignore[no-untyped-def]
     assert validate.log_ratio(np.array([0.7]), np.array([0.2]))[0] == pytest.approx(math.log(2))
     _, record, predictions = checked
     for s, p in zip(record.groups, predictions, strict=True):
-        by_hand = [math.log((a + 0.3) / (b + 0.3)) ** 2 for a, b in zip(p.median, p.group.launch_range_um, strict=True)]
+        by_hand = [math.log((a + 0.3) / (b + 0.3)) ** 2 for a, b in zip(p.median, p.group.reading, strict=True)]
         assert s.log_rmse == pytest.approx(math.sqrt(sum(by_hand) / len(by_hand)), rel=1e-12)
 
 
@@ -67,7 +67,7 @@ def test_log_density_is_a_mean_over_draws(checked) -> None:  # type: ignore[no-u
     group = run.problem.experiment.groups[2]
     ranges = run.problem.predict(run.problem.to_sampling(chosen), [3])
     s = np.sqrt((chosen[:, 3:4] * ranges) ** 2 + chosen[:, 4:5] ** 2)
-    density = stats.t.pdf(group.launch_range_um, chosen[:, 5:6], ranges, s)
+    density = stats.t.pdf(group.reading, chosen[:, 5:6], ranges, s)
     assert predictions[2].log_density == pytest.approx(np.log(density.mean(axis=0)), rel=1e-9)
 
 
@@ -75,7 +75,7 @@ def test_stated_errors_reach_fit_and_bands(known: Experiment) -> None:
     """Readings of groups 1 and 3 state theirs: likelihood, climbs, scores, bands and densities are Student's of all
     parts of the scatter."""
     sigma = {1: 3.0, 2: 0.0, 3: 5.0}
-    groups = (replace(g, sigma_um=np.full(g.n_points, sigma[int(g.id)]) if g.id != 2 else None) for g in known.groups)
+    groups = (replace(g, sigma=np.full(g.n_points, sigma[int(g.id)]) if g.id != 2 else None) for g in known.groups)
     problem = Problem(replace(known, groups=tuple(groups)), (1, 2))
     u = problem.to_sampling(np.array([[4e5, 9e3, 60.0, 0.05, 0.05, 6.0]]))
 
@@ -93,7 +93,7 @@ def test_stated_errors_reach_fit_and_bands(known: Experiment) -> None:
     assert scores[np.abs(expected) < 4] == pytest.approx(expected[np.abs(expected) < 4])
     for told, group in zip(validate.predictive(problem, np.repeat(u, 4000, axis=0), 1), known.groups, strict=True):
         own = law((int(group.id),))
-        assert told.log_density == pytest.approx(own.logpdf(group.launch_range_um))
+        assert told.log_density == pytest.approx(own.logpdf(group.reading))
         width = own.kwds.get("scale", own.args[2])
         for found, q in ((told.lower, 0.05), (told.lower_50, 0.25), (told.upper_50, 0.75), (told.upper, 0.95)):
             # (Bands begin at zero; a quantile of 4,000 draws errs by a tenth of the width or less.)
@@ -103,7 +103,7 @@ def test_stated_errors_reach_fit_and_bands(known: Experiment) -> None:
 def test_coverage_is_the_share_inside(checked) -> None:  # type: ignore[no-untyped-def]
     _, record, predictions = checked
     for s, p in zip(record.groups, predictions, strict=True):
-        y = p.group.launch_range_um
+        y = p.group.reading
         assert s.coverage_90 == pytest.approx(np.mean((p.lower <= y) & (y <= p.upper)))
         assert s.coverage_50 == pytest.approx(np.mean((p.lower_50 <= y) & (y <= p.upper_50)))
         assert s.coverage_50 < s.coverage_90
@@ -203,7 +203,7 @@ def test_a_group_that_cannot_tell_enters_no_mean(checked) -> None:  # type: igno
     held_out = predictions[1].group
     for silent, why in (
         (replace(held_out, amplitude_v=np.zeros(held_out.n_points)), "nothing drives it"),
-        (replace(held_out, launch_range_um=np.eye(1, held_out.n_points)[0]), "fewer than 3 of its readings"),
+        (replace(held_out, reading=np.eye(1, held_out.n_points)[0]), "fewer than 3 of its readings"),
     ):
         score = validate.score(replace(predictions[1], group=silent))
         assert not score.informative and why in score.verdict and "left out of every mean" in score.verdict
@@ -275,7 +275,7 @@ def test_validation_reads_back(checked, tmp_path: Path) -> None:  # type: ignore
 def test_many_zeros_are_no_departure_where_they_are_predicted(known: Experiment) -> None:
     """A rig so weakly driven that a third of the readings is zero, and the law that made them."""
     conditions = known.groups[0]
-    weak = replace(conditions, amplitude_v=np.full(conditions.n_points, 0.02), launch_range_um=np.ones(30))
+    weak = replace(conditions, amplitude_v=np.full(conditions.n_points, 0.02), reading=np.ones(30))
     problem = Problem(replace(known, groups=(weak,)), (1,))
     truth = problem.to_sampling(np.array([4.0e5, 9.0e3, 60.0, 0.05, 0.3, 50.0]))[None]
     ranges, scatter = problem.predict(truth), problem.noise_values(truth)

@@ -412,7 +412,7 @@ def _read(true_um: FloatArray, scatter: Scatter, rng: np.random.Generator) -> Fl
 
 def _nameless(given: Experiment) -> Experiment:
     """The conditions, with titles and file names that say nothing."""
-    groups = tuple(replace(g, file=f"group{k}.csv", sigma_um=None) for k, g in enumerate(given.groups, 1))
+    groups = tuple(replace(g, file=f"group{k}.csv", sigma=None) for k, g in enumerate(given.groups, 1))
     return _blank(given.constants, groups)
 
 

@@ -202,7 +202,7 @@ def count(n: int, noun: str) -> str:
 def print_scores(validation: Any) -> None:
     """Print how each group was predicted."""
     for s in validation.groups:
-        click.echo(f"group {s.group} ({s.role}): log_rmse {s.log_rmse:.3f}; {s.verdict}")
+        click.echo(f"group {s.group}{s.of} ({s.role}): log_rmse {s.log_rmse:.3f}; {s.verdict}")
     if validation.holdout_log_rmse is not None:
         click.echo(f"mean log_rmse over held-out groups: {validation.holdout_log_rmse:.3f}")
 

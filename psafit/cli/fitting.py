@@ -40,9 +40,10 @@ from psafit.inference.samplers import USUAL, names
 def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     """Validate an experiment folder and say what is in it."""
     from psafit.experiment import changes_text, describe
-    from psafit.inference.scale import read
+    from psafit.inference.scale import read as read_folder
+    from psafit.observables import OBSERVABLES
 
-    data = read(experiment)
+    data = read_folder(experiment)
     content = describe(data)
     largest = max(data.groups, key=lambda group: group.n_points)
     content["warnings"] += costly(data, [largest.id])
@@ -52,14 +53,11 @@ def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
             f"{content['title']}: {count(len(content['groups']), 'group')}, {count(content['n_points'], 'reading')}"
         )
         for group in content["groups"]:
-            spans = (
-                _span(group["frequency_hz"], "Hz"),
-                _span(group["amplitude_v"], "V"),
-                _span(group["launch_range_um"], "um"),
-            )
+            spans = (_span(group["frequency_hz"], "Hz"), _span(group["amplitude_v"], "V"))
+            read = ", ".join(f"{o.title} {_span(group[o.column], o.unit)}" for o in OBSERVABLES if o.column in group)
             click.echo(
                 f"  group {group['id']}: {group['waveform']}, {count(group['n_points'], 'reading')}, "
-                f"{spans[0]}, {spans[1]}, launch range {spans[2]}{changes_text(group['constants'].items())}"
+                f"{spans[0]}, {spans[1]}, {read}{changes_text(group['constants'].items())}"
             )
         for known in content["priors"]:
             click.echo(f"  prior of {known['name']}: {known['prior']} ({known['source']})")

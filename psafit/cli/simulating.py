@@ -73,8 +73,9 @@ def simulate(
 
     from psafit.experiment import read_plan
     from psafit.files import write_atomically
-    from psafit.inference import noise
+    from psafit.observables import OBSERVABLES
     from psafit.simulate import Design
+    from psafit.simulate import readings as readings_of
     from psafit.simulate import simulate as simulate_batch
 
     if plot is not None and plot.suffix.lower() not in PICTURES:
@@ -93,11 +94,13 @@ def simulate(
         tied = [] if ids or asked else rivals
         chosen = chosen or first[0]
         given = _of_sessions(plan, *first, known, quiet, seed is not None) | asked
-    scatter = () if seed is None else noise.PARAMETERS
+    measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]
+    scatter = () if seed is None else tuple(p for o in measured for p in o.scatter)
     theta = _completed(plan, chosen, given, asked, scatter, seed)
     model = list(theta.values())[: len(theta) - len(scatter)]
-    result = simulate_batch(Design.of(plan.constants, groups), np.array(model), chosen)
-    micrometres = result.read_um[0]
+    design = Design.of(plan.constants, groups)
+    result = simulate_batch(design, np.array(model), chosen)
+    predicted = readings_of(design, np.array(model), chosen)[0]
     curves = {}
     if plot is not None:  # of every model before anything is written: one may be refused
         models = [(chosen, model)]
@@ -111,23 +114,24 @@ def simulate(
             ]
         names = _apart([terms for terms, _ in models]) if tied else ["simulated"]
         # Also between the conditions that were asked for.
-        designs = [Design.of(plan.constants, members) for members in (groups, [g.filled() for g in groups])]
+        pictured = [g.parts[0] for g in groups]
+        designs = [Design.of(plan.constants, members) for members in (pictured, [g.filled() for g in pictured])]
         for name, (terms, row) in zip(names, models, strict=True):
-            curves[name] = [simulate_batch(d, np.array(row), terms).read_um[0] for d in designs]
-    text = _table(groups, micrometres)
+            curves[name] = [readings_of(d, np.array(row), terms)[0] for d in designs]
+    text = _table(groups, predicted)
     if out is not None:
         write_atomically(out, text.encode())
     elif not quiet and plot is None and readings is None:
         click.echo(text, nl=False)
     if readings is not None:
-        _write_readings(plan, micrometres, chosen, theta, seed, readings)
+        _write_readings(plan, predicted, chosen, theta, seed, readings)
         if not quiet:
             click.echo(f"experiment: {shown_path(readings)}")
             click.echo("made by: " + _values(theta))
     if plot is not None:
         from psafit.report.simulated import write_picture
 
-        write_picture(groups, curves, plot)
+        write_picture(pictured, curves, plot)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
     write_result(
@@ -136,21 +140,43 @@ def simulate(
             "terms": [t.id for t in chosen],
             "parameters": theta,
             "engine": result.engine,
-            "predicted_um": micrometres,
+            **_told(groups, predicted),
         },
     )
     return DONE
 
 
-def _table(groups: Sequence[Conditions], predicted_um: FloatArray) -> str:
-    """The CSV of ranges, (n_points,), one group after the other, beside what was measured."""
-    from psafit.experiment import Group, by_group
+def _told(groups: Sequence[Conditions], predicted: FloatArray) -> dict[str, object]:
+    """Simulated readings for a result file: a list of launch ranges, or one of each observable by its column."""
+    import numpy as np
 
-    rows = ["group,waveform,frequency_hz,amplitude_v,launch_range_um,predicted_um"]
-    for g, predicted in zip(groups, by_group(groups, predicted_um), strict=True):
-        measured = g.launch_range_um.tolist() if isinstance(g, Group) else [""] * g.n_points
-        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), measured, predicted.tolist())
-        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{y},{p!r}" for f, v, y, p in zip(*columns, strict=True)]
+    from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+
+    measured = np.concatenate([g.measured for g in groups])
+    kinds = {OBSERVABLES[k]: predicted[measured == k] for k in np.unique(measured)}
+    if set(kinds) == {LAUNCH_RANGE}:
+        return {"predicted_um": predicted}
+    return {"predicted": {o.column: values for o, values in kinds.items()}}
+
+
+def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
+    """The CSV of simulated readings, (n_points,), one group after the other, beside what was measured.
+
+    Where not all are of one observable, a column names it.
+    """
+    from psafit.experiment import Group, by_group
+    from psafit.observables import OBSERVABLES
+    from psafit.validate import columns_of
+
+    kinds = dict.fromkeys(o for g in groups for o in g.observables)
+    column, said = columns_of(next(iter(kinds)))[4:6], len(kinds) > 1
+    named = ("observable", "measured", "predicted") if said else column
+    rows = [",".join(("group,waveform,frequency_hz,amplitude_v", *named))]
+    for g, values in zip(groups, by_group(groups, predicted), strict=True):
+        measured = g.reading.tolist() if isinstance(g, Group) else [""] * g.n_points
+        of = [f"{OBSERVABLES[k].column}," if said else "" for k in g.measured]
+        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), of, measured, values.tolist())
+        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{o}{y},{p!r}" for f, v, o, y, p in zip(*columns, strict=True)]
     return "\n".join(rows) + "\n"
 
 
@@ -168,13 +194,13 @@ def _values(theta: dict[str, float]) -> str:
 
 def _write_readings(
     plan: Plan,
-    ranges_um: FloatArray,
+    exact: FloatArray,
     chosen: Sequence[Term],
     theta: dict[str, float],
     seed: int | None,
     folder: Path,
 ) -> None:
-    """An experiment folder whose readings are simulated ranges, (n_points,), scattered where there is a seed."""
+    """An experiment folder whose readings are simulated readings, (n_points,), scattered where there is a seed."""
     import numpy as np
 
     from psafit.experiment import read_experiment, write_experiment
@@ -185,11 +211,12 @@ def _write_readings(
     model = "+".join(["baseline", *(t.id for t in chosen)])
     drawn_from = "exact" if seed is None else f"scatter of seed {seed}"
     source = f"not measured: simulated by psafit {psafit.__version__}, {model}, {drawn_from}: {_values(theta)}"
-    made = plan.with_readings(ranges_um, source)
+    made = plan.with_readings(exact, source)
     if seed is not None:
-        known = Problem(made, made.ids).known_sigma
-        scatter = np.array([[theta[p.name] for p in noise.PARAMETERS]])
-        drawn = noise.draw(ranges_um[None], scatter, known, np.random.default_rng(seed))[0]
+        problem = Problem(made, made.ids)
+        scatter = np.array([[theta[p.name] for p in problem.scatter]]).reshape(1, -1, 3)
+        each = scatter[:, problem.scatter_of(problem.design.measured)].swapaxes(1, 2)
+        drawn = noise.draw(exact[None], each, problem.known_sigma, np.random.default_rng(seed))[0]
         made = made.with_readings(np.maximum(drawn, 0.0))
     with filling(folder):
         write_experiment(made, folder)
@@ -245,8 +272,8 @@ def _of_sessions(
     """
     from psafit.experiment import Group, session_name
 
-    known = {(g.id, g.launch_range_um.tobytes()) for g in measured}
-    new = [g for g in plan.groups if not (isinstance(g, Group) and (g.id, g.launch_range_um.tobytes()) in known)]
+    known = {(g.id, g.reading.tobytes()) for g in measured}
+    new = [g for g in plan.groups if not (isinstance(g, Group) and (g.id, g.reading.tobytes()) in known)]
     theirs = {session_name(t.latent.name, g.id) for t in terms if t.latent for g in new} & medians.keys()
     if theirs and not quiet:
         click.echo(
@@ -288,7 +315,7 @@ def _completed(
 
     from psafit.experiment import session_name
     from psafit.experiment.text import meant
-    from psafit.inference import noise
+    from psafit.observables import OBSERVABLES
     from psafit.physics import informed, owner
 
     plain, chosen = informed(plan.beliefs, chosen)
@@ -308,7 +335,7 @@ def _completed(
     if unknown:
         cause = owner(unknown[0])
         remedy = f"add --terms {cause}" if cause else meant(unknown[0], wanted)
-        if unknown[0] in {p.name for p in noise.PARAMETERS}:
+        if unknown[0] in {p.name for o in OBSERVABLES for p in o.scatter}:
             remedy = "it is of the scatter: add --readings FOLDER --seed N"
         if hasattr(plan.constants, unknown[0]):
             remedy = "it is a constant of the rig: change [constants] in experiment.toml, or give one group its own"

@@ -296,7 +296,8 @@ class Furthest(Statement):
             words.put(
                 "{}, {} (reads {} for {})", words.groups([r.group]),
                 words.number(f"{r.frequency_hz:.6g} Hz, {r.amplitude_v:.4g} V"),
-                words.number(f"{significant(r.reading_um)} um"), words.number(f"{significant(r.predicted_um)} um"),
+                words.number(f"{significant(r.reading_um)} {r.unit}"),
+                words.number(f"{significant(r.predicted_um)} {r.unit}"),
             )
             for r in self.readings
         )  # fmt: skip

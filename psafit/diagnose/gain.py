@@ -39,12 +39,13 @@ from psafit.model_search import Ids, Ladder
 from psafit.model_search.ladder import key_of
 from psafit.records import ABSENT
 from psafit.validate import (
-    COLUMNS,
+    columns_of,
     log_ratio,
     neighbours_redrawn,
     prediction_rows,
     root_mean_square,
     silence,
+    table_name,
     write_table,
 )
 
@@ -57,23 +58,27 @@ _TOLD = 5e-4
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """A model's predictions of one group it has not seen; arrays (n_points,).
+    """A model's predictions of one group it has not seen, or of one of its observables; arrays (n_points,).
 
     Parameters
     ----------
-    group : group id
-    median, lower, upper : arrays, um
-        Of the launch range's posterior; of the 90 % predictive interval of a reading.
-    log_density : array, 1/um
-    measured : array, um
+    group : Group
+        Readings of one observable.
+    median, lower, upper : arrays, in the observable's unit
+        Of what is read without scatter; of the 90 % predictive interval of a reading.
+    log_density : array, in the unit inverted
     """
 
-    group: GroupId
+    group: Group
     median: FloatArray
     lower: FloatArray
     upper: FloatArray
     log_density: FloatArray
-    measured: FloatArray
+
+    @property
+    def measured(self) -> FloatArray:
+        """The readings."""
+        return self.group.reading
 
 
 @dataclass(frozen=True)
@@ -217,19 +222,20 @@ def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int, n_draws: int =
         seen=ladder.baseline.problem.group_ids,
         named=ladder.leader.ids,
         mixture=mixture,
-        before=[_forecast(ladder, {(): 1.0}, before, left, g, seed) for g in held_out],
-        after=[_forecast(ladder, mixture, after, left, g, seed) for g in held_out],
+        before=[f for g in held_out for f in _forecasts(ladder, {(): 1.0}, before, left, g, seed)],
+        after=[f for g in held_out for f in _forecasts(ladder, mixture, after, left, g, seed)],
     )
 
 
-def _forecast(
+def _forecasts(
     ladder: Ladder,
     mixture: dict[Ids, float],
     drawn: dict[Ids, FloatArray],
     left: dict[Ids, Leftover],
     group_id: GroupId,
     seed: int,
-) -> Forecast:
+) -> list[Forecast]:
+    """Of each observable of a group."""
     ranges, readings, density, weight = [], [], [], []
     for k, (ids, share) in enumerate(mixture.items()):
         problem = ladder.of(ids).problem
@@ -237,23 +243,22 @@ def _forecast(
         group = problem.experiment.group(group_id)
         rng = np.random.default_rng([seed, 11, k, problem.experiment.groups.index(group)])
         found = problem.predict(draws, [group_id], rng)
-        scatter = problem.noise_values(draws)
+        scatter = problem.noise_values(draws, group.measured)
         ranges.append(found)
-        off = left[ids].elsewhere(scatter[:, 0], rng)[:, None] * rng.standard_normal(found.shape)
+        off = left[ids].elsewhere(noise.columns(scatter)[0][:, 0], rng)[:, None] * rng.standard_normal(found.shape)
         found = found * np.exp(off)
-        readings.append(noise.draw(found, scatter, group.sigma_um, rng))
-        density.append(noise.log_density(group.launch_range_um, found, scatter, group.sigma_um))
+        readings.append(noise.draw(found, scatter, group.sigma, rng))
+        density.append(noise.log_density(group.reading, found, scatter, group.sigma))
         weight.append(np.full(len(draws), share / len(draws)))
     w = np.concatenate(weight)
     lower, upper = quantiles(np.concatenate(readings), w, (0.05, 0.95))
-    return Forecast(
-        group=group_id,
-        median=quantiles(np.concatenate(ranges), w, (0.5,))[0],
-        lower=np.maximum(lower, 0.0),
-        upper=upper,
-        log_density=logsumexp(np.concatenate(density) + np.log(w)[:, None], axis=0),
-        measured=problem.experiment.group(group_id).launch_range_um,
-    )
+    median = quantiles(np.concatenate(ranges), w, (0.5,))[0]
+    scored = logsumexp(np.concatenate(density) + np.log(w)[:, None], axis=0)
+    rows = [group.measured == part.measured[0] for part in group.parts]
+    return [
+        Forecast(part, median[some], np.maximum(lower[some], 0.0), upper[some], scored[some])
+        for part, some in zip(group.parts, rows, strict=True)
+    ]
 
 
 def _inside(f: Forecast) -> FloatArray:
@@ -315,7 +320,7 @@ def over_groups(redrawn: FloatArray, found: FloatArray, rng: np.random.Generator
 def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], folder: Path, seed: int) -> Gain:
     """Score forecasts and write them to `folder`."""
     rng = np.random.default_rng([seed, 13])
-    silences = {f.group: silence(experiment.group(f.group)) for one in splits for f in one.after}
+    silences = {f.group.label: silence(f.group) for one in splits for f in one.after}
     if all(silences.values()):  # better what says little than no number
         silences = dict.fromkeys(silences, "")
     rows: list[GroupGain] = []
@@ -323,12 +328,12 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
     redrawn: list[tuple[FloatArray, FloatArray]] = []
     for one in splits:
         for before, after in zip(one.before, one.after, strict=True):
-            group, silent = experiment.group(before.group), silences[before.group]
-            errors = [log_ratio(f.median, f.measured) for f in (before, after)]
+            group, silent = before.group, silences[before.group.label]
+            errors = [log_ratio(f.median, f.measured, group.observable.offset) for f in (before, after)]
             change = changes(group, errors, [before.log_density, after.log_density], rng)
             rows.append(
                 GroupGain(
-                    before.group, list(one.named), list(one.seen),
+                    group.id, list(one.named), list(one.seen),
                     root_mean_square(errors[0]), root_mean_square(errors[1]),
                     float(before.log_density.sum()), float(after.log_density.sum()),
                     float(_inside(before).mean()), float(_inside(after).mean()),
@@ -339,14 +344,17 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
                 told.append((before, after))
                 redrawn.append(change)
     name = f"predictions-{protocol}.csv"
-    table = (
-        [*row, model]
-        for one in splits
-        for model, forecasts in (("baseline", one.before), ("extended", one.after))
-        for f in forecasts
-        for row in prediction_rows(experiment.group(f.group), f.median, f.lower, f.upper, "holdout")
-    )
-    write_table(folder / name, (*COLUMNS, "model"), table)
+    for observable in dict.fromkeys(f.group.observable for one in splits for f in one.after):
+        table = (
+            [*row, model]
+            for one in splits
+            for model, forecasts in (("baseline", one.before), ("extended", one.after))
+            for f in forecasts
+            if f.group.observable is observable
+            for row in prediction_rows(f.group, f.median, f.lower, f.upper, "holdout")
+        )
+        file = folder / table_name(f"predictions-{protocol}", observable)
+        write_table(file, (*columns_of(observable), "model"), table)
     every = [np.concatenate([_inside(p[k]) for p in told]) for k in (0, 1)]
     telling = [r for r in rows if not r.silent]
     rmse, elpd = (np.array(each) for each in zip(*redrawn, strict=True))
@@ -366,7 +374,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
             Choice(
                 "causes, parameters and scatter",
                 list(one.seen),
-                [f.group for f in one.after],
+                list(dict.fromkeys(f.group.id for f in one.after)),
                 {key_of(ids): share for ids, share in one.mixture.items()},
             )
             for one in splits

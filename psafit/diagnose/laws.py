@@ -21,6 +21,7 @@ from psafit.diagnose.record import Broken, Law
 from psafit.diagnose.settings import LawSettings
 from psafit.errors import ConvergenceError
 from psafit.inference.candidate import Candidate
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics import baseline
 from psafit.physics.term import Term
 from psafit.simulate.batch import MICRO, columns, simulate
@@ -55,7 +56,8 @@ def _without_reading(candidate: Candidate) -> tuple[tuple[Term, ...], FloatArray
 
 def _carried(ranges: FloatArray, places: FloatArray, candidate: Candidate, settings: LawSettings) -> Iterator[Broken]:
     short = (places - ranges) * MICRO
-    over = short > settings.margin * candidate.scatter
+    read = candidate.problem.design.measured == OBSERVABLES.index(LAUNCH_RANGE)
+    over = read & (short > settings.margin * candidate.scatter)
     if over.any():
         i = int(np.argmax(np.where(over, short, -np.inf)))
         value, limit = float(ranges[i] * MICRO), float(places[i] * MICRO)

@@ -24,6 +24,7 @@ from scipy.optimize import minimize
 from psafit.arrays import FloatArray
 from psafit.diagnose.misfit import sweeps
 from psafit.experiment import GroupId
+from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.parameters import Parameter
 
@@ -50,12 +51,12 @@ class Leftover:
     amplitude, level, reach : float
         Standard deviation of the smooth part and of the groups' levels (relative), and its length in ln units.
     sigma_rel : float
-        Relative scatter beside it.
+        Relative scatter beside it, of the first observable.
     mean, sd : (n_points,) arrays
         ``ln(reading/prediction)`` that it explains, and its posterior standard deviation.
     hyper, covariance : (5,) and (5, 5) arrays
-        Laplace's posterior of the scatter (sampling coordinates: relative, absolute) and of the logarithms of
-        `amplitude`, `level` and `reach`.
+        Laplace's posterior of the scatter (sampling coordinates: relative, absolute, of each observable) and of the
+        logarithms of `amplitude`, `level` and `reach`.
     """
 
     log_bayes: float
@@ -84,7 +85,7 @@ class Leftover:
         (n,) array
         """
         drawn = rng.multivariate_normal(self.hyper, self.covariance, len(sigma_rel), method="eigh")
-        _, a, b, _ = np.exp(np.clip(drawn[:, 1:], -20.0, 1.0)).T
+        a, b, _ = np.exp(np.clip(drawn[:, -3:], -20.0, 1.0)).T
         return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + self.sigma_rel**2 - sigma_rel**2, 0.0)))
 
     def largest(self, candidate: Candidate) -> list[tuple[GroupId, float, float]]:
@@ -114,7 +115,7 @@ def leftover(candidate: Candidate, outlying: FloatArray | None = None) -> Leftov
     usual = np.minimum(around.scatter, [float(p.prior_quantile(0.5)) for p in around.parameters])
     starts = (
         (around.scatter, 0.02, 0.02),
-        (around.scatter + np.array([math.log(0.4), 0.0]), 0.3, 0.1),
+        (around.scatter + np.tile([math.log(0.4), 0.0], around.scatter.size // 2), 0.3, 0.1),
         (usual, 0.03, 0.03),
         (usual, 0.3, 0.1),
         (usual, 1.0, 0.1),
@@ -128,14 +129,14 @@ def leftover(candidate: Candidate, outlying: FloatArray | None = None) -> Leftov
     sigma_rel, sigma_abs = around.scatter_at(best.v)
     mean, variance = around.discrepancy(best.v)
     heard = around.predicted > _SILENT * sigma_abs
-    amplitude, level, reach = np.exp(best.v[2:]).tolist()
+    amplitude, level, reach = np.exp(best.v[-3:]).tolist()
     return Leftover(
         log_bayes=best.log_evidence - without.log_evidence,
         log_evidence=best.log_evidence + around.placed,
         amplitude=amplitude,
         level=level,
         reach=reach,
-        sigma_rel=sigma_rel,
+        sigma_rel=float(np.ravel(sigma_rel)[0]),
         mean=np.where(heard, np.log(np.maximum(1 + mean / around.predicted, 1e-3)), 0.0),
         sd=np.where(heard, np.sqrt(np.maximum(variance, 0.0)) / around.predicted, np.inf),
         hyper=best.v,
@@ -156,7 +157,8 @@ class _Fitted:
 class _Expansion:
     """Readings around a fit, linear in the model's parameters, which are integrated out."""
 
-    parameters: tuple[Parameter, ...]  # of the scatter: relative, absolute
+    parameters: tuple[Parameter, ...]  # of the scatter: relative, absolute, of each observable
+    kind: NDArray[np.intp]  # which observable each reading is of; one entry where there is one
     scatter: FloatArray  # their sampling coordinates at the fit
     predicted: FloatArray
     residual: FloatArray
@@ -177,9 +179,12 @@ class _Expansion:
         density = np.array([float(p.log_prior(c)) for p, c in own])
         free = candidate.slope.T * width  # columns with unit prior variance
         ordered = [(rows, problem.design.along(variable)[rows]) for _, variable, rows in sweeps(problem)]
+        scatter = [k for k in range(n, problem.n_dim) if (k - n) % 3 < 2]
+        of = problem.scatter_of(problem.design.measured)
         return cls(
-            parameters=problem.parameters[n : n + 2],
-            scatter=candidate.modes[0, n : n + 2],
+            parameters=tuple(problem.parameters[k] for k in scatter),
+            kind=of if len(problem.observables) > 1 else of[:1],
+            scatter=candidate.modes[0, scatter],
             predicted=np.maximum(candidate.predicted, 1e-9),
             residual=problem.observed - candidate.predicted,
             stretch=outlying,
@@ -190,13 +195,15 @@ class _Expansion:
             placed=float(np.sum(density + 0.5 * math.log(2 * math.pi) + np.log(width))),
         )
 
-    def scatter_at(self, v: FloatArray) -> tuple[float, float]:
-        relative, absolute = (float(p.to_physical(c)) for p, c in zip(self.parameters, v[:2], strict=True))
-        return relative, absolute
+    def scatter_at(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Relative and absolute scatter of each reading; one entry where all are of one observable."""
+        m = len(self.parameters)
+        values = np.array([float(p.to_physical(c)) for p, c in zip(self.parameters, v[:m], strict=True)])
+        return values[0::2][self.kind], values[1::2][self.kind]
 
     def kernels(self, v: FloatArray) -> list[FloatArray]:
         """Covariance of the discrepancy in each group, um^2."""
-        a, b, reach = np.exp(v[2:5])
+        a, b, reach = np.exp(v[-3:])
         return [
             (a * a * np.exp(-0.5 * squared / reach**2) + b * b) * np.outer(self.predicted[rows], self.predicted[rows])
             for rows, squared in zip(self.groups, self.squared, strict=True)
@@ -207,7 +214,7 @@ class _Expansion:
         relative, absolute = self.scatter_at(v)
         variance = self.stretch * ((relative * self.predicted) ** 2 + absolute**2 + self.known)
         columns = np.column_stack([self.residual, self.free])
-        if v.size == 2:
+        if v.size == len(self.parameters):
             factors, white = None, columns / np.sqrt(variance)[:, None]
             log_size = 0.5 * float(np.log(variance).sum())
         else:
@@ -229,8 +236,9 @@ class _Expansion:
         return _Whitened(factors, white[:, 1:], rest[:-k] if k else rest, r, float(rest @ rest), log_size)
 
     def loss(self, v: FloatArray) -> float:
-        density = sum(float(p.log_prior(c)) for p, c in zip(self.parameters, v[:2], strict=True))
-        for c, (mean, sd) in zip(v[2:], _PRIORS[: v.size - 2], strict=True):
+        m = len(self.parameters)
+        density = sum(float(p.log_prior(c)) for p, c in zip(self.parameters, v[:m], strict=True))
+        for c, (mean, sd) in zip(v[m:], _PRIORS[: v.size - m], strict=True):
             density += -0.5 * ((c - mean) / sd) ** 2 - math.log(sd) - 0.5 * math.log(2 * math.pi)
         if not math.isfinite(density):
             return 1e12
@@ -290,11 +298,11 @@ def stretch(candidate: Candidate) -> FloatArray:
 
     A lone outlier keeps the large variance that Student's law gives it; neighbours that err together do not.
     """
-    nu = float(candidate.noise[0, 2])
     score = (candidate.problem.observed - candidate.predicted) / candidate.scatter
     found = np.ones(score.size)
+    tails = np.broadcast_to(noise.columns(candidate.noise)[2][0], score.shape)
     for _, _, rows in sweeps(candidate.problem):
-        z = score[rows]
+        z, nu = score[rows], tails[rows]
         beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
         lone = (np.abs(z) > _LONE) & (np.abs(beside) < 0.5 * _LONE)
         found[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)

@@ -32,6 +32,7 @@ from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
 from psafit.inference.candidate import Candidate, refitted
 from psafit.inference.problem import Problem
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics.term import Term
 from psafit.simulate import Design, path_of
 from psafit.validate import log_ratio
@@ -203,7 +204,7 @@ def normal_scores(problem: Problem, u: FloatArray, predicted: FloatArray, observ
     """Normal scores of readings under fits; (n_sets, n_points)."""
     values = problem.noise_values(u)
     s = noise.scale(predicted, values, problem.known_sigma)
-    z, nu = (observed - predicted) / s, values[:, 2:3]
+    z, nu = (observed - predicted) / s, noise.columns(values)[2]
     # The probability integral loses its digits in the tails; there the score grows with the log density instead.
     p = noise.cumulative(observed, predicted, values, problem.known_sigma)
     body = ndtri(np.clip(p, 1e-12, 1 - 1e-12))
@@ -218,9 +219,23 @@ def numbered(problem: Problem, row: int) -> tuple[GroupId, int]:
 
 
 def sweeps(problem: Problem) -> list[tuple[GroupId, Variable, NDArray[np.intp]]]:
-    """Each group's id, the variable it sweeps, and its rows of the design in the order of the sweep."""
-    groups = problem.experiment.select(problem.group_ids)
-    return [(g.id, g.swept, np.flatnonzero(problem.design.group == k)[g.in_sweep]) for k, g in enumerate(groups)]
+    """Each group's id, the variable it sweeps, and its rows of the design in the order of the sweep.
+
+    A group of several observables is a sweep of each.
+    """
+    found: list[tuple[GroupId, Variable, NDArray[np.intp]]] = []
+    for k, g in enumerate(problem.experiment.select(problem.group_ids)):
+        rows = np.flatnonzero(problem.design.group == k)
+        for kind in np.unique(g.measured):
+            part = np.flatnonzero(g.measured == kind)
+            found.append((g.id, g.swept, rows[part[g.at(part).in_sweep]]))
+    return found
+
+
+def of_what(problem: Problem, rows: NDArray[np.intp]) -> str:
+    """What readings of one observable are of, behind a noun; empty for launch ranges."""
+    observable = OBSERVABLES[problem.design.measured[rows[0]]]
+    return "" if observable is LAUNCH_RANGE else f" of {observable.title}s"
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:
@@ -347,42 +362,46 @@ def _look(
     scans = []
     for group_id, variable, rows in sweeps(problem):
         x = e[:, rows]
-        n = rows.size
+        n, of = rows.size, of_what(problem, rows)
         if n < _FEWEST:
             continue
-        found["level", "mean", group_id] = np.abs(x.sum(axis=1)) / math.sqrt(n)
-        found[f"neighbours along the {variable}", "mean", group_id] = (x[:, 1:] * x[:, :-1]).sum(axis=1) / math.sqrt(n)
+        found[f"level{of}", "mean", group_id] = np.abs(x.sum(axis=1)) / math.sqrt(n)
+        found[f"neighbours{of} along the {variable}", "mean", group_id] = (x[:, 1:] * x[:, :-1]).sum(
+            axis=1
+        ) / math.sqrt(n)
         signs = (x > 0).astype(int)
-        found[f"runs along the {variable}", "mean", group_id] = -np.abs(np.diff(signs, axis=1)).sum(axis=1) / math.sqrt(
-            n
-        )
+        found[f"runs{of} along the {variable}", "mean", group_id] = -np.abs(np.diff(signs, axis=1)).sum(
+            axis=1
+        ) / math.sqrt(n)
         scan = np.abs(_windows(x)[0]).max(axis=1)
-        found[f"stretches of {variable}", "mean", group_id] = scan
+        found[f"stretches of {variable}{of and ',' + of}", "mean", group_id] = scan
         scans.append(scan)
-        found["spread", "spread", group_id] = np.abs(np.log(np.mean(x**2, axis=1) + 0.05))
+        found[f"spread{of}", "spread", group_id] = np.abs(np.log(np.mean(x**2, axis=1) + 0.05))
     if scans:
         found["stretches of any sweep", "mean", None] = np.max(scans, axis=0)
     for variable, rows_of in shared(problem).items():
         found[f"readings at one {variable}", "mean", None] = np.max([_both(e[:, rows]) for rows in rows_of], axis=0)
     order = np.concatenate([rows for _, _, rows in sweeps(problem)])
     x = e[:, order]
-    same = design.group[order][1:] == design.group[order][:-1]
+    of = 2**8 * design.group[order] + design.measured[order]
+    same = of[1:] == of[:-1]
     found["neighbours in all sweeps", "mean", None] = (x[:, 1:] * x[:, :-1])[:, same].sum(axis=1) / math.sqrt(
         max(same.sum(), 1)
     )
     covariates = {
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
-        "predicted size": np.log(predicted + 0.05),
+        "predicted size": np.log(predicted * problem.per_um + 0.05),
         "waveform": design.waveform.astype(float),
         "order in the file": in_session(design),
+        "observable": problem.scatter_of(design.measured).astype(float),
     }
     n = e.shape[1]
     for name, value in covariates.items():
         if np.ptp(value) < 1e-9:
             continue
         t = 2 * (value - value.min()) / np.ptp(value) - 1
-        # A polynomial through as many values as there are, of waveforms, tells each from the others.
+        # A polynomial through as many values as there are, of waveforms or observables, tells each from the others.
         degree = min(5, len(np.unique(value)) - 1)
         basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(t, degree))
         found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis[:, 1:]).sum(axis=1))
@@ -392,7 +411,7 @@ def _look(
             where = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, 11)
             bins = np.array([(where == b) / math.sqrt(max((where == b).sum(), 1)) for b in range(12)])
             found[f"bins of {name}", "mean", None] = np.sqrt(np.square(e @ bins.T).sum(axis=1))
-    size = np.log(predicted + 0.05)
+    size = np.log(predicted * problem.per_um + 0.05)
     size = (size - size.mean()) / max(float(size.std()), 1e-9)
     square = np.minimum(e**2, 9.0)
     found["spread against predicted size", "spread", None] = np.abs(
@@ -424,11 +443,11 @@ def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
 
     A row a group. Values meet that are nearer to each other than half the least step of any of these sweeps.
     """
-    ordered: dict[Variable, list[NDArray[np.intp]]] = {}
+    ordered: dict[tuple[Variable, int], list[NDArray[np.intp]]] = {}
     for _, variable, rows in sweeps(problem):
-        ordered.setdefault(variable, []).append(rows)
-    found = {}
-    for variable, groups in ordered.items():
+        ordered.setdefault((variable, int(problem.design.measured[rows[0]])), []).append(rows)
+    found: dict[Variable, list[NDArray[np.intp]]] = {}
+    for (variable, _), groups in ordered.items():
         value, group = problem.design.swept(variable), problem.design.group
         steps = np.concatenate([np.diff(np.unique(value[rows])) for rows in groups])
         rows = np.concatenate(groups)
@@ -436,7 +455,7 @@ def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
         apart = np.flatnonzero(np.diff(value[rows]) >= 0.5 * steps.min(initial=np.inf)) + 1
         meeting = [part[np.unique(group[part], return_index=True)[1]] for part in np.split(rows, apart)]
         if meeting := [part for part in meeting if part.size > 1]:
-            found[variable] = meeting
+            found.setdefault(variable, []).extend(meeting)
     return found
 
 
@@ -447,8 +466,8 @@ def _both(e: FloatArray) -> FloatArray:
 
 
 def in_session(design: Design) -> FloatArray:
-    """Place of each reading in the file of its session, from -1 to 1; (n_points,)."""
-    counts = np.bincount(design.group)
+    """Place of each reading among those of its session and observable, from -1 to 1; (n_points,)."""
+    counts = np.bincount(2**8 * design.group + design.measured)
     return np.concatenate([np.linspace(-1, 1, n) for n in counts if n])
 
 
@@ -456,7 +475,8 @@ def conditions(design: Design) -> list[NDArray[np.intp]]:
     """Rows of every condition of the rig."""
     seen: dict[tuple[float, ...], list[int]] = {}
     for i in range(design.n_points):
-        key = (float(design.frequency[i]), float(design.amplitude[i]), int(design.drive[i]), int(design.rig[i]))
+        rig = int(design.drive[i]), int(design.rig[i]), int(design.measured[i])
+        key = (float(design.frequency[i]), float(design.amplitude[i]), *rig)
         seen.setdefault(key, []).append(i)
     return [np.array(rows) for rows in seen.values()]
 
@@ -485,7 +505,7 @@ def _places(problem: Problem, e: FloatArray, simulated: FloatArray, predicted: F
         return ()
     null = np.max([np.abs(_windows(simulated[:, rows])[0]).max(axis=1) for _, _, rows in ordered], axis=0)
     bar = float(np.quantile(null, 0.95))
-    error = log_ratio(predicted, problem.observed)
+    error = log_ratio(predicted, problem.observed, problem.offset)
     places = []
     for group_id, variable, rows in ordered:
         score, spans = _windows(e[None, rows])
@@ -508,7 +528,7 @@ def _coincidences(
 ) -> tuple[Coincidence, ...]:
     """Readings that stand out together more than nineteen in twenty simulated data sets show anywhere."""
     design = problem.design
-    error = log_ratio(predicted, problem.observed)
+    error = log_ratio(predicted, problem.observed, problem.offset)
     found = []
     for variable, meeting in shared(problem).items():
         null = np.max([_both(simulated[:, rows]) for rows in meeting], axis=0)

@@ -33,7 +33,7 @@ from psafit.inference.evidence import Weighed
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.records import ABSENT
-from psafit.simulate import Design, simulate
+from psafit.simulate import Design, readings
 from psafit.text import fixed, significant
 
 _Item = TypeVar("_Item")
@@ -403,7 +403,8 @@ class _Model:
     scatter: FloatArray  # (n_draws, 3)
     u: FloatArray  # the draws themselves, (n_draws, n_dim), no two alike
     weight: FloatArray  # (n_draws,)
-    known: FloatArray | None  # um
+    known: FloatArray | None  # in the readings' unit
+    measured: NDArray[np.int8]  # what is read, (1,)
 
     @classmethod
     def of(cls, candidate: Candidate, draws: FloatArray, rng: np.random.Generator) -> _Model:
@@ -415,11 +416,12 @@ class _Model:
         theta = problem.theta(u, ["a session to come"], rng)
         sigma = problem.usual_sigma
         known = None if sigma is None else np.array([sigma])
-        return cls(problem.terms, theta, problem.noise_values(u), u, counts / len(draws), known)
+        measured = problem.usually_measured(1)
+        return cls(problem.terms, theta, problem.noise_values(u, measured), u, counts / len(draws), known, measured)
 
     def forecast(self, design: Design) -> _Forecast:
         """What it says of a measurement."""
-        ranges = simulate(design, self.theta, self.terms).read_um
+        ranges = readings(replace(design, measured=self.measured), self.theta, self.terms)
         return _Forecast(ranges, self.scatter, self.weight, self.known)
 
 
@@ -492,7 +494,8 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
     In numbers that can be set on a generator, and with the readings' usual uncertainty where each states one.
     """
     f, v = map(_settable, (proposal.frequency_hz, proposal.amplitude_v))
-    usual = Problem(measured, measured.ids).usual_sigma
+    problem = Problem(measured, measured.ids)
+    usual = problem.usual_sigma
     taken = {g.file.casefold() for g in measured.groups}
     names = itertools.chain(["planned.csv"], (f"planned{k}.csv" for k in itertools.count(2)))
     return Conditions(
@@ -502,7 +505,8 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
         f,
         v,
         changed=tuple(proposal.constants.items()),
-        sigma_um=None if usual is None else np.full(f.size, usual),
+        sigma=None if usual is None else np.full(f.size, usual),
+        measured=problem.usually_measured(f.size),
     )
 
 

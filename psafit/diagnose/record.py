@@ -20,6 +20,7 @@ from psafit.experiment import GroupId
 from psafit.files import sha256
 from psafit.inference.samplers.nautilus import NestedEvidence
 from psafit.model_search.ladder import LookedAt
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.records import ABSENT, Brief, Numerics
 
 RESULT, PAGE, PREDICTIONS = "diagnosis.json", "diagnosis.html", "predictions-diagnosis.csv"
@@ -219,8 +220,11 @@ class Reading:
     number : int
         In the group, from 0.
     frequency_hz, amplitude_v, reading_um, predicted_um : float
+        In the unit of another observable than the launch range where `observable` names one.
     score : float
         In standard deviations of the scatter.
+    observable : str, optional
+        What was read, by its name; left out for the launch range.
     """
 
     group: GroupId
@@ -230,6 +234,12 @@ class Reading:
     reading_um: float
     predicted_um: float
     score: float
+    observable: str | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def unit(self) -> str:
+        """Of the reading."""
+        return next((o.unit for o in OBSERVABLES if o.name == self.observable), LAUNCH_RANGE.unit)
 
 
 @dataclass(frozen=True)

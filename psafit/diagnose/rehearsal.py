@@ -25,7 +25,7 @@ from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
 from psafit.inference.evidence import Weighed
 from psafit.inference.problem import Problem
-from psafit.simulate import Design, simulate
+from psafit.simulate import Design, readings
 
 # Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
 _TRIALS, _STARTS = 3, 12
@@ -130,12 +130,13 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
     rig = replace(problem.experiment.constants, **proposal.constants)
     drive = Drive.with_settings(proposal.waveform, proposal.drive)
-    design = Design.sweep(rig, drive, frequency, voltage)
-    ranges = simulate(design, problem.theta(u, [NEW], rng), problem.terms).read_um
+    measured = problem.usually_measured(frequency.size)
+    design = replace(Design.sweep(rig, drive, frequency, voltage), measured=measured)
+    true = readings(design, problem.theta(u, [NEW], rng), problem.terms)
     known = None if problem.usual_sigma is None else np.full(frequency.size, problem.usual_sigma)
-    readings = np.maximum(noise.draw(ranges, problem.noise_values(u), known, rng), 0.0)[0]
+    read = np.maximum(noise.draw(true, problem.noise_values(u, measured), known, rng), 0.0)[0]
     changed = tuple(proposal.constants.items())
-    return Group(NEW, drive, "", frequency, voltage, readings, changed=changed, sigma_um=known)
+    return Group(NEW, drive, "", frequency, voltage, read, changed=changed, sigma=known, measured=measured)
 
 
 def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> Candidate:

@@ -29,6 +29,7 @@ from scipy.stats import f, t
 from psafit.arrays import FloatArray
 from psafit.diagnose.misfit import conditions, in_session, sweeps
 from psafit.experiment import GroupId, by_group, read_as
+from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.validate import without_each
 
@@ -180,9 +181,10 @@ class Offset:
 def offsets(candidate: Candidate) -> list[Offset]:
     """Every pair of sessions that share conditions at which both have readings above zero."""
     problem, group = candidate.problem, candidate.problem.design.group
-    y, nu = problem.observed, float(candidate.noise[0, 2])
+    y, nu = problem.observed, noise.columns(candidate.noise)[2][0]
     # The scale of Student's law is less than its standard deviation.
-    relative = candidate.scatter * np.sqrt(nu / (nu - 2)) / np.maximum(y, 1e-9) if nu > 2 else np.ones_like(y)
+    wide = np.sqrt(nu / np.maximum(nu - 2, 1e-12))
+    relative = np.where(nu > 2, candidate.scatter * wide / np.maximum(y, 1e-9), 1.0)
     found: dict[tuple[int, int], list[tuple[float, float]]] = {}
     for rows in conditions(problem.design):
         sessions = {k: rows[(group[rows] == k) & (y[rows] > 0)] for k in np.unique(group[rows]).tolist()}
@@ -222,9 +224,11 @@ def growth(candidate: Candidate) -> list[Growth]:
 def _logarithms(
     candidate: Candidate,
 ) -> Iterator[tuple[GroupId, str, FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Each sweep: group, variable, logarithms of the variable, readings and predictions, the readings' scatter."""
+    """Each sweep of the first observable: group, variable, logarithms of it, of readings and predictions, scatter."""
     problem = candidate.problem
     for group_id, variable, rows in sweeps(problem):
+        if problem.design.measured[rows[0]] != problem.design.measured.min():
+            continue
         values = problem.design.swept(variable)[rows]
         y, p = problem.observed[rows], candidate.predicted[rows]
         usable = (y > 0) & (p > 0) & (values > 0)
@@ -240,7 +244,7 @@ def corners(candidate: Candidate) -> list[Corner]:
         # By its neighbours, since a reading weighed by itself counts more where it errs upwards.
         usual = median_filter(y, _NEIGHBOURS, mode="nearest")
         relative = relative * np.exp(y - usual)
-        clear = candidate.noise[0, 1] < _CLEAR * np.exp(usual)
+        clear = noise.columns(candidate.noise)[1][0, 0] < _CLEAR * np.exp(usual)
         x, y, p, relative = x[clear], y[clear], p[clear], relative[clear]
         if x.size < _CORNERED or x[-_BESIDE] - x[_BESIDE - 1] < 0.1:
             continue
@@ -295,7 +299,7 @@ def _line(x: FloatArray, y: FloatArray, sd: FloatArray) -> tuple[float, float]:
 def drift(candidate: Candidate) -> list[Drift]:
     """What each parameter's drift along each covariate would gain, the most first."""
     problem = candidate.problem
-    nu = float(candidate.noise[0, 2])
+    nu = noise.columns(candidate.noise)[2][0]
     z = (problem.observed - candidate.predicted) / candidate.scatter
     weight = np.sqrt((nu + 1) / (nu + z * z))  # Student's law as weighted least squares
     target = weight * z
@@ -305,7 +309,7 @@ def drift(candidate: Candidate) -> list[Drift]:
     covariates = {
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
-        "range": np.log(candidate.predicted + 0.05),
+        "range": np.log(candidate.predicted * problem.per_um + 0.05),
         "waveform": design.waveform.astype(float),
     }
     # Sweeps that were read from one end to the other do not tell the time from what was swept.

@@ -33,6 +33,7 @@ from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
 from psafit.model_search.ladder import Ladder
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.parameters import broadened
 from psafit.simulate.sensitivity import plausible
 from psafit.validate import without_each
@@ -183,13 +184,18 @@ def _where(misfit: Misfit) -> list[Where]:
     return found
 
 
+def _named(kind: int) -> str | None:
+    """Name of an observable; none for the launch range."""
+    return None if OBSERVABLES[kind] is LAUNCH_RANGE else OBSERVABLES[kind].name
+
+
 def _furthest(misfit: Misfit, candidate: Candidate) -> list[Reading]:
     """The readings furthest from a model, whatever the tests say of them."""
     design, observed = candidate.problem.design, candidate.problem.observed
     return [
         Reading(
             *numbered(candidate.problem, int(k)), float(design.frequency[k]), float(design.amplitude[k]),
-            float(observed[k]), float(candidate.predicted[k]), float(misfit.scores[k]),
+            float(observed[k]), float(candidate.predicted[k]), float(misfit.scores[k]), _named(int(design.measured[k])),
         )
         for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:_FURTHEST]
     ]  # fmt: skip

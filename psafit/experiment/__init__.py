@@ -7,7 +7,7 @@ like a wrong unit are kept, and named in `Experiment.warnings`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from psafit.arrays import FloatArray
@@ -37,7 +37,7 @@ from psafit.experiment.records import (
 )
 from psafit.experiment.rig import Rig
 from psafit.experiment.rig import beliefs as rig_beliefs
-from psafit.experiment.table import read_csv
+from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import unreadable
 from psafit.experiment.writer import write_experiment
 from psafit.parameters import Belief
@@ -132,12 +132,12 @@ class Plan:
     title: str = ""
     rig: Rig | None = None
 
-    def with_readings(self, launch_range_um: FloatArray, source: str) -> Experiment:
+    def with_readings(self, reading: FloatArray, source: str) -> Experiment:
         """An experiment of these conditions whose readings, (n_points,), one group after the other, come from `source`.
 
         It has no folder yet.
         """
-        groups = read_as(self.groups, launch_range_um)
+        groups = read_as(self.groups, reading)
         known = fingerprint(self.constants, groups)
         title = f"{self.title.removesuffix(' (simulated)')} (simulated)"
         return Experiment(
@@ -151,7 +151,7 @@ def read_plan(folder: str | Path) -> Plan:
     Parameters
     ----------
     folder : path-like
-        As of `read_experiment`, but CSV files need no column ``launch_range_um``.
+        As of `read_experiment`, but CSV files need no column of readings.
 
     Returns
     -------
@@ -201,10 +201,8 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
 
 def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:
     """A declared group with the columns of its file: a `Group` where there are readings."""
-    columns = read_csv(declared.path, planned=planned)
-    kind = Group if "launch_range_um" in columns else Conditions
-    names = {f.name for f in fields(kind)}
-    held = {name: column for name, column in columns.items() if name in names}
+    held = readings_of(read_csv(declared.path, planned=planned))
+    kind = Group if "reading" in held else Conditions
     return kind(declared.id, declared.drive, declared.file, changed=declared.changed, **held)
 
 

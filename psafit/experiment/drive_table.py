@@ -42,7 +42,7 @@ def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, mo
     names = tuple(cell.strip().lower() for cell in cells)
     if names not in (PERIOD, RECORDED):
         raise InputError(f"columns {listed(map(shown, names))} are not those of a drive", _HEADER, file=file, line=line)
-    faults = RowFaults(file, 0.0)
+    faults = RowFaults(file)
     found: list[tuple[float, float]] = []
     n_rows = 0
     for line, cells in rows:

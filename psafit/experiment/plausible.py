@@ -14,8 +14,9 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.rig import MATERIALS, Rig
-from psafit.experiment.table import read_csv
+from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import one_line
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 
 _EXAMPLE = "EXAMPLE, replace:"
 # Wide enough for any rig of this kind, narrow enough to catch a factor of a thousand in the unit.
@@ -56,7 +57,8 @@ def _example() -> tuple[Constants, list[dict[str, FloatArray]]]:
     """The rig and the columns of the readings that `psafit new` writes."""
     with as_file(files("psafit").joinpath("templates")) as place:
         definition = tomllib.loads((place / DEFINITION).read_text("utf-8"))
-        return Constants(**definition["constants"]), [read_csv(place / g["file"]) for g in definition["group"]]
+        tables = [readings_of(read_csv(place / g["file"])) for g in definition["group"]]
+        return Constants(**definition["constants"]), tables
 
 
 def _same_readings(group: Group, columns: dict[str, FloatArray]) -> bool:
@@ -115,24 +117,62 @@ def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
         found.append(f"every amplitude is below 0.1 V (greatest {v_max:g}); given in kV?")
     if v_max > 1000:
         found.append(f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?")
-    r_max = float(group.launch_range_um.max())
-    string_um = constants.l * 1e6 if constants else math.inf
-    still = float(group.launch_range_um[group.amplitude_v == 0].max(initial=0.0))
+    for part in group.parts:
+        found += _suspicious_part(part, constants, v_max)
+    found += _suspicious_pairs(group, constants)
+    return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]
+
+
+def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> list[str]:
+    """What the scale of one observable's readings says."""
+    found, o = [], part.observable
+    least, most = o.usual
+    r_max = float(part.reading.max())
+    string_um = constants.l * 1e6 if constants and o is LAUNCH_RANGE else math.inf
+    still = float(part.reading[part.amplitude_v == 0].max(initial=0.0))
     if still > 0 and v_max > 0:
-        found.append(f"the ball is launched by {still:g} um at 0 V; is that the reading's offset?")
+        of = "" if o is LAUNCH_RANGE else f" ({o.title})"
+        found.append(f"the ball is launched by {still:g} {o.unit} at 0 V{of}; is that the reading's offset?")
     if r_max == 0:
-        found.append("every launch range is zero: there is nothing to fit")
-    elif r_max < 0.1:
-        found.append(f"every launch range is below 0.1 um (greatest {r_max:g}); given in mm or m?")
+        found.append(f"every {o.title} is zero: there is nothing to fit")
+    elif r_max < least:
+        found.append(f"every {o.title} is below {least:g} {o.unit} (greatest {r_max:g}); given in {o.mistaken[0]}?")
     if r_max > string_um:
         found.append(f"launch ranges reach {r_max:g} um, beyond the string of {string_um:g} um; given in nm?")
-    elif r_max > 1e5:
-        found.append(f"launch ranges reach {r_max:g} um, above 10 cm; given in nm?")
-    if group.sigma_um is not None and r_max > 0 and float(group.sigma_um.min()) > r_max:
+    elif r_max > most:
+        # Ten centimetres read better than 1e+05 um.
+        beyond = "10 cm" if o is LAUNCH_RANGE else f"{most:g} {o.unit}"
+        found.append(f"{o.title}s reach {r_max:g} {o.unit}, above {beyond}; given in {o.mistaken[1]}?")
+    if part.sigma is not None and r_max > 0 and float(part.sigma.min()) > r_max:
         found.append(
-            f"every sigma_um exceeds every launch range (least {group.sigma_um.min():g} um); given in another unit?"
+            f"every {o.sigma_column} exceeds every {o.title} (least {part.sigma.min():g} {o.unit}); given in another"
+            " unit?"
         )
-    return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]
+    return found
+
+
+def _suspicious_pairs(group: Group, constants: Constants | None, most: float = 3.0) -> list[str]:
+    r"""Name ranges and speeds of the same launches that no free flight joins.
+
+    A pendulum of length `l` that starts with the speed `v` swings by about :math:`v \sqrt{l/g}`. Friction and a lean
+    take from that, and a place ahead of rest adds to it: by less than the factor `most`, the median over the launches.
+    """
+    parts = {part.observable.name: part for part in group.parts}
+    if constants is None or not {"launch_range", "launch_speed"} <= parts.keys():
+        return []
+    ranges, speeds = parts["launch_range"], parts["launch_speed"]
+    _, one, two = np.intersect1d(ranges.row, speeds.row, return_indices=True)
+    swing = 1e3 * speeds.reading[two] * math.sqrt(constants.l / constants.g)
+    both = (swing > 0) & (ranges.reading[one] > 0)
+    if not both.any():
+        return []
+    ratio = float(np.median(ranges.reading[one][both] / swing[both]))
+    if 1 / most <= ratio <= most:
+        return []
+    return [
+        f"launch ranges are {ratio:.3g} times what a ball of the launch speeds swings; is one of them another quantity,"
+        " or in another unit?"
+    ]
 
 
 def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: float = 1.0) -> list[str]:
@@ -168,7 +208,10 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: 
 def _mean_ranges(group: Group, scatter_um: float) -> dict[tuple[float, float], float]:
     """Mean of the ranges at each frequency and amplitude, those within the scatter left out."""
     ranges: dict[tuple[float, float], list[float]] = {}
-    for f, v, um in zip(group.frequency_hz, group.amplitude_v, group.launch_range_um, strict=True):
+    told = group.at(group.measured == OBSERVABLES.index(LAUNCH_RANGE)) if group.launch_range_um.size else None
+    if told is None:
+        return {}
+    for f, v, um in zip(told.frequency_hz, told.amplitude_v, told.reading, strict=True):
         ranges.setdefault((float(f), float(v)), []).append(float(um))
     means = {condition: float(np.mean(read)) for condition, read in ranges.items()}
     return {condition: mean for condition, mean in means.items() if mean > scatter_um}

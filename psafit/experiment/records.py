@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment.rig import Rig
 from psafit.experiment.text import listed, one_line, shown
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.parameters import Belief
 
 GroupId = int | str
@@ -29,8 +30,8 @@ _HELD = 0.02
 # Conditions of a sweep that is filled, and how many may come between two of its own.
 _FILLED, _BETWEEN = 150, 8
 CONDITION_COLUMNS = ("frequency_hz", "amplitude_v")
-REQUIRED_COLUMNS = (*CONDITION_COLUMNS, "launch_range_um")
-OPTIONAL_COLUMNS = ("sigma_um",)
+READING_COLUMNS = tuple(o.column for o in OBSERVABLES)
+SIGMA_COLUMNS = tuple(dict.fromkeys(o.sigma_column for o in OBSERVABLES))
 CONSTANT_UNITS = {"M": "kg", "m": "kg", "q": "m/V", "l": "m", "k_s": "N/m", "g": "m/s^2"}
 
 
@@ -72,8 +73,12 @@ class Conditions:
         Drive frequency (> 0) and amplitude (>= 0).
     changed : tuple of (str, float)
         Constants of the rig that were others in this sweep, SI, in the order of `Constants`.
-    sigma_um : (n_points,) array, um, optional
-        Known standard uncertainty of each reading (> 0).
+    sigma : (n_points,) array, optional
+        Known standard uncertainty of each reading, in its unit; zero where a reading states none.
+    measured : (n_points,) int array, optional
+        What is read, or is to be, as `psafit.observables.OBSERVABLES` counts; launch ranges by default.
+    row : (n_points,) int array, optional
+        Row of the file that each reading stands in: those of one launch share it. By default each has its own.
 
     Raises
     ------
@@ -87,23 +92,61 @@ class Conditions:
     frequency_hz: FloatArray
     amplitude_v: FloatArray
     changed: tuple[tuple[str, float], ...] = field(default=(), kw_only=True)
-    sigma_um: FloatArray | None = field(default=None, kw_only=True)
+    sigma: FloatArray | None = field(default=None, kw_only=True)
+    measured: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8), kw_only=True)
+    row: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp), kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "drive", Drive.of(self.drive))
-        for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
+        for name in (*CONDITION_COLUMNS, "reading", "sigma"):
             given = getattr(self, name, None)
             if given is None and name not in CONDITION_COLUMNS:
                 continue
             array = np.array(given, dtype=np.float64)
             if array.ndim != 1 or array.size == 0 or array.shape != np.shape(self.frequency_hz):
                 raise ValueError(f"group {self.id}: {name} has shape {array.shape}")
-            positive = name in ("frequency_hz", "sigma_um")
+            positive = name == "frequency_hz"
             if not np.all(np.isfinite(array) & ((array > 0) if positive else (array >= 0))):
                 sign = "positive" if positive else "non-negative"
                 raise ValueError(f"group {self.id}: {name} must be finite and {sign}")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            self._keep(name, array)
+        n = np.size(self.frequency_hz)
+        self._keep("measured", np.array(self.measured if self.measured.size else np.zeros(n), np.int8))
+        self._keep("row", np.array(self.row if self.row.size else np.arange(n), np.intp))
+        if self.measured.shape != (n,) or self.row.shape != (n,):
+            raise ValueError(f"group {self.id}: measured and row must have {n} entries")
+
+    def _keep(self, name: str, array: NDArray[Any]) -> None:
+        array.setflags(write=False)
+        object.__setattr__(self, name, array)
+
+    def at(self, rows: Any) -> Self:
+        """Some of its readings; `rows` indexes an array."""
+        names = ("frequency_hz", "amplitude_v", "reading", "sigma", "measured", "row")
+        held = {name: array for name in names if (array := getattr(self, name, None)) is not None}
+        return replace(self, **{name: array[rows] for name, array in held.items()})
+
+    @property
+    def observables(self) -> tuple[Observable, ...]:
+        """What is read, or is to be."""
+        return tuple(OBSERVABLES[k] for k in np.unique(self.measured))
+
+    @property
+    def observable(self) -> Observable:
+        """What is read, of a group that is one of `parts`."""
+        return self.observables[0]
+
+    @property
+    def label(self) -> str:
+        """Its id, and what is read where that is not the launch range alone."""
+        others = [o.title for o in self.observables if o is not LAUNCH_RANGE]
+        return f"{self.id} ({' and '.join(others)})" if others else str(self.id)
+
+    @property
+    def parts(self) -> tuple[Self, ...]:
+        """The readings of each observable, as groups of their own; itself where there is one."""
+        kinds = np.unique(self.measured)
+        return (self,) if kinds.size == 1 else tuple(self.at(self.measured == k) for k in kinds)
 
     @property
     def waveform(self) -> str:
@@ -124,9 +167,9 @@ class Conditions:
 
     @property
     def in_sweep(self) -> NDArray[np.intp]:
-        """Rows in the order of the sweep, whatever the order of the file."""
-        f, v = self.frequency_hz, self.amplitude_v
-        return np.lexsort((f, v)) if self.swept == "amplitude" else np.lexsort((v, f))
+        """Rows in the order of the sweep, whatever the order of the file; those of each observable together."""
+        f, v, kind = self.frequency_hz, self.amplitude_v, self.measured
+        return np.lexsort((f, v, kind)) if self.swept == "amplitude" else np.lexsort((v, f, kind))
 
     @property
     def varied(self) -> tuple[Literal["frequency", "amplitude"], ...]:
@@ -158,7 +201,9 @@ class Conditions:
             found[::parts] = values
             return found
 
-        return Conditions(self.id, self.drive, self.file, between(f[first]), between(v[first]), changed=self.changed)
+        f, v = between(f[first]), between(v[first])
+        measured = np.full(f.size, self.measured[0])
+        return Conditions(self.id, self.drive, self.file, f, v, changed=self.changed, measured=measured)
 
     def rig(self, constants: Constants) -> Constants:
         """The rig's constants in this sweep."""
@@ -176,11 +221,16 @@ class Group(Conditions):
 
     Parameters
     ----------
-    launch_range_um : (n_points,) array, um
-        Measured launch range (>= 0).
+    reading : (n_points,) array
+        What was read (>= 0), each in the unit of its observable.
     """
 
-    launch_range_um: FloatArray
+    reading: FloatArray
+
+    @property
+    def launch_range_um(self) -> FloatArray:
+        """The launch ranges among the readings, um."""
+        return self.reading[self.measured == OBSERVABLES.index(LAUNCH_RANGE)]
 
 
 def by_group(groups: Iterable[Conditions], values: FloatArray) -> list[FloatArray]:
@@ -188,12 +238,12 @@ def by_group(groups: Iterable[Conditions], values: FloatArray) -> list[FloatArra
     return np.split(values, np.cumsum([g.n_points for g in groups])[:-1])
 
 
-def read_as(groups: Sequence[Conditions], launch_range_um: FloatArray) -> tuple[Group, ...]:
+def read_as(groups: Sequence[Conditions], reading: FloatArray) -> tuple[Group, ...]:
     """Sweeps, measured or planned, with these readings, (n_points,), one group after the other."""
     kept = [f.name for f in fields(Conditions)]
     return tuple(
-        Group(**{name: getattr(g, name) for name in kept}, launch_range_um=um)
-        for g, um in zip(groups, by_group(groups, launch_range_um), strict=True)
+        Group(**{name: getattr(g, name) for name in kept}, reading=values)
+        for g, values in zip(groups, by_group(groups, reading), strict=True)
     )
 
 
@@ -266,9 +316,9 @@ class Experiment:
             )
         return chosen
 
-    def with_readings(self, launch_range_um: FloatArray) -> Experiment:
+    def with_readings(self, reading: FloatArray) -> Experiment:
         """The same with other readings, (n_points,), one group after the other."""
-        groups = read_as(self.groups, launch_range_um)
+        groups = read_as(self.groups, reading)
         return replace(self, groups=groups, fingerprint=fingerprint(self.constants, groups))
 
 
@@ -297,11 +347,15 @@ def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
             )
         for name, value in group.changed:
             digest.update(f"{name}={value.hex()}\n".encode())
-        for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
-            column = getattr(group, name)
+        # The names are those of files that hold launch ranges alone: their fingerprints stay what they were.
+        columns = (group.frequency_hz, group.amplitude_v, group.reading, group.sigma)
+        for name, column in zip((*CONDITION_COLUMNS, "launch_range_um", "sigma_um"), columns, strict=True):
             if column is not None:
                 digest.update(f"{name}\n".encode())
                 digest.update(column.astype("<f8").tobytes())
+        if group.observables != (LAUNCH_RANGE,):
+            read = (OBSERVABLES[k].column for k in group.measured)
+            digest.update("".join(f"{k} {name}\n" for k, name in zip(group.row, read, strict=True)).encode())
     return digest.hexdigest()
 
 
@@ -313,9 +367,9 @@ def describe(experiment: Experiment) -> dict[str, Any]:
     dict
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
         `prior`, `source`), and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
-        `frequency_hz`, `amplitude_v`, `launch_range_um` as [least, greatest], `constants` (those
-        changed), `zeros` (readings of exactly 0 um), `replicates` (readings beyond the first at
-        the same condition) and `has_sigma`.
+        `frequency_hz`, `amplitude_v` and those of what is read, `launch_range_um` or another column, as
+        [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates` (readings
+        beyond the first at the same condition) and `has_sigma`.
     """
     return {
         "title": experiment.title,
@@ -335,7 +389,9 @@ def _lone(group: Group) -> str:
 
 
 def _describe_group(group: Group) -> dict[str, Any]:
-    conditions = np.column_stack([group.frequency_hz, group.amplitude_v])
+    conditions = np.column_stack([group.frequency_hz, group.amplitude_v, group.measured])
+    spans = {name: getattr(group, name) for name in CONDITION_COLUMNS}
+    spans |= {part.observable.column: part.reading for part in group.parts}
     return {
         "id": group.id,
         "waveform": group.waveform,
@@ -343,8 +399,8 @@ def _describe_group(group: Group) -> dict[str, Any]:
         "file": group.file,
         "n_points": group.n_points,
         "constants": dict(group.changed),
-        **{name: [float(getattr(group, name).min()), float(getattr(group, name).max())] for name in REQUIRED_COLUMNS},
-        "zeros": int(np.count_nonzero(group.launch_range_um == 0)),
+        **{name: [float(column.min()), float(column.max())] for name, column in spans.items()},
+        "zeros": int(np.count_nonzero(group.reading == 0)),
         "replicates": group.n_points - len(np.unique(conditions, axis=0)),
-        "has_sigma": group.sigma_um is not None,
+        "has_sigma": group.sigma is not None,
     }

@@ -10,38 +10,45 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import Faults, InputError
-from psafit.experiment.records import CONDITION_COLUMNS, OPTIONAL_COLUMNS, REQUIRED_COLUMNS
+from psafit.experiment.records import CONDITION_COLUMNS, READING_COLUMNS, SIGMA_COLUMNS
 from psafit.experiment.text import listed, read_text, shown
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 
 # Hard limits of each column, far beyond any rig, within which nothing overflows; a wrong unit is only warned of.
 LIMITS = {
     "frequency_hz": (1e-3, 1e9),
     "amplitude_v": (0.0, 1e6),
-    "launch_range_um": (0.0, 1e9),
-    "sigma_um": (1e-9, 1e9),
+    **{o.column: o.limits for o in OBSERVABLES},
+    **dict.fromkeys(SIGMA_COLUMNS, (1e-9, 1e9)),
 }
 
+_POSITIVE = tuple(o.column for o in OBSERVABLES if o.blank)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _IMPORT = "psafit import reads other forms"
-_HEADER_REMEDY = f"the first line must read {','.join(REQUIRED_COLUMNS)} (and {OPTIONAL_COLUMNS[0]} if known)"
+_USUAL = (*CONDITION_COLUMNS, LAUNCH_RANGE.column)
+_HEADER_REMEDY = f"the first line must read {','.join(_USUAL)} (and {LAUNCH_RANGE.sigma_column} if known)"
+_OTHERS = f"; other readings are {listed(o.column for o in OBSERVABLES if o is not LAUNCH_RANGE)}"
+_UNITS = {"frequency_hz": "Hz", "amplitude_v": "V"}
+_UNITS |= {name: o.unit for o in OBSERVABLES for name in (o.column, o.sigma_column)}
+_BY_COLUMN = {o.column: o for o in OBSERVABLES}
 
 
 def read_csv(
     file: Path,
     *,
     planned: bool = False,
-    scatter_um: float = 1.0,
     most_rows: int = 1_000_000,
     most_bytes: int = 2**27,
 ) -> dict[str, FloatArray]:
-    """Read the columns of one CSV file, checked cell by cell.
+    """Read the columns of one CSV file, checked cell by cell; NaN where a cell of an observable may be empty.
 
     Rows without any content are left out: blank lines, and empty cells at the end, as spreadsheets leave them.
 
@@ -50,9 +57,6 @@ def read_csv(
     file : Path
     planned : bool
         Whether it may lack readings.
-    scatter_um : float
-        A range at most so far below zero is put down to scatter about zero. It is what the prior of a fit holds the
-        absolute scatter to, with 98 %.
     most_rows, most_bytes : int
         A larger file is refused: it is no sweep of launches.
 
@@ -69,9 +73,10 @@ def read_csv(
     )
     if isinstance(cells, InputError):
         raise cells
-    names = _header(cells, CONDITION_COLUMNS if planned else REQUIRED_COLUMNS, file, line)
+    names = _header(cells, planned, file, line)
+    blank = _may_be_blank(names)
     columns: list[list[float]] = [[] for _ in names]
-    faults = RowFaults(file, scatter_um)
+    faults = RowFaults(file)
     n_rows = 0
     for line, cells in rows:
         if _is_empty(cells):
@@ -89,18 +94,63 @@ def read_csv(
             faults.add("", *_miscounted(cells, names), line)
         else:
             values = dict.fromkeys(names, math.nan)
-            for name, column, cell in zip(names, columns, map(str.strip, cells), strict=True):
+            row = list(map(str.strip, cells))
+            absent = _absent(dict(zip(names, row, strict=True)), blank)
+            for name, column, cell in zip(names, columns, row, strict=True):
                 try:
-                    values[name] = _number(cell, name)
+                    values[name] = math.nan if name in absent else _number(cell, name)
                     column.append(values[name])
                 except CellFault as fault:
                     faults.add(name, fault.what, fault.remedy, line)
-            if values.get("launch_range_um", 0.0) < 0:
-                faults.below.append((line, cells[names.index("launch_range_um")].strip(), values))
+            for name in filter(_BY_COLUMN.get, names):
+                if values[name] < 0:
+                    faults.below.setdefault(name, []).append((line, row[names.index(name)], values))
     faults.end(n_rows)
     if not n_rows:
         raise InputError("no readings below the header", "add one row a measurement", file=file, line=1)
     return {name: np.array(column) for name, column in zip(names, columns, strict=True)}
+
+
+def _may_be_blank(names: Sequence[str]) -> dict[str, str]:
+    """Columns whose cells may be empty, with the observable's: those of observables that do not stand alone."""
+    here = [o for o in OBSERVABLES if o.column in names]
+    if len(here) < 2:
+        return {}
+    return {name: o.column for o in here for name in (o.column, o.sigma_column) if name in names}
+
+
+def _absent(row: dict[str, str], blank: dict[str, str]) -> set[str]:
+    """Columns that a row leaves out: observables that were not read, and their uncertainties, beside one that was."""
+    gone = {name for name, column in blank.items() if not row[name] and not row[column]}
+    return gone if any(row[column] for column in blank.values()) else set()
+
+
+def readings_of(columns: dict[str, FloatArray]) -> dict[str, Any]:
+    """What `psafit.experiment.Group` takes of a file's columns: each cell that holds a reading is a point of its own.
+
+    Parameters
+    ----------
+    columns : dict of str to (n_rows,) array
+        As `read_csv` returns them.
+
+    Returns
+    -------
+    dict of str to (n_points,) array
+        Without `reading` where no column is an observable's: such a file is a plan.
+    """
+    cells = [(k, o) for k, o in enumerate(OBSERVABLES) if o.column in columns]
+    if not cells:
+        sigma = {"sigma": columns["sigma_um"]} if "sigma_um" in columns else {}
+        return {name: columns[name] for name in CONDITION_COLUMNS} | sigma
+    rows = [np.flatnonzero(~np.isnan(columns[o.column])) for _, o in cells]
+    every = np.concatenate(rows)
+    held = {name: columns[name][every] for name in CONDITION_COLUMNS}
+    held["reading"] = np.concatenate([columns[o.column][some] for (_, o), some in zip(cells, rows, strict=True)])
+    if any(o.sigma_column in columns for _, o in cells):
+        stated = (columns.get(o.sigma_column, np.zeros(len(columns["frequency_hz"]))) for _, o in cells)
+        held["sigma"] = np.concatenate([sigma[some] for sigma, some in zip(stated, rows, strict=True)])
+    measured = np.repeat([k for k, _ in cells], [some.size for some in rows])
+    return {**held, "measured": measured, "row": every}
 
 
 def _is_empty(cells: list[str] | InputError) -> bool:
@@ -158,11 +208,9 @@ class RowFaults:
     """Faults of the rows of a file: of each kind the first few, and how many there are."""
 
     file: Path
-    scatter_um: float
     most: int = 10
-    below: list[tuple[int, str, dict[str, float]]] = field(
-        default_factory=list
-    )  # ranges: line, cell, values of the row
+    # Readings below zero by column: line, cell, values of the row.
+    below: dict[str, list[tuple[int, str, dict[str, float]]]] = field(default_factory=dict)
     _kinds: dict[tuple[str, str], tuple[list[InputError], list[int]]] = field(default_factory=dict)
 
     @property
@@ -179,22 +227,32 @@ class RowFaults:
 
     def end(self, n_rows: int) -> None:
         """Raise what was found; a fault that all rows have, once."""
-        turned = n_rows > 2 and 2 * len(self.below) > n_rows
-        for line, cell, values in [] if turned else self.below:
-            reach = max(self.scatter_um, 3 * values.get("sigma_um", 0.0))
-            if -values["launch_range_um"] <= reach:
+        faults = Faults(self.most)
+        for column, below in self.below.items():
+            if n_rows > 2 and 2 * len(below) > n_rows:
+                line, cell, _ = below[0]
+                what = (
+                    f"{column} {shown(cell)} is negative, as {len(below)} of {n_rows} {_BY_COLUMN[column].plural} are"
+                )
+                remedy = "turn the sign if it is counted the other way, or see if this is another quantity's column"
+                faults.add(InputError(what, remedy, file=self.file, line=line))
+            else:
+                self._negative(_BY_COLUMN[column], below)
+        self._raise(faults, n_rows)
+
+    def _negative(self, observable: Observable, below: list[tuple[int, str, dict[str, float]]]) -> None:
+        """Keep each reading below zero, with what to do about it."""
+        for line, cell, values in below:
+            reach = max(observable.still, 3 * values.get(observable.sigma_column, 0.0))
+            if -values[observable.column] <= reach:
                 what = f"{shown(cell)} is negative, by no more than scatter"
                 remedy = "enter 0, which is an ordinary reading, and keep the row: deleting it would select by outcome"
             else:
-                what = f"{shown(cell)} is negative, by more than scatter (about {reach:g} um)"
+                what = f"{shown(cell)} is negative, by more than scatter (about {reach:g} {observable.unit})"
                 remedy = "correct its sign or its value, or see if this is another quantity's column"
-            self.add("launch_range_um", what, remedy, line)
-        faults = Faults(self.most)
-        if turned:
-            line, cell, _ = self.below[0]
-            what = f"launch_range_um {shown(cell)} is negative, as {len(self.below)} of {n_rows} ranges are"
-            remedy = "turn the sign if it is counted the other way, or see if this is another quantity's column"
-            faults.add(InputError(what, remedy, file=self.file, line=line))
+            self.add(observable.column, what, remedy, line)
+
+    def _raise(self, faults: Faults, n_rows: int) -> None:
         for found, (count,) in self._kinds.values():
             if count == n_rows > 2:
                 first = found[0]
@@ -228,9 +286,10 @@ def _other_separator(cells: list[str]) -> str:
     return next((name for mark, name in marks.items() if len(cells) == 1 and mark in cells[0]), "")
 
 
-def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> list[str]:
+def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]:
     names = [cell.strip() for cell in cells]
-    known = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
+    known = (*CONDITION_COLUMNS, *READING_COLUMNS, *SIGMA_COLUMNS)
+    needed = CONDITION_COLUMNS if planned or set(names) & set(READING_COLUMNS) else _USUAL
     faults = Faults()
 
     def add(what: str, remedy: str) -> None:
@@ -256,10 +315,10 @@ def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> l
     strange = []
     for name in dict.fromkeys(n for n in names if n not in known):
         if near := difflib.get_close_matches(name[:40], known, n=1):
-            unit = near[0].rpartition("_")[2]
+            unit = _UNITS[near[0]]
             meant.add(near[0])
             other = "" if re.fullmatch(r"\w+", name) else f" {_IMPORT}"
-            remedy = f"did you mean {near[0]}, in {unit.replace('hz', 'Hz').replace('v', 'V')}?{other}"
+            remedy = f"did you mean {near[0]}, in {unit}?{other}"
             add(f"unknown column {shown(name)}", remedy)
         else:
             strange.append(shown(name))
@@ -274,8 +333,11 @@ def _header(cells: list[str], needed: Sequence[str], file: Path, line: int) -> l
             if what == "unknown column":
                 remedy += f"; {_IMPORT}"
             if what == "missing column" and wrong == [shown("launch_range_um")]:
-                remedy += "; without readings it is a plan, which psafit simulate takes"
+                remedy += f"{_OTHERS}; without readings it is a plan, which psafit simulate takes"
             add(f"{what}{'s' * (len(wrong) > 1)} {listed(wrong[:5])}{', ...' * (len(wrong) > 5)}", remedy)
+    for o in OBSERVABLES:
+        if o.sigma_column in names and o.column not in names and not (planned and o is LAUNCH_RANGE):
+            add(f"{o.sigma_column} without {o.column}", "give what it is the uncertainty of, or delete the column")
     faults.end()
     return names
 
@@ -288,7 +350,7 @@ def within(value: float, name: str, cell: str) -> float:
     value += 0.0  # no negative zero: it would change the fingerprint
     if not math.isfinite(value):
         raise CellFault(f"{shown(cell)} is too large", "correct the value")
-    if name in ("frequency_hz", "sigma_um") and value <= 0:
+    if (name in _POSITIVE or name == "frequency_hz" or name in SIGMA_COLUMNS) and value <= 0:
         raise CellFault(f"{shown(cell)} is not positive", "correct the value")
     if name == "amplitude_v" and value < 0:
         raise CellFault(f"{shown(cell)} is negative", "correct the value: an amplitude, zero to peak, has no sign")

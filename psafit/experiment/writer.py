@@ -20,16 +20,17 @@ from psafit.errors import InputError
 from psafit.experiment.definition import Definition
 from psafit.experiment.drive_table import PERIOD, RECORDED
 from psafit.experiment.records import (
+    CONDITION_COLUMNS,
     DEFINITION,
-    OPTIONAL_COLUMNS,
-    REQUIRED_COLUMNS,
+    READING_COLUMNS,
+    SIGMA_COLUMNS,
     Conditions,
     Constants,
     Experiment,
     Group,
 )
 from psafit.experiment.rig import Rig
-from psafit.experiment.table import read_csv
+from psafit.experiment.table import read_csv, readings_of
 from psafit.files import write_atomically
 from psafit.parameters import Belief
 
@@ -93,11 +94,11 @@ def _drive_files(groups: Sequence[Conditions]) -> dict[str, str]:
 def _kept_table(file: Path, group: Group) -> bytes | None:
     """A group's file as somebody wrote it; None where there is none that holds these numbers."""
     try:
-        raw, columns = file.read_bytes(), read_csv(file)
+        raw, held = file.read_bytes(), readings_of(read_csv(file))
     except (InputError, OSError, ValueError):
         return None
-    mine = {n: column for n in _COLUMNS if (column := getattr(group, n)) is not None}
-    same = mine.keys() == columns.keys() and all(np.array_equal(mine[n], columns[n]) for n in mine)
+    mine = {n: values for n in (*held, "sigma") if (values := getattr(group, n)) is not None}
+    same = mine.keys() == held.keys() and all(np.array_equal(mine[n], held[n]) for n in mine)
     return raw if same else None
 
 
@@ -196,12 +197,18 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-_COLUMNS = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
-
-
 def table_text(group: Conditions) -> str:
-    """The CSV file of a group."""
-    names = [n for n in _COLUMNS if getattr(group, n, None) is not None]
-    columns = [getattr(group, n).tolist() for n in names]
-    rows = (",".join(map(number_text, row)) for row in zip(*columns, strict=True))
-    return "\n".join([",".join(names), *rows]) + "\n"
+    """The CSV file of a group: a row a launch, a cell left empty where an observable was not read."""
+    rows: dict[int, dict[str, str]] = {}
+    for part in group.parts:
+        held = {"frequency_hz": part.frequency_hz, "amplitude_v": part.amplitude_v}
+        if isinstance(part, Group):
+            held[part.observable.column] = part.reading
+        if part.sigma is not None and part.sigma.any():
+            held[part.observable.sigma_column] = part.sigma
+        for i, row in enumerate(part.row.tolist()):
+            rows.setdefault(row, {}).update({name: number_text(column[i]) for name, column in held.items()})
+    every = (*CONDITION_COLUMNS, *READING_COLUMNS, *SIGMA_COLUMNS)
+    names = [name for name in every if any(name in row for row in rows.values())]
+    lines = (",".join(rows[row].get(name, "") for name in names) for row in sorted(rows))
+    return "\n".join([",".join(names), *lines]) + "\n"

@@ -172,27 +172,32 @@ def expansion(
     """Gradient, (n, n_dim), and expected curvature, (n, n_dim, n_dim), of the log posterior."""
     n, k, d = len(u), problem.n_model, problem.n_dim
     values = problem.noise_values(u)
-    relative, nu = values[:, :1], values[:, 2:3]
+    relative, absolute, nu = noise.columns(values)
     s = noise.scale(predicted, values, problem.known_sigma)
     z = (observed - predicted) / s
     pull = (nu + 1) * z / (nu + z * z)
     # d ln s by every coordinate: the ranges move it through the relative scatter.
     by_range = relative**2 * predicted / s**2
-    log_scale = np.empty((n, d - 1, s.shape[1]))
-    log_scale[:, :k] = slope * by_range[:, None, :]
-    log_scale[:, k] = (relative * predicted / s) ** 2
-    log_scale[:, k + 1] = (values[:, 1:2] / s) ** 2
-    location = slope / s[:, None, :]
-    gradient = np.empty((n, d))
-    gradient[:, : d - 1] = np.einsum("nkp,np->nk", log_scale, z * pull - 1)
-    gradient[:, :k] += np.einsum("nkp,np->nk", location, pull)
-    curvature = np.zeros((n, d, d))
-    curvature[:, : d - 1, : d - 1] = (2 * nu / (nu + 3))[:, :, None] * np.einsum("nip,njp->nij", log_scale, log_scale)
-    curvature[:, :k, :k] += ((nu + 1) / (nu + 3))[:, :, None] * np.einsum("nip,njp->nij", location, location)
-    # The degrees of freedom: the readings' own scores, whose squares stand for the curvature.
+    gradient, curvature = np.zeros((n, d)), np.zeros((n, d, d))
     tails = noise.tail_score(z, nu)
-    gradient[:, -1] = tails.sum(axis=1)
-    curvature[:, -1, -1] = np.square(tails).sum(axis=1)
+    for j, here in enumerate(problem.rows_of_scatter):  # of each observable, whose scatter is its own
+        own = k + 3 * j
+        at = np.r_[0:k, own, own + 1]
+        location = slope[:, :, here] / s[:, None, here]
+        log_scale = np.empty((n, k + 2, location.shape[2]))
+        log_scale[:, :k] = slope[:, :, here] * by_range[:, None, here]
+        log_scale[:, k] = (relative * predicted / s)[:, here] ** 2
+        log_scale[:, k + 1] = (absolute / s)[:, here] ** 2
+        some = nu[:, here][:, :1] if nu.shape[1] > 1 else nu
+        gradient[:, at] += np.einsum("nkp,np->nk", log_scale, (z * pull - 1)[:, here])
+        gradient[:, :k] += np.einsum("nkp,np->nk", location, pull[:, here])
+        both = np.einsum("nip,njp->nij", log_scale, log_scale)
+        curvature[:, at[:, None], at] += (2 * some / (some + 3))[:, :, None] * both
+        both = np.einsum("nip,njp->nij", location, location)
+        curvature[:, :k, :k] += ((some + 1) / (some + 3))[:, :, None] * both
+        # The degrees of freedom: the readings' own scores, whose squares stand for the curvature.
+        gradient[:, own + 2] = tails[:, here].sum(axis=1)
+        curvature[:, own + 2, own + 2] = np.square(tails[:, here]).sum(axis=1)
     first, second = problem.prior_slopes(u)
     gradient += first
     curvature[:, np.arange(d), np.arange(d)] += second

@@ -212,13 +212,7 @@ def thinned(experiment: Experiment, every: int) -> Experiment:
 
     def part(g: Group) -> Group:
         rows = slice(None, None, every if g.n_points >= 8 * every else max(g.n_points // 8, 1))
-        return replace(
-            g,
-            frequency_hz=g.frequency_hz[rows],
-            amplitude_v=g.amplitude_v[rows],
-            launch_range_um=g.launch_range_um[rows],
-            sigma_um=None if g.sigma_um is None else g.sigma_um[rows],
-        )
+        return g.at(rows)
 
     return replace(experiment, groups=tuple(part(g) for g in experiment.groups))
 

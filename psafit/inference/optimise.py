@@ -93,20 +93,25 @@ def _scatter(
 
     Returns
     -------
-    (n_sets,) array and (n_sets, 3) array of sampling coordinates
+    (n_sets,) array and (n_sets, n_dim - n_model) array of sampling coordinates
     """
-    n = problem.n_model
     grid = np.array(np.meshgrid(quantiles, quantiles, tails)).reshape(3, -1).T
-    u = np.stack([p.prior_quantile(grid[:, i]) for i, p in enumerate(noise.PARAMETERS)], axis=1)
-    values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(noise.PARAMETERS)], axis=1)
-    prior = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(problem.parameters[n:])], axis=0)
-    height = np.empty((len(predicted), len(grid)))
-    for k, one in enumerate(values):
-        scatter = np.broadcast_to(one, (len(predicted), 3))
-        height[:, k] = noise.log_density(problem.observed, predicted, scatter, problem.known_sigma).sum(axis=1)
-    height += prior
-    best = np.argmax(np.where(np.isfinite(height), height, -np.inf), axis=1)
-    return height[np.arange(len(height)), best], u[best]
+    total, at = np.zeros(len(predicted)), []
+    for observable, here in zip(problem.observables, problem.rows_of_scatter, strict=True):
+        u = np.stack([p.prior_quantile(grid[:, i]) for i, p in enumerate(observable.scatter)], axis=1)
+        values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(observable.scatter)], axis=1)
+        prior = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(observable.scatter)], axis=0)
+        known = None if problem.known_sigma is None else problem.known_sigma[here]
+        height = np.empty((len(predicted), len(grid)))
+        for k, one in enumerate(values):
+            scatter = np.broadcast_to(one, (len(predicted), 3))
+            density = noise.log_density(problem.observed[here], predicted[:, here], scatter, known)
+            height[:, k] = density.sum(axis=1)
+        height += prior
+        best = np.argmax(np.where(np.isfinite(height), height, -np.inf), axis=1)
+        total += height[np.arange(len(height)), best]
+        at.append(u[best])
+    return total, np.concatenate(at, axis=1)
 
 
 def starts_of(

@@ -15,10 +15,11 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, GroupId, session_name
 from psafit.experiment.text import listed
 from psafit.inference import noise
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.parameters import Parameter
 from psafit.physics import baseline, informed
 from psafit.physics.term import Term
-from psafit.simulate import Design, simulate
+from psafit.simulate import Design, readings
 from psafit.simulate.stepper import TOLERANCE
 
 
@@ -31,10 +32,11 @@ def refuse_still(groups: Iterable[Group]) -> None:
         If every reading is zero: any model does for that which is weak enough.
     """
     groups = tuple(groups)
-    if not any(group.launch_range_um.any() for group in groups):
+    if not any(group.reading.any() for group in groups):
+        what = " and every ".join(dict.fromkeys(o.title for g in groups for o in g.observables))
         where = f"group{'s' * (len(groups) > 1)} {listed(str(group.id) for group in groups)}"
         raise InputError(
-            f"every launch range is zero in {where}", "choose other groups, or measure where the ball is launched"
+            f"every {what} is zero in {where}", "choose other groups, or measure where the ball is launched"
         )
 
 
@@ -75,7 +77,18 @@ class Problem:
         """All parameters, in the order of the columns."""
         plain, _ = informed(self.experiment.beliefs, ())
         own = tuple(p for term in self.terms for p in term.parameters)
-        return plain + own + self._latents + noise.PARAMETERS
+        return plain + own + self._latents + self.scatter
+
+    @cached_property
+    def observables(self) -> tuple[Observable, ...]:
+        """What the experiment's groups read. Each has a scatter of its own, even where it is not fitted."""
+        kinds = np.unique(np.concatenate([g.measured for g in self.experiment.groups]))
+        return tuple(OBSERVABLES[k] for k in kinds)
+
+    @cached_property
+    def scatter(self) -> tuple[Parameter, ...]:
+        """The scatter's parameters, three an observable."""
+        return tuple(p for o in self.observables for p in o.scatter)
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -98,7 +111,7 @@ class Problem:
         causes = [n + k for k, term in enumerate(self.terms) for _ in term.parameters]
         latents = [n + k for k, term in enumerate(self.terms) if term.latent for _ in self.group_ids]
         last = n + len(self.terms)
-        return np.array([*range(n), *causes, *latents, *range(last, last + len(noise.PARAMETERS))])
+        return np.array([*range(n), *causes, *latents, *range(last, last + len(self.scatter))])
 
     @property
     def n_physical(self) -> int:
@@ -108,7 +121,7 @@ class Problem:
     @property
     def n_model(self) -> int:
         """Number of parameters that the prediction depends on: all but the scatter's."""
-        return self.n_dim - len(noise.PARAMETERS)
+        return self.n_dim - len(self.scatter)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,24 +144,29 @@ class Problem:
 
     @cached_property
     def observed(self) -> FloatArray:
-        """Readings, um, (n_points,)."""
-        return np.concatenate([self.experiment.group(g).launch_range_um for g in self.group_ids])
+        """Readings, each in the unit of its observable, (n_points,)."""
+        return np.concatenate([self.experiment.group(g).reading for g in self.group_ids])
 
     @cached_property
     def known_sigma(self) -> FloatArray | None:
-        """The readings' own uncertainties, um, (n_points,); zero where a group gives none."""
+        """The readings' own uncertainties, (n_points,); zero where a group gives none."""
         groups = [self.experiment.group(g) for g in self.group_ids]
-        if all(g.sigma_um is None for g in groups):
+        if all(g.sigma is None for g in groups):
             return None
-        return np.concatenate([np.zeros(g.launch_range_um.size) if g.sigma_um is None else g.sigma_um for g in groups])
+        return np.concatenate([np.zeros(g.reading.size) if g.sigma is None else g.sigma for g in groups])
 
     @property
     def usual_sigma(self) -> float | None:
-        """Median of the uncertainties that readings state for themselves, um; None unless most state one."""
+        """Median of the uncertainties that `usually_measured` readings state; None unless most state one."""
         if self.known_sigma is None:
             return None
-        stated = self.known_sigma[self.known_sigma > 0]
-        return float(np.median(stated)) if 2 * stated.size > self.known_sigma.size else None
+        known = self.known_sigma[self.design.measured == self.usually_measured(1)]
+        stated = known[known > 0]
+        return float(np.median(stated)) if 2 * stated.size > known.size else None
+
+    def usually_measured(self, n: int) -> NDArray[np.int8]:
+        """What `n` readings to come are of: the first observable fitted, the launch range if it is one."""
+        return np.full(n, self.design.measured.min())
 
     @cached_property
     def bounds(self) -> FloatArray:
@@ -180,7 +198,7 @@ class Problem:
     def predict(
         self, u: FloatArray, group_ids: Sequence[GroupId] | None = None, rng: np.random.Generator | None = None
     ) -> FloatArray:
-        """Launch ranges as they would be read, um; (n_sets, n_points).
+        """What would be read without scatter, each reading in its unit; (n_sets, n_points).
 
         Parameters
         ----------
@@ -192,7 +210,7 @@ class Problem:
         """
         groups = self.group_ids if group_ids is None else tuple(group_ids)
         design = self.design if group_ids is None else self.design_of(groups)
-        return simulate(design, self.theta(u, groups, rng), self.terms, tolerance=self.tolerance).read_um
+        return readings(design, self.theta(u, groups, rng), self.terms, tolerance=self.tolerance)
 
     def theta(self, u: FloatArray, groups: Sequence[GroupId], rng: np.random.Generator | None = None) -> FloatArray:
         """Physical values of `u` in the columns that the simulator takes for a design of `groups`; see `predict`."""
@@ -214,9 +232,45 @@ class Problem:
                 latent += len(self.group_ids)
         return np.concatenate(blocks, axis=1)
 
-    def noise_values(self, u: FloatArray) -> FloatArray:
-        """The scatter's parameters, as `noise.scale` takes them; (n_sets, 3)."""
-        return self.to_physical(u)[:, self.n_model :]
+    def noise_values(self, u: FloatArray, measured: NDArray[np.int8] | None = None) -> FloatArray:
+        """The scatter's parameters as `noise.scale` takes them; (n_sets, 3), or (n_sets, 3, n_points).
+
+        Parameters
+        ----------
+        u : (n_sets, n_dim) array
+        measured : (n_points,) int array, optional
+            What is read at each point; as in the fitted readings by default.
+        """
+        values = self.to_physical(u)[:, self.n_model :]
+        if len(self.observables) == 1:
+            return values
+        measured = self.design.measured if measured is None else measured
+        return values.reshape(len(u), len(self.observables), 3)[:, self.scatter_of(measured)].swapaxes(1, 2)
+
+    def scatter_of(self, measured: NDArray[np.int8]) -> NDArray[np.intp]:
+        """Which of `observables` each reading is of, (n_points,)."""
+        return np.searchsorted([OBSERVABLES.index(o) for o in self.observables], measured)
+
+    @cached_property
+    def per_um(self) -> FloatArray:
+        """What a reading is multiplied by so that readings of all observables can stand on one axis, (n_points,).
+
+        The offsets of the error metric are the scale: it is one for launch ranges.
+        """
+        return LAUNCH_RANGE.offset / self.offset
+
+    @cached_property
+    def rows_of_scatter(self) -> tuple[NDArray[np.intp] | slice, ...]:
+        """Rows of the fitted readings that each of `observables` has; there may be none."""
+        if len(self.observables) == 1:
+            return (slice(None),)
+        of = self.scatter_of(self.design.measured)
+        return tuple(np.flatnonzero(of == j) for j in range(len(self.observables)))
+
+    @cached_property
+    def offset(self) -> FloatArray:
+        """Offset of the error metric at each reading, in its unit, (n_points,)."""
+        return np.array([OBSERVABLES[k].offset for k in self.design.measured])
 
     @cached_property
     def _shapes(self) -> FloatArray:

@@ -433,6 +433,7 @@ def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int, seed: i
         problem.to_physical(problem.prior_transform(rng.random((n_kept, problem.n_dim)))),
         density.reshape(draws.values.shape),
         problem.observed,
+        {o.column: rows for o, rows in zip(problem.observables, problem.rows_of_scatter, strict=True)},
         {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "waveform": design.waveform},
     )
 

@@ -22,6 +22,7 @@ from psafit.experiment import Experiment, Group, read_experiment
 from psafit.experiment.text import one_line
 from psafit.inference.candidate import thinned
 from psafit.inference.problem import Problem
+from psafit.observables import OBSERVABLES, Observable
 from psafit.physics import informed
 
 _DRAWS = 256
@@ -55,9 +56,17 @@ def with_scale(experiment: Experiment) -> Experiment:
     -------
     Experiment
     """
-    moving = tuple(filter(None, map(_moving, experiment.groups)))
-    if not moving:
-        return experiment
+    found = []
+    for observable in OBSERVABLES:
+        parts = (p for g in experiment.groups for p in g.parts if p.observable is observable)
+        if moving := tuple(filter(None, map(_moving, parts))):
+            found += _off_scale(experiment, moving, observable)
+    return replace(experiment, warnings=(*experiment.warnings, *map(one_line, found))) if found else experiment
+
+
+def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Observable) -> list[str]:
+    """What is suspicious of the readings of one observable; see the module."""
+    read, other_units = f"{observable.title}s", observable.mistaken
     every = -(-sum(g.n_points for g in moving) // _MANY)
     problem = Problem(thinned(replace(experiment, groups=moving), every), tuple(g.id for g in moving))
     quantiles = np.random.default_rng(0).random((_DRAWS, problem.n_dim))
@@ -67,11 +76,11 @@ def with_scale(experiment: Experiment) -> Experiment:
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
     off = of_group - middle
     found = []
-    for way, other, sign in (("below", "mm or m", -1), ("above", "nm", 1)):
+    for way, other, sign in (("below", other_units[0], -1), ("above", other_units[1], 1)):
         alone = np.mean(sign * of_group > 0, axis=1) > _NEARLY_ALL
         if alone.all():
             found.append(
-                f"launch ranges lie {way} those of {100 * _NEARLY_ALL:.0f} % of the rigs that the prior holds; are they"
+                f"{read} lie {way} those of {100 * _NEARLY_ALL:.0f} % of the rigs that the prior holds; are they"
                 f" given in {other}, or is a constant wrong?"
             )
             continue
@@ -79,30 +88,22 @@ def with_scale(experiment: Experiment) -> Experiment:
             # Of two groups, each is off the other.
             if np.mean(sign * apart > _APART) > _NEARLY_ALL and (odd or len(moving) != 2):
                 found.append(
-                    f"{group.file}: group {group.id}: launch ranges lie {way} the other groups' by a factor of about"
+                    f"{group.file}: group {group.id}: {read} lie {way} the other groups' by a factor of about"
                     f" {_factor(apart)}; given in {other}?"
                 )
     if len(moving) == 2 and not found and np.mean(np.abs(off[0]) > _APART) > _NEARLY_ALL:
         one, two = moving
         found.append(
-            f"{one.file}: group {one.id}: launch ranges differ from those of group {two.id} by a factor of about"
+            f"{one.file}: group {one.id}: {read} differ from those of group {two.id} by a factor of about"
             f" {_factor(off[0])} that hardly any rig explains; is one of them given in another unit?"
         )
-    return replace(experiment, warnings=(*experiment.warnings, *map(one_line, found)))
+    return found
 
 
 def _moving(group: Group) -> Group | None:
     """Those of its readings that tell a scale: the ball was driven, and moved."""
-    rows = (group.launch_range_um > 0) & (group.amplitude_v > 0)
-    if not rows.any():
-        return None
-    return replace(
-        group,
-        frequency_hz=group.frequency_hz[rows],
-        amplitude_v=group.amplitude_v[rows],
-        launch_range_um=group.launch_range_um[rows],
-        sigma_um=None,
-    )
+    rows = (group.reading > 0) & (group.amplitude_v > 0)
+    return replace(group.at(rows), sigma=None) if rows.any() else None
 
 
 def _factor(apart: FloatArray) -> str:

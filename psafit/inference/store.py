@@ -61,6 +61,7 @@ def write(
     prior: FloatArray,
     log_prior: FloatArray,
     observed: FloatArray,
+    columns: Mapping[str, NDArray[np.intp] | slice],
     constant: Mapping[str, Any],
 ) -> None:
     """Write `posterior.nc` in one step.
@@ -71,31 +72,37 @@ def write(
     draws : Draws
     log_likelihood : (n_chains, n, n_points) array
         Of every fitted reading; of fewer draws, evenly spaced, where the readings are many.
-    predicted : (n_chains, n, n_points) array, um
-        Readings drawn from the same draws.
+    predicted : (n_chains, n, n_points) array
+        Readings drawn from the same draws, each in the unit of its observable, as the observed ones.
     prior : (n, n_dim) array
         Draws of the prior, in the parameters' units.
     log_prior : (n_chains, n_draws, n_dim) array
         Log prior density of each parameter in its sampling coordinate.
-    observed : (n_points,) array, um
+    observed : (n_points,) array
+    columns : mapping of column to (n,) array of int, or slice
+        Readings of each observable; one that has none is left out.
     constant : mapping of name to (n_points,) array
         Conditions of the fitted readings.
     """
     az = _arviz()
 
+    every = {name: np.arange(observed.size)[rows] for name, rows in columns.items()}
+    read = {name: rows for name, rows in every.items() if rows.size}
     groups: dict[str, Any] = {
         "posterior": {n: draws.values[..., i] for i, n in enumerate(draws.names)},
-        "posterior_predictive": {"launch_range_um": predicted},
+        "posterior_predictive": {name: predicted[..., rows] for name, rows in read.items()},
         "prior": {n: prior[None, :, i] for i, n in enumerate(draws.names)},
         "log_prior": {n: log_prior[..., i] for i, n in enumerate(draws.names)},
         "sample_stats": {"lp": draws.log_posterior},
-        "log_likelihood": {"launch_range_um": log_likelihood},
-        "observed_data": {"launch_range_um": observed},
+        "log_likelihood": {name: log_likelihood[..., rows] for name, rows in read.items()},
+        "observed_data": {name: observed[rows] for name, rows in read.items()},
         "constant_data": dict(constant),
     }
+    # Readings of one observable are all readings; of several, each has its own.
+    own = {name: "reading" if len(read) == 1 else f"{name}_reading" for name in read}
     layout: dict[str, Any] = {
-        "coords": {"reading": np.arange(observed.size)},
-        "dims": {name: ["reading"] for name in ("launch_range_um", *constant)},
+        "coords": {"reading": np.arange(observed.size)} | {own[name]: rows for name, rows in read.items()},
+        "dims": {name: [dimension] for name, dimension in own.items()} | {name: ["reading"] for name in constant},
     }
     with warnings.catch_warnings():  # ArviZ takes many short chains for a transposed array
         warnings.filterwarnings("ignore", message="More chains|Found chain", category=UserWarning)

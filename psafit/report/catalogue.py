@@ -7,14 +7,19 @@ from typing import Final
 
 from markupsafe import Markup, escape
 
-from psafit.inference import noise
+from psafit.observables import OBSERVABLES
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.report.wording import noted, symbol_html
 
 TITLES: Final[dict[str, str]] = {t.id: t.title for t in TERMS}
 _PARAMETERS: Final[dict[str, Parameter]] = {
-    p.name: p for p in (*baseline.PARAMETERS, *(p for t in TERMS for p in t.parameters), *noise.PARAMETERS)
+    p.name: p
+    for p in (
+        *baseline.PARAMETERS,
+        *(p for t in TERMS for p in t.parameters),
+        *(p for o in OBSERVABLES for p in o.scatter),
+    )
 }
 _LATENTS: Final[dict[str, Parameter]] = {t.latent.name: t.latent for t in TERMS if t.latent}
 

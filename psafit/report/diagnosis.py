@@ -156,10 +156,11 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     each = {id: np.asarray(v, dtype=float) for id, v in (extended.without_um if extended else {}).items()}
     without = {id: ranges for id, ranges in each.items() if ranges.size == n}
     lines = {model: {str(line.group): line for line in show.lines} for model, show in result.show.items()}
-    found, start = [], 0
-    for group in members:
-        part = slice(start, start + group.n_points)
-        start, name = part.stop, str(group.id)
+    starts = np.cumsum([0, *(g.n_points for g in members)])
+    found = []
+    for whole, group in ((g, part) for g in members for part in g.parts):
+        part = starts[members.index(whole)] + np.flatnonzero(whole.measured == group.measured[0])
+        name = group.label  # the tables beside the record hold launch ranges
         looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in told.items() if values.size == n}
         last = "extended" if "extended" in looks and result.verdict != "adequate" else "baseline"
         curves = {
@@ -178,7 +179,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
             more.append(figures.Curve("extended model without this group", "blue", unseen[name].median, band))
         finer = {id: _line(lines["extended"].get(name), id) for id in without}
         more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES, finer)
-        errors = [root_mean_square(log_ratio(c.middle, group.launch_range_um)) for c in shown]
+        errors = [root_mean_square(log_ratio(c.middle, group.reading, group.observable.offset)) for c in shown]
         found.append(Shown(group, figures.sweep_of(group), shown, errors, more))
     return found
 

@@ -141,7 +141,7 @@ def overview_pictures(shown: Sequence[Shown]) -> list[Picture]:
     """Measured against baseline and extension: small multiples, one image each so that they reflow."""
     pictures = []
     for g in shown:
-        measured = g.group.launch_range_um
+        measured = g.group.reading
         alt = (
             f"Launch range against {_swept(g.sweep)}, group {g.group.id}, {g.sweep.condition}:"
             f" measured {number(float(measured.min()))} to {number(float(measured.max()))} µm; {g.told}."

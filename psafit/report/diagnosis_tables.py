@@ -104,7 +104,7 @@ def growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
     before = result.show["baseline"].growth[:MAX_PICTURED]
     after = result.show["extended"].growth if "extended" in result.show else []
     conditions = {str(g.id): figures.sweep_of(g).condition for g in experiment.groups}
-    zeros = {str(g.id): int(np.count_nonzero(g.launch_range_um == 0)) for g in experiment.groups}
+    zeros = {str(g.id): int(np.count_nonzero(g.reading == 0)) for g in experiment.groups}
     return diagnosis_pictures.growth_pictures(before, after, conditions, zeros)
 
 

@@ -14,6 +14,7 @@ from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
 from psafit.inference.run import Run
 from psafit.inference.samplers import sampler
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
 from psafit.report import fit_pictures
 from psafit.report.fit_pictures import Shown
@@ -93,7 +94,7 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
         "group_pictures": fit_pictures.group_pictures(pictured),
         "residual_pictures": fit_pictures.residual_pictures(pictured),
         "scores": [_score_row(s) for s in validation.groups],
-        "verdicts": [(f"Group {s.group}", _role_cell(s), s.verdict) for s in validation.groups],
+        "verdicts": [(f"Group {s.group}{s.of}", _role_cell(s), s.verdict) for s in validation.groups],
         "holdout_log_rmse": validation.holdout_log_rmse,
         "n_draws": validation.n_draws,
         "pit_pictures": fit_pictures.pit_pictures(pictured),
@@ -367,9 +368,13 @@ def _role_cell(s: GroupScore) -> dict[str, str]:
     return {"text": "fitted" if s.role == "fit" else "unseen", "kind": s.role}
 
 
+def _observable(s: GroupScore) -> Observable:
+    return next((o for o in OBSERVABLES if o.name == s.observable), LAUNCH_RANGE)
+
+
 def _score_row(s: GroupScore) -> list[Any]:
     return [
-        f"Group {s.group}",
+        f"Group {s.group}{s.of}",
         _role_cell(s),
         str(s.n_points),
         f"{s.log_rmse:.3f}",
@@ -377,7 +382,7 @@ def _score_row(s: GroupScore) -> list[Any]:
         f"×{factor(s.log_bias)}",
         percent(s.coverage_50),
         percent(s.coverage_90),
-        f"{s.crps_um:.2f} µm",
+        f"{s.crps_um:.2f} {unit_text(_observable(s).unit)}",
         fixed(s.elpd_per_point, 2).replace("-", "\N{MINUS SIGN}"),
         p_value(s.pit_p_value),
         p_value(s.drift_p_value),

@@ -24,7 +24,7 @@ from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import SWEPT
 from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
-from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, with_unit
+from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
 from psafit.validate import Prediction, log_ratio
 
 _MAX_SVG_GROUPS = 8
@@ -121,7 +121,7 @@ def explorable(shown: Sequence[Shown]) -> list[dict[str, Any]]:
     """The curves of all groups as numbers for the page's script."""
     return [
         figures.explorable(
-            f"Group {g.score.group}: {g.sweep.condition} ({ROLE_TEXT[g.score.role]})",
+            f"Group {g.prediction.group.label}: {g.sweep.condition} ({ROLE_TEXT[g.score.role]})",
             g.prediction.group, g.sweep, g.curves, figures.without_curves(g.without, TITLES),
         )
         for g in shown
@@ -133,27 +133,31 @@ def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
     pictures = []
     for g in pictured:
         s, p, w = g.score, g.prediction, g.sweep
-        y = p.group.launch_range_um
+        y, o = p.group.reading, p.group.observable
         zeros = int((y == 0).sum())
         alt = (
-            f"Launch range against {_swept(w)}, group {s.group}, {w.condition}, {ROLE_TEXT[s.role]}: measured"
-            f" {number(float(y.min()))} to {number(float(y.max()))} µm, predicted median"
-            f" {number(float(p.median.min()))} to {number(float(p.median.max()))} µm."
+            f"{o.title.capitalize()} against {_swept(w)}, group {s.group}, {w.condition}, {ROLE_TEXT[s.role]}: measured"
+            f" {number(float(y.min()))} to {number(float(y.max()))} {unit_text(o.unit)}, predicted median"
+            f" {number(float(p.median.min()))} to {number(float(p.median.max()))} {unit_text(o.unit)}."
         )
         caption = (
             f"{s.verdict[:1].upper()}{s.verdict[1:]}. Log RMSE {s.log_rmse:.3f} over {count(s.n_points, 'reading')}."
         )
         if zeros:
             caption += f" {zeros} of them {'is' if zeros == 1 else 'are'} zero."
-        if p.group.sigma_um is not None:
+        if p.group.sigma is not None:
             caption += " Bars: the readings’ own standard uncertainty."
         pictures.append(Picture(_uri(figures.group_figure(p.group, w, g.curves, p.role), pictured), alt, caption))
     return pictures
 
 
+def _offset(shown: Shown) -> float:
+    return shown.prediction.group.observable.offset
+
+
 def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
     """Logarithmic errors, group by group, on one scale."""
-    errors = [log_ratio(g.prediction.median, g.prediction.group.launch_range_um) for g in pictured]
+    errors = [log_ratio(g.prediction.median, g.prediction.group.reading, _offset(g)) for g in pictured]
     view = figures.residual_view(errors)
     pictures = []
     for g, error in zip(pictured, errors, strict=True):
@@ -164,7 +168,7 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
             if o is not g and o.sweep.variable == w.variable != "order"
         ]
         # Where readings should lie, seen as an error of the median.
-        band = (log_ratio(p.median, p.upper), log_ratio(p.median, p.lower))
+        band = (log_ratio(p.median, p.upper, _offset(g)), log_ratio(p.median, p.lower, _offset(g)))
         worst = int(np.argmax(np.abs(error)))
         at = f"{w.values[worst]:g}"
         place = {"frequency": f"{at} Hz", "amplitude": f"{at} V"}.get(w.variable, f"reading {at}")

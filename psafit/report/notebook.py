@@ -77,8 +77,8 @@ def plot_fit(validation: Validation, predictions: Sequence[Prediction], group: G
     shown = fit_pictures.shown_groups(validation, predictions)
     if group is None:
         return _plot_factors(fit_pictures.factor_rows(shown), ax)
-    g = next(g for g in shown if g.prediction.group is group)
-    return plot_group(group, g.curves, ax, g.score.role)
+    g = next(g for g in shown if g.prediction.group.id == group.id)
+    return plot_group(g.prediction.group, g.curves, ax, g.score.role)
 
 
 def plot_diagnosis(
@@ -88,4 +88,5 @@ def plot_diagnosis(
     shown = shown_groups(record, experiment, folder)
     if group is None:
         return _plot_factors(diagnosis_pictures.factor_rows(shown), ax)
-    return plot_group(group, next(g.curves for g in shown if g.group is group), ax)
+    found = next(g for g in shown if g.group.id == group.id)
+    return plot_group(found.group, found.curves, ax)

@@ -63,7 +63,7 @@ def _peak_frequency(s: Solution, c: Mapping[str, Any]) -> float:
 
 
 def _peak_error(s: Solution, c: Mapping[str, Any]) -> float:
-    measured = float(s._experiment.group(c["group"]).launch_range_um.max())
+    measured = float(s._experiment.group(c["group"]).reading.max())
     return 100.0 * abs(_peak_launch_range(s, c) - measured) / measured
 
 

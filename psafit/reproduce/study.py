@@ -175,7 +175,7 @@ def _sweep(
     )  # fmt: skip
     exact = simulate(Design.sweep(constants, waveform, frequency, amplitude), np.array(parameters)).launch_range[0]
     return Sweep(
-        waveform, amplitude, group.frequency_hz, group.launch_range_um, frequency, stepped,
+        waveform, amplitude, group.frequency_hz, group.reading, frequency, stepped,
         1e6 * exact, reading.text if waveform == "square" else "",
     )  # fmt: skip
 
@@ -288,5 +288,5 @@ def _agreement(
     )  # fmt: skip
     exact = 1e6 * simulate(Design.of(constants, [group]), np.array(parameters)).launch_range[0]
 
-    study, converged = (root_mean_square(log_ratio(um, group.launch_range_um)) for um in (stepped, exact))
+    study, converged = (root_mean_square(log_ratio(um, group.reading)) for um in (stepped, exact))
     return Agreement(str(group.id), study, converged, int(np.isnan(stepped).sum()), stepped.size)

@@ -2,7 +2,7 @@
 
 # First: what follows cannot be imported under settings that this refuses.
 from psafit.simulate import environment  # noqa: F401 # isort: split
-from psafit.simulate.batch import MICRO, Simulation, columns, launch_range, path_of, rig_of, simulate
+from psafit.simulate.batch import MICRO, Simulation, columns, launch_range, path_of, readings, rig_of, simulate
 from psafit.simulate.contact import Contact, contact
 from psafit.simulate.design import Design
 
@@ -15,6 +15,7 @@ __all__ = [
     "contact",
     "launch_range",
     "path_of",
+    "readings",
     "rig_of",
     "simulate",
 ]

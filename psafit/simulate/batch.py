@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Constants
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics import baseline
 from psafit.physics.term import Setup, Term
 from psafit.simulate import closed_form, flight, stepper
@@ -48,14 +49,6 @@ class Simulation:
     launched: NDArray[np.bool_]
     separation_place: FloatArray
     engine: str
-
-    @property
-    def read_um(self) -> FloatArray:
-        """Launch ranges as they would be read, um.
-
-        A ball that leans on the tip may leave it behind its place of rest and never come beyond that: it reads zero.
-        """
-        return np.maximum(self.launch_range, 0.0) * MICRO
 
 
 def launch_range(speed: ArrayLike, length: float, g: float) -> FloatArray:
@@ -254,6 +247,29 @@ def simulate(
         },
         engine=engines.pop() if len(engines) == 1 else "mixed",
     )
+
+
+def readings(
+    design: Design, theta: ArrayLike, terms: Sequence[Term] = (), *, tolerance: float = stepper.TOLERANCE
+) -> FloatArray:
+    """What would be read without scatter, each point in the unit of its observable; (n_sets, n_points).
+
+    Parameters
+    ----------
+    design : Design
+        `Design.measured` says what is read at each point.
+    theta, terms, tolerance
+        As of `simulate`.
+    """
+    if design.launches is None:
+        return LAUNCH_RANGE.of(simulate(design, theta, terms, tolerance=tolerance))
+    points, back = design.launches
+    found = simulate(points, theta, terms, tolerance=tolerance)
+    read = np.empty((len(found.launch_range), design.n_points))
+    for k in np.unique(design.measured):
+        here = np.flatnonzero(design.measured == k)
+        read[:, here] = OBSERVABLES[k].of(found)[:, back[here]]
+    return read
 
 
 def _simulate(

@@ -34,6 +34,8 @@ class Design:
     drives : tuple of Drive
     drive : (n_points,) int array
         Which of `drives` each point has: by default `SINE` or `SQUARE`.
+    measured : (n_points,) int8 array
+        What is read at each point, as `psafit.observables.OBSERVABLES` counts; the launch range by default.
     frequency : (n_points,) array, Hz
     amplitude : (n_points,) array, V
     group : (n_points,) int array
@@ -53,6 +55,7 @@ class Design:
     others: tuple[Constants, ...] = ()
     rig: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
     drives: tuple[Drive, ...] = _USUAL
+    measured: NDArray[np.int8] = field(default_factory=lambda: np.zeros(1, np.int8))
 
     def __post_init__(self) -> None:
         for name, kind in (
@@ -61,9 +64,10 @@ class Design:
             ("amplitude", np.float64),
             ("group", np.int64),
             ("rig", np.int64),
+            ("measured", np.int8),
         ):
             array = np.array(getattr(self, name), dtype=kind, ndmin=1)
-            if name == "rig" and array.size == 1:
+            if name in ("rig", "measured") and array.size == 1:
                 array = np.repeat(array, self.n_points)
             if array.shape != (self.n_points,):
                 raise ValueError(f"{name} has shape {array.shape}, expected ({self.n_points},)")
@@ -101,8 +105,8 @@ class Design:
         some = self.drive[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
         rig = self.rig[chosen]
         if rig.size and (rig == rig[0]).all():
-            return Design(self.rigs[rig[0]], *some, drives=self.drives)
-        return Design(self.constants, *some, self.others, rig, self.drives)
+            return Design(self.rigs[rig[0]], *some, drives=self.drives, measured=self.measured[chosen])
+        return Design(self.constants, *some, self.others, rig, self.drives, self.measured[chosen])
 
     @cached_property
     def commands(self) -> tuple[FloatArray, FloatArray]:
@@ -113,6 +117,18 @@ class Design:
     def waveform(self) -> NDArray[np.int64]:
         """Number of each point's waveform, in the order of the registry."""
         return np.array([NAMES.index(d.waveform) for d in self.drives])[self.drive]
+
+    @cached_property
+    def launches(self) -> tuple[Design, NDArray[np.intp]] | None:
+        """Conditions without repetition, and which of them each point is; None where launch ranges alone are read.
+
+        Readings of several observables stand at the same conditions, which one simulation serves.
+        """
+        if not self.measured.any():
+            return None
+        of = np.column_stack([self.group, self.rig, self.drive, self.frequency, self.amplitude])
+        _, first, back = np.unique(of, axis=0, return_index=True, return_inverse=True)
+        return self.points(first), back.ravel()
 
     @property
     def rigs(self) -> tuple[Constants, ...]:
@@ -139,6 +155,7 @@ class Design:
             tuple(rigs[1:]),
             np.repeat([rigs.index(g.rig(constants)) for g in groups], sizes),
             drives,
+            np.concatenate([g.measured for g in groups]),
         )
         return every.points(np.arange(every.n_points)) if rigs[1:] else every
 

@@ -47,7 +47,7 @@ def test_the_folder_tells_nothing(known: Experiment, lagged: Path, tmp_path: Pat
     for text in hidden.values():
         assert not any(t.id.encode() in text for t in TERMS)
     for g in read_experiment(lagged / "experiment").groups:
-        assert np.array_equal(g.launch_range_um, np.round(g.launch_range_um, 2))
+        assert np.array_equal(g.reading, np.round(g.reading, 2))
 
 
 def test_data_come_from_the_literal_reference(known: Experiment, lagged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +78,7 @@ def test_sessions_keep_what_they_have_for_themselves(known: Experiment) -> None:
 
 def test_readings_scatter_as_the_answer_says(lagged: Path) -> None:
     experiment, answer = unseal(lagged)
-    read = np.concatenate([g.launch_range_um for g in experiment.groups])
+    read = np.concatenate([g.reading for g in experiment.groups])
     true = np.array(answer.true_um)
     relative, absolute = answer.scatter["sigma_rel"], answer.scatter["sigma_abs"]
     assert relative is not None and absolute is not None and answer.scatter["nu"] is None

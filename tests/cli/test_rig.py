@@ -20,7 +20,7 @@ from psafit.cli import rig as of_rigs
 from psafit.diagnose.next_experiment import NextExperiment
 from psafit.errors import InputError
 from psafit.experiment import Constants, Experiment, Group, read_experiment, read_plan, write_experiment
-from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
+from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.physics import terms
 from psafit.records import write_json
 
@@ -52,7 +52,7 @@ def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, caps
         assert re.search(rf"^{f.name} = \S+ +# \S", text, flags=re.MULTILINE)
     for key in ("id", "waveform", "file"):
         assert re.search(rf"^{key} = \S+ +# \S", text, flags=re.MULTILINE)
-    for column in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
+    for column in (*CONDITION_COLUMNS, "launch_range_um", "sigma_um"):
         assert re.search(rf"^#   {column} +\S", text, flags=re.MULTILINE)
     assert max(map(len, text.splitlines())) <= 120
     (folder / "experiment.toml").write_text(text.replace("EXAMPLE, replace: ", ""), "utf-8")
@@ -164,7 +164,7 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
     assert run(monkeypatch, "plan", folder, "--proposal", 2, "--out", tmp_path / "other") == 0
     assert read_plan(tmp_path / "other").groups[-1].waveform == "square"
     spoilt, forged = (shutil.copytree(folder, tmp_path / name) for name in ("spoilt", "forged"))
-    write_experiment(experiment.with_readings(np.concatenate([g.launch_range_um for g in experiment.groups]) + 1),
+    write_experiment(experiment.with_readings(np.concatenate([g.reading for g in experiment.groups]) + 1),
                      spoilt / "experiment")  # fmt: skip
     record = make_record(experiment)
     bad = replace(record.next_experiment.proposals[0], frequency_hz=[-1.0, 5.0])

@@ -76,7 +76,7 @@ def test_a_ball_that_hardly_passes_its_place_of_rest_reads_no_less_than_zero(
         assert run(monkeypatch, *words, "--readings", out, "--out", tmp_path / "s.csv", *seed) == 0, capsys.readouterr()
         told = pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
         assert 0.0 <= told.min() < 0.05 < told.max()
-        assert min(g.launch_range_um.min() for g in read_experiment(out).groups) >= 0.0
+        assert min(g.reading.min() for g in read_experiment(out).groups) >= 0.0
 
 
 def test_a_session_to_come_has_no_gain_of_the_runs(known: Experiment, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -85,7 +85,7 @@ def test_a_session_to_come_has_no_gain_of_the_runs(known: Experiment, capsys) ->
     own = known.groups[0]
     name = session_name("reading_gain_z", own.id)
     medians = {"k_c": 2e6, "reading_gain_spread": 0.1, name: 1.2}
-    read_again = replace(own, launch_range_um=own.launch_range_um + 1.0)
+    read_again = replace(own, reading=own.reading + 1.0)
     planned = Conditions(own.id, own.waveform, own.file, own.frequency_hz, own.amplitude_v)
     for group, kept in ((own, True), (read_again, False), (planned, False)):
         plan = Plan(known.constants, (group,), ())
@@ -127,7 +127,7 @@ def test_a_plan_needs_no_readings(known_folder: Path, tmp_path: Path, monkeypatc
     with_readings, without = told.values()
     assert with_readings["predicted_um"].equals(without["predicted_um"])
     assert without["launch_range_um"].isna().equals(without["group"] == planned.id)
-    assert (without["launch_range_um"][without["group"] == measured.id] == measured.launch_range_um).all()
+    assert (without["launch_range_um"][without["group"] == measured.id] == measured.reading).all()
     capsys.readouterr()
     assert run(monkeypatch, "check", folder) == 2 and "missing column 'launch_range_um'" in capsys.readouterr().err
     (folder / planned.file).write_text("frequency_hz\n100\n", "utf-8")
@@ -143,7 +143,7 @@ def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path
         assert run(monkeypatch, "simulate", known_folder, "--readings", place, "--seed", 3, *noise) == 0
     capsys.readouterr()
     measured, simulated = read_experiment(known_folder), read_experiment(exact)
-    assert np.concatenate([g.launch_range_um for g in simulated.groups]) == pytest.approx(
+    assert np.concatenate([g.reading for g in simulated.groups]) == pytest.approx(
         pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
     )
     assert "simulated" in simulated.title and simulated.constants == measured.constants
@@ -151,7 +151,7 @@ def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path
         assert (a.id, a.waveform) == (b.id, b.waveform) and (a.frequency_hz == b.frequency_hz).all()
     assert read_experiment(drawn).fingerprint == read_experiment(again).fingerprint != simulated.fingerprint
     both = zip(read_experiment(drawn).groups, simulated.groups, strict=True)
-    ratio = np.concatenate([d.launch_range_um / e.launch_range_um for d, e in both])
+    ratio = np.concatenate([d.reading / e.reading for d, e in both])
     assert 0.03 < (ratio - 1).std() < 0.06 and abs(ratio.mean() - 1) < 0.02
     assert "k_c = " in read_experiment(drawn).source and "seed 3" in read_experiment(drawn).source
     for words, said in (
@@ -174,7 +174,7 @@ def test_sessions_of_simulated_readings_have_their_own_gains(known_folder: Path,
     assert run(monkeypatch, *words, "--readings", tmp_path / "none") == 0
     assert run(monkeypatch, *words, "--readings", tmp_path / "own", "--seed", 3, *small) == 0
     pairs = zip(*(read_experiment(tmp_path / name).groups for name in ("own", "none")), strict=True)
-    gains = [float(np.median(own.launch_range_um / none.launch_range_um)) for own, none in pairs]
+    gains = [float(np.median(own.reading / none.reading)) for own, none in pairs]
     assert gains[1] == pytest.approx(np.exp(-0.5), rel=0.01)
     assert min(abs(np.log(gains[k])) for k in (0, 2)) > 0.01 and gains[0] != pytest.approx(gains[2], rel=0.01)
 
@@ -216,7 +216,7 @@ def test_a_planned_group_keeps_its_uncertainty(known_folder: Path, tmp_path: Pat
     first = read_plan(folder).groups[0]
     (folder / first.file).write_text("frequency_hz,amplitude_v,sigma_um\n500,20,2\n900,20,3\n", "utf-8")
     assert run(monkeypatch, "simulate", folder, "--quiet", "--readings", tmp_path / "made", "--seed", 1) == 0
-    made = read_experiment(tmp_path / "made").groups[0].sigma_um
+    made = read_experiment(tmp_path / "made").groups[0].sigma
     assert made is not None and made.tolist() == [2.0, 3.0]
 
 

@@ -32,7 +32,7 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
     """Readings of a group change nothing of what any protocol predicts for it, the search of all groups or no."""
     e = experiment(["amplifier_lag"], [4e-5], groups=("a", "b"), n=8)
     a, b = e.groups
-    groups = (a, replace(b, launch_range_um=3 * b.launch_range_um))
+    groups = (a, replace(b, reading=3 * b.reading))
     told = []
     for name, data in (("as read", e), ("changed", replace(e, groups=groups, fingerprint=fingerprint(RIG, groups)))):
         folder = tmp_path / name

@@ -19,7 +19,7 @@ from psafit.model_search import search_models
 def test_gain_does_not_see_what_it_scores(tmp_path):
     e = experiment(["amplifier_lag"], [4e-5])
     # Other readings in the groups held out must not change what is predicted for them.
-    other = replace(e, groups=(e.groups[0], *(replace(g, launch_range_um=g.launch_range_um + 9) for g in e.groups[1:])))
+    other = replace(e, groups=(e.groups[0], *(replace(g, reading=g.reading + 9) for g in e.groups[1:])))
     found = []
     for data in (e, other):
         ladder = search_models(problem(data, ("a",)), FEW, seed=1)
@@ -56,7 +56,7 @@ def test_an_unnamed_discrepancy_widens_and_moves_nothing(monkeypatch):
 
 def test_a_group_that_cannot_tell_is_in_no_mean(tmp_path):
     e = experiment(["amplifier_lag"], [4e-5])
-    still = replace(e.groups[1], amplitude_v=np.zeros(24), launch_range_um=np.full(24, 0.02))
+    still = replace(e.groups[1], amplitude_v=np.zeros(24), reading=np.full(24, 0.02))
     groups = (e.groups[0], still, e.groups[2])
     e = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
     result = summarise(

@@ -20,7 +20,7 @@ def test_a_reading_without_a_drive_does_not_turn_a_sweep_round():
     """A control at 0 V, of which nothing is launched."""
     e = experiment(spoil=bump, seed=3, groups=("a",))
     (g,) = e.groups
-    extra = {"frequency_hz": 1000.0, "amplitude_v": 0.0, "launch_range_um": 0.0}
+    extra = {"frequency_hz": 1000.0, "amplitude_v": 0.0, "reading": 0.0, "measured": 0, "row": g.n_points}
     more = replace(g, **{name: np.append(getattr(g, name), x) for name, x in extra.items()})
     assert more.swept == g.swept == "frequency"
     design = Design.of(RIG, [more])

@@ -112,8 +112,7 @@ def test_many_statistics_that_are_a_little_odd_are_odd_together():
 def test_a_few_readings_do_not_clear_the_rest():
     """One sweep that errs and two single readings: what finds nothing wrong without the sweep could find nothing."""
     e = experiment(spoil=bump, seed=3)
-    columns = ("frequency_hz", "amplitude_v", "launch_range_um")
-    short = [replace(g, **{name: getattr(g, name)[:2] for name in columns}) for g in e.groups[1:]]
+    short = [g.at(slice(2)) for g in e.groups[1:]]
     groups = (e.groups[0], *short)
     few = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
     found = examine(fit(problem(few), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=199)
@@ -123,7 +122,7 @@ def test_a_few_readings_do_not_clear_the_rest():
 def test_sessions_that_disagree_are_seen():
     """One condition in two sessions, of which one reads a third more."""
     e = experiment(relative=0.01)
-    twin = replace(e.groups[0], id="d", launch_range_um=(1.3 * e.groups[0].launch_range_um).round(3))
+    twin = replace(e.groups[0], id="d", reading=(1.3 * e.groups[0].reading).round(3))
     groups = (e.groups[0], twin)
     e = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
     found = examine(fit(problem(e), (), seed=1, draws=512, most=8), FEW, seed=1, n_simulated=99)
@@ -138,7 +137,7 @@ def test_replicates_are_pure_error(jitter, wrong):
     few = experiment(n=12, relative=1e-4)
     groups = []
     for g in few.groups:
-        y = g.launch_range_um * np.exp(jitter * rng.standard_normal(g.n_points))
+        y = g.reading * np.exp(jitter * rng.standard_normal(g.n_points))
         rows = np.concatenate([np.arange(g.n_points), [1, 6, 10]])  # three conditions of a sweep are measured twice
         y = y[rows] * (1 + 0.01 * rng.standard_normal(rows.size))
         groups.append(Group(g.id, g.waveform, g.file, g.frequency_hz[rows], g.amplitude_v[rows], y.round(3)))

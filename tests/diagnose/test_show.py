@@ -20,7 +20,7 @@ def test_sessions_are_compared_where_they_share_a_condition(sound):
     """Two sessions of one sweep, the second read a third too high; a third group shares nothing with them."""
     few = experiment(n=8)
     first, other = few.groups[0], few.groups[1]
-    twice = replace(first, id="again", launch_range_um=first.launch_range_um * 1.33)
+    twice = replace(first, id="again", reading=first.reading * 1.33)
     groups = (first, twice, other)
     one = fit(problem(replace(few, groups=groups, fingerprint=fingerprint(RIG, groups))), (), seed=1)
     (found,) = offsets(one)
@@ -33,7 +33,7 @@ def test_sessions_are_compared_where_they_share_a_condition(sound):
     shuffled = []
     for g in few.groups:
         rows = rng.permutation(g.n_points)
-        y = g.launch_range_um[rows] * np.linspace(0.6, 1.6, g.n_points)  # the rig warms up
+        y = g.reading[rows] * np.linspace(0.6, 1.6, g.n_points)  # the rig warms up
         shuffled.append(Group(g.id, g.waveform, g.file, g.frequency_hz[rows], g.amplitude_v[rows], y))
     warm = fit(problem(replace(few, groups=tuple(shuffled), fingerprint=fingerprint(RIG, shuffled))), (), seed=1)
     assert drift(warm)[0].variable == "order"

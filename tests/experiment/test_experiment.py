@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psafit.experiment import Constants, definition, describe, fingerprint, read_experiment, table
-from psafit.experiment.records import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
+from psafit.experiment.records import CONDITION_COLUMNS
 
 
 def test_reads_what_is_written(tmp_path: Path) -> None:
@@ -27,8 +27,8 @@ def test_reads_what_is_written(tmp_path: Path) -> None:
     assert (group.waveform, group.file, group.n_points) == ("sine", "a.csv", 3)
     assert group.frequency_hz.tolist() == [1200, 1200, 1200]
     assert group.amplitude_v.tolist() == [1, 2, 20]
-    assert group.launch_range_um.tolist() == [0.44, 0.37, 76]
-    assert group.sigma_um is None
+    assert group.reading.tolist() == [0.44, 0.37, 76]
+    assert group.sigma is None
     assert experiment.group("1") is group  # a command line knows text only
     assert experiment.select(["late-2", 1]) == (experiment.groups[1], group)
 
@@ -65,9 +65,9 @@ def test_fingerprint_follows_the_numbers(tmp_path: Path, change: dict[str, str])
 def test_other_readings_at_the_same_conditions(tmp_path: Path) -> None:
     experiment = read_experiment(write(tmp_path))
     other = experiment.with_readings(np.arange(6.0))
-    assert [g.launch_range_um.tolist() for g in other.groups] == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
+    assert [g.reading.tolist() for g in other.groups] == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
     assert other.fingerprint == fingerprint(other.constants, other.groups) != experiment.fingerprint
-    same = np.concatenate([g.launch_range_um for g in experiment.groups])
+    same = np.concatenate([g.reading for g in experiment.groups])
     assert other.with_readings(same).fingerprint == experiment.fingerprint
 
 
@@ -81,7 +81,7 @@ ids = st.integers(0, 999_999_999) | st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,
 @st.composite
 def columns(draw: st.DrawFn) -> dict[str, list[float]]:
     n = draw(st.integers(1, 6))
-    names = (*REQUIRED_COLUMNS, *(OPTIONAL_COLUMNS if draw(st.booleans()) else ()))
+    names = (*CONDITION_COLUMNS, "launch_range_um", *(("sigma_um",) if draw(st.booleans()) else ()))
     return {name: draw(st.lists(within(name), min_size=n, max_size=n)) for name in names}
 
 
@@ -116,8 +116,8 @@ def test_round_trip(
     assert experiment.ids == tuple(g[0] for g in groups)
     for group, (_, waveform, data) in zip(experiment.groups, groups, strict=True):
         assert group.waveform == waveform
-        for name in (*REQUIRED_COLUMNS, "sigma_um"):
-            column = getattr(group, name)
+        held = {"launch_range_um": group.reading, "sigma_um": group.sigma}
+        for name, column in (held | {name: getattr(group, name) for name in CONDITION_COLUMNS}).items():
             assert (None if column is None else column.tolist()) == data.get(name)
     assert fingerprint(experiment.constants, experiment.groups) == experiment.fingerprint
     assert all(line.isprintable() for line in experiment.warnings)

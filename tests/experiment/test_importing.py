@@ -34,7 +34,7 @@ def rows_of(tables: list[Table]) -> Rows:
     found: Rows = []
     for table in tables:
         for group in table.groups:
-            columns = (group.frequency_hz, group.amplitude_v, group.launch_range_um)
+            columns = (group.frequency_hz, group.amplitude_v, group.reading)
             found += zip(*(column.tolist() for column in columns), strict=True)
     return found
 
@@ -140,7 +140,7 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "two of one": ("f set (Hz);f (Hz);f (Hz);Vpp;Range (um)\n1;1;1;4;7\n", "could all be frequency_hz --column", 1),
     "no repetitions": ("f (Hz);Vpp;Range 10 (um);Range 20 (um)\n1;2;3;4\n", "could all be launch_range_um", 1),
     "a displacement": ("f (Hz);Vpp;Displacement (µm)\n1;2;3\n", "'Displacement (µm)=launch_range_um'", 1),
-    "a speed": ("f (Hz);Vpp;Launch speed (mm/s)\n1;2;3\n", "launch_speed_mm_s psafit cannot use that yet", 1),
+    "a force": ("f (Hz);Vpp;Peak force (N)\n1;2;3\n", "peak_force_n psafit cannot use that yet", 1),
     "an offset": (HEAD.strip() + ";DC offset (V)\n1200;20;76;10\n", "bias_v, which is not zero another one", 1),
     "a trace": ("Time (s),CH1 (V)\n0,1\n1e-6,2\n", "no frequency_hz trace over time", 1),
     "a mean": (HEAD + "1200;20;76\n1300;20;75\nMean;20;75.5\n", "'Mean' sums up readings put # before it", 4),
@@ -297,7 +297,7 @@ def test_import_check_and_values(
     assert (data.constants.l, data.constants.k_s, data.constants.g) == (0.09, 4.89e7, 9.81)
     first, second = data.groups
     assert (first.waveform, second.waveform) == ("sine", "square")
-    columns = (first.frequency_hz, first.amplitude_v, first.launch_range_um)
+    columns = (first.frequency_hz, first.amplitude_v, first.reading)
     assert list(zip(*(c.tolist() for c in columns), strict=True)) == TWO
     told = json.loads(Path("told.json").read_text("utf-8"))
     assert told["missing_constants"] == [] and len(told["tables"]) == 2

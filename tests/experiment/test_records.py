@@ -37,7 +37,7 @@ def test_records_cannot_be_changed(tmp_path: Path) -> None:
     experiment = read_experiment(write(tmp_path))
     with pytest.raises(FrozenInstanceError):
         experiment.title = "x"  # type: ignore[misc]
-    for array in (experiment.groups[0].frequency_hz, experiment.groups[0].launch_range_um):
+    for array in (experiment.groups[0].frequency_hz, experiment.groups[0].reading):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 
@@ -92,9 +92,10 @@ def test_group_checks_itself() -> None:
     for field, bad in (
         ("frequency_hz", [0.0, 1.0]),
         ("amplitude_v", [-1.0, 1.0]),
-        ("launch_range_um", [np.nan, 1.0]),
-        ("sigma_um", [0.0, 1.0]),
-        ("launch_range_um", [1.0]),
+        ("reading", [np.nan, 1.0]),
+        ("sigma", [-1.0, 1.0]),
+        ("reading", [1.0]),
+        ("measured", [0]),
     ):
         with pytest.raises(ValueError, match=field):
             replace(group, **{field: np.array(bad)})  # type: ignore[arg-type]

@@ -44,8 +44,8 @@ def test_replicates_and_zeros_are_data(tmp_path: Path) -> None:
 def test_sigma_is_read(tmp_path: Path) -> None:
     csv = "frequency_hz,amplitude_v,launch_range_um,sigma_um\n1200,1,0.4,0.02\n"
     group = read_experiment(write(tmp_path, a=csv)).group(1)
-    assert group.sigma_um is not None
-    assert group.sigma_um.tolist() == [0.02]
+    assert group.sigma is not None
+    assert group.sigma.tolist() == [0.02]
 
 
 BAD_CSV: dict[str, tuple[str | bytes, int, str]] = {

@@ -22,8 +22,7 @@ def repeated(experiment: Experiment, times: int) -> Experiment:
     """The first group with its rows so many times."""
     g = experiment.groups[0]
     rows = np.tile(np.arange(g.n_points), times)
-    columns = {name: getattr(g, name)[rows] for name in ("frequency_hz", "amplitude_v", "launch_range_um")}
-    return replace(experiment, groups=(replace(g, sigma_um=None, **columns),))
+    return replace(experiment, groups=(replace(g.at(rows), sigma=None),))
 
 
 def test_cost_grows_with_the_readings(known: Experiment) -> None:
@@ -70,7 +69,7 @@ def test_commands_say_what_a_fit_takes(
 
 
 def still(group: Group) -> Group:
-    return replace(group, launch_range_um=np.zeros(group.n_points))
+    return replace(group, reading=np.zeros(group.n_points))
 
 
 def test_zeros_alone_are_not_fitted(known: Experiment, tmp_path: Path) -> None:

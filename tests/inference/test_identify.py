@@ -28,7 +28,7 @@ def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) ->
     assert low == pytest.approx(k_c.lower, rel=0.25) and high == pytest.approx(k_c.upper, rel=0.25)
     # With one reading only, nothing is determined.
     one = finished.problem.experiment.groups[0]
-    lone = Group(1, one.waveform, "x", one.frequency_hz[:1], one.amplitude_v[:1], one.launch_range_um[:1])
+    lone = Group(1, one.waveform, "x", one.frequency_hz[:1], one.amplitude_v[:1], one.reading[:1])
     poor = Problem(Experiment("t", "s", finished.problem.experiment.constants, (lone,), Path(), "f"), (1,))
     top = poor.prior_transform(np.full(poor.n_dim, 0.5))
     assert identify.verdict(identify.profiles(poor, top, columns=[1])[0]) != "determined"

@@ -95,7 +95,7 @@ def test_search_finds_the_cause_that_is_there(ids: list[str], values: list[float
     assert best.height > found(replace(problem, terms=())).height + 10
     # The third group, never fitted, is predicted to its scatter.
     predicted = problem.predict(best.modes[:1], [3])[0]
-    assert np.sqrt(np.mean(np.log(predicted / experiment.group(3).launch_range_um) ** 2)) < 0.06
+    assert np.sqrt(np.mean(np.log(predicted / experiment.group(3).reading) ** 2)) < 0.06
     strength = best.values[problem.names.index(problem.terms[0].strength.name)]
     assert strength == pytest.approx(values[0], rel=0.5)
 

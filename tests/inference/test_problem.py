@@ -35,8 +35,8 @@ def test_posterior_is_batched_and_bounded(problem: Problem) -> None:
 
 def test_known_sigma_enters_per_group(known: Experiment) -> None:
     first = known.groups[0]
-    with_sigma = Group(1, first.waveform, first.file, first.frequency_hz, first.amplitude_v, first.launch_range_um,
-                       sigma_um=np.full(first.n_points, 0.5))  # fmt: skip
+    with_sigma = Group(1, first.waveform, first.file, first.frequency_hz, first.amplitude_v, first.reading,
+                       sigma=np.full(first.n_points, 0.5))  # fmt: skip
     mixed = Experiment("t", "s", known.constants, (with_sigma, known.groups[1]), known.folder, "f")
     sigma = Problem(mixed, (1, 2)).known_sigma
     assert sigma is not None
@@ -49,11 +49,9 @@ def test_the_usual_uncertainty_is_one_that_most_readings_state(
 ) -> None:
     """Of groups with 30, 20 and 12 readings."""
     sigma = {1: 0.5, 2: 0.2, 3: 0.9}
-    groups = (
-        replace(g, sigma_um=np.full(g.n_points, sigma[int(g.id)]) if g.id in stated else None) for g in known.groups
-    )
+    groups = (replace(g, sigma=np.full(g.n_points, sigma[int(g.id)]) if g.id in stated else None) for g in known.groups)
     assert Problem(replace(known, groups=tuple(groups)), (1, 2, 3)).usual_sigma == usual
-    half = replace(known.groups[0], sigma_um=np.full(30, 0.2))
+    half = replace(known.groups[0], sigma=np.full(30, 0.2))
     twin = replace(known.groups[0], id=4)
     assert Problem(replace(known, groups=(half, twin)), (1, 4)).usual_sigma is None
 

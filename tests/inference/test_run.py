@@ -44,7 +44,7 @@ QUICK = Settings(r_hat=1.03, max_steps=6000)
 
 def test_groups_held_out_have_no_part_in_a_fit(known: Experiment, tmp_path: Path) -> None:
     """Search, draws and what is called determined are the same, whatever the other groups read."""
-    others = (replace(g, launch_range_um=3 * g.launch_range_um) for g in known.groups[1:])
+    others = (replace(g, reading=3 * g.reading) for g in known.groups[1:])
     changed = replace(known, groups=(known.groups[0], *others))
     one, two = (
         running.fit(data, [1], tmp_path / name, seed=1, n_starts=3, settings=SHORT)

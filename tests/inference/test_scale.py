@@ -17,8 +17,7 @@ STUDY = read_experiment("experiments/psa")
 
 def scaled(experiment: Experiment, factor: float, only: Sequence[GroupId] = ()) -> Experiment:
     groups = (
-        replace(g, launch_range_um=g.launch_range_um * factor) if g.id in (only or experiment.ids) else g
-        for g in experiment.groups
+        replace(g, reading=g.reading * factor) if g.id in (only or experiment.ids) else g for g in experiment.groups
     )
     return replace(experiment, groups=tuple(groups))
 
@@ -64,7 +63,7 @@ def test_a_reading_without_a_drive_tells_no_scale() -> None:
 def test_a_group_of_which_one_reading_tells_does_not_switch_the_check_off() -> None:
     first = STUDY.groups[0]
     rows = np.arange(2400) % first.n_points
-    read = np.where(np.arange(2400) == 1, first.launch_range_um[1], 0.0)
+    read = np.where(np.arange(2400) == 1, first.reading[1], 0.0)
     silent = Group("long", "sine", "long.csv", first.frequency_hz[rows], first.amplitude_v[rows], read)
     longer = scaled(replace(STUDY, groups=(*STUDY.groups, silent)), 1e-3, [3])
     (warning,) = with_scale(longer).warnings

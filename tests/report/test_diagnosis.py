@@ -227,7 +227,7 @@ def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     curves = {c["name"]: c for c in told[0]["curves"]}
     assert "without: gap at rest" not in curves  # no number everywhere
     out = curves["without: hysteresis of the stack"]
-    first = experiment.groups[0].launch_range_um
+    first = experiment.groups[0].reading
     assert out["off"] and not curves["extended model"]["off"]
     assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)
 

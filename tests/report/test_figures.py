@@ -82,7 +82,7 @@ def test_lines_ascend_and_zeros_sit_on_the_edge(tmp_path):
         (axes,) = drawn(p).axes
         line = next(x for x in axes.lines if x.get_linestyle() == "-")
         assert np.all(np.diff(line.get_xdata()) > 0)
-        zeros = int((p.group.launch_range_um == 0).sum())
+        zeros = int((p.group.reading == 0).sum())
         marks = [x for x in axes.lines if x.get_marker() == "v"]
         assert sum(len(x.get_xdata()) for x in marks) == zeros
         for mark in marks:
@@ -104,7 +104,7 @@ def test_a_line_breaks_where_nothing_is_launched():
 
 def test_zeros_are_in_every_legend():
     group = sweep_groups()[1]
-    sweep, curve = figures.sweep_of(group), figures.Curve("model", "blue", group.launch_range_um + 0.1)
+    sweep, curve = figures.sweep_of(group), figures.Curve("model", "blue", group.reading + 0.1)
 
     def told(group: Group) -> list[str]:
         example = figures.Example("", "ink", group, sweep, [curve])
@@ -112,8 +112,8 @@ def test_zeros_are_in_every_legend():
         return [t.get_text() for t in legend.get_texts()]
 
     assert told(group) == ["measured", "model", "zero"]
-    assert told(replace(group, launch_range_um=group.launch_range_um + 0.2)) == ["measured", "model"]
-    assert told(replace(group, launch_range_um=np.clip(group.launch_range_um, 0.0, 1.5))) == [
+    assert told(replace(group, reading=group.reading + 0.2)) == ["measured", "model"]
+    assert told(replace(group, reading=np.clip(group.reading, 0.0, 1.5))) == [
         "measured",
         "model",
     ]  # linear
@@ -121,8 +121,8 @@ def test_zeros_are_in_every_legend():
 
 def test_the_legend_shows_a_zero_as_it_is_drawn():
     group = sweep_groups()[1]
-    rising = replace(group, launch_range_um=group.launch_range_um + 0.1)
-    curve = figures.Curve("model", "vermillion", np.where(group.launch_range_um > 1, group.launch_range_um, 0.0))
+    rising = replace(group, reading=group.reading + 0.1)
+    curve = figures.Curve("model", "vermillion", np.where(group.reading > 1, group.reading, 0.0))
     for seen, color, filled in ((rising, PALETTE["vermillion"], True), (group, PALETTE["ink"], False)):
         (axes,) = figures.group_figure(seen, figures.sweep_of(seen), [curve]).axes
         drawn = [x for x in axes.lines if x.get_marker() == "v"]
@@ -212,7 +212,7 @@ def test_a_picture_of_a_plan_shows_no_readings() -> None:
 
 def test_measured_and_simulated_are_told_apart(known: Experiment) -> None:
     sweeps = [figures.sweep_of(g) for g in known.groups]
-    curves = [[figures.Curve("simulated", "vermillion", 1.2 * g.launch_range_um)] for g in known.groups]
+    curves = [[figures.Curve("simulated", "vermillion", 1.2 * g.reading)] for g in known.groups]
     figure = figures.groups_figure(known.groups, sweeps, curves)
     assert len(figure.axes) == 3
     for axes, group in zip(figure.axes, known.groups, strict=True):
@@ -220,18 +220,18 @@ def test_measured_and_simulated_are_told_apart(known: Experiment) -> None:
         line = next(x for x in axes.lines if x.get_linestyle() == "-")
         circles = next(x for x in axes.lines if x.get_marker() == "o")
         assert line.get_color() != circles.get_markeredgecolor() and line.get_marker() in (None, "None", "")
-        assert len(circles.get_xdata()) == np.count_nonzero(group.launch_range_um > 0) or axes.get_yscale() == "linear"
+        assert len(circles.get_xdata()) == np.count_nonzero(group.reading > 0) or axes.get_yscale() == "linear"
     assert [t.get_text() for t in figure.legends[0].get_texts()] == ["measured", "simulated"]
 
 
 def test_numbers_to_explore_are_those_of_the_curves(known: Experiment) -> None:
     group = known.groups[2]
-    curve = figures.Curve("model", "blue", 2 * group.launch_range_um)
+    curve = figures.Curve("model", "blue", 2 * group.reading)
     told = figures.explorable("t", group, figures.sweep_of(group), [curve], [replace(curve, name="more")])
     order = np.argsort(group.amplitude_v, kind="stable")
     assert told["x"] == pytest.approx(group.amplitude_v[order], rel=1e-4)
-    assert told["measured"] == pytest.approx(group.launch_range_um[order], rel=1e-4)
-    assert told["curves"][0]["middle"] == pytest.approx(2 * group.launch_range_um[order], rel=1e-4)
+    assert told["measured"] == pytest.approx(group.reading[order], rel=1e-4)
+    assert told["curves"][0]["middle"] == pytest.approx(2 * group.reading[order], rel=1e-4)
     assert [c["off"] for c in told["curves"]] == [False, True]
     line = np.array([1.0, 2.0]), np.array([0.123456789, 4.0])
     (drawn,) = figures.explorable("t", group, figures.sweep_of(group), [replace(curve, line=line)])["curves"]

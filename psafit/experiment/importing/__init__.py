@@ -23,7 +23,7 @@ from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import Group
-from psafit.experiment.table import CellFault
+from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import listed, meant, shown
 
 COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
@@ -208,6 +208,6 @@ def _ordered(reading: Reading, columns: Sequence[Understood]) -> tuple[float, ..
 
 def _group(number: int, part: Sequence[Reading]) -> Group:
     """Readings as a group of its own."""
-    names = [name for name, _ in part[0].values]
-    columns = {name: np.array([dict(reading.values)[name] for reading in part]) for name in names}
-    return Group(number, Drive(part[0].waveform), f"group{number}.csv", changed=(), **columns)
+    names = dict.fromkeys(name for reading in part for name, _ in reading.values)
+    columns = {name: np.array([dict(reading.values).get(name, np.nan) for reading in part]) for name in names}
+    return Group(number, Drive(part[0].waveform), f"group{number}.csv", changed=(), **readings_of(columns))

@@ -9,11 +9,11 @@ from psafit.experiment.definition import LIMITS as CONSTANT_LIMITS
 from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import COLUMNS
 from psafit.experiment.importing.units import factor_of, unit
-from psafit.experiment.records import CONDITION_COLUMNS, CONSTANT_UNITS, OPTIONAL_COLUMNS
+from psafit.experiment.records import CONDITION_COLUMNS, CONSTANT_UNITS
 from psafit.experiment.table import CellFault, within
 from psafit.experiment.text import shown
 
-HELD = (*CONDITION_COLUMNS, *OPTIONAL_COLUMNS)
+HELD = (*CONDITION_COLUMNS, "sigma_um")
 
 
 def value(name: str, text: str, place: str) -> float:

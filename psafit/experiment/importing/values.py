@@ -61,7 +61,7 @@ def readings(
     notation = _notation(grid, body, quantities, options)
     if grid.separator == ",":
         _check_decimals(grid, head, body, chosen)
-    faults = RowFaults(grid.file, scatter_um=1.0)
+    faults = RowFaults(grid.file)
     found = []
     for row in body.rows:
         before = faults.count
@@ -76,7 +76,9 @@ def readings(
         for read in repetitions if faults.count == before else ():
             known = dict(options.values) | others | {c.column: v for c, v in read.items()}
             found.append(Reading(row.line, shape, " ".join(labels), tuple(known.items())))
-            faults.below += [(row.line, text_of(_cell(row, c)), known) for c, v in read.items() if v < 0]
+            for c, v in read.items():
+                if v < 0:
+                    faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
     faults.end(len(body.rows))
     return found, notation.decimal
 

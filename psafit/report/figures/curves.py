@@ -111,7 +111,7 @@ def band_of(curve: Curve, band: Band, x: FloatArray) -> tuple[FloatArray, FloatA
 
 def readings_of(group: Conditions) -> FloatArray:
     """Measured launch ranges, um; none of a planned group."""
-    return group.launch_range_um if isinstance(group, Group) else np.empty(0)
+    return group.reading if isinstance(group, Group) else np.empty(0)
 
 
 def draw_readings(axes: Axes, x: FloatArray, measured: FloatArray, bottom: float, *, log: bool, **look: Any) -> None:
@@ -162,11 +162,11 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
         axes.plot(at, line, lw=1.6, ls=DASHES if curve.dashed else "-", **look)
         if not measured.size:  # where a plan will read
             axes.plot(x, np.where(curve.middle > 0, curve.middle, np.nan) if log else curve.middle, ".", ms=5, **look)
-    if isinstance(group, Group) and group.sigma_um is not None:
+    if isinstance(group, Group) and group.sigma is not None:
         shown = measured > 0 if log else np.ones(measured.size, dtype=bool)
-        foot = np.minimum(group.sigma_um, measured - bottom if log else measured)
+        foot = np.minimum(group.sigma, measured - bottom if log else measured)
         axes.errorbar(
-            x[shown], measured[shown], np.maximum([foot[shown], group.sigma_um[shown]], 0.0), fmt="none",
+            x[shown], measured[shown], np.maximum([foot[shown], group.sigma[shown]], 0.0), fmt="none",
             ecolor=PALETTE["ink"], elinewidth=0.7, zorder=2.5,
         )  # fmt: skip
     if measured.size:
@@ -232,8 +232,8 @@ def explorable(
         "x": column(sweep.values),
         "frequency": column(group.frequency_hz),
         "amplitude": column(group.amplitude_v),
-        "measured": column(group.launch_range_um),
-        "sigma": None if group.sigma_um is None else column(group.sigma_um),
+        "measured": column(group.reading),
+        "sigma": None if group.sigma is None else column(group.sigma),
         "log": [sweep.log, _view(group, curves)[2]],
         "curves": [
             {

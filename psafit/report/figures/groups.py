@@ -52,6 +52,12 @@ def title(axes: Axes, group_id: object, condition: str, role: str | None = None)
         )  # fmt: skip
 
 
+def range_label(group: Conditions) -> str:
+    """What is read, with its unit, beside an axis."""
+    unit = {"um": "µm", "us": "µs"}.get(group.observable.unit, group.observable.unit)
+    return f"{group.observable.title.capitalize()} ({unit})"
+
+
 def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str | None = None) -> Figure:
     """Measured launch ranges of a group against what models say.
 
@@ -68,7 +74,7 @@ def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str 
         draw_curves(axes, group, sweep, curves)
         title(axes, group.id, sweep.condition, role)
         axes.set_xlabel(sweep.label)
-        axes.set_ylabel("Launch range (µm)")
+        axes.set_ylabel(range_label(group))
         if role:
             entries = handles(curves, zeros=zero_mark([(group, curves)]))
             figure.legend(handles=entries, loc="outside lower center", ncols=2, columnspacing=1.2)
@@ -86,7 +92,7 @@ def groups_figure(groups: Sequence[Conditions], sweeps: Sequence[Sweep], curves:
             draw_curves(axes, group, sweep, told, small=True)
             title(axes, group.id, sweep.condition)
             axes.set_xlabel(sweep.label)
-            axes.set_ylabel("Launch range (µm)")
+            axes.set_ylabel(range_label(group))
         for axes in panels[len(groups) :]:
             axes.remove()
         measured = any(isinstance(group, Group) for group in groups)

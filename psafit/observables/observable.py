@@ -1,0 +1,133 @@
+"""What an observable is: one quantity that a rig reads of every launch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psafit.arrays import FloatArray
+from psafit.parameters import Bounds, LogNormal, Parameter
+
+
+class Launches(Protocol):
+    """What an observable takes from a simulation: arrays of shape (n_sets, n_points), SI units.
+
+    `psafit.simulate.Simulation` says what each holds.
+    """
+
+    @property
+    def launch_range(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def separation_time(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def separation_speed(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def launched(self) -> NDArray[np.bool_]: ...  # noqa: D102
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observable:
+    """One quantity that is read of a launch.
+
+    Parameters
+    ----------
+    name : str
+        As in file names: ``predictions-<name>.csv``.
+    column : str
+        Of a group's CSV file: the name and the unit.
+    unit : str
+        Unit of the column, for people.
+    title : str
+        What it is called in sentences and figures.
+    of : callable
+        ``of(launches)`` is the reading without scatter, in the column's unit; (n_sets, n_points).
+    scatter : tuple of Parameter
+        Relative scatter, absolute scatter and degrees of freedom; see `psafit.inference.noise`.
+    offset : float
+        Of the error metric ``ln((predicted + offset)/(measured + offset))``, in the column's unit.
+    limits : (float, float)
+        Hard limits of a reading, far beyond any rig.
+    still : float
+        A reading at most so far below zero is put down to scatter about zero. It is what the prior of a fit holds the
+        absolute scatter to, with 98 %.
+    usual : (float, float)
+        Readings of a group that are all below the first, or reach beyond the second, look like another unit.
+    mistaken : (str, str)
+        That unit, for readings that are too small and too large.
+    blank : bool
+        Whether a launch that failed has no such reading. Others read zero then.
+    """
+
+    name: str
+    column: str
+    unit: str
+    title: str
+    of: Callable[[Launches], FloatArray]
+    scatter: tuple[Parameter, Parameter, Parameter]
+    offset: float
+    limits: tuple[float, float]
+    still: float
+    usual: tuple[float, float]
+    mistaken: tuple[str, str]
+    blank: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.column.startswith(f"{self.name}_"):
+            raise ValueError(f"column {self.column} is not {self.name} and a unit")
+        if not self.offset > 0:
+            raise ValueError(f"{self.name}: the offset must be positive, got {self.offset}")
+
+    @property
+    def plural(self) -> str:
+        """More than one of them."""
+        return f"{self.title.split()[-1]}s"
+
+    @property
+    def sigma_column(self) -> str:
+        """Column of the readings' own standard uncertainties."""
+        return f"sigma_{self.column.removeprefix(self.name + '_')}"
+
+
+def scatter(
+    suffix: str, unit: str, relative: LogNormal, absolute: LogNormal, bounds: Bounds, why: tuple[str, str]
+) -> tuple[Parameter, Parameter, Parameter]:
+    """The scatter's three parameters of one observable.
+
+    Parameters
+    ----------
+    suffix : str
+        Behind each parameter's name; empty for the launch range.
+    unit : str
+    relative, absolute : LogNormal
+        Priors of the relative scatter and of the absolute one.
+    bounds : Bounds
+        Of the absolute scatter.
+    why : (str, str)
+        Where the two priors come from.
+    """
+    of = f" of the {suffix.replace('_', ' ')}" if suffix else " of a reading"
+    behind = f"_{suffix}" if suffix else ""
+    sub = rf",\mathrm{{{suffix.replace('_', chr(92) + ' ')}}}" if suffix else ""
+    return (
+        Parameter(
+            f"sigma_rel{behind}", rf"\sigma_{{rel{sub}}}", "1", Bounds(1e-3, 2.0), relative,
+            f"relative scatter{of}", why[0],
+        ),
+        Parameter(
+            f"sigma_abs{behind}", rf"\sigma_{{abs{sub}}}", unit, bounds, absolute, f"absolute scatter{of}", why[1]
+        ),
+        Parameter(
+            f"nu{behind}",
+            rf"\nu_{{{sub.lstrip(',')}}}" if suffix else r"\nu",
+            "1",
+            Bounds(2.0, 100.0),
+            LogNormal(10.0, 2.5),
+            f"degrees of freedom of the scatter{of if suffix else ''} (small: outliers; large: normal)",
+            "between frank outliers (4) and practically normal (25), as in Juarez and Steel, J. Appl. Econom. 25"
+            " (2010)",
+        ),
+    )  # fmt: skip
