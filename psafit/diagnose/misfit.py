@@ -12,6 +12,10 @@ The family has one p-value: every statistic is expressed in units of its own law
 the distance from the median to the 95 % point), the largest is the family's, and its rank among the same quantity
 of the simulated data is the p-value. A statistic counts as significant by itself when it exceeds the family's 95 %
 point.
+
+A fit is *sound* where the family finds nothing, no readings of several groups stand out together (by the same level),
+and heavy tails were not needed to pass. Tails are heavy where a fitted number of degrees of freedom lies in the lower
+half of its prior; they were needed where the same tests fail once it is held to the upper half.
 """
 
 from __future__ import annotations
@@ -30,7 +34,7 @@ from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
-from psafit.inference.candidate import Candidate, refitted
+from psafit.inference.candidate import Candidate, climbed, refitted
 from psafit.inference.problem import Problem
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics.term import Term
@@ -47,8 +51,6 @@ _CLIP = 6.0
 # A point is odd beyond this score (normal law: once in 15,000 readings).
 _ODD = 4.0
 _FEWEST = 5
-# Chance at which readings that stand out together are told.
-_COINCIDENT = 0.05
 # Replicates beyond the first of their conditions from which on they tell how a reading scatters.
 _SPARE = 3
 Variable = Literal["frequency", "amplitude"]
@@ -181,6 +183,9 @@ class Misfit:
     n_simulated : int
     refit : {"exact", "expansion"}
         How simulated data were refitted.
+    usual_tails : float, optional
+        p value of the same tests where the scatter has no heavier tails than usual; None where the fit has none, or
+        where the tests fail anyway.
     """
 
     p_value: float
@@ -193,11 +198,18 @@ class Misfit:
     scores: FloatArray
     n_simulated: int
     refit: str
+    usual_tails: float | None = None
 
     @property
     def wrong(self) -> bool:
-        """Whether anything is."""
+        """Whether the tests reject the model."""
         return self.p_value < ALPHA
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong: the tests pass, without heavy tails, and no readings stand out together."""
+        leans = self.usual_tails is not None and self.usual_tails < ALPHA
+        return not (self.wrong or self.coincidences or leans)
 
 
 def normal_scores(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
@@ -239,8 +251,8 @@ def of_what(problem: Problem, rows: NDArray[np.intp]) -> str:
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:
-    """Whether the readings pass the tests by a fitted model."""
-    return examine(candidate, catalogue, seed=seed, influence=False).p_value >= ALPHA
+    """Whether the tests find nothing wrong with a fitted model."""
+    return examine(candidate, catalogue, seed=seed, influence=False).sound
 
 
 def examine(
@@ -251,6 +263,7 @@ def examine(
     n_simulated: int = 199,
     exact: bool | None = None,
     influence: bool = True,
+    tails: bool = True,
 ) -> Misfit:
     """Test a fitted model.
 
@@ -267,6 +280,8 @@ def examine(
         closed form.
     influence : bool
         Whether to ask if one group or a few readings are all that is wrong.
+    tails : bool
+        Whether to ask if heavy tails were needed to pass.
     """
     problem = candidate.problem
     u = candidate.modes[0]
@@ -316,10 +331,22 @@ def examine(
     odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
         character, odd_groups = _character(candidate, catalogue, statistics, seed, influence, odd_points)
+    usual, held = None, _with_usual_tails(candidate) if tails and ALPHA <= p_value < 1.0 else None
+    if held is not None:
+        usual = examine(
+            held, catalogue, seed=seed, n_simulated=n_simulated, exact=exact, influence=False, tails=False
+        ).p_value
     return Misfit(
         p_value, tuple(statistics), places, coincidences, character, odd_groups, odd_points, observed[0], n_simulated,
-        "exact" if exact else "expansion",
+        "exact" if exact else "expansion", usual,
     )  # fmt: skip
+
+
+def _with_usual_tails(candidate: Candidate) -> Candidate | None:
+    """The model refitted with no heavier tails than usual; None where its scatter has none."""
+    held = replace(candidate.problem, usual_tails=True)
+    start = np.clip(candidate.modes[:1], *held.bounds.T)
+    return None if (start == candidate.modes[:1]).all() else climbed(held, start)
 
 
 def _together(table: FloatArray) -> FloatArray:
@@ -526,16 +553,17 @@ def _places(problem: Problem, e: FloatArray, simulated: FloatArray, predicted: F
 def _coincidences(
     problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray
 ) -> tuple[Coincidence, ...]:
-    """Readings that stand out together more than nineteen in twenty simulated data sets show anywhere."""
+    """Readings that stand out together further than simulated data sets show at any condition, at the tests' level."""
     design = problem.design
     error = log_ratio(predicted, problem.observed, problem.offset)
     found = []
-    for variable, meeting in shared(problem).items():
-        null = np.max([_both(simulated[:, rows]) for rows in meeting], axis=0)
+    everywhere = shared(problem)
+    null = np.max([_both(simulated[:, rows]) for meeting in everywhere.values() for rows in meeting], axis=0, initial=0)
+    for variable, meeting in everywhere.items():
         for rows in meeting:
             score = float(_both(e[None, rows])[0])
             p_value = float((1 + np.sum(null >= score)) / (1 + len(null)))
-            if p_value > _COINCIDENT:
+            if p_value >= ALPHA:
                 continue
             side = 1 if np.sort(e[rows])[-2] >= score else -1
             rows = rows[side * e[rows] >= score]
