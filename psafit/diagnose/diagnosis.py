@@ -16,11 +16,11 @@ from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, told
 from psafit.diagnose.answer import sentences
+from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.gain import Choice
+from psafit.diagnose.judging import judge
 from psafit.diagnose.laws import broken
-from psafit.diagnose.leftover import leftover, stretch
-from psafit.diagnose.misfit import examine
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
 from psafit.diagnose.record import (
     MARKER,
@@ -39,7 +39,8 @@ from psafit.diagnose.screening import screen
 from psafit.diagnose.searching import searched
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, significance
-from psafit.diagnose.verdict import Verdict, conclude
+from psafit.diagnose.trials import Calibration
+from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
@@ -69,6 +70,7 @@ def diagnose(
     quick: bool = False,
     searches: int | None = None,
     nautilus: bool = False,
+    calibrate: int = 0,
     seed: int = 1,
     catalogue: Sequence[Term] | None = None,
     settings: Settings | None = None,
@@ -94,6 +96,8 @@ def diagnose(
         by default as many as the settings say. Without any, the stored table is looked up where a cause is named.
     nautilus : bool
         Whether to compute the evidence of what the verdict rests on by a nested sampler, too.
+    calibrate : int
+        Data sets that are drawn from the answer and diagnosed again (`psafit.diagnose.calibration`).
     seed : int
     catalogue : sequence of Term, optional
         Candidate causes; all of the catalogue by default. The answer names those that were left out.
@@ -133,7 +137,7 @@ def diagnose(
     settings = settings or Settings.usual(quick)
     looked_at = {t.id for t in catalogue}
     left_out = [t.id for t in TERMS if t.id not in looked_at]
-    asked += [training, seed, quick, searches, nautilus, asdict(settings), left_out]
+    asked += [training, seed, quick, searches, nautilus, calibrate, asdict(settings), left_out]
     asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
     identity = digest(asked)
     with sole(folder):
@@ -145,17 +149,23 @@ def diagnose(
         # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
         drawing = held is not None
         repeats = (settings.searches if searches is None else searches) if catalogue else 0
-        plan = _plan(experiment, training, quick, repeats, nautilus, n_jobs)
+        plan = _plan(experiment, training, quick, repeats, nautilus, calibrate, n_jobs)
         with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
             work = _Work(
                 experiment, training, folder, seed, catalogue, n_jobs, shown, command,
                 drawing=drawing, settings=settings, left_out=left_out, scheduler=scheduler,
             )  # fmt: skip
-            return work.all(quick, repeats, nautilus, identity)
+            return work.all(quick, repeats, nautilus, identity, calibrate)
 
 
 def _plan(
-    experiment: Experiment, training: tuple[GroupId, ...], quick: bool, repeats: int, nautilus: bool, jobs: int
+    experiment: Experiment,
+    training: tuple[GroupId, ...],
+    quick: bool,
+    repeats: int,
+    nautilus: bool,
+    drawn: int,
+    jobs: int,
 ) -> dict[str, float]:
     """Shares of a diagnosis' parts, in units of one search over all groups: see `psafit.inference.forecast.DIAGNOSIS`.
 
@@ -180,6 +190,8 @@ def _plan(
         found["significance"] = one["null"] * repeats / min(jobs, repeats)
     if nautilus:
         found["nautilus"] = one["nautilus"]
+    if drawn:
+        found["calibration"] = (one["search"] + one["tests"]) * drawn / min(jobs, drawn)
     return found
 
 
@@ -256,7 +268,7 @@ class _Work:
     seconds: dict[str, float] = field(default_factory=dict)
     _ladders: dict[tuple[tuple[GroupId, ...], tuple[Candidate, ...]], Ladder] = field(default_factory=dict)
 
-    def all(self, quick: bool, repeats: int, nautilus: bool, identity: str) -> Diagnosis:
+    def all(self, quick: bool, repeats: int, nautilus: bool, identity: str, drawn: int = 0) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
         write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
@@ -264,23 +276,15 @@ class _Work:
             ladder = self._search(experiment.ids)
         leader = ladder.leader
         with self._stage("tests"):
-            n_simulated = self.settings.simulated
-            before = examine(ladder.baseline, self.catalogue, seed=self.seed, n_simulated=n_simulated)
-            after = examine(leader, self.catalogue, seed=self.seed, n_simulated=n_simulated) if leader.terms else None
-            # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
-            left = leftover(leader)
-            bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
-            verdict = conclude(ladder, before, after, left, bare, broken(leader, self.settings.laws))
-            held = [ladder.baseline if verdict.verdict == "adequate" else leader]
-            held += [ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held]]
+            judgement = judge(ladder, self.catalogue, self.settings, seed=self.seed)
+            verdict, adopted, left = judgement.verdict, judgement.adopted, judgement.left
+            held = [adopted, *(ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
             laws = [law for model in held for law in broken(model, self.settings.laws)]
             misfit = told.misfit_of(
-                before, after, left, ladder.baseline, leader,
+                judgement.before, judgement.after, left, ladder.baseline, leader,
                 remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
-                firm=robustness(ladder.baseline, leader, bare, left) if leader.terms else None,
+                firm=robustness(ladder.baseline, leader, judgement.bare, left) if leader.terms else None,
             )  # fmt: skip
-        # Where nothing is wrong, the model that is adopted is the baseline, whatever leads.
-        adopted = ladder.baseline if verdict.verdict == "adequate" else leader
         draws = ladder.draws(adopted.ids, self.seed)
         if not self.drawing:  # the tables that follow belong to another answer, which has no record yet
             for name in (RESULT, PAGE):
@@ -318,6 +322,7 @@ class _Work:
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
         screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
+        calibration = self._calibration(ladder, drawn) if drawn else None
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -352,6 +357,7 @@ class _Work:
             identity=identity,
             left_out=list(self.left_out),
             settings=self.settings,
+            calibration=calibration,
         )
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
@@ -441,6 +447,15 @@ class _Work:
                 ladder, self.catalogue, repeats, seed=self.seed, memory=self._memory, settings=self.settings.search,
                 jobs=self.jobs, scheduler=self.scheduler,
                 progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
+            )  # fmt: skip
+
+    def _calibration(self, ladder: Ladder, drawn: int) -> Calibration:
+        """How often such a verdict is right here."""
+        with self._stage("calibration"):
+            return calibrated(
+                ladder, self.catalogue, drawn, seed=self.seed, memory=self._memory, settings=self.settings,
+                jobs=self.jobs, scheduler=self.scheduler,
+                progress=lambda k, n: self.watcher.update(k, n, "data sets drawn from the answer"),
             )  # fmt: skip
 
     def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> ExtensionRun:

@@ -15,6 +15,7 @@ from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.show import Corner, Drift, Growth, Line, Offset
 from psafit.diagnose.significance import Significance
+from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
@@ -412,7 +413,6 @@ class Confusion:
 
 
 Law = Literal["carried", "energy"]
-VerdictWord = Literal["adequate", "explained", "ambiguous", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -497,6 +497,8 @@ class Diagnosis(Brief):
         How much work went into each part.
     laws : list of Broken
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
+    calibration : Calibration, optional
+        How often such a verdict is right at these conditions, where that was asked for.
     """
 
     _told = ("verdict", "named", "title", "quick")
@@ -533,6 +535,7 @@ class Diagnosis(Brief):
     left_out: list[str] = field(default_factory=list)
     settings: Settings = field(default_factory=Settings)
     laws: list[Broken] = field(default_factory=list)
+    calibration: Calibration | None = field(default=None, metadata=ABSENT)
 
     @property
     def leader(self) -> CauseResult | None:

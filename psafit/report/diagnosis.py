@@ -111,6 +111,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "ledger": tables.ledger(result.ledger),
         "begun": any(entry.led_to is not None for entry in result.ledger),
         "proposals": tables.proposals(result.next_experiment),
+        "calibration": tables.calibration(result.calibration),
         "confusion": tables.rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
         "alike": tables.alike(result.confusion.alike),
         "rehearsals": [tables.rehearsal(one) for one in result.next_experiment.rehearsals or []],

@@ -28,6 +28,7 @@ from psafit.diagnose.record import (
 )
 from psafit.diagnose.show import Corner, Offset
 from psafit.diagnose.significance import OTHERWISE, Significance
+from psafit.diagnose.trials import Calibration, Rate
 from psafit.experiment import CONSTANT_UNITS, Experiment
 from psafit.inference.evidence import TRUSTED
 from psafit.model_search.ladder import set_of
@@ -501,6 +502,28 @@ def search(found: Significance | None) -> dict[str, Any] | None:
         "p": f"{'≤' if p <= 1 / (n + 1) else '='} {significant(p, 2)}",
         "readings": " to ".join(str(m) for m in found.readings) if found.stored else "",
     }
+
+
+def calibration(found: Calibration | None) -> dict[str, Any] | None:
+    """How often such a verdict is right here: by what made the readings, and by the probability printed."""
+    if not found:
+        return None
+    return {
+        "n": found.exact.of,
+        "truths": [
+            [model(one.truth), str(one.exact.of), str(one.exact.n), str(one.reported.n)] for one in found.truths
+        ],
+        "reliability": [
+            [f"{percent(r.lower)} to {percent(r.upper)}", str(r.right.of), percent(r.mean), _rate(r.right)]
+            for r in found.reliability
+        ],
+        "exact": _rate(found.exact),
+        "reported": _rate(found.reported),
+    }
+
+
+def _rate(found: Rate) -> str:
+    return f"{found.n} of {found.of} ({percent(found.lower)} to {percent(found.upper)})"
 
 
 def alike(pairs: Sequence[Alike]) -> list[list[Any]]:
