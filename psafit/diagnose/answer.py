@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from psafit.diagnose.gain import Gain
+from psafit.diagnose.influence import Carried
 from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character
 from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
 from psafit.diagnose.record import UNSEEN, Broken, CauseResult, Diagnosis, ParameterResult, Reading
@@ -375,6 +376,26 @@ class OneGroup(Statement):
 
 
 @dataclass(frozen=True)
+class LivesOn(Statement):
+    """On how many readings half of what speaks for each cause rests, and the group that gives most."""
+
+    topic = "detail"
+    causes: list[Carried]
+    readings: int
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        each = (
+            words.put(
+                "{} on {} of {} readings, most in {}", words.cause(c.cause), c.half, self.readings,
+                words.groups([c.groups[0][0]]),
+            )
+            for c in self.causes
+        )  # fmt: skip
+        return words.put("Half of what speaks for a cause rests: {}.", words.joined("; ", each))
+
+
+@dataclass(frozen=True)
 class SmoothIsBetter(Statement):
     """A smooth discrepancy has so many nats more evidence than the named causes."""
 
@@ -572,6 +593,8 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
     if d.misfit.p_value < ALPHA and tests.character != "none":
         found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points)))
     found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_robust(d)]
+    if d.influence and (carried := [c for c in d.influence.causes if c.half]):
+        found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
         found.append(ByChance(d.misfit.search))
     if d.calibration:

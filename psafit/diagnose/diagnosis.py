@@ -19,6 +19,7 @@ from psafit.diagnose.answer import sentences
 from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.gain import Choice
+from psafit.diagnose.influence import influence
 from psafit.diagnose.judging import judge
 from psafit.diagnose.laws import broken
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
@@ -323,6 +324,9 @@ class _Work:
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
         screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
         calibration = self._calibration(ladder, drawn) if drawn else None
+        lives_on = (
+            influence(ladder, verdict.named, seed=self.seed, draws=self.settings.draws) if verdict.named else None
+        )
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -358,6 +362,7 @@ class _Work:
             left_out=list(self.left_out),
             settings=self.settings,
             calibration=calibration,
+            influence=lives_on,
         )
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)

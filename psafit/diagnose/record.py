@@ -9,6 +9,7 @@ from typing import Literal
 
 from psafit.diagnose.confusable import Alike
 from psafit.diagnose.gain import Choice, Gain
+from psafit.diagnose.influence import Influence
 from psafit.diagnose.misfit import Character, Coincidence, Statistic
 from psafit.diagnose.next_experiment import NextExperiment, Rehearsal
 from psafit.diagnose.robustness import Robustness
@@ -499,6 +500,8 @@ class Diagnosis(Brief):
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
     calibration : Calibration, optional
         How often such a verdict is right at these conditions, where that was asked for.
+    influence : Influence, optional
+        Which readings the causes live on, where some are named.
     """
 
     _told = ("verdict", "named", "title", "quick")
@@ -536,6 +539,7 @@ class Diagnosis(Brief):
     settings: Settings = field(default_factory=Settings)
     laws: list[Broken] = field(default_factory=list)
     calibration: Calibration | None = field(default=None, metadata=ABSENT)
+    influence: Influence | None = field(default=None, metadata=ABSENT)
 
     @property
     def leader(self) -> CauseResult | None:

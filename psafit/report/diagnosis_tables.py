@@ -526,6 +526,23 @@ def _rate(found: Rate) -> str:
     return f"{found.n} of {found.of} ({percent(found.lower)} to {percent(found.upper)})"
 
 
+def leaning(result: Diagnosis, shown: Sequence[Shown]) -> list[list[Any]]:
+    """Readings on which alone the adopted model leans, by the tail of their weights."""
+    tail = np.array(result.influence.tail if result.influence else [], dtype=float)
+    if tail.size != sum(g.group.n_points for g in shown):
+        return []
+    far = [(float(tail[row]), g, k) for g in shown for k, row in enumerate(g.rows) if tail[row] > TRUSTED]
+    return [
+        [
+            Markup("Group {}").format(g.group.id),
+            words.quantity(float(g.group.frequency_hz[k]), "Hz"),
+            words.quantity(float(g.group.amplitude_v[k]), "V"),
+            fixed(value, 2),
+        ]
+        for value, g, k in sorted(far, key=lambda told: -told[0])[:_MAX_ALTERNATIVES]
+    ]
+
+
 def alike(pairs: Sequence[Alike]) -> list[list[Any]]:
     """Pairs of causes whose effects look alike, and by which angle they differ."""
     return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:_MAX_ALTERNATIVES]]
