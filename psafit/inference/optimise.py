@@ -36,6 +36,8 @@ class ScanSettings:
     ----------
     halvings : int
         Steps, each half of the last, from a bound to the neutral value.
+    between : int
+        Parts of a halving at which it goes on about the best.
     strengths : int
         Strengths chosen at each side of the neutral value, in even ratios of what they do.
     least : float
@@ -44,6 +46,7 @@ class ScanSettings:
     """
 
     halvings: int = 24
+    between: int = 4
     strengths: int = 5
     least: float = 0.1
 
@@ -270,8 +273,8 @@ def widened(
 ) -> FloatArray:
     """Starts at which each of some causes comes to a known point, with strengths that differ by what they do.
 
-    A strength is scanned from its bounds to its neutral value by halves, all else as it is. Starts are where it does
-    best, and where the readings move by given parts of their scatter.
+    A strength is scanned from its bounds to its neutral value by halves, all else as it is, and more finely about the
+    best. Starts are where it does best, and where the readings move by even ratios.
 
     Parameters
     ----------
@@ -287,30 +290,41 @@ def widened(
         The known point first.
     """
     s, rows = settings or ScanSettings(), [known]
+    at_known = problem.predict(known[None])
+    scatter = noise.scale(at_known, problem.noise_values(known[None]), problem.known_sigma)
     for term in new:
         i = problem.names.index(term.strength.name)
         median = known.copy()
         for p in term.parameters:
-            j = problem.names.index(p.name)
-            median[j] = p.prior_quantile(0.5)
-        sides = halved(term.strength, np.arange(float(s.halvings)))
-        scan = np.repeat(median[None], sides.size, axis=0)
-        scan[:, i] = sides.ravel()
-        predicted = problem.predict(np.vstack([known, scan]))
-        scatter = noise.scale(predicted[:1], problem.noise_values(known[None]), problem.known_sigma)
-        moved = np.sqrt(np.square((predicted[1:] - predicted[0]) / scatter).mean(axis=1)).reshape(sides.shape)
-        observed = np.broadcast_to(problem.observed, predicted.shape)
-        height = heights(problem, np.vstack([known, scan]), predicted, observed)[1:]
-        chosen = {int(np.argmax(height))}
+            median[problem.names.index(p.name)] = p.prior_quantile(0.5)
+
+        def scanned(strengths: FloatArray, start: FloatArray = median, i: int = i) -> tuple[FloatArray, FloatArray]:
+            points = np.repeat(start[None], strengths.size, axis=0)
+            points[:, i] = strengths
+            return points, problem.predict(points)
+
+        halvings = np.arange(float(s.halvings))
+        sides = halved(term.strength, halvings)
+        points, predicted = scanned(sides.ravel())
+        moved = np.sqrt(np.square((predicted - at_known) / scatter).mean(axis=1)).reshape(sides.shape)
+        rows.append(median)
         for side, by in enumerate(moved):
             # From the neutral value outwards, the first strength that moves the readings so far. Some moves none by
             # itself: that of a gain whose sessions are all at their mean.
             most = by.max(where=np.isfinite(by), initial=0.0)
             wanted = most * (s.least / max(s.least, most)) ** np.linspace(1, 0, s.strengths)
             beyond = by[::-1] >= np.maximum(wanted, 1e-9)[:, None]
-            chosen |= {(side + 1) * len(by) - 1 - int(k) for k in beyond.argmax(axis=1)[beyond.any(axis=1)]}
-        rows += [median, *scan[sorted(chosen)]]
+            chosen = {len(by) - 1 - int(k) for k in beyond.argmax(axis=1)[beyond.any(axis=1)]}
+            rows += list(points.reshape(*sides.shape, -1)[side, sorted(chosen)])
+        best = int(np.argmax(_heights_at(problem, points, predicted)))
+        side, k = divmod(best, len(halvings))
+        near, there = scanned(halved(term.strength, np.maximum(k + np.linspace(-1, 1, 2 * s.between + 1), 0.0))[side])
+        rows.append(near[np.argmax(_heights_at(problem, near, there))])
     return np.array(rows)
+
+
+def _heights_at(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
+    return heights(problem, u, predicted, np.broadcast_to(problem.observed, predicted.shape))
 
 
 def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
