@@ -111,7 +111,9 @@ def test_a_weak_truth_that_hardly_launches_is_tried_once(
 
     monkeypatch.setattr(hide, "_draw", weak)
     monkeypatch.setattr(hide, "simulate_literally", ranges)
-    answer = make(1, tmp_path / "a", design_of=known, terms=["swing_drag"], strength=500.0, settings=HideSettings(patience=3)).answer
+    answer = make(
+        1, tmp_path / "a", design_of=known, terms=["swing_drag"], strength=500.0, settings=HideSettings(patience=3)
+    ).answer
     assert (answer.expected_nats, answer.redraws) == ({"swing_drag": 98.0}, 3)
 
 
@@ -149,7 +151,9 @@ def test_a_request_that_contradicts_itself_is_refused(
 def test_a_drive_that_launches_nothing_is_told(known: Experiment, tmp_path: Path) -> None:
     still = tuple(replace(g, amplitude_v=np.full(g.n_points, 1e-6)) for g in known.groups)
     with pytest.raises(InputError, match="nothing launches at these conditions"):
-        make(5, tmp_path / "x", design_of=replace(known, groups=still), kind="nothing", settings=HideSettings(redraws=5))
+        make(
+            5, tmp_path / "x", design_of=replace(known, groups=still), kind="nothing", settings=HideSettings(redraws=5)
+        )
     assert not (tmp_path / "x").exists()
 
 
