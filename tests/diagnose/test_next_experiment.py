@@ -96,8 +96,8 @@ def test_copies_of_a_draw_do_not_judge_what_it_made():
     # What readings state for themselves is part of their scatter.
     known = replace(twin, known=np.array([200.0]))
     other = replace(known, ranges=few + 20.0)
-    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng)
-    assert next_experiment._apart([known, other], rng)[0][0] < 0.5 < clear[0]
+    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng, ProposalSettings())
+    assert next_experiment._apart([known, other], rng, ProposalSettings())[0][0] < 0.5 < clear[0]
 
 
 def test_a_measurement_that_settles_one_question_of_two_is_told_so():
