@@ -328,7 +328,12 @@ def built_up(
 
 def refitted(problem: Problem, like: Candidate) -> Candidate:
     """The same model on fewer groups, climbed from where it was."""
-    return candidate_of(problem, ascend(problem, like.placed(problem), still_below=FitSettings.enough))
+    return climbed(problem, like.placed(problem))
+
+
+def climbed(problem: Problem, starts: FloatArray) -> Candidate:
+    """A model optimised from some starts, (n, n_dim) in sampling coordinates."""
+    return candidate_of(problem, ascend(problem, starts, still_below=FitSettings.enough))
 
 
 def _across_steps(problem: Problem, end: Ascent, s: FitSettings) -> Ascent:
