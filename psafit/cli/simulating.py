@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     _Model = tuple[tuple[Term, ...], dict[str, float]]
 
 PICTURES = (".png", ".svg", ".pdf")
-# Tied sets that a picture shows.
-_DRAWN = 4
 
 
 @click.command(cls=Command, short_help="Simulate the launch ranges of an experiment or a plan.")
@@ -223,8 +221,8 @@ def _write_readings(
         read_experiment(folder)  # ranges may be beyond what an experiment can hold
 
 
-def _models_of(run: Path) -> tuple[list[_Model], tuple[Group, ...]]:
-    """Causes and posterior medians of a run, and its readings.
+def _models_of(run: Path, most: int = 4) -> tuple[list[_Model], tuple[Group, ...]]:
+    """Causes and posterior medians of a run, of `most` models, and its readings.
 
     Of a diagnosis first those that it names (where it names none, its best), then those that it ties with them.
     """
@@ -241,7 +239,7 @@ def _models_of(run: Path) -> tuple[list[_Model], tuple[Group, ...]]:
     found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
     if not found.causes:  # somebody's own
         raise InputError("holds no model", "repeat the diagnosis", file=run / RESULT)
-    tied = [c for c in found.causes[1:] if c.terms in found.alternatives][: _DRAWN - 1]
+    tied = [c for c in found.causes[1:] if c.terms in found.alternatives][: most - 1]
     models = [
         (recorded(c.terms, found.versions, run / RESULT), {name: p.median for name, p in c.parameters.items()})
         for c in (found.causes[0], *tied)

@@ -28,12 +28,11 @@ from psafit.report.figures.curves import DASHES
 from psafit.report.figures.groups import short, title, titled
 from psafit.report.figures.influence import influence_figure
 from psafit.report.figures.sweep import AXIS, SWEPT
-from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
+from psafit.report.page import Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
 from psafit.report.wording import count, factor, number, typeset
 from psafit.text import fixed
 
-_MAX_SVG = 12
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
 _EXTENDED: Final[dict[str, Any]] = {"color": PALETTE["vermillion"], "linewidth": 1.6, "zorder": 2.5}
 _VERDICT_COLOR: Final = {
@@ -45,8 +44,6 @@ _VERDICT_COLOR: Final = {
     NOT_EXCLUDED: PALETTE["sky"],
     UNSEEN: PALETTE["sky"],
 }
-# Least share of the axis that a bar takes.
-_STUB = 0.02
 _HATCH: Final = {UNSEEN: "////", "as good": "...."}
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
@@ -88,8 +85,8 @@ class Shown:
 
 
 def _uri(figure: Figure, n: int) -> str:
-    """Image of one of `n` alike: PNG, the smaller format, where there are so many that the page would be heavy."""
-    return figure_data_uri(figure, svg_limit=SVG_LIMIT if n <= _MAX_SVG else 0)
+    """Image of one of `n` alike, which are simpler than those of a fit."""
+    return figure_data_uri(figure, alike=n, few=12)
 
 
 def _scale_x(axes: Axes, values: FloatArray, *, log: bool) -> None:
@@ -277,6 +274,7 @@ def _bars(
     quantity: str,
     text: Callable[[float], str],
     limits: tuple[float, float] | None,
+    stub: float = 0.02,
 ) -> Figure:  # fmt: skip
     with figure_style():
         figure, axes = new_figure(height=1.45 + 0.235 * len(names))
@@ -284,8 +282,8 @@ def _bars(
         lengths = np.nan_to_num(np.asarray(values, dtype=float))
         low, high = limits or (min(0.0, float(lengths.min())), max(float(lengths.max()), 1.0))
         span = high - low
-        # A bar of no length still shows the colour of its verdict.
-        drawn = np.where(np.abs(lengths) < _STUB * span, _STUB * span, lengths)
+        # A bar of no length still shows the colour of its verdict: it takes this share of the axis.
+        drawn = np.where(np.abs(lengths) < stub * span, stub * span, lengths)
         for word, color in _VERDICT_COLOR.items():
             mine = np.array([s.verdict == word for s in screening])
             if mine.any():

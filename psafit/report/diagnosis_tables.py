@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 from markupsafe import Markup
+from scipy.stats import norm
 
 from psafit.compare import known
 from psafit.diagnose.answer import purpose_text
@@ -38,7 +39,7 @@ from psafit.report.catalogue import cause, declared, model, parameter
 from psafit.report.diagnosis_answer import PAGE
 from psafit.report.diagnosis_pictures import Shown
 from psafit.report.figures.sweep import SWEPT
-from psafit.report.page import MAX_PICTURED, Picture
+from psafit.report.page import Picture, first
 from psafit.report.wording import (
     NBSP,
     count,
@@ -56,11 +57,7 @@ from psafit.report.wording import (
 )
 from psafit.text import fixed, significant
 
-_MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 10, 8, 12
 _COVARIATES: Final = {**SWEPT, "range": "launch range", "order": "order in each session"}
-# Share of its prior below a relative scatter from which on it is told as widened.
-_WIDENED = 0.9
-_SURELY: Final = 2.576 / (2 * 1.645)  # half of a 99 % interval by the width of a 90 % one
 _SCREENED: Final = {
     "present": "bad",
     NEAREST: "warn",
@@ -81,8 +78,6 @@ _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
     "nested": "For each group, causes and parameters chosen on all the others, then that group scored.",
 }
-# Nats of separation below which a pair stays tied.
-_HARDLY = 3.0
 
 
 # What is wrong --------------------------------------------------------------------------------------------------
@@ -104,7 +99,7 @@ def _place(w: Where) -> Markup:
 
 def growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
     """Pictures of local exponents."""
-    before = result.show["baseline"].growth[:MAX_PICTURED]
+    before = first(result.show["baseline"].growth)
     after = result.show["extended"].growth if "extended" in result.show else []
     conditions = {str(g.id): figures.sweep_of(g).condition for g in experiment.groups}
     zeros = {str(g.id): int(np.count_nonzero(g.reading == 0)) for g in experiment.groups}
@@ -117,18 +112,18 @@ def without_growth(result: Diagnosis) -> Markup | None:
     return words.group_ids(none) if none else None
 
 
-def scatter(result: Diagnosis) -> str | None:
-    """The relative scatter with which the baseline was fitted, where its prior finds that much."""
+def scatter(result: Diagnosis, much: float = 0.9) -> str | None:
+    """The relative scatter of the fitted baseline, where this share of its prior or more lies below it."""
     p = next((c.parameters.get("sigma_rel") for c in result.causes if not c.terms), None)
-    return percent(p.median) if p and p.prior_share > _WIDENED else None
+    return percent(p.median) if p and p.prior_share > much else None
 
 
-def drift_rows(result: Diagnosis) -> list[list[Any]]:
-    """What letting one parameter drift would gain."""
+def drift_rows(result: Diagnosis, most: int = 8) -> list[list[Any]]:
+    """What letting one parameter drift would gain, `most` rows."""
     extended = result.show.get("extended")
     rest = {(d.parameter, d.variable): d.gain for d in (extended.drift if extended else [])}
     rows = []
-    for d in result.show["baseline"].drift[:_MAX_DRIFTS]:
+    for d in result.show["baseline"].drift[:most]:
         p = declared(d.parameter)
         row = [
             parameter(d.parameter, p.description if p else ""),
@@ -176,8 +171,8 @@ def session_rows(sessions: Sequence[Offset]) -> list[list[Any]]:
     rows = []
     for s in sessions:
         middle, low, high = s.factor, s.lower, s.upper
-        # Of many pairs some lie outside their 90 % interval.
-        apart = abs(math.log(middle)) > _SURELY * math.log(high / low)
+        # Of many pairs some lie outside their 90 % interval: half of a 99 % one by the width of that.
+        apart = abs(math.log(middle)) > norm.ppf(0.995) / (2 * norm.ppf(0.95)) * math.log(high / low)
         told = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
         where = count(s.n_conditions, "condition")
         rows.append([f"{s.second} over {s.first}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", told])
@@ -305,11 +300,11 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
     ]
 
 
-def alternatives(result: Diagnosis) -> dict[str, Any]:
-    """Sets that do as well as the named one."""
+def alternatives(result: Diagnosis, most: int = 12) -> dict[str, Any]:
+    """Sets that do as well as the named one, `most` of them."""
     listed_ones = {tuple(c.terms): c for c in result.causes}
     rows = []
-    for ids in result.alternatives[:_MAX_ALTERNATIVES]:
+    for ids in result.alternatives[:most]:
         c = listed_ones.get(tuple(ids))
         rows.append(
             [
@@ -323,15 +318,15 @@ def alternatives(result: Diagnosis) -> dict[str, Any]:
     return {
         "named": model(result.named) if result.named else None,
         "rows": rows,
-        "more": max(0, len(result.alternatives) - _MAX_ALTERNATIVES),
+        "more": max(0, len(result.alternatives) - most),
     }
 
 
 # What remains ---------------------------------------------------------------------------------------------------
 
 
-def tests(tests: Tests) -> dict[str, Any]:
-    """What the tests of one model found, the most striking first."""
+def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
+    """What the tests of one model found, `most` of them, the most striking first."""
     odd = [Markup("reading {} of group {}").format(k + 1, g) for g, k in tests.odd_points]
     return {
         "p": words.p_text(tests.p_value),
@@ -351,7 +346,7 @@ def tests(tests: Tests) -> dict[str, Any]:
                 p_value(s.p_value),
                 {"text": "significant", "kind": "bad"} if s.significant else "no",
             ]
-            for s in tests.statistics[:_MAX_TESTS]
+            for s in tests.statistics[:most]
         ],
     }
 
@@ -375,7 +370,7 @@ def leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
             ]
             for g in left.groups
         ],
-        "pictures": diagnosis_pictures.leftover_pictures(shown[:MAX_PICTURED], mean, sd) if whole else [],
+        "pictures": diagnosis_pictures.leftover_pictures(first(shown), mean, sd) if whole else [],
     }
 
 
@@ -480,10 +475,10 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
     return {"about": about, "tells": found.tells_apart, "several": several, "rows": rows}
 
 
-def _left_tied(pairs: Sequence[Pair]) -> Markup | str:
-    """The pairs of models that a measurement would hardly separate."""
+def _left_tied(pairs: Sequence[Pair], hardly: float = 3.0) -> Markup | str:
+    """The pairs of models that a measurement would hardly separate, by fewer nats than this."""
     tied = [
-        Markup("{} and {}").format(model(pair.first), model(pair.second)) for pair in pairs if pair.separation < _HARDLY
+        Markup("{} and {}").format(model(pair.first), model(pair.second)) for pair in pairs if pair.separation < hardly
     ]
     return Markup("; ").join(tied) if tied else "none"
 
@@ -526,8 +521,8 @@ def _rate(found: Rate) -> str:
     return f"{found.n} of {found.of} ({percent(found.lower)} to {percent(found.upper)})"
 
 
-def leaning(result: Diagnosis, shown: Sequence[Shown]) -> list[list[Any]]:
-    """Readings on which alone the adopted model leans, by the tail of their weights."""
+def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[list[Any]]:
+    """Readings on which alone the adopted model leans, `most` of them, by the tail of their weights."""
     tail = np.array(result.influence.tail if result.influence else [], dtype=float)
     if tail.size != sum(g.group.n_points for g in shown):
         return []
@@ -539,13 +534,13 @@ def leaning(result: Diagnosis, shown: Sequence[Shown]) -> list[list[Any]]:
             words.quantity(float(g.group.amplitude_v[k]), "V"),
             fixed(value, 2),
         ]
-        for value, g, k in sorted(far, key=lambda told: -told[0])[:_MAX_ALTERNATIVES]
+        for value, g, k in sorted(far, key=lambda told: -told[0])[:most]
     ]
 
 
-def alike(pairs: Sequence[Alike]) -> list[list[Any]]:
-    """Pairs of causes whose effects look alike, and by which angle they differ."""
-    return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:_MAX_ALTERNATIVES]]
+def alike(pairs: Sequence[Alike], most: int = 12) -> list[list[Any]]:
+    """Pairs of causes whose effects look alike, `most` of them, and by which angle they differ."""
+    return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:most]]
 
 
 def rehearsal(found: Rehearsal) -> dict[str, Any]:
