@@ -142,6 +142,7 @@ def launch_in(
     world: World, point: Point, *, group: int = 0, rtol: float = 1e-12, most_steps: int = 400_000
 ) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
+    world.frequency, world.amplitude = point.frequency, point.amplitude
     drive = _Drive(world, point, rtol, most_steps)
     separation = drive.run()
     if separation is None:
