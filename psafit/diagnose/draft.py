@@ -118,7 +118,7 @@ def _write(path: Path, found: Draft, low: float, high: float) -> None:
     """Write the file; its symptom is worked out as `psafit check-cause` does."""
     unit, scale = {"frequency": ("Hz", 1.0), "amplitude": ("V", 1.0), "range": ("m", 1.0 / MICRO)}[found.axis]
     middle, half = math.exp(0.5 * (low + high)) * scale, max(0.5 * (high - low), math.log(2.0))
-    place, reach = f"{found.place * scale:.3g} {unit}", f"{math.exp(found.width):.3g}"
+    place, reach = f"{float(f'{found.place * scale:.3g}'):g} {unit}", f"{math.exp(found.width):.3g}"
     text = _filled(
         TEMPLATE.read_text("utf-8"), axis=found.axis, unit=unit, middle=f"{middle:.3g}", factor=f"{math.exp(half):.3g}",
         least=f"{middle * math.exp(-2 * half):.3g}", most=f"{middle * math.exp(2 * half):.3g}",

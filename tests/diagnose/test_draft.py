@@ -8,15 +8,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnoses_by_hand import make_experiment, make_record
-from truths import experiment, problem
+from truths import FEW, bump, experiment, problem
 
+from psafit.diagnose import diagnose
 from psafit.diagnose.answer import Drafted, answer
 from psafit.diagnose.draft import FILE, draft, drafted
 from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose.settings import Settings
 from psafit.diagnose.words import PLAIN
-from psafit.inference.candidate import Candidate
+from psafit.inference.candidate import Candidate, fit
 from psafit.physics import plugin
 from psafit.simulate.contract import check
+from psafit.validate import log_ratio
 
 
 def made(candidate: Candidate, axis: str, place: float, strength: float = 0.4, width: float = 0.4) -> Leftover:
@@ -83,3 +86,28 @@ def test_a_draft_keeps_the_contract(sound, axis, tmp_path) -> None:
     draft(sound, made(sound, axis, {"frequency": 1500.0, "amplitude": 8.0, "range": 300.0}[axis]), tmp_path)
     outcomes = check(plugin.read(tmp_path / FILE), draws=12)
     assert not [f"{one.check}: {one.text}" for one in outcomes if not one.passed]
+
+
+@pytest.mark.slow
+def test_what_has_no_name_becomes_a_draft_that_explains_it(tmp_path) -> None:
+    """A resonance that two sweeps of three meet at the same frequency, and causes that do nothing of the kind."""
+
+    def resonance(name, y):
+        return bump("a", y) if name in "ac" else y
+
+    e = experiment(spoil=resonance, seed=3)
+    asked = {"quick": True, "settings": Settings(simulated=99), "jobs": 1}
+    found = diagnose(e, ["a"], tmp_path / "without", catalogue=FEW[:2], **asked)
+    assert found.verdict == "unexplained" and found.draft.axis == "frequency"
+    assert found.draft.place == pytest.approx(e.group("a").frequency_hz[15], rel=0.1)
+    term = plugin.read(tmp_path / "without" / FILE)
+    again = diagnose(e, ["a"], tmp_path / "with", catalogue=(*FEW[:2], term), **asked)
+    assert "draft_cause" in again.named and again.misfit.extended.p_value > 0.02
+    # Fitted to one sweep, it describes the other that meets it.
+    plain, larger = (problem(e, ("a",)), replace(problem(e, ("a",)), terms=(term,)))
+    errors = []
+    for one in (plain, larger):
+        fitted = fit(one, (), seed=1, draws=512, most=8)
+        c = e.group("c")
+        errors.append(np.std(log_ratio(one.predict(fitted.modes[:1], ["c"])[0], c.reading)))
+    assert errors[1] < 0.6 * errors[0]
