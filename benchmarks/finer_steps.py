@@ -51,7 +51,7 @@ def main() -> int:
             found = simulate(design, theta, chosen, tolerance=given.tolerance).launch_range
         if not taken:
             continue  # the closed form has no steps
-        exhausted += sum(int((steps >= stepper.MOST_STEPS - 1).sum()) for steps in taken)
+        exhausted += sum(int((steps >= stepper.StepSettings().most_steps - 1).sum()) for steps in taken)
         finer = simulate(design, theta, chosen, path="stepper", tolerance=0.01 * given.tolerance).launch_range
         n += found.size
         for k, j in np.argwhere(np.abs(found - finer) > 1e-3 * np.abs(finer) + 1e-11):
@@ -59,7 +59,7 @@ def main() -> int:
             where = f"{design.frequency[j]} Hz, {design.amplitude[j]} V, waveform {design.waveform[j]}"
             print([t.id for t in chosen], theta[k].tolist(), where, found[k, j], finer[k, j], flush=True)
     print(
-        f"{n} trajectories, {differ} differ by more than a thousandth; {exhausted} used all {stepper.MOST_STEPS} steps"
+        f"{n} trajectories, {differ} differ by more than a thousandth; {exhausted} used all {stepper.StepSettings().most_steps} steps"
     )
     return int(differ > 1e-5 * n)
 
