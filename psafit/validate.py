@@ -384,8 +384,9 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     The band is judged by `fewest` readings or more.
     """
     rmse, n = root_mean_square(error), error.size
-    narrow = n >= fewest and coverage < 0.9 - _slack(n)
-    well = "followed closely" if narrow else "predicted well"
+    judged = n >= fewest
+    narrow = judged and coverage < 0.9 - _slack(n)
+    well = "predicted well" if judged and not narrow else "followed closely"
     size = well if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
@@ -393,7 +394,7 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     other = _factor(root_mean_square(np.delete(error, worst))) if ruled else factor
     rest = f" ({other} but for one reading)" if other != factor else ""
     parts = [f"{size}, typically off by {factor}{rest}, {_direction(error)}"]
-    if n < fewest:
+    if not judged:
         return f"{parts[0]}; too few readings to judge its band"
     drifts = drift_p_value < LEVEL
     if narrow:

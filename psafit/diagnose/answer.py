@@ -30,7 +30,6 @@ Topic = Literal["scope", "adequate", "wrong", "detail", "gained", "next", "searc
 _WORTH_SAYING = 0.05
 # Sets that do as well as what is named, and are told by name.
 _TIED = 6
-_SCATTER = frozenset(p.name for p in noise.PARAMETERS)
 _TAILS = noise.PARAMETERS[-1]
 
 
@@ -68,11 +67,12 @@ class Judged(Statement):
 
     Parameters
     ----------
-    adequate : {"yes", "so far", "no", "improbable"}
+    adequate : {"yes", "so far", "no", "together", "tails", "improbable"}
         Whether it is; only as far as the readings tell, where something else is more probable; not rejected by the
-        tests, but improbable.
+        tests, but by readings that stand out together, or only for the heavy tails of its scatter; not rejected, but
+        improbable.
     p_value : float
-        Family-wise.
+        Family-wise; with no heavier tails than usual where these were needed.
     simulated : int
         Data sets that gave it.
     share : float
@@ -82,7 +82,7 @@ class Judged(Statement):
     """
 
     topic = "adequate"
-    adequate: Literal["yes", "so far", "no", "improbable"]
+    adequate: Literal["yes", "so far", "no", "together", "tails", "improbable"]
     p_value: float
     simulated: int
     share: float
@@ -92,6 +92,8 @@ class Judged(Statement):
         """Return the sentence."""
         heads = {
             "no": "The tests find the baseline wrong: {}.",
+            "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
+            "tails": "The tests pass the baseline only because heavy tails take up what stands out; without: {}.",
             "improbable": "The tests do not reject the baseline ({}), but it is improbable beside {}.",
             "yes": "The tests find nothing wrong with the baseline: {}. It keeps {} of the probability.",
             "so far": "The tests find nothing wrong with the baseline: {}. It keeps only {} of the probability.",
@@ -103,7 +105,9 @@ class Judged(Statement):
             self.simulated, few, words.per_cent(ALPHA),
         )  # fmt: skip
         rest = words.per_cent(self.share)
-        if self.adequate == "improbable":
+        if self.adequate == "together":
+            rest = "several groups"
+        elif self.adequate == "improbable":
             rest = "a discrepancy without a name" if self.unnamed else "an extended model"
         return words.put(heads[self.adequate], how, rest)
 
@@ -147,6 +151,8 @@ class Named(Statement):
         Probability of a discrepancy without a name.
     looked_at : LookedAt
     restricted : bool
+    strange : bool
+        Whether what is named has implausible values: then it explains nothing, however well it fits.
     """
 
     topic = "wrong"
@@ -161,6 +167,7 @@ class Named(Statement):
     unnamed: float
     looked_at: LookedAt
     restricted: bool
+    strange: bool
 
     def say(self, words: Words) -> str:
         """Return the sentence."""
@@ -178,6 +185,9 @@ class Named(Statement):
             how = "{} explains the misfit; the tests find nothing left of it, and {} does as well.{}"
             if not self.rejected:
                 how = "{} fits far better, and {} does as well; the tests alone would not have objected.{}"
+            if self.strange:
+                how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
+                how += " shape of what is missing, and perhaps not the mechanism.{}"
             return words.put(how, what, other, rest)
         if self.verdict == "ambiguous":
             if self.fits_alike:
@@ -555,12 +565,17 @@ def kept(d: Diagnosis) -> float:
 
 
 def _judged(d: Diagnosis) -> Judged:
-    verdict: Literal["yes", "so far", "no", "improbable"] = "improbable"
-    if d.misfit.p_value < ALPHA:
+    verdict: Literal["yes", "so far", "no", "together", "tails", "improbable"] = "improbable"
+    tests, p_value = d.misfit.baseline, d.misfit.p_value
+    if p_value < ALPHA:
         verdict = "no"
     elif d.verdict == "adequate":
         verdict = "so far" if kept(d) < 0.5 else "yes"
-    return Judged(verdict, d.misfit.p_value, d.misfit.baseline.n_simulated, kept(d), d.mostly_unnamed)
+    elif tests.coincidences:
+        verdict = "together"
+    elif tests.usual_tails is not None and tests.usual_tails < ALPHA:
+        verdict, p_value = "tails", tests.usual_tails
+    return Judged(verdict, p_value, tests.n_simulated, kept(d), d.mostly_unnamed)
 
 
 def _named(d: Diagnosis) -> Statement:
@@ -584,6 +599,7 @@ def _named(d: Diagnosis) -> Statement:
         unnamed=d.unnamed,
         looked_at=d.looked_at,
         restricted=bool(d.left_out),
+        strange=bool(d.strange),
     )
 
 
@@ -595,9 +611,8 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
     if own or others:
         yield Sizes(list(own.items()), list(others.items()))
     named = [d.leader] if d.leader and d.named else []
-    odd = [(c.terms, [name for name in c.implausible if name not in _SCATTER]) for c in [*named, *tied]]
-    if any(names for _, names in odd):
-        yield Implausible([(terms, names) for terms, names in odd if names])
+    if odd := [(c.terms, c.strange) for c in [*named, *tied] if c.strange]:
+        yield Implausible(odd)
 
 
 def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:

@@ -12,6 +12,10 @@ The family has one p-value: every statistic is expressed in units of its own law
 the distance from the median to the 95 % point), the largest is the family's, and its rank among the same quantity
 of the simulated data is the p-value. A statistic counts as significant by itself when it exceeds the family's 95 %
 point.
+
+A fit is *sound* where the family finds nothing, no readings of several groups stand out together (by the same level),
+and heavy tails were not needed to pass. Tails are heavy where a fitted number of degrees of freedom lies in the lower
+half of its prior; they were needed where the same tests fail once it is held to the upper half.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +34,7 @@ from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
-from psafit.inference.candidate import Candidate, refitted
+from psafit.inference.candidate import Candidate, climbed, refitted
 from psafit.inference.problem import Problem
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics.term import Term
@@ -69,8 +73,6 @@ class MisfitSettings:
         Normal score beyond which a reading is odd by itself: once in 15,000 readings.
     fewest : int
         Readings of the shortest sweep that is looked at.
-    coincident : float
-        Chance at which readings that stand out together are reported.
     spare : int
         Replicates beyond the first of their conditions from which on they say how a reading scatters.
     exact_iterations : int
@@ -86,7 +88,6 @@ class MisfitSettings:
     clip: float = 6.0
     odd: float = 4.0
     fewest: int = 5
-    coincident: float = 0.05
     spare: int = 3
     exact_iterations: int = 4
     others: float = 0.5
@@ -204,6 +205,9 @@ class Misfit:
     n_simulated : int
     refit : {"exact", "expansion"}
         How simulated data were refitted.
+    usual_tails : float, optional
+        p value of the same tests where the scatter has no heavier tails than usual; None where the fit has none, or
+        where the tests fail anyway.
     """
 
     p_value: float
@@ -216,11 +220,18 @@ class Misfit:
     scores: FloatArray
     n_simulated: int
     refit: str
+    usual_tails: float | None = None
 
     @property
     def wrong(self) -> bool:
-        """Whether anything is."""
+        """Whether the tests reject the model."""
         return self.p_value < ALPHA
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong: the tests pass, without heavy tails, and no readings stand out together."""
+        leans = self.usual_tails is not None and self.usual_tails < ALPHA
+        return not (self.wrong or self.coincidences or leans)
 
 
 def normal_scores(
@@ -264,8 +275,8 @@ def of_what(problem: Problem, rows: NDArray[np.intp]) -> str:
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:
-    """Whether the readings pass the tests by a fitted model."""
-    return examine(candidate, catalogue, seed=seed, influence=False).p_value >= ALPHA
+    """Whether the tests find nothing wrong with a fitted model."""
+    return examine(candidate, catalogue, seed=seed, influence=False).sound
 
 
 def examine(
@@ -276,6 +287,7 @@ def examine(
     n_simulated: int = 199,
     exact: bool | None = None,
     influence: bool = True,
+    tails: bool = True,
     settings: MisfitSettings | None = None,
 ) -> Misfit:
     """Test a fitted model.
@@ -293,6 +305,8 @@ def examine(
         closed form.
     influence : bool
         Whether to ask if one group or a few readings are all that is wrong.
+    tails : bool
+        Whether to ask if heavy tails were needed to pass.
     settings : MisfitSettings, optional
     """
     settings = settings or MisfitSettings()
@@ -338,7 +352,7 @@ def examine(
     ]  # fmt: skip
     statistics.sort(key=lambda s: -s.excess)
     places = _places(problem, observed[0], simulated, candidate.predicted, settings)
-    coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted, settings.coincident)
+    coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted)
     odd_points = tuple(numbered(problem, int(k)) for k in np.flatnonzero(np.abs(observed[0]) > settings.odd))
     character: Character = "none"
     odd_groups: tuple[GroupId, ...] = ()
@@ -346,10 +360,21 @@ def examine(
         character, odd_groups = _character(
             candidate, catalogue, statistics, seed, odd_points, settings if influence else None
         )
+    usual, held = None, _with_usual_tails(candidate) if tails and ALPHA <= p_value < 1.0 else None
+    if held is not None:
+        how: dict[str, Any] = {"n_simulated": n_simulated, "exact": exact, "influence": False, "tails": False}
+        usual = examine(held, catalogue, seed=seed, settings=settings, **how).p_value
     return Misfit(
         p_value, tuple(statistics), places, coincidences, character, odd_groups, odd_points, observed[0], n_simulated,
-        "exact" if exact else "expansion",
+        "exact" if exact else "expansion", usual,
     )  # fmt: skip
+
+
+def _with_usual_tails(candidate: Candidate) -> Candidate | None:
+    """The model refitted with no heavier tails than usual; None where its scatter has none."""
+    held = replace(candidate.problem, usual_tails=True)
+    start = np.clip(candidate.modes[:1], *held.bounds.T)
+    return None if (start == candidate.modes[:1]).all() else climbed(held, start)
 
 
 def _together(table: FloatArray) -> FloatArray:
@@ -558,18 +583,19 @@ def _places(
 
 
 def _coincidences(
-    problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray, chance: float
+    problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray
 ) -> tuple[Coincidence, ...]:
-    """Readings that stand out together more than nineteen in twenty simulated data sets show anywhere."""
+    """Readings that stand out together further than simulated data sets show at any condition, at the tests' level."""
     design = problem.design
     error = log_ratio(predicted, problem.observed, problem.offset)
     found = []
-    for variable, meeting in shared(problem).items():
-        null = np.max([_both(simulated[:, rows]) for rows in meeting], axis=0)
+    everywhere = shared(problem)
+    null = np.max([_both(simulated[:, rows]) for meeting in everywhere.values() for rows in meeting], axis=0, initial=0)
+    for variable, meeting in everywhere.items():
         for rows in meeting:
             score = float(_both(e[None, rows])[0])
             p_value = float((1 + np.sum(null >= score)) / (1 + len(null)))
-            if p_value > chance:
+            if p_value >= ALPHA:
                 continue
             side = 1 if np.sort(e[rows])[-2] >= score else -1
             rows = rows[side * e[rows] >= score]

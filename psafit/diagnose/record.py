@@ -123,9 +123,18 @@ class CauseResult(Brief):
         """Whether the model was sampled, and not only fitted."""
         return self.evidence.method != "Laplace"
 
+    @property
+    def strange(self) -> list[str]:
+        """Its implausible parameters, the scatter's aside."""
+        scatter = {p.name for o in OBSERVABLES for p in o.scatter}
+        return [name for name in self.implausible if name not in scatter]
+
 
 # Probability of a discrepancy without a name from which on it is told.
 _TOLD = 0.001
+
+NOT_EXCLUDED = "not excluded"
+"""What is said of a cause that does not show, where the readings leave it more than would be seen."""
 
 UNSEEN = "could not have been seen"
 """What is said of a cause of which even a plausible strength would not show."""
@@ -163,6 +172,8 @@ class ScreeningResult:
     room : float or None
         Largest change of a range, as a share of it, that the readings leave it beside the adopted model (95 %); see
         `psafit.diagnose.room`.
+    left : float or None
+        What they leave it of an effect (95 %), measured as `visible` is.
     """
 
     id: str
@@ -177,6 +188,7 @@ class ScreeningResult:
     inclusion: float
     plausible: float = math.nan
     room: float | None = None
+    left: float | None = None
 
 
 @dataclass(frozen=True)
@@ -255,6 +267,7 @@ class Tests:
     statistics: list[Statistic]
     n_simulated: int
     refit: str
+    usual_tails: float | None = field(default=None, metadata=ABSENT)
     where: list[Where] | None = field(default=None, metadata=ABSENT)
 
 
@@ -527,6 +540,11 @@ class Diagnosis(Brief):
         return next((c for c in self.causes if c.terms == self.named), None)
 
     @property
+    def strange(self) -> list[str]:
+        """Parameters of what is named whose values are implausible, the scatter's aside."""
+        return self.leader.strange if self.leader and self.named else []
+
+    @property
     def headline(self) -> str:
         """The verdict in a line: the named set, and those that do as well, by name as long as these are few."""
         sets = [self.named] if self.named else []
@@ -538,7 +556,8 @@ class Diagnosis(Brief):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
         n = len(self.screening)
         restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
-        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + restricted
+        strange = " (at implausible values)" if self.verdict == "explained" and self.strange else ""
+        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + strange + restricted
 
     def table(self, folder: Path, name: str) -> Path:
         """A table of predictions, refused where somebody has changed it."""

@@ -1,6 +1,7 @@
 r"""From the ladder, the tests and the leftover to a verdict.
 
-* ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
+* ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
+  keeps at least one chance in twenty.
 * ``explained``: one set of causes has 95 % of what the catalogue's sets have together, the tests find nothing left
   once it is adopted, and its fit breaks no law that holds whatever the causes are (`psafit.diagnose.laws`). That no
   other set does as well is said only where those that were not sampled have less than a hundredth of the probability
@@ -90,7 +91,7 @@ def conclude(
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
     nothing, mostly_unnamed = ladder.probability[()], unnamed > 0.5
-    if not before.wrong and nothing >= 1 - CREDIBLE and not mostly_unnamed:
+    if before.sound and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         return Verdict("adequate", (), (), probability, unnamed, inclusion)
     best = ladder.leader.ids
     if not best:  # something is wrong, and no cause helps

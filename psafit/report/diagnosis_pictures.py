@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.gain import Gain
-from psafit.diagnose.record import NEAREST, UNSEEN, ScreeningResult
+from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN, ScreeningResult
 from psafit.diagnose.show import Growth
 from psafit.experiment import Group
 from psafit.report import figures
@@ -36,6 +36,7 @@ _VERDICT_COLOR: Final = {
     "as good": PALETTE["vermillion"],
     "explains part alone": PALETTE["orange"],
     "not present": PALETTE["grey"],
+    NOT_EXCLUDED: PALETTE["sky"],
     UNSEEN: PALETTE["sky"],
 }
 _HATCH: Final = {UNSEEN: "////", "as good": "...."}

@@ -18,6 +18,7 @@ from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Rehearsal
 from psafit.diagnose.record import (
     NEAREST,
+    NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
     Diagnosis,
@@ -62,6 +63,7 @@ _SCREENED: Final = {
     "as good": "bad",
     "explains part alone": "warn",
     "not present": "good",
+    NOT_EXCLUDED: "warn",
     UNSEEN: "warn",
 }
 _LOOKS_AT: Final = {
@@ -289,6 +291,7 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             noted(number(known(s.visible)), f"at {words.quantity(s.plausible, s.unit)}")
             if math.isfinite(s.plausible)
             else number(known(s.visible)),
+            "–" if s.left is None else number(s.left),
             "–" if s.room is None else f"{significant(s.room, 2, per_cent=True)}{NBSP}%",
             "–" if s.verdict == UNSEEN else words.share(s.inclusion),
         ]
