@@ -28,10 +28,12 @@ from psafit.diagnose.record import (
     PREDICTIONS,
     RESULT,
     Apart,
+    Broken,
     CauseResult,
     Confusion,
     Diagnosis,
     ExtensionRun,
+    MisfitResult,
 )
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
@@ -115,11 +117,7 @@ def diagnose(
     Diagnosis
         Also written as `diagnosis.json`.
     """
-    training = tuple(experiment.group(g).id for g in group_ids)
-    if not training:
-        raise InputError("no training group", "give at least one group id")
-    Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
-    training = tuple(g for g in experiment.ids if g in training)  # however they were named, the same work
+    training = _training(experiment, group_ids)
     refuse_still(experiment.groups if quick else experiment.select(training))
     check_seed(seed)
     if nautilus:
@@ -128,30 +126,43 @@ def diagnose(
         reach(scheduler)
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
-    asked: list[Any] = [code(), sha256(NULL_LEADS), versions()]
-    asked += [experiment.title, experiment.limits, experiment.fingerprint]
     settings = settings or Settings.usual(quick)
-    looked_at = {t.id for t in catalogue}
-    left_out = [t.id for t in TERMS if t.id not in looked_at]
-    asked += [training, seed, quick, searches, nautilus, asdict(settings), left_out]
-    asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
-    identity = digest(asked)
+    left_out = [id for id in (t.id for t in TERMS) if id not in [t.id for t in catalogue]]
+    identity = _identity(everything, [training, seed, quick, searches, nautilus, asdict(settings), left_out])
     with sole(folder):
         _claim(folder, experiment)
         held = _held(folder, identity)
         if held and (not draw_on or all(run.converged for run in held.extension.values())):
             return held
         shown, n_jobs = watcher or Silent(), jobs or cores()
-        # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
-        drawing = held is not None
         repeats = (settings.searches if searches is None else searches) if catalogue else 0
         plan = _plan(experiment, training, quick, repeats, nautilus, n_jobs)
         with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
-            work = _Work(
+            return _Work(
                 experiment, training, folder, seed, catalogue, n_jobs, shown, command,
-                drawing=drawing, settings=settings, left_out=left_out, scheduler=scheduler,
-            )  # fmt: skip
-            return work.all(quick, repeats, nautilus, identity)
+                # What did not converge is drawn on by the command after a finished one, not by one that resumes.
+                drawing=held is not None, settings=settings, left_out=left_out, scheduler=scheduler,
+            ).all(quick, repeats, nautilus, identity)  # fmt: skip
+
+
+def _training(experiment: Experiment, group_ids: Sequence[GroupId]) -> tuple[GroupId, ...]:
+    """The groups of these names in the experiment's order, so that they are the same work however they were named."""
+    training = tuple(experiment.group(g).id for g in group_ids)
+    if not training:
+        raise InputError("no training group", "give at least one group id")
+    Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
+    return tuple(g for g in experiment.ids if g in training)
+
+
+def _identity(everything: Problem, asked: list[Any]) -> str:
+    """Digest of all that a result depends on: the program, the experiment, what is asked for, and the catalogue."""
+    experiment = everything.experiment
+    return digest(
+        [
+            code(), sha256(NULL_LEADS), versions(), experiment.title, experiment.limits, experiment.fingerprint, *asked,
+            [t.determinants for t in everything.terms], *(p.signature for p in everything.parameters),
+        ]
+    )  # fmt: skip
 
 
 def _plan(
@@ -264,21 +275,7 @@ class _Work:
             ladder = self._search(experiment.ids)
         leader = ladder.leader
         with self._stage("tests"):
-            n_simulated = self.settings.simulated
-            before = examine(ladder.baseline, self.catalogue, seed=self.seed, n_simulated=n_simulated)
-            after = examine(leader, self.catalogue, seed=self.seed, n_simulated=n_simulated) if leader.terms else None
-            # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
-            left = leftover(leader)
-            bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
-            verdict = conclude(ladder, before, after, left, bare, broken(leader, self.settings.laws))
-            held = [ladder.baseline if verdict.verdict == "adequate" else leader]
-            held += [ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held]]
-            laws = [law for model in held for law in broken(model, self.settings.laws)]
-            misfit = told.misfit_of(
-                before, after, left, ladder.baseline, leader,
-                remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
-                firm=robustness(ladder.baseline, leader, bare, left) if leader.terms else None,
-            )  # fmt: skip
+            verdict, misfit, laws = self._tested(ladder)
         # Where nothing is wrong, the model that is adopted is the baseline, whatever leads.
         adopted = ladder.baseline if verdict.verdict == "adequate" else leader
         draws = ladder.draws(adopted.ids, self.seed)
@@ -298,17 +295,7 @@ class _Work:
         measured = {} if quick else self._gains(ladder)
         for scored in measured.values():
             ledger += scored.ledger
-        extension: dict[str, ExtensionRun] = {}
-        runs = {} if quick or not self.settings.steps else {"adopted": (verdict.named, experiment.ids)}
-        if runs and "strict" in measured:
-            runs["strict"] = (tuple(measured["strict"].groups[0].named), self.training)
-        for which, (ids, groups) in runs.items():
-            if ids:
-                self.watcher.part(f"{which} extension")
-                with self._timed(f"{which} extension"):
-                    extension[which] = self._extend(ids, groups)
-                what, unseen = f"posterior of the extension ({which})", extension[which].scored_on
-                ledger.append(Choice(what, list(groups), unseen))
+        extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(ladder, repeats))
         causes = told.causes_of(ladder, verdict)
@@ -356,6 +343,41 @@ class _Work:
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
+
+    def _tested(self, ladder: Ladder) -> tuple[Verdict, MisfitResult, list[Broken]]:
+        """Test the baseline and the best model: the verdict, the misfit, and the laws that are broken."""
+        leader, n_simulated = ladder.leader, self.settings.simulated
+        before = examine(ladder.baseline, self.catalogue, seed=self.seed, n_simulated=n_simulated)
+        after = examine(leader, self.catalogue, seed=self.seed, n_simulated=n_simulated) if leader.terms else None
+        # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
+        left = leftover(leader)
+        bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
+        verdict = conclude(ladder, before, after, left, bare, broken(leader, self.settings.laws))
+        held = [ladder.baseline if verdict.verdict == "adequate" else leader]
+        held += [ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held]]
+        laws = [law for model in held for law in broken(model, self.settings.laws)]
+        misfit = told.misfit_of(
+            before, after, left, ladder.baseline, leader,
+            remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
+            firm=robustness(ladder.baseline, leader, bare, left) if leader.terms else None,
+        )  # fmt: skip
+        return verdict, misfit, laws
+
+    def _extensions(
+        self, named: tuple[str, ...], measured: dict[str, gains.Gain], ledger: list[Choice]
+    ) -> dict[str, ExtensionRun]:
+        """Draw the posteriors of the named model and, where it is measured, of the strict protocol's."""
+        found: dict[str, ExtensionRun] = {}
+        runs = {"adopted": (named, self.experiment.ids)}
+        if "strict" in measured:
+            runs["strict"] = (tuple(measured["strict"].groups[0].named), self.training)
+        for which, (ids, groups) in runs.items():
+            if ids:
+                self.watcher.part(f"{which} extension")
+                with self._timed(f"{which} extension"):
+                    found[which] = self._extend(ids, groups)
+                ledger.append(Choice(f"posterior of the extension ({which})", list(groups), found[which].scored_on))
+        return found
 
     @cached_property
     def _memory(self) -> Memory:
