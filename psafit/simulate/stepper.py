@@ -80,6 +80,8 @@ _PART = 0.03
 _NEWTON_REST = 0.003
 # A ball slower than this, relative to the speed the error was scaled for, is followed again.
 _SLOW = 0.1
+# A force counts as higher than another if it is by this part.
+_PEAK = 1e-10
 # An error of a step that rounding alone makes, in units of stroke times frequency.
 _ROUNDING = 1e-15
 # Launched, but found to be so much slower than the error was scaled for that the run must be repeated.
@@ -342,6 +344,30 @@ def _crossing(d, swing, threshold, side, fresh, slip, bern, stack):  # type: ign
 
 
 @compiled(borrows=True)
+def _highest(b, n, end, best, stack):  # type: ignore[no-untyped-def]
+    """Largest value over [0, end] of a polynomial in Bernstein's form, or `best` if that is larger."""
+    first = stack[0]
+    for i in range(n + 1):
+        first[i] = b[i]
+    for k in range(1, n + 1 if end < 1.0 else 0):  # the part before `end` (de Casteljau)
+        for i in range(n, k - 1, -1):
+            first[i] = (1.0 - end) * first[i - 1] + end * first[i]
+    depth = 0
+    while depth >= 0:
+        part = stack[depth]
+        best = max(best, part[0], part[n])
+        bound = best
+        for i in range(n + 1):
+            bound = max(bound, part[i])
+        if bound <= best * (1.0 + _PEAK) or depth + 1 == len(stack):
+            depth -= 1
+            continue
+        _split(part, stack[depth + 1], part, n)
+        depth += 1
+    return best
+
+
+@compiled(borrows=True)
 def _is_noise(bern, n, theta, resolved):  # type: ignore[no-untyped-def]
     """Whether what begins on a zero and returns to it at `theta` does not rise above the step's error in between."""
     middle, _ = _bernstein(bern, n, 0.5 * theta)
@@ -359,11 +385,11 @@ def _top(speed, push, h, ball, bern, stack):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, grows):  # type: ignore[no-untyped-def]
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, grows, forced):  # type: ignore[no-untyped-def]
     """Follow one trajectory to the launch.
 
-    Returns (outcome, time, speed of the ball, its place, steps taken); the place is the highest where it is not
-    launched.
+    Returns (outcome, time, speed of the ball, its place, highest force until then, steps taken); the place is the
+    highest where it is not launched.
     """
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
@@ -377,7 +403,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
 
     split = n_branch > 0 or n_factor > 0
     if not _drive.first_piece(piece, rows, point, phase, lag, inverse_slew, split):
-        return NO_SEPARATION, math.nan, 0.0, 0.0, 0
+        return NO_SEPARATION, math.nan, 0.0, 0.0, math.nan, 0
     f, idle = point[FREQUENCY], point[IDLE]
     # Where the stack rests: what the idle voltage, once it was reached from 0 V, has made of it.
     settled = q * idle
@@ -409,6 +435,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
     release = -bond / k_c
     separated_once = False
     last_time, last_speed, last_place = math.nan, 0.0, 0.0
+    peak = last_peak = 0.0
     waiting = point[LENGTH] + HORIZON_PERIODS / f
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
@@ -600,6 +627,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
         else:
             _, once = basis(cut)
             twice = times(A, 0, once)
+        if forced and regime != FREE:
+            store(bern, 0, times(VALUES_TO_BERNSTEIN, 0, F) * kappa)
+            peak = _highest(bern, NODES - 1, cut, peak, stack)
         before, x2_before = v2, x2
         x1 += h * (cut * v1 + h * total(twice * acceleration))
         x2 += h * (cut * v2 + h * total(twice * push) / ball)
@@ -670,7 +700,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
                 regime = FREE
                 if v2 > 0.0:
                     separated_once = True
-                    last_time, last_speed, last_place = t, v2, x2 - rest
+                    last_time, last_speed, last_place, last_peak = t, v2, x2 - rest, peak
                     if cycles == 0.0:
                         break
                     # Beyond the apex the hop is over: what strikes the ball then is another launch.
@@ -689,8 +719,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
         slow = last_speed < _SLOW * reference and tolerance * reference > _ROUNDING * q * point[REACH] * f
         outcome = _TOO_SLOW if slow and step < MOST_STEPS - 1 else LAUNCHED
-        return outcome, last_time, last_speed, last_place, step
-    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), step
+        return outcome, last_time, last_speed, last_place, last_peak, step
+    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, step
 
 
 @compiled(borrows=True)
@@ -708,7 +738,9 @@ def _usual_speed(rig, theta_at, point, calls, out):  # type: ignore[no-untyped-d
 
 
 @compiled
-def _one_set(rig, theta_at, wanted, rows, points, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _one_set(  # type: ignore[no-untyped-def]
+    rig, theta_at, wanted, rows, points, calls, tolerance, forced, when, speed, place, status, peak, steps
+):  # fmt: skip
     n = NODES
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
@@ -723,26 +755,30 @@ def _one_set(rig, theta_at, wanted, rows, points, calls, tolerance, when, speed,
     for j in range(len(points)):
         point = points[j]
         if point[REACH] == 0.0 or not wanted[j]:
-            when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
+            when[j], speed[j], place[j], status[j], peak[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, math.nan, 0
             continue
         reference = _PART * _usual_speed(rig, theta_at, point, calls, nodes[0])
         total_steps = 0
         for k in range(12):
-            outcome, t, v, x, count = _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, k == 0)
+            outcome, t, v, x, top, count = _fly(
+                rig, theta_at, rows, point, calls, cache, work, tolerance, reference, k == 0, forced
+            )  # fmt: skip
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
             reference = max(v, _ROUNDING * rig[6] * point[REACH] * point[FREQUENCY] / tolerance)
-        when[j], speed[j], place[j], status[j], steps[j] = t, v, x, outcome, total_steps
+        when[j], speed[j], place[j], status[j], peak[j], steps[j] = t, v, x, outcome, top, total_steps
 
 
-def _all_sets(rigs, theta, wanted, rows, points, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _all_sets(  # type: ignore[no-untyped-def]
+    rigs, theta, wanted, rows, points, calls, tolerance, forced, when, speed, place, status, peak, steps
+):  # fmt: skip
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
     for i in prange(len(theta)):
         _one_set(
-            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance,
-            when[i], speed[i], place[i], status[i], steps[i],
+            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance, forced,
+            when[i], speed[i], place[i], status[i], peak[i], steps[i],
         )  # fmt: skip
 
 
@@ -771,8 +807,11 @@ def separation(
     calls: Calls,
     tolerance: float = TOLERANCE,
     wanted: NDArray[np.bool_] | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], NDArray[np.int64]]:
-    """Time (s), ball speed (m/s) and place (m) at the launch, what happened, and steps taken; (n_sets, n_points).
+    forced: bool = False,
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], FloatArray, NDArray[np.int64]]:
+    """Time (s), ball speed (m/s) and place (m) at the launch, what happened, highest force (N) until then, steps taken.
+
+    Each is (n_sets, n_points).
 
     Places count from the ball's rest. Without a launch it is the highest place to which the tip carried the ball.
 
@@ -789,14 +828,16 @@ def separation(
         Error admitted in one step, relative to the ball's speed.
     wanted : (n_sets, n_points) bool array, optional
         Which trajectories to follow; all of them by default.
+    forced : bool
+        Whether the contact's highest force is needed; it is meaningless otherwise.
     """
     shape = (len(theta), design.n_points)
-    found = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, np.int64))
+    found = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float, np.int64))
     if len(calls.branch) > _MOST_BRANCHES:
         raise ValueError(f"{len(calls.branch)} causes with a memory; at most {_MOST_BRANCHES}")
     run = _parallel if len(theta) > 1 and found[0].size > _WORTH_THREADS else _serial
     run(
         rig.stack(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
-        *design.commands, calls.arrays(), tolerance, *found,
+        *design.commands, calls.arrays(), tolerance, forced, *found,
     )  # fmt: skip
     return found  # type: ignore[return-value]
