@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import joblib
 import numpy as np
@@ -185,9 +185,27 @@ def make(
     for name in (ANSWER, COMMITMENT, EXPERIMENT):
         if (folder / name).exists():
             raise InputError("is there already", "choose an empty folder", file=folder / name)
-    blank = (
-        _drawn_design(np.random.default_rng([seed, _DESIGN]), readings) if design_of is None else _nameless(design_of)
-    )
+    drawn_design = np.random.default_rng([seed, _DESIGN])
+    blank = _drawn_design(drawn_design, readings) if design_of is None else _nameless(design_of)
+    source: Literal["given", "drawn"] = "drawn" if design_of is None else "given"
+    return _made(seed, folder, blank, source, kind, chosen, outside, strength, nu, believed, jobs, settings)
+
+
+def _made(
+    seed: int,
+    folder: Path,
+    blank: Experiment,
+    source: Literal["given", "drawn"],
+    kind: Kind,
+    chosen: Sequence[Term],
+    outside: Outside | None,
+    strength: float | None,
+    nu: float | None,
+    believed: bool,
+    jobs: int,
+    settings: HideSettings,
+) -> Challenge:
+    """The challenge of a request that was checked, at the conditions of a blank experiment."""
     design = Design.of(blank.constants, blank.groups)
     rng = np.random.default_rng([seed, _TRUTH])
     scatter = {
@@ -223,7 +241,7 @@ def make(
         outside=None if outside is None else outside.name,
         where=where,
         places=places,
-        design="drawn" if design_of is None else "given",
+        design=source,
         redraws=redraws,
         true_um=true_um.tolist(),
         fingerprint=experiment.fingerprint,

@@ -21,7 +21,7 @@ from psafit.diagnose.confusable import confusable
 from psafit.diagnose.draft import drafted
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
-from psafit.diagnose.judging import judge
+from psafit.diagnose.judging import Judgement, judge
 from psafit.diagnose.laws import broken
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
 from psafit.diagnose.record import (
@@ -30,10 +30,12 @@ from psafit.diagnose.record import (
     PREDICTIONS,
     RESULT,
     Apart,
+    Broken,
     CauseResult,
     Confusion,
     Diagnosis,
     ExtensionRun,
+    MisfitResult,
 )
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
@@ -121,43 +123,58 @@ def diagnose(
     Diagnosis
         Also written as `diagnosis.json`.
     """
-    training = tuple(experiment.group(g).id for g in group_ids)
-    if not training:
-        raise InputError("no training group", "give at least one group id")
-    Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
-    training = tuple(g for g in experiment.ids if g in training)  # however they were named, the same work
+    training = _training(experiment, group_ids)
     refuse_still(experiment.groups if quick else experiment.select(training))
-    check_seed(seed)
-    if nautilus:
-        require()
-    if scheduler is not None:
-        reach(scheduler)
+    _able(seed, nautilus, scheduler)
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
-    asked: list[Any] = [code(), sha256(NULL_LEADS), versions()]
-    asked += [experiment.title, experiment.limits, experiment.fingerprint]
     settings = settings or Settings.usual(quick)
-    looked_at = {t.id for t in catalogue}
-    left_out = [t.id for t in TERMS if t.id not in looked_at]
-    asked += [training, seed, quick, searches, nautilus, calibrate, asdict(settings), left_out]
-    asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
-    identity = digest(asked)
+    left_out = [t.id for t in TERMS if t.id not in everything.ids]
+    asked = [training, seed, quick, searches, nautilus, calibrate, asdict(settings), left_out]
+    identity = _identity(everything, asked)
     with sole(folder):
         _claim(folder, experiment)
         held = _held(folder, identity)
         if held and (not draw_on or all(run.converged for run in held.extension.values())):
             return held
         shown, n_jobs = watcher or Silent(), jobs or cores()
-        # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
-        drawing = held is not None
         repeats = (settings.searches if searches is None else searches) if catalogue else 0
         plan = _plan(experiment, training, quick, repeats, nautilus, calibrate, n_jobs)
         with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
-            work = _Work(
+            return _Work(
                 experiment, training, folder, seed, catalogue, n_jobs, shown, command,
-                drawing=drawing, settings=settings, left_out=left_out, scheduler=scheduler,
-            )  # fmt: skip
-            return work.all(quick, repeats, nautilus, identity, calibrate)
+                # What did not converge is drawn on by the command after a finished one, not by one that resumes.
+                drawing=held is not None, settings=settings, left_out=left_out, scheduler=scheduler,
+            ).all(quick, repeats, nautilus, identity, calibrate)  # fmt: skip
+
+
+def _able(seed: int, nautilus: bool, scheduler: str | None) -> None:
+    """Refuse what cannot be done, before hours of work."""
+    check_seed(seed)
+    if nautilus:
+        require()
+    if scheduler is not None:
+        reach(scheduler)
+
+
+def _training(experiment: Experiment, group_ids: Sequence[GroupId]) -> tuple[GroupId, ...]:
+    """The groups of these names in the experiment's order, so that they are the same work however they were named."""
+    training = tuple(experiment.group(g).id for g in group_ids)
+    if not training:
+        raise InputError("no training group", "give at least one group id")
+    Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
+    return tuple(g for g in experiment.ids if g in training)
+
+
+def _identity(everything: Problem, asked: list[Any]) -> str:
+    """Digest of all that a result depends on: the program, the experiment, what is asked for, and the catalogue."""
+    experiment = everything.experiment
+    return digest(
+        [
+            code(), sha256(NULL_LEADS), versions(), experiment.title, experiment.limits, experiment.fingerprint, *asked,
+            [t.determinants for t in everything.terms], *(p.signature for p in everything.parameters),
+        ]
+    )  # fmt: skip
 
 
 def _plan(
@@ -279,14 +296,8 @@ class _Work:
         leader = ladder.leader
         with self._stage("tests"):
             judgement = judge(ladder, self.catalogue, self.settings, seed=self.seed)
-            verdict, adopted, left = judgement.verdict, judgement.adopted, judgement.left
-            held = [adopted, *(ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
-            laws = [law for model in held for law in broken(model, self.settings.laws)]
-            misfit = told.misfit_of(
-                judgement.before, judgement.after, left, ladder.baseline, leader,
-                remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
-                firm=robustness(ladder.baseline, leader, judgement.bare, left) if leader.terms else None,
-            )  # fmt: skip
+            verdict, adopted = judgement.verdict, judgement.adopted
+            misfit, laws = self._tested(judgement)
         draws = ladder.draws(adopted.ids, self.seed)
         if not self.drawing:  # the tables that follow belong to another answer, which has no record yet
             for name in (RESULT, PAGE):
@@ -304,17 +315,7 @@ class _Work:
         measured = {} if quick else self._gains(ladder)
         for scored in measured.values():
             ledger += scored.ledger
-        extension: dict[str, ExtensionRun] = {}
-        runs = {} if quick or not self.settings.steps else {"adopted": (verdict.named, experiment.ids)}
-        if runs and "strict" in measured:
-            runs["strict"] = (tuple(measured["strict"].groups[0].named), self.training)
-        for which, (ids, groups) in runs.items():
-            if ids:
-                self.watcher.part(f"{which} extension")
-                with self._timed(f"{which} extension"):
-                    extension[which] = self._extend(ids, groups)
-                what, unseen = f"posterior of the extension ({which})", extension[which].scored_on
-                ledger.append(Choice(what, list(groups), unseen))
+        extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(ladder, repeats))
         causes = told.causes_of(ladder, verdict)
@@ -324,10 +325,6 @@ class _Work:
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
         screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
-        calibration = self._calibration(ladder, drawn) if drawn else None
-        lives_on = (
-            influence(ladder, verdict.named, seed=self.seed, draws=self.settings.draws) if verdict.named else None
-        )
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -362,13 +359,42 @@ class _Work:
             identity=identity,
             left_out=list(self.left_out),
             settings=self.settings,
-            calibration=calibration,
-            influence=lives_on,
+            calibration=self._calibration(ladder, drawn),
+            influence=influence(ladder, verdict.named, seed=self.seed, draws=self.settings.draws),
             draft=drafted(judgement, self.folder),
         )
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
+
+    def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
+        """What the tests say of the baseline and the best model, and the laws that reported models break."""
+        ladder, verdict, left = judgement.ladder, judgement.verdict, judgement.left
+        leader = ladder.leader
+        held = [judgement.adopted, *(ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
+        laws = [law for model in held for law in broken(model, self.settings.laws)]
+        misfit = told.misfit_of(
+            judgement.before, judgement.after, left, ladder.baseline, leader,
+            remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
+            firm=robustness(ladder.baseline, leader, judgement.bare, left) if leader.terms else None,
+        )  # fmt: skip
+        return misfit, laws
+
+    def _extensions(
+        self, named: tuple[str, ...], measured: dict[str, gains.Gain], ledger: list[Choice]
+    ) -> dict[str, ExtensionRun]:
+        """Draw the posteriors of the named model and, where it is measured, of the strict protocol's."""
+        found: dict[str, ExtensionRun] = {}
+        runs = {"adopted": (named, self.experiment.ids)}
+        if "strict" in measured:
+            runs["strict"] = (tuple(measured["strict"].groups[0].named), self.training)
+        for which, (ids, groups) in runs.items():
+            if ids:
+                self.watcher.part(f"{which} extension")
+                with self._timed(f"{which} extension"):
+                    found[which] = self._extend(ids, groups)
+                ledger.append(Choice(f"posterior of the extension ({which})", list(groups), found[which].scored_on))
+        return found
 
     @cached_property
     def _memory(self) -> Memory:
@@ -456,8 +482,10 @@ class _Work:
                 progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
             )  # fmt: skip
 
-    def _calibration(self, ladder: Ladder, drawn: int) -> Calibration:
-        """How often such a verdict is right here."""
+    def _calibration(self, ladder: Ladder, drawn: int) -> Calibration | None:
+        """How often such a verdict is right here, where that is asked for."""
+        if not drawn:
+            return None
         with self._stage("calibration"):
             return calibrated(
                 ladder, self.catalogue, drawn, seed=self.seed, memory=self._memory, settings=self.settings,

@@ -310,21 +310,11 @@ def examine(
     settings : MisfitSettings, optional
     """
     settings = settings or MisfitSettings()
-    problem = candidate.problem
-    u = candidate.modes[0]
-    rng = np.random.default_rng([seed, 7])
+    problem, u = candidate.problem, candidate.modes[:1]
     if exact is None:
         exact = path_of(candidate.terms) == "closed form"
-    predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
-    scatter = np.repeat(candidate.noise, n_simulated, axis=0)
-    # An instrument does not show ranges below zero.
-    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
-    starts = np.repeat(u[None, :], n_simulated, axis=0)
-    refit = ascend_linearly(problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8)
-    if exact:
-        refit = ascend(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
-    observed = normal_scores(problem, u[None, :], candidate.predicted[None, :], problem.observed, settings.clip)
-    simulated = normal_scores(problem, refit.u, refit.predicted, fake, settings.clip)
+    observed = normal_scores(problem, u, candidate.predicted[None, :], problem.observed, settings.clip)
+    simulated = _simulated(candidate, seed, n_simulated, exact, settings)
     directions = _directions(candidate, catalogue, settings.directions)
     looked = _look(problem, np.vstack([observed, simulated]), candidate.predicted, directions, settings)
     names = list(looked)
@@ -375,6 +365,20 @@ def _with_usual_tails(candidate: Candidate) -> Candidate | None:
     held = replace(candidate.problem, usual_tails=True)
     start = np.clip(candidate.modes[:1], *held.bounds.T)
     return None if (start == candidate.modes[:1]).all() else climbed(held, start)
+
+
+def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, settings: MisfitSettings) -> FloatArray:
+    """Normal scores of data sets simulated from a fit under their own refits; (n_simulated, n_points)."""
+    problem, rng = candidate.problem, np.random.default_rng([seed, 7])
+    predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
+    scatter = np.repeat(candidate.noise, n_simulated, axis=0)
+    # An instrument does not show ranges below zero.
+    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
+    starts = np.repeat(candidate.modes[:1], n_simulated, axis=0)
+    refit = ascend_linearly(problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8)
+    if exact:
+        refit = ascend(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
+    return normal_scores(problem, refit.u, refit.predicted, fake, settings.clip)
 
 
 def _together(table: FloatArray) -> FloatArray:
@@ -476,6 +480,13 @@ def _look(
     found["largest residual", "point", None] = np.abs(e).max(axis=1)
     for id, unit in directions.items():
         found[f"direction of {id}", "mean", None] = (e @ unit.T).max(axis=1)
+    return found | _repeated(problem, e, settings.spare)
+
+
+def _repeated(problem: Problem, e: FloatArray, least: int) -> dict[Key, FloatArray]:
+    """Statistics of readings at the same conditions, `least` of them beyond the first of each."""
+    found: dict[Key, FloatArray] = {}
+    design = problem.design
     alike = conditions(design)
     in_sessions = [rows for rows in alike if np.ptp(design.group[rows])]
     if in_sessions:
@@ -484,7 +495,7 @@ def _look(
     # What agrees to the last digit is a copy, or an instrument too coarse to tell.
     replicates = [rows for rows in replicates if rows.size > 1 and np.ptp(problem.observed[rows]) > 0]
     spare = sum(rows.size - 1 for rows in replicates)
-    if spare >= settings.spare:
+    if spare >= least:
         # Pure error: however wide the fitted scatter is, means of replicates must not scatter more than they do.
         means = np.mean([rows.size * np.square(e[:, rows].mean(axis=1)) for rows in replicates], axis=0)
         found["conditions against their replicates", "mean", None] = np.log(

@@ -16,6 +16,7 @@ from typing import Any
 
 import lmfit
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
@@ -211,17 +212,20 @@ def starts_of(
             rank[tuple(quarter[k])] += 1
         half = np.argsort(place[left], kind="stable")
         left = np.array([k for pair in zip(left, left[half], strict=True) for k in pair])
+    left = left[np.isfinite(height[left])]
+    return draws[_far_apart(draws[:, :n], width, left, n_starts, apart)], len(draws)
+
+
+def _far_apart(places: FloatArray, width: FloatArray, ranked: NDArray[np.intp], n: int, apart: float) -> list[int]:
+    """The first `n` by rank that lie far apart; where that does not yield enough, closer."""
     chosen: list[int] = []
-    # Far apart first; where that does not yield enough starts, closer.
     for distance in (apart, 0.5 * apart, 0.0):
-        for k in left:
-            if len(chosen) == n_starts:
+        for k in ranked.tolist():
+            if len(chosen) == n:
                 break
-            if k in chosen or not np.isfinite(height[k]):
-                continue
-            if all(np.abs((draws[k, :n] - draws[c, :n]) / width).max() > distance for c in chosen):
-                chosen.append(int(k))
-    return draws[chosen], len(draws)
+            if k not in chosen and all(np.abs((places[k] - places[c]) / width).max() > distance for c in chosen):
+                chosen.append(k)
+    return chosen
 
 
 def joined_values(problem: Problem, values: Mapping[str, float]) -> FloatArray:
