@@ -426,7 +426,11 @@ class ByChance(Statement):
                 missing,
             )
         n, most = len(s.null), max(s.null)
-        none = f"none led by more than {fixed(math.ceil(10 * most) / 10, 1)} nats" if most > 0 else "none put a model with causes first"
+        none = (
+            f"none led by more than {fixed(math.ceil(10 * most) / 10, 1)} nats"
+            if most > 0
+            else "none put a model with causes first"
+        )
         where = "simulated baselines"
         if s.stored:
             sizes = " to ".join(map(str, s.readings))
