@@ -155,6 +155,19 @@ def counted() -> Iterator[dict[str, int]]:
 # --- one data set ---------------------------------------------------------------------------------------------------
 
 
+def _leading(found: Found, n: int) -> list[dict[str, Any]]:
+    """The best models of a search, for the record."""
+    best = sorted(found.log_posterior, key=lambda ids: -found.log_posterior[ids])[:n]
+    return [
+        {
+            "causes": list(ids),
+            "log_posterior": round(found.log_posterior[ids], 3),
+            "probability": float(f"{found.probability.get(ids, 0.0):.3g}"),
+        }
+        for ids in best
+    ]
+
+
 def measure(
     data: DataSet,
     seed: int,
@@ -199,7 +212,6 @@ def measure(
     progress("the truth alone", 0, 1)
     alone = dict(known) if known else truth_alone(data, problem)
     log_posterior = evidence + log_prior(best)
-    leading = sorted(found.log_posterior, key=lambda ids: -found.log_posterior[ids])[:shown]
     return {
         "id": data.id,
         "group": data.group,
@@ -223,14 +235,7 @@ def measure(
             "probability": found.probability.get(best, 0.0),
         },
         "reported": [list(ids) for ids in found.reported],
-        "leading": [
-            {
-                "causes": list(ids),
-                "log_posterior": round(found.log_posterior[ids], 3),
-                "probability": float(f"{found.probability.get(ids, 0.0):.3g}"),
-            }
-            for ids in leading
-        ],
+        "leading": _leading(found, shown),
         "nothing": found.log_posterior.get(()),
         "n_fitted": len(found.log_posterior),
         "trajectories": trajectories,

@@ -472,7 +472,7 @@ def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, work):  # type: ignore[no-untyped-def]
+def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, work):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     """Separation under a command: (time, integral of the indentation until then, integral of that).
 
     The time is infinite without a separation, and negative where the tip first draws back from the ball.

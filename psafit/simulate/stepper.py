@@ -143,7 +143,7 @@ def _split(coefficients, low, high, n):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _first_root(coefficients, n, floor, stack):  # type: ignore[no-untyped-def]
+def _first_root(coefficients, n, floor, stack):  # type: ignore[no-untyped-def]  # noqa: C901
     """First place in (0, 1] where a polynomial, not negative at 0, turns negative; 2 where none."""
     negative = False
     for i in range(n + 1):
@@ -652,7 +652,7 @@ def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no
 
 
 @compiled(borrows=True)
-def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows):  # type: ignore[no-untyped-def]
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     """Follow one trajectory to the launch.
 
     Returns (outcome, time, speed of the ball, its place, steps taken); the place is the highest where it is not
