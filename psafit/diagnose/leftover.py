@@ -132,7 +132,7 @@ def leftover(
     priors = settings.priors
     around = _Expansion.of(candidate, stretch(candidate) if outlying is None else outlying, priors)
     without = around.fitted(around.scatter, with_it=False)
-    # A scatter that had to stand for the discrepancy, too, may be either of its parts: there are several hills.
+    # A scatter that had to stand for the discrepancy, too, may be either of its parts: there are several modes.
     low = [p.sampling_bounds.lower for p in around.parameters]
     usual = np.minimum(around.scatter, [float(p.prior_quantile(0.5)) for p in around.parameters])
     starts = (

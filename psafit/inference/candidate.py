@@ -119,9 +119,9 @@ class Candidate:
 
     @property
     def laplace_apart(self) -> float:
-        """The same, what modes on one hill have in common counted once.
+        """The same, what ends of one mode have in common counted once.
 
-        Climbs that end in different places of one hill are as many modes. Each is counted in the part in which its
+        Climbs that end in different places of one mode are listed one by one. Each is counted in the part in which its
         normal is above the others' at its own top.
         """
         away = self.modes[:, None] - self.modes[None]  # (n_at, n_of, n_dim)
@@ -267,7 +267,7 @@ def fit(
     s = settings or FitSettings()
     trial = subsampled(problem, s)
     if not nested:
-        # One climb on each hill goes on: six on the highest would lose a second that holds half of the posterior.
+        # One climb of each mode goes on: six of the highest would lose a second that holds half of the posterior.
         starts, n_drawn = starts_of(trial, seed, most, draws)
         end = ascend(problem, starts, schedule=s.thorough, unite=True)
         return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
@@ -450,7 +450,7 @@ def _weighty(candidate: Candidate, minor: float = 5.0) -> NDArray[np.intp]:
 
 
 def separate_modes(candidate: Candidate, *, apart: float = 4.0, valley: float = 2.0, points: int = 7) -> list[int]:
-    """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well.
+    """Separate modes of the posterior, the best place of each: where other parameters fit as well.
 
     Parameters
     ----------

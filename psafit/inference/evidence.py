@@ -182,7 +182,7 @@ def weigh(
 ) -> Weighed:
     """Evidence and posterior of a fitted model.
 
-    Hills of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
+    Modes of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
     emulates two.
 
     Parameters
@@ -190,21 +190,21 @@ def weigh(
     candidate : Candidate
     seed : int
     rounds : int
-        At most so many on each hill, of 256 simulated draws each.
+        At most so many on each mode, of 256 simulated draws each.
     effective : float
         Effective draws at which it is enough.
     """
     random, how = np.random.default_rng([seed, 5]), RoundSettings(most=rounds, effective=effective)
     parts, nearest = separated(candidate)
     pools = [
-        _importance(on_plateaus(hill), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
-        for k, hill in enumerate(parts)
+        _importance(on_plateaus(mode), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
+        for k, mode in enumerate(parts)
     ]
     return Pool.together(pools).weighed()
 
 
 def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
-    """The model on each of its hills, and which of them is nearest to rows of coordinates.
+    """The model on each of its modes, and which of them is nearest to rows of coordinates.
 
     Nearest is the one whose density is the highest. Whatever these regions are worth, they leave out nothing and count
     nothing twice.

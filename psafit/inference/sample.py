@@ -29,7 +29,7 @@ class SampleSettings:
     better : float, nats
         Rise of a log posterior by which a fit counts as another mode.
     rounds, effective : int, float
-        Rounds of importance sampling at most on each hill, and effective draws at which it is enough.
+        Rounds of importance sampling at most on each mode, and effective draws at which it is enough.
     """
 
     draws: int = 256

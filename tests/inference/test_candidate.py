@@ -57,7 +57,7 @@ def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
 
 
 @pytest.mark.slow
-def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
+def test_ends_of_climbs_at_one_mode_are_one_mode(hidden):
     one = candidate_at(hidden.leader.problem, hidden.leader.modes[:1])
     assert one.laplace_apart == pytest.approx(one.laplace)
     width = 1 / np.sqrt(one.curvature[0, 0, 0])
