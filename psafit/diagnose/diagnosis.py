@@ -409,7 +409,7 @@ class _Work:
             self.watcher.update(done, total, which + what)
 
         if (groups, starts) not in self._ladders:
-            self._ladders[groups, starts] = _climbed(
+            self._ladders[groups, starts] = _ladder_of(
                 self._memory, *self._common, groups, starts, self.jobs, self.scheduler, progress
             )
         return self._ladders[groups, starts]
@@ -434,7 +434,7 @@ class _Work:
         found = {}
         with self._stage("parts"):
             self._memory.begin()
-            calls = [(_climbed, self._memory, *self._common, *one) for one in wanted]
+            calls = [(_ladder_of, self._memory, *self._common, *one) for one in wanted]
             ahead(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
                 found[one] = self._search(*one)
@@ -530,7 +530,7 @@ def _apart(other: ImportanceSummary) -> Apart:
     return Apart(worst.name, worst.apart, other.by_chance, other.effective)
 
 
-def _climbed(
+def _ladder_of(
     memory: Memory,
     experiment: Experiment,
     catalogue: Sequence[Term],

@@ -273,7 +273,7 @@ class _Expansion:
         return 0.5 * found.squares + found.log_size - density
 
     def fitted(self, start: FloatArray, *, with_it: bool) -> _Fitted:
-        """Climb, and integrate by Laplace's method."""
+        """Optimise, and integrate by Laplace's method."""
         bounds = [(p.sampling_bounds.lower, p.sampling_bounds.upper) for p in self.parameters]
         bounds += [(m - 4 * sd, m + 4 * sd) for m, sd in self.priors] if with_it else []
         end = minimize(self.loss, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})

@@ -34,7 +34,7 @@ from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
-from psafit.inference.candidate import Candidate, climbed, refitted
+from psafit.inference.candidate import Candidate, optimised, refitted
 from psafit.inference.problem import Problem
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics.term import Term
@@ -364,7 +364,7 @@ def _with_usual_tails(candidate: Candidate) -> Candidate | None:
     """The model refitted with no heavier tails than usual; None where its scatter has none."""
     held = replace(candidate.problem, usual_tails=True)
     start = np.clip(candidate.modes[:1], *held.bounds.T)
-    return None if (start == candidate.modes[:1]).all() else climbed(held, start)
+    return None if (start == candidate.modes[:1]).all() else optimised(held, start)
 
 
 def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, settings: MisfitSettings) -> FloatArray:

@@ -26,29 +26,29 @@ Schedule = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a fit divides its work between climbs.
+    """How a fit divides its work between optimisations.
 
-    A schedule is a tuple of (iterations, how many of the highest climbs go on after them).
+    A schedule is a tuple of (iterations, how many of the highest optimisations go on after them).
 
     Parameters
     ----------
     trial, fresh : tuple of (int, int)
-        On some of the readings: climbs from what is known, and climbs from draws of the prior.
+        On some of the readings: optimisations from what is known, and optimisations from draws of the prior.
     full : tuple of (int, int)
         On all readings.
     thorough : tuple of (int, int)
         Of a model of which nothing is known, on all readings.
     enough : float, nats
-        Gain of a climb below which it ends: well within the error of Laplace's evidence.
+        Gain of an optimisation below which it ends: well within the error of Laplace's evidence.
     hopeless : float, nats
-        A climb whose trial ends this far below the best is given up.
+        An optimisation whose trial ends this far below the best is given up.
     taken : int
-        Of what is known beforehand, so many of the best join the climbs on all readings; so many climb from each
-        plateau's neighbours.
+        Of what is known beforehand, so many of the best join the optimisations on all readings; so many are optimised
+        from each plateau's neighbours.
     crossings : int
         Times that a fit goes on from where a parameter without a slope was moved.
     across : tuple of (int, int)
-        Climbs from there.
+        Optimisations from there.
     many, every : int
         Readings from which on a part of them is looked at first, and that part: one in `every`.
     rough : float
@@ -89,7 +89,7 @@ class Candidate:
     mass : (n_modes,) array
         Logarithm of what each mode holds by Laplace's approximation, bounds respected.
     starts : (n_modes,) array of int
-        Starts of climbs that ended at each.
+        Starts of optimisations that ended at each.
     effort : Effort
         What finding them has taken, starts that ended elsewhere included.
     """
@@ -121,8 +121,8 @@ class Candidate:
     def laplace_apart(self) -> float:
         """The same, what ends of one mode have in common counted once.
 
-        Climbs that end in different places of one mode are listed one by one. Each is counted in the part in which its
-        normal is above the others' at its own top.
+        Optimisations that end in different places of one mode are listed one by one. Each is counted in the part in
+        which its normal is above the others' at its own top.
         """
         away = self.modes[:, None] - self.modes[None]  # (n_at, n_of, n_dim)
         height = self.heights - 0.5 * np.einsum("kmi,mij,kmj->km", away, self.curvature, away)
@@ -255,7 +255,7 @@ def fit(
         Draws of the prior that are looked at for starts, and starts taken from them, at least two; a model with nothing
         nested in it has no others.
     fresh : bool
-        Whether climbs begin at draws of the prior by themselves, too, and not only crossed with what is known.
+        Whether optimisations begin at draws of the prior by themselves, too, and not only crossed with what is known.
     settings : FitSettings, optional
 
     Returns
@@ -267,7 +267,8 @@ def fit(
     s = settings or FitSettings()
     trial = subsampled(problem, s)
     if not nested:
-        # One climb of each mode goes on: six of the highest would lose a second that holds half of the posterior.
+        # One optimisation of each mode goes on: six of the highest would lose a second that holds half of the
+        # posterior.
         starts, n_drawn = starts_of(trial, seed, most, draws)
         end = ascend(problem, starts, schedule=s.thorough, unite=True)
         return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
@@ -279,12 +280,13 @@ def fit(
     crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
     races: list[tuple[FloatArray, Schedule]] = [(np.vstack([known, crossed]), s.trial)]
     if fresh:
-        # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
+        # Optimisations from far away begin lower than those from what is known, and may end higher: they have their own
+        # race.
         begun, n_fresh = starts_of(trial, seed, most, draws)
         races.append((begun, s.fresh))
         n_drawn += n_fresh
     # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
-    # best go on. (They hold the smaller models' optima: no climb ends below those.)
+    # best go on. (They hold the smaller models' optima: no optimisation ends below those.)
     there = problem.log_posterior(known)
     trials = [ascend(trial, starts, schedule=schedule, still_below=s.enough, unite=True) for starts, schedule in races]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
@@ -327,11 +329,11 @@ def built_up(
 
 
 def refitted(problem: Problem, like: Candidate) -> Candidate:
-    """The same model on fewer groups, climbed from where it was."""
-    return climbed(problem, like.placed(problem))
+    """The same model on fewer groups, optimised from where it was."""
+    return optimised(problem, like.placed(problem))
 
 
-def climbed(problem: Problem, starts: FloatArray) -> Candidate:
+def optimised(problem: Problem, starts: FloatArray) -> Candidate:
     """A model optimised from some starts, (n, n_dim) in sampling coordinates."""
     return candidate_of(problem, ascend(problem, starts, still_below=FitSettings.enough))
 
@@ -343,7 +345,7 @@ def _across_steps(problem: Problem, end: Ascent, s: FitSettings) -> Ascent:
         rows = _steps_away(problem, end.u[end.best], here)
         found = problem.predict(rows) if len(rows) else np.empty((0, here.size))
         value = heights(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
-        # One row of each step, the highest first; none of that on which the climbs have ended.
+        # One row of each step, the highest first; none of that on which the optimisations have ended.
         steps = {here.tobytes(): -1}
         for k in np.argsort(-value, kind="stable"):
             steps.setdefault(found[k].tobytes(), int(k))
@@ -373,14 +375,14 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> Float
 def candidate_of(
     problem: Problem, end: Ascent, before: Effort | None = None, *, forgotten: float = 12.0, same: float = 0.1
 ) -> Candidate:
-    """Turn the ends of climbs into a candidate; `ConvergenceError` where no posterior there is finite.
+    """Turn the ends of optimisations into a candidate; `ConvergenceError` where no posterior there is finite.
 
     Parameters
     ----------
     problem : Problem
     end : Ascent
     before : Effort, optional
-        What went before the climbs.
+        What went before the optimisations.
     forgotten : float, nats
         Modes this far below the best are left out.
     same : float

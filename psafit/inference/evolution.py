@@ -1,8 +1,8 @@
 """The top of a posterior whose readings jump, by differential evolution.
 
 A contact that ends a half wave later makes a range jump, so that a hardly damped rig's posterior is cut by cliffs.
-Climbs stop at them; a population steps across (R. Storn and K. Price, J. Global Optim. 11 (1997) 341). It costs more
-than climbs and finds one top alone: it comes after them.
+Optimisations stop at them; a population steps across (R. Storn and K. Price, J. Global Optim. 11 (1997) 341). It costs
+more than optimisations and finds one top alone: it comes after them.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class EvolutionSettings:
     generations : int
         At most.
     gathered : float, nats
-        Spread of the members' heights at which the rest is a climb's.
+        Spread of the members' heights at which the rest is an optimisation's.
     factor : tuple of float
         Range of the factor on differences, drawn anew for each generation.
     crossed : float
@@ -54,21 +54,21 @@ class EvolutionSettings:
 
 
 def evolved(problem: Problem, known: FloatArray, *, seed: int, settings: EvolutionSettings | None = None) -> Ascent:
-    """Look for a higher top than climbs have found.
+    """Look for a higher top than optimisations have found.
 
     Parameters
     ----------
     problem : Problem
     known : (n, n_dim) array
-        Optima that climbs have found, in sampling coordinates.
+        Optima that optimisations have found, in sampling coordinates.
     seed : int
     settings : EvolutionSettings, optional
 
     Returns
     -------
     Ascent
-        The climb from the best member, no start, the population's sets counted; nothing, of a model with more causes
-        than that.
+        The optimisation from the best member, no start, the population's sets counted; nothing, of a model with more
+        causes than that.
     """
     s = settings or EvolutionSettings()
     if not len(known) or len(problem.terms) > s.most_causes:

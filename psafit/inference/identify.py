@@ -67,7 +67,7 @@ class _Likelihood(Problem):
         return found
 
     def height(self, ends: Ascent, columns: Sequence[int]) -> FloatArray:
-        """Where climbs ended, each without the prior of the column that it is to profile; (n,)."""
+        """Where optimisations ended, each without the prior of the column that it is to profile; (n,)."""
         priors = [
             float(self.parameters[k].log_prior(u[k])) if len(baseline.PARAMETERS) <= k < self.n_model else 0.0
             for k, u in zip(columns, ends.u, strict=True)
@@ -150,7 +150,7 @@ def profiles(
     columns = range(problem.n_physical) if columns is None else columns
     low, high = likelihood.bounds.T
 
-    def climb(starts: Sequence[tuple[_Walk, FloatArray]]) -> None:
+    def optimise(starts: Sequence[tuple[_Walk, FloatArray]]) -> None:
         rows = np.array([start for _, start in starts])
         held = np.zeros(rows.shape, bool)
         held[np.arange(len(rows)), [walk.index for walk, _ in starts]] = True
@@ -173,7 +173,7 @@ def profiles(
             start = np.clip(peak.u[0] + side * how.first * width[k] * spread[k] / spread[k, k], low, high)
             if start[k] != peak.u[0, k]:
                 first.append((walk, start))
-    climb(first)
+    optimise(first)
     while True:
         asked = [
             (walk, np.clip(start, low, high))
@@ -185,7 +185,7 @@ def profiles(
         going = asked or [(walk, start) for walk in walks for start in walk.gaps()]
         if not going:
             break
-        climb(going)
+        optimise(going)
         busy = {walk.index for walk, _ in going}
         progress(len(walks) - len(busy), len(walks))
     progress(len(walks), len(walks))

@@ -97,15 +97,15 @@ def joined(one: Candidate, other: Candidate, *, seed: int, settings: SampleSetti
     added = min(max(found.laplace_apart - one.laplace_apart, 0.0), math.log(2.0))
     draws = weigh(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.height > found.height + s.better:
-        higher = principal(_climbed(found, draws.top))
+        higher = principal(_optimised(found, draws.top))
         if higher.height <= found.height + s.better:
-            added = math.log(2.0)  # that draw is of a mode that cannot be climbed
+            added = math.log(2.0)  # that draw is of a mode that cannot be reached
             break
         found, draws = higher, weigh(higher, seed=seed, rounds=s.rounds, effective=s.effective)
     return found, replace(draws, error=math.hypot(draws.error, added))
 
 
-def _climbed(found: Candidate, top: FloatArray) -> Candidate:
-    """The same model, climbed on from its modes and from a draw."""
+def _optimised(found: Candidate, top: FloatArray) -> Candidate:
+    """The same model, optimised on from its modes and from a draw."""
     end = ascend(found.problem, np.vstack([found.modes, top[None]]))
     return candidate_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)

@@ -21,7 +21,7 @@ def test_screening_sees_a_hidden_cause():
     assert found["amplifier_lag"].gain[found["amplifier_lag"].best] > PRESENT
 
 
-def test_what_a_fit_has_left_to_climb_is_no_causes_merit(sound):
+def test_what_a_fit_has_left_to_optimise_is_no_causes_merit(sound):
     """At the edge of a jump a fit ends on a slope: every cause would seem to gain what its expansion gains without."""
     short = sound.modes[:1].copy()
     short[0, 0] += 0.1

@@ -1,4 +1,4 @@
-"""Fisher scoring of many climbs at once, against finite differences and a trusted optimiser."""
+"""Fisher scoring of many optimisations at once, against finite differences and a trusted optimiser."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_heights_are_the_log_posterior_and_minus_infinity_outside(problem):
     assert found[3] == -np.inf
 
 
-def test_many_climbs_end_where_a_trusted_optimiser_does(problem):
+def test_many_optimisations_end_where_a_trusted_optimiser_does(problem):
     starts, _ = starts_of(problem, 3, 12, 512)
     end = ascend(problem, starts)
     _, trusted, _ = polish(problem, end.u[end.best])
@@ -124,23 +124,23 @@ def test_many_climbs_end_where_a_trusted_optimiser_does(problem):
     assert end.height.max() == pytest.approx(-201.72, abs=0.05)
 
 
-def test_a_climb_does_not_depend_on_its_company(problem):
+def test_an_optimisation_does_not_depend_on_its_company(problem):
     starts, _ = starts_of(problem, 3, 6, 256)
     together = ascend(problem, starts)
     alone = ascend(problem, starts[2:3])
     assert together.height[2] == pytest.approx(alone.height[0], abs=1e-6)
 
 
-def test_each_climb_may_have_its_own_readings(problem):
+def test_each_optimisation_may_have_its_own_readings(problem):
     u = ascend(problem, starts_of(problem, 3, 4, 256)[0]).u[:1]
-    # Twice the ranges everywhere want another fit; the first climb keeps its own.
+    # Twice the ranges everywhere want another fit; the first optimisation keeps its own.
     own = np.vstack([problem.observed, 2 * problem.observed])
     end = ascend(problem, np.repeat(u, 2, axis=0), own)
     assert end.u[0] == pytest.approx(u[0], abs=0.05)
     assert np.abs(end.u[1] - u[0]).max() > 0.3
 
 
-def test_climbs_that_agree_are_one(problem):
+def test_optimisations_that_agree_are_one(problem):
     starts = np.repeat(starts_of(problem, 1, 2, 64)[0], 3, axis=0)
     apart = ascend(problem, starts, schedule=((3, 6), (20, 6)))
     united = ascend(problem, starts, schedule=((3, 6), (20, 6)), unite=True)
@@ -181,7 +181,7 @@ def test_frozen_coordinates_stay(problem):
 
 
 def test_a_coordinate_at_its_bound_is_held_there():
-    # On group 1 nothing speaks for a loss that scales with the force: the climb ends at its neutral bound.
+    # On group 1 nothing speaks for a loss that scales with the force: the optimisation ends at its neutral bound.
     one = Problem(EXPERIMENT, (EXPERIMENT.group(1).id,), terms(["hunt_crossley"]))
     base = replace(one, terms=())
     start = ascend(base, starts_of(base, 3, 4, 256)[0])

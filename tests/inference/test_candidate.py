@@ -45,7 +45,7 @@ def test_what_acts_by_steps_is_found_a_step_away():
 
 @pytest.mark.slow
 def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
-    """Friction leads away by 400 nats; the baseline's best hill has 20 um of scatter and another contact."""
+    """Friction leads away by 400 nats; the baseline's best mode has 20 um of scatter and another contact."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
     causes = ["hunt_crossley", "flight_friction"]
     make(2886276895, tmp_path, design_of=design, kind="two", terms=causes, believed=True)
@@ -57,7 +57,7 @@ def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
 
 
 @pytest.mark.slow
-def test_ends_of_climbs_at_one_mode_are_one_mode(hidden):
+def test_ends_of_optimisations_at_one_mode_are_one_mode(hidden):
     one = candidate_at(hidden.leader.problem, hidden.leader.modes[:1])
     assert one.laplace_apart == pytest.approx(one.laplace)
     width = 1 / np.sqrt(one.curvature[0, 0, 0])
@@ -98,7 +98,7 @@ def test_hills_lie_apart_by_their_own_widths(width, expected):
 
 def test_a_fit_without_fresh_starts_holds_what_is_within_it():
     """However few starts a short fit has, it holds the smaller model's optimum."""
-    e = experiment(["amplifier_lag"], [8e-5], n=60, seed=3)  # enough readings for climbs on a quarter of them
+    e = experiment(["amplifier_lag"], [8e-5], n=60, seed=3)  # enough readings for optimisations on a quarter of them
     plain = fit(problem(e), (), seed=1, draws=1024, most=16)
     for term in FEW:
         short = fit(replace(plain.problem, terms=(term,)), [plain], seed=1, draws=32, most=2, fresh=False)
@@ -107,7 +107,7 @@ def test_a_fit_without_fresh_starts_holds_what_is_within_it():
 
 @pytest.mark.slow
 def test_a_model_of_many_causes_is_built_up():
-    """It ends no lower than a climb from the truth, and tells how far it is."""
+    """It ends no lower than an optimisation from the truth, and tells how far it is."""
     ids, values = ["amplifier_lag", "preload", "flight_friction"], [4e-5, 2e-5, 0.02]
     e = experiment(ids, values, n=16)
     whole = replace(problem(e), terms=terms(ids))
