@@ -48,10 +48,10 @@ from search_sets import GROUPS, DataSet, get, wanted
 from psafit.diagnose.searching import searched
 from psafit.experiment import write_experiment
 from psafit.files import write_atomically
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, candidate_at, candidate_of, fit
 from psafit.inference.evidence import weigh
 from psafit.inference.memory import code
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.model_search import SearchSettings, ladder
 from psafit.physics import TERMS, terms
@@ -116,7 +116,7 @@ def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float
         if sampled.height < candidate.height + 0.5:
             break
         problem = candidate.problem
-        candidate = candidate_of(problem, ascend(problem, np.vstack([candidate.modes, sampled.top])))
+        candidate = candidate_of(problem, maximise(problem, np.vstack([candidate.modes, sampled.top])))
         sampled = weigh(candidate, seed=seed)
     return sampled.log_evidence, sampled.doubt, candidate
 

@@ -16,7 +16,7 @@ from psafit.diagnose.misfit import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running
-from psafit.inference.ascent import heights
+from psafit.inference.optimiser import heights
 from psafit.inference.problem import Problem
 from psafit.inference.samplers.emcee import Settings
 from psafit.physics import terms

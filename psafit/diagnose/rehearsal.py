@@ -21,9 +21,9 @@ from psafit.diagnose.next_experiment import Proposal, Rehearsal
 from psafit.drives import Drive
 from psafit.experiment import Group
 from psafit.inference import noise
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
 from psafit.inference.evidence import Weighed
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.simulate import Design, readings
 
@@ -174,5 +174,5 @@ def _optimised(
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))
     starts[:, shared] = known
-    found = ascend(problem, starts, schedule=settings.schedule, still_below=FitSettings.enough, unite=True)
+    found = maximise(problem, starts, schedule=settings.schedule, still_below=FitSettings.enough, unite=True)
     return candidate_of(problem, found)

@@ -15,9 +15,9 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
-from psafit.inference.ascent import Ascent, Effort, ascend, expansion, heights, slopes
 from psafit.inference.evolution import evolved
 from psafit.inference.optimise import joined_values, starts_of, widened
+from psafit.inference.optimiser import Effort, Optima, expansion, heights, maximise, slopes
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
@@ -270,7 +270,7 @@ def fit(
         # One optimisation of each mode goes on: six of the highest would lose a second that holds half of the
         # posterior.
         starts, n_drawn = starts_of(trial, seed, most, draws)
-        end = ascend(problem, starts, schedule=s.thorough, unite=True)
+        end = maximise(problem, starts, schedule=s.thorough, unite=True)
         return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
     rows = [r for c in nested for r in c.widened(trial, 2)]
     if extra is not None and len(extra):
@@ -288,13 +288,15 @@ def fit(
     # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
     # best go on. (They hold the smaller models' optima: no optimisation ends below those.)
     there = problem.log_posterior(known)
-    trials = [ascend(trial, starts, schedule=schedule, still_below=s.enough, unite=True) for starts, schedule in races]
+    trials = [
+        maximise(trial, starts, schedule=schedule, still_below=s.enough, unite=True) for starts, schedule in races
+    ]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
     best_known = known[np.argsort(-there, kind="stable")[: s.taken]]
     hopeful = height > height.max() - s.hopeless
     counts = np.concatenate([np.concatenate([t.starts for t in trials])[hopeful], np.ones(len(best_known), np.intp)])
     tried = np.vstack([tried[hopeful], best_known])
-    end = ascend(problem, tried, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
+    end = maximise(problem, tried, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
     effort = sum((t.effort for t in trials), Effort(len(best_known), 0, n_drawn + len(known) + end.effort.n_sets))
     return candidate_of(problem, replace(_across_steps(problem, end, s), effort=effort))
 
@@ -335,10 +337,10 @@ def refitted(problem: Problem, like: Candidate) -> Candidate:
 
 def optimised(problem: Problem, starts: FloatArray) -> Candidate:
     """A model optimised from some starts, (n, n_dim) in sampling coordinates."""
-    return candidate_of(problem, ascend(problem, starts, still_below=FitSettings.enough))
+    return candidate_of(problem, maximise(problem, starts, still_below=FitSettings.enough))
 
 
-def _across_steps(problem: Problem, end: Ascent, s: FitSettings) -> Ascent:
+def _across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
     """Go on where a parameter has no slope: what acts by thresholds is better a step away, or not, but never uphill."""
     for _ in range(s.crossings):
         here, height = end.predicted[end.best], float(end.height[end.best])
@@ -352,7 +354,7 @@ def _across_steps(problem: Problem, end: Ascent, s: FitSettings) -> Ascent:
         starts = [k for k in list(steps.values())[1 : 1 + s.taken] if value[k] > height - s.hopeless]
         if not starts:
             break
-        moved = ascend(problem, rows[starts], schedule=s.across, still_below=s.enough, unite=True).uncounted
+        moved = maximise(problem, rows[starts], schedule=s.across, still_below=s.enough, unite=True).uncounted
         end = end.joined(moved)
         if moved.height.max() < height + s.enough:
             break
@@ -373,14 +375,14 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> Float
 
 
 def candidate_of(
-    problem: Problem, end: Ascent, before: Effort | None = None, *, forgotten: float = 12.0, same: float = 0.1
+    problem: Problem, end: Optima, before: Effort | None = None, *, forgotten: float = 12.0, same: float = 0.1
 ) -> Candidate:
     """Turn the ends of optimisations into a candidate; `ConvergenceError` where no posterior there is finite.
 
     Parameters
     ----------
     problem : Problem
-    end : Ascent
+    end : Optima
     before : Effort, optional
         What went before the optimisations.
     forgotten : float, nats
@@ -427,7 +429,7 @@ def candidate_at(
     """
     predicted, starts = problem.predict(modes), np.zeros(len(modes), np.intp) if starts is None else starts
     height = heights(problem, modes, predicted, problem.observed)
-    return candidate_of(problem, Ascent(modes, height, predicted, starts, effort or Effort()))
+    return candidate_of(problem, Optima(modes, height, predicted, starts, effort or Effort()))
 
 
 def united(first: Candidate, second: Candidate) -> Candidate:

@@ -23,9 +23,9 @@ from scipy.special import logsumexp
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
-from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate, candidate_at, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
+from psafit.inference.optimiser import heights
 from psafit.physics import baseline
 
 TRUSTED = 0.7

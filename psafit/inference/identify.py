@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import Ascent, ascend, expansion, slopes
+from psafit.inference.optimiser import Optima, expansion, maximise, slopes
 from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline
@@ -66,7 +66,7 @@ class _Likelihood(Problem):
         found[:, own] = super()._shapes[:, own]
         return found
 
-    def height(self, ends: Ascent, columns: Sequence[int]) -> FloatArray:
+    def height(self, ends: Optima, columns: Sequence[int]) -> FloatArray:
         """Where optimisations ended, each without the prior of the column that it is to profile; (n,)."""
         priors = [
             float(self.parameters[k].log_prior(u[k])) if len(baseline.PARAMETERS) <= k < self.n_model else 0.0
@@ -154,13 +154,13 @@ def profiles(
         rows = np.array([start for _, start in starts])
         held = np.zeros(rows.shape, bool)
         held[np.arange(len(rows)), [walk.index for walk, _ in starts]] = True
-        end = ascend(likelihood, rows, frozen=held)
+        end = maximise(likelihood, rows, frozen=held)
         heights = likelihood.height(end, [walk.index for walk, _ in starts])
         for (walk, _), u, height in zip(starts, end.u, heights, strict=True):
             walk.points.append((u, float(height)))
             walk.points.sort(key=lambda point: (float(point[0][walk.index]), point[1]))
 
-    peak = ascend(likelihood, np.clip(top, low, high))
+    peak = maximise(likelihood, np.clip(top, low, high))
     slope = slopes(likelihood, peak.u, peak.predicted)
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
     spread = np.linalg.pinv(curvature[0] + how.flattest * np.eye(likelihood.n_dim))

@@ -22,7 +22,7 @@ from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
 from psafit.inference import noise
-from psafit.inference.ascent import heights
+from psafit.inference.optimiser import heights
 from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, candidate_at, fit, principal, united
 from psafit.inference.evidence import RoundSettings, Weighed, weigh
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 
 
@@ -107,5 +107,5 @@ def joined(one: Candidate, other: Candidate, *, seed: int, settings: SampleSetti
 
 def _optimised(found: Candidate, top: FloatArray) -> Candidate:
     """The same model, optimised on from its modes and from a draw."""
-    end = ascend(found.problem, np.vstack([found.modes, top[None]]))
+    end = maximise(found.problem, np.vstack([found.modes, top[None]]))
     return candidate_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)

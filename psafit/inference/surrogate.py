@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Emulated, Pool, laplace_mixture, on_plateaus, separated
 from psafit.inference.mixture import StudentMixture
+from psafit.inference.optimiser import heights
 
 
 class Surrogate:

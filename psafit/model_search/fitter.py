@@ -14,11 +14,11 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import PsafitError
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit
 from psafit.inference.evidence import Weighed
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import joined_values, widened
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.inference.sample import first, joined, second
 from psafit.model_search.loop import Foreseen, Ids, Model
@@ -280,7 +280,7 @@ def _optimised(
         widened(problem, _merged(problem, *pair), [t for t in problem.terms if t.id not in pair[1].ids])
         for pair in pairs
     ]
-    end = ascend(problem, np.vstack(starts), schedule=schedule, still_below=FitSettings.enough, unite=True)
+    end = maximise(problem, np.vstack(starts), schedule=schedule, still_below=FitSettings.enough, unite=True)
     return {"u": end.u, "height": end.height}
 
 

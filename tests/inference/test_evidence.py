@@ -11,10 +11,10 @@ from scipy.special import logsumexp
 from truths import experiment, problem, rig_with_two_hills
 
 from psafit.errors import ConvergenceError
-from psafit.inference.ascent import Ascent, Effort
 from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
 from psafit.inference.evidence import Emulated, Pool, RoundSettings, _drawn_inside, _sample, laplace_mixture, weigh
 from psafit.inference.mixture import StudentMixture
+from psafit.inference.optimiser import Effort, Optima
 from psafit.inference.samplers.nautilus import nested_evidence
 from psafit.physics import terms
 
@@ -49,7 +49,7 @@ def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place):
     u = fitted.modes[:1].copy()
     u[0, k] = place / scale
     found = weigh(
-        candidate_of(one, Ascent(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
+        candidate_of(one, Optima(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
     )
     # Of the other parameters all places above agree, so that a line tells the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)

@@ -11,9 +11,9 @@ from truths import experiment, problem, rig_with_two_hills
 
 from psafit.experiment import read_experiment
 from psafit.inference import noise
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import candidate_at, fit, separate_modes
 from psafit.inference.evidence import weigh
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.inference.sample import sample
 from psafit.model_search import SearchSettings
@@ -58,7 +58,7 @@ def test_a_top_behind_cliffs_is_found_by_a_population(seed):
     truth = p.to_sampling(np.array([134594.6, 9937.6, 35.3157, 6.4217e-7, 0.0362, 0.0536, 60.0]))
     y = noise.draw(p.predict(truth[None]), p.noise_values(truth[None]), None, np.random.default_rng(seed))[0]
     rig = replace(p, experiment=design.with_readings(np.maximum(y, 0.0)))
-    there = float(ascend(rig, truth[None]).height[0])
+    there = float(maximise(rig, truth[None]).height[0])
     plain = fit(replace(rig, terms=()), (), seed=1, draws=4096, most=48)
     optimised = fit(rig, [plain], seed=1, fresh=False)
     assert optimised.height < there - 3

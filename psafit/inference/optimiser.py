@@ -77,7 +77,7 @@ class Effort(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Ascent:
+class Optima:
     """Where optimisations ended; the first axis counts them.
 
     Parameters
@@ -106,13 +106,13 @@ class Ascent:
         return int(np.argmax(self.height))
 
     @property
-    def uncounted(self) -> Ascent:
+    def uncounted(self) -> Optima:
         """The same, of places that are no starts: none has ended there, and none was begun."""
         return replace(self, starts=np.zeros_like(self.starts), effort=Effort(n_sets=self.effort.n_sets))
 
-    def joined(self, other: Ascent) -> Ascent:
+    def joined(self, other: Optima) -> Optima:
         """Both, as if they had been optimised together."""
-        return Ascent(
+        return Optima(
             np.vstack([self.u, other.u]),
             np.concatenate([self.height, other.height]),
             np.vstack([self.predicted, other.predicted]),
@@ -249,7 +249,7 @@ def _optimise(
     unite: bool = False,
     counts: NDArray[np.intp] | None = None,
     how: FisherSettings | None = None,
-) -> Ascent:
+) -> Optima:
     how = how or FisherSettings()
     factors, tried = np.array(how.dampings), len(how.dampings)
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
@@ -313,7 +313,7 @@ def _optimise(
             u, height, predicted, damping, target = (a[kept] for a in (u, height, predicted, damping, target))
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
     progress(total, total)
-    return Ascent(u, height, predicted, starts_at, Effort(begun, failed, n_sets))
+    return Optima(u, height, predicted, starts_at, Effort(begun, failed, n_sets))
 
 
 def _kept(
@@ -346,7 +346,7 @@ def _kept(
     return kept, np.array([total[int(k)] for k in kept], np.intp)
 
 
-def ascend(
+def maximise(
     problem: Problem,
     starts: FloatArray,
     observed: FloatArray | None = None,
@@ -359,7 +359,7 @@ def ascend(
     frozen: NDArray[np.bool_] | None = None,
     counts: NDArray[np.intp] | None = None,
     settings: FisherSettings | None = None,
-) -> Ascent:
+) -> Optima:
     """Optimise from every start.
 
     Parameters
@@ -388,7 +388,7 @@ def ascend(
 
     Returns
     -------
-    Ascent
+    Optima
     """
     starts = np.atleast_2d(starts)
     target = np.broadcast_to(problem.observed if observed is None else observed, (len(starts), problem.observed.size))
@@ -403,7 +403,7 @@ def ascend(
     )  # fmt: skip
 
 
-def ascend_linearly(
+def maximise_linearly(
     problem: Problem,
     at: FloatArray,
     predicted: FloatArray,
@@ -414,7 +414,7 @@ def ascend_linearly(
     iterations: int = 25,
     reach: float = 2.0,
     still_below: float = 2e-3,
-) -> Ascent:
+) -> Optima:
     """Optimise in models that are replaced by their logarithmic expansion, which costs no simulation.
 
     Each optimisation has its own: ``ln L(u) = ln L(at) + (u - at) . slope``, held within `reach` of ``ln L(at)``.
@@ -437,11 +437,11 @@ def ascend_linearly(
     reach : float
         Of the expansion in ``ln L``.
     still_below : float
-        As of `ascend`.
+        As of `maximise`.
 
     Returns
     -------
-    Ascent
+    Optima
         Its ranges are those of the expansion; no sets are simulated.
     """
     n, k = len(predicted), problem.n_model
