@@ -38,7 +38,7 @@ def main() -> int:
 
     def counted(*args: object, **options: object) -> object:
         found = separation(*args, **options)  # type: ignore[arg-type]
-        taken.append(found[4])
+        taken.append(found[-1])
         return found
 
     n = differ = exhausted = 0

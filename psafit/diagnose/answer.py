@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from psafit.diagnose.gain import Gain
+from psafit.diagnose.influence import Carried
 from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character
 from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
-from psafit.diagnose.record import UNSEEN, Broken, CauseResult, Diagnosis, ParameterResult, Reading, VerdictWord
+from psafit.diagnose.record import UNSEEN, Broken, CauseResult, Diagnosis, ParameterResult, Reading
 from psafit.diagnose.significance import OTHERWISE, Significance
+from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.diagnose.words import PLAIN, Words
 from psafit.experiment import GroupId
 from psafit.inference import noise
@@ -23,7 +25,7 @@ from psafit.model_search.ladder import CREDIBLE, LookedAt
 from psafit.physics import owner
 from psafit.text import fixed, significant
 
-Topic = Literal["scope", "adequate", "wrong", "detail", "gained", "next", "searched"]
+Topic = Literal["scope", "adequate", "wrong", "detail", "trust", "gained", "next", "searched"]
 """Part of the answer to which a statement belongs."""
 
 # Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence.
@@ -374,6 +376,26 @@ class OneGroup(Statement):
 
 
 @dataclass(frozen=True)
+class LivesOn(Statement):
+    """On how many readings half of what speaks for each cause rests, and the group that gives most."""
+
+    topic = "detail"
+    causes: list[Carried]
+    readings: int
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        each = (
+            words.put(
+                "{} on {} of {} readings, most in {}", words.cause(c.cause), c.half, self.readings,
+                words.groups([c.groups[0][0]]),
+            )
+            for c in self.causes
+        )  # fmt: skip
+        return words.put("Half of what speaks for a cause rests: {}.", words.joined("; ", each))
+
+
+@dataclass(frozen=True)
 class SmoothIsBetter(Statement):
     """A smooth discrepancy has so many nats more evidence than the named causes."""
 
@@ -411,6 +433,31 @@ class ByChance(Statement):
             where = f"designs of {sizes} readings with nothing hidden (stored table, this catalogue)"
         p = f"p {'<=' if s.p_value <= 1 / (n + 1) else '='} {significant(s.p_value, 2)}"
         return words.put("Of {} searches on {} {}; this one leads by {} ({}).", n, where, none, fixed(s.lead), p)
+
+
+@dataclass(frozen=True)
+class Calibrated(Statement):
+    """How often diagnoses of data sets that are drawn from this answer are right."""
+
+    topic = "trust"
+    found: Calibration
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        c = self.found
+        ends = words.put("{} to {}, 90 %", words.per_cent(c.exact.lower), words.per_cent(c.exact.upper))
+        text = words.put(
+            "Of {} data set{} drawn from this answer and diagnosed again, the set that made it was named in {}"
+            " ({}) and reported in {}.",
+            c.exact.of, "" if c.exact.of == 1 else "s", c.exact.n, ends, c.reported.n,
+        )  # fmt: skip
+        if c.printed is not None:
+            how = "{} What was named had a probability of {} on average, and was right in {} of {}."
+            text = words.put(how, text, words.per_cent(c.printed), c.right.n, c.right.of)
+        if not c.intervals:
+            return text
+        how = "{} 90 % intervals held {} of the {} true values ({})."
+        return words.put(how, text, c.held, c.intervals, words.per_cent(c.held / c.intervals))
 
 
 @dataclass(frozen=True)
@@ -546,8 +593,12 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
     if d.misfit.p_value < ALPHA and tests.character != "none":
         found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points)))
     found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_robust(d)]
+    if d.influence and (carried := [c for c in d.influence.causes if c.half]):
+        found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
         found.append(ByChance(d.misfit.search))
+    if d.calibration:
+        found.append(Calibrated(d.calibration))
     found += [Gained(gain, d.training) for gain in d.gain.values()] or [NoGain(d.quick)]
     if d.next_experiment.proposals:
         found.append(Next(d.next_experiment, d.quick and len(d.alternatives) > 1))

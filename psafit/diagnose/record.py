@@ -9,12 +9,14 @@ from typing import Literal
 
 from psafit.diagnose.confusable import Alike
 from psafit.diagnose.gain import Choice, Gain
+from psafit.diagnose.influence import Influence
 from psafit.diagnose.misfit import Character, Coincidence, Statistic
 from psafit.diagnose.next_experiment import NextExperiment, Rehearsal
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.show import Corner, Drift, Growth, Line, Offset
 from psafit.diagnose.significance import Significance
+from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
@@ -412,7 +414,6 @@ class Confusion:
 
 
 Law = Literal["carried", "energy"]
-VerdictWord = Literal["adequate", "explained", "ambiguous", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -497,6 +498,10 @@ class Diagnosis(Brief):
         How much work went into each part.
     laws : list of Broken
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
+    calibration : Calibration, optional
+        How often such a verdict is right at these conditions, where that was asked for.
+    influence : Influence, optional
+        Which readings the causes live on, where some are named.
     """
 
     _told = ("verdict", "named", "title", "quick")
@@ -533,6 +538,8 @@ class Diagnosis(Brief):
     left_out: list[str] = field(default_factory=list)
     settings: Settings = field(default_factory=Settings)
     laws: list[Broken] = field(default_factory=list)
+    calibration: Calibration | None = field(default=None, metadata=ABSENT)
+    influence: Influence | None = field(default=None, metadata=ABSENT)
 
     @property
     def leader(self) -> CauseResult | None:

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
-from psafit.diagnose.record import Broken, VerdictWord
+from psafit.diagnose.record import Broken
+from psafit.diagnose.trials import VerdictWord
 from psafit.model_search import Ids, Ladder
 from psafit.model_search.ladder import CREDIBLE
 

@@ -83,6 +83,8 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "other_models": [
             {"name": model(c.terms), "rows": tables.parameter_rows(c)} for c in result.causes if c is not leader
         ],
+        "influence": diagnosis_pictures.influence_pictures(result.influence, pictured) if result.influence else [],
+        "leaning": tables.leaning(result, shown),
         "robustness": tables.robustness(result, leader),
         "leader_listed": leader is result.leader,
         "mostly_unnamed": result.mostly_unnamed,
@@ -97,6 +99,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "ledger": tables.ledger(result.ledger),
         "begun": any(entry.led_to is not None for entry in result.ledger),
         **_next(result),
+        "calibration": tables.calibration(result.calibration),
         "numerics": told_numerics(result.numerics),
         "data_warnings": experiment.warnings,
         "facts": _facts(result, experiment),
@@ -201,7 +204,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
         finer = {id: _line(lines["extended"].get(name), id) for id in without}
         more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES, finer)
         errors = [root_mean_square(log_ratio(c.middle, group.reading, group.observable.offset)) for c in shown]
-        found.append(Shown(group, figures.sweep_of(group), shown, errors, more))
+        found.append(Shown(group, figures.sweep_of(group), shown, errors, more, part))
     return found
 
 

@@ -35,6 +35,7 @@ _QUESTIONS: Final[dict[Topic, str]] = {
     "scope": "",
     "adequate": "Is the baseline adequate?",
     "wrong": "What is wrong, and why?",
+    "trust": "How often is such a verdict right here?",
     "gained": "What was gained?",
     "next": "What next?",
 }

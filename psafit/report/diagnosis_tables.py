@@ -29,6 +29,7 @@ from psafit.diagnose.record import (
 )
 from psafit.diagnose.show import Corner, Offset
 from psafit.diagnose.significance import OTHERWISE, Significance
+from psafit.diagnose.trials import Calibration, Rate
 from psafit.experiment import CONSTANT_UNITS, Experiment
 from psafit.inference.evidence import TRUSTED
 from psafit.model_search.ladder import set_of
@@ -496,6 +497,45 @@ def search(found: Significance | None) -> dict[str, Any] | None:
         "p": f"{'≤' if p <= 1 / (n + 1) else '='} {significant(p, 2)}",
         "readings": " to ".join(str(m) for m in found.readings) if found.stored else "",
     }
+
+
+def calibration(found: Calibration | None) -> dict[str, Any] | None:
+    """How often such a verdict is right here: by what made the readings, and by the probability printed."""
+    if not found:
+        return None
+    return {
+        "n": found.exact.of,
+        "truths": [
+            [model(one.truth), str(one.exact.of), str(one.exact.n), str(one.reported.n)] for one in found.truths
+        ],
+        "reliability": [
+            [f"{percent(r.lower)} to {percent(r.upper)}", str(r.right.of), percent(r.mean), _rate(r.right)]
+            for r in found.reliability
+        ],
+        "exact": _rate(found.exact),
+        "reported": _rate(found.reported),
+    }
+
+
+def _rate(found: Rate) -> str:
+    return f"{found.n} of {found.of} ({percent(found.lower)} to {percent(found.upper)})"
+
+
+def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[list[Any]]:
+    """Readings, `most` of them, on which alone the adopted model leans, by the tail of their weights."""
+    tail = np.array(result.influence.tail if result.influence else [], dtype=float)
+    if tail.size != sum(g.group.n_points for g in shown):
+        return []
+    far = [(float(tail[row]), g, k) for g in shown for k, row in enumerate(g.rows) if tail[row] > TRUSTED]
+    return [
+        [
+            Markup("Group {}").format(g.group.id),
+            words.quantity(float(g.group.frequency_hz[k]), "Hz"),
+            words.quantity(float(g.group.amplitude_v[k]), "V"),
+            fixed(value, 2),
+        ]
+        for value, g, k in sorted(far, key=lambda told: -told[0])[:most]
+    ]
 
 
 def alike(pairs: Sequence[Alike], most: int = 12) -> list[list[Any]]:

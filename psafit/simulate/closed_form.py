@@ -391,6 +391,30 @@ def _march(table, n, t, end, rising, lift, most=2_000_000):  # type: ignore[no-u
     return math.nan, rising
 
 
+@compiled(borrows=True)
+def _highest(place, amplitude, n, end, spring, damper, force, table, best, peak=1e-11, most=2_000_000):  # type: ignore[no-untyped-def]
+    """Largest ``spring d + damper d'`` over [0, end], or `best` if that is larger.
+
+    A step is as long as the bounds show that the force rises throughout, so that its end is its highest, or that it
+    stays below the highest so far. A force counts as higher if it is by the part `peak`.
+    """
+    for k in range(n):
+        force[k] = amplitude[k] * (spring + damper * place[k])
+    _tabulate(place, force, n, table)
+    t = 0.0
+    for _ in range(most):
+        f0, f1, f2, b2, b3, noise = _evaluate(table, n, t)
+        best = max(best, f0)
+        if t >= end or b2 == 0.0:
+            return best
+        step = _safe_step(best * (1.0 + peak) - f0 + _NOISE * noise, -f1, -f2, b2, b3)
+        if f1 > 0.0:
+            # f'(t + h) >= f1 - b2 h, and >= f1 + f2 h - b3 h^2/2
+            step = max(step, f1 / b2, (f2 + math.sqrt(f2 * f2 + 2.0 * b3 * f1)) / b3)
+        t = min(t + step, end)
+    return math.nan
+
+
 @compiled
 def _aside(s, drive, apart=1e-7):  # type: ignore[no-untyped-def]
     """The pole itself, or one beside the drive's where they coincide: `apart` from it, relative to it.
@@ -472,12 +496,16 @@ def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, work):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
-    """Separation under a command: (time, integral of the indentation until then, integral of that).
+def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
+    pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work
+):  # fmt: skip
+    """Separation under a command: (time, integral of the indentation until then, integral of that, highest force).
+
+    The force is the contact's beyond that at rest, over the ball's mass.
 
     The time is infinite without a separation, and negative where the tip first draws back from the ball.
     """
-    place, amplitude, by_level, by_slope, grow, growth, table = work
+    place, amplitude, by_level, by_slope, grow, growth, force, table = work
     omega = point[OMEGA]
     swings = omega != 0.0
     drive = 1j * omega
@@ -489,20 +517,20 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
             by_level[n] = weight[k] / s
             n += 1
     n_modes = n
-    forced = 0j
+    steady = 0j
     if swings:
-        forced = lead * drive * drive
+        steady = lead * drive * drive
         for k in range(len(roots)):
-            forced /= drive - _aside(roots[k], drive)
+            steady /= drive - _aside(roots[k], drive)
         place[n] = drive
         n += 1
     row = first_row(rows, point, phase)
     k, now = first_move(rows, point, row, phase)
     if now == math.inf:
-        return now, 0.0, 0.0
+        return now, 0.0, 0.0, 0.0
     # The command just before: level, slope and phasor of the swing.
     a, b, C = point[IDLE], 0.0, 0j
-    once = twice = before = 0.0
+    once = twice = before = top = 0.0
     rising, first, ramps = True, True, False
     while True:
         anchor, end, level, slope, swing, psi = command(rows, point, row, k, phase)
@@ -518,7 +546,7 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
             order, lowest = _leading(da, db, dC, omega)
             value = lowest if order == 0 else 0.0
             if lowest < 0.0 and not pressed:
-                return -1.0, 0.0, 0.0
+                return -1.0, 0.0, 0.0, 0.0
         if db != 0.0 and not ramps:
             ramps = True
             for j in range(n_modes):
@@ -535,12 +563,14 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
                 if db != 0.0:
                     amplitude[j] += by_slope[j] * db
         if swings:
-            amplitude[n_modes] = forced * complex(phasor.imag, -phasor.real)
+            amplitude[n_modes] = steady * complex(phasor.imag, -phasor.real)
         if first:
             first = False
             if lowest > 0.0:
                 t = min(_start(place, amplitude, n, len(roots) - 2 + order, lead * lowest), span)
-        elif not (swings or placed or rising) and _is_apart(place, amplitude, n, span, lift) and end <= horizon:
+        elif (
+            not (swings or placed or forced or rising) and end <= horizon and _is_apart(place, amplitude, n, span, lift)
+        ):
             before = _grown(place, n_modes, span, before, end, grow, growth)
             for j in range(n):
                 once += (amplitude[j] * growth[j]).real
@@ -551,14 +581,16 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
         t, rising = _march(table, n, t, min(span, horizon), rising, lift)
         reached = span if math.isinf(t) else t
         if math.isinf(reached):
-            return reached, once, twice
+            return reached, once, twice, top
         if placed:
             twice += once * reached + _twice(place, amplitude, n, reached)
         once += _impulse(place, amplitude, n, reached)
+        if forced:
+            top = _highest(place, amplitude, n, reached, spring, damper, force, table, top)
         if not math.isinf(t):
-            return now + t, once, twice
+            return now + t, once, twice, top
         if end > horizon:
-            return math.inf, once, twice
+            return math.inf, once, twice, top
         before = _grown(place, n_modes, span, before, end, grow, growth)
         a, b = level + slope * span, slope
         C = phasor * complex(math.cos(omega * span), math.sin(omega * span)) if swings else 0j
@@ -566,25 +598,25 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
 
 
 def _launch(  # type: ignore[no-untyped-def]
-    pole, weight, lead, roots, spring, damper, lift, lean, phase, horizon, placed, rows, points,
-    when, speed, where, status,
+    pole, weight, lead, roots, spring, damper, lift, lean, phase, horizon, placed, forced, rows, points,
+    when, speed, where, status, peak,
 ):  # fmt: skip
     n_sets, n_points = when.shape
     for i in prange(n_sets):
         width = pole.shape[1] + 1
-        lines = np.empty((6, width), np.complex128)
-        work = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], np.empty((width, 7))
+        lines = np.empty((7, width), np.complex128)
+        work = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], np.empty((width, 7))
         for j in range(n_points):
             point = points[j]
-            when[i, j], speed[i, j], where[i, j], status[i, j] = 0.0, 0.0, 0.0, AT_REST
+            when[i, j], speed[i, j], where[i, j], status[i, j], peak[i, j] = 0.0, 0.0, 0.0, AT_REST, math.nan
             if point[REACH] == 0.0:
                 continue
             limit = HORIZON
             if lift[i] > 0.0:
                 limit = max(horizon[i], point[LENGTH] + HORIZON_PERIODS / point[FREQUENCY])
-            t, once, twice = _separate(
+            t, once, twice, top = _separate(
                 pole[i], weight[i], lead[i], roots[i], rows, point, phase_of(point, phase[i]), lift[i], lean[i] > 0.0,
-                limit, placed, work,
+                limit, placed, forced, spring[i], damper[i], work,
             )  # fmt: skip
             if t < 0.0:
                 when[i, j], speed[i, j], status[i, j] = math.nan, 0.0, DRAWN_BACK
@@ -596,6 +628,7 @@ def _launch(  # type: ignore[no-untyped-def]
             speed[i, j] = spring[i] * once - damper[i] * lift[i]
             where[i, j] = spring[i] * twice + damper[i] * once
             status[i, j] = LAUNCHED if speed[i, j] > 0.0 else DRAWN_BACK
+            peak[i, j] = top
 
 
 _launch_serial = compiled(_launch)
@@ -608,9 +641,17 @@ def contact_horizon(k_c: FloatArray, ball: FloatArray) -> FloatArray:
 
 
 def separation(
-    design: Design, rig: Setup, placed: bool = False, *, threads_from: int = 1000, together: int = 512
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8]]:
-    """Time (s), ball speed (m/s) and ball place (m) at the first separation, and what happened; (n_sets, n_points).
+    design: Design,
+    rig: Setup,
+    placed: bool = False,
+    forced: bool = False,
+    *,
+    threads_from: int = 1000,
+    together: int = 512,
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], FloatArray]:
+    """Time (s), ball speed (m/s) and place (m) at the first separation, what happened, and the highest force (N).
+
+    Each is (n_sets, n_points).
 
     Parameters
     ----------
@@ -621,6 +662,8 @@ def separation(
         ``rub = 0``.
     placed : bool
         Whether the ball's place is needed; it is meaningless otherwise.
+    forced : bool
+        Whether the contact's highest force is; likewise.
     threads_from : int
         Trajectories above which it is worth waking threads: that costs about as much as so many.
     together : int
@@ -628,7 +671,8 @@ def separation(
     """
     n_sets = len(rig.k_c)
     shape = (n_sets, design.n_points)
-    when, speed, where, status = np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape, np.int8)
+    every = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float))
+    when = every[0]
     launch = _launch_parallel if n_sets > 1 and when.size > threads_from else _launch_serial
     lags = rig.lag > 0.0
     for kind in np.unique(lags):
@@ -638,11 +682,14 @@ def separation(
             one = rig.take(part)
             batch = modes(one)
             press = one.M * one.g * one.lean / one.l
-            found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in (when, speed, where, status))
+            found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in every)
             launch(
                 batch.pole, batch.weight, batch.lead, batch.roots, one.k_c / one.M, one.c_c / one.M,
                 (press + one.bond) / one.k_c, one.lean, one.phase,
-                contact_horizon(one.k_c, one.M), placed, *design.commands, *found,
+                contact_horizon(one.k_c, one.M), placed, forced, *design.commands, *found,
             )  # fmt: skip
-            when[part], speed[part], where[part], status[part] = found
-    return when, speed, where, status
+            if forced:
+                found[-1][:] = found[-1] * one.M[:, None] + press[:, None]
+            for target, values in zip(every, found, strict=True):
+                target[part] = values
+    return every  # type: ignore[return-value]

@@ -364,6 +364,37 @@ def _crossing(d, swing, threshold, side, fresh, slip, bern, stack):  # type: ign
 
 
 @compiled(borrows=True)
+def _highest(b, n, end, best, stack, peak=1e-10):  # type: ignore[no-untyped-def]
+    """Largest value over [0, end] of a Bernstein polynomial, or `best` where none is larger by the part `peak`."""
+    first = stack[0]
+    for i in range(n + 1):
+        first[i] = b[i]
+    for k in range(1, n + 1 if end < 1.0 else 0):  # the part before `end` (de Casteljau)
+        for i in range(n, k - 1, -1):
+            first[i] = (1.0 - end) * first[i - 1] + end * first[i]
+    depth = 0
+    while depth >= 0:
+        part = stack[depth]
+        best = max(best, part[0], part[n])
+        bound = best
+        for i in range(n + 1):
+            bound = max(bound, part[i])
+        if bound <= best * (1.0 + peak) or depth + 1 == len(stack):
+            depth -= 1
+            continue
+        _split(part, stack[depth + 1], part, n)
+        depth += 1
+    return best
+
+
+@compiled(inside=True)
+def _peak(F, kappa, end, best, bern, stack):  # type: ignore[no-untyped-def]
+    """Largest contact force of a step up to its cut, or `best` if that is larger."""
+    store(bern, 0, times(VALUES_TO_BERNSTEIN, 0, F) * kappa)
+    return _highest(bern, NODES - 1, end, best, stack)
+
+
+@compiled(borrows=True)
 def _is_noise(bern, n, theta, resolved):  # type: ignore[no-untyped-def]
     """Whether what begins on a zero and returns to it at `theta` does not rise above the step's error in between."""
     middle, _ = _bernstein(bern, n, 0.5 * theta)
@@ -652,11 +683,11 @@ def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no
 
 
 @compiled(borrows=True)
-def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     """Follow one trajectory to the launch.
 
-    Returns (outcome, time, speed of the ball, its place, steps taken); the place is the highest where it is not
-    launched.
+    Returns (outcome, time, speed of the ball, its place, highest force until then, steps taken); the place is the
+    highest where it is not launched.
     """
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
@@ -667,7 +698,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     linear = len(calls[0]) == 0
     split = len(calls[2]) > 0 or len(calls[4]) > 0
     if not _drive.first_piece(piece, rows, point, phase, lag, inverse_slew, split):
-        return NO_SEPARATION, math.nan, 0.0, 0.0, 0
+        return NO_SEPARATION, math.nan, 0.0, 0.0, math.nan, 0
     f = point[FREQUENCY]
     settled = _settled(q, point[IDLE], theta_at, calls, mem_z, mem_u)
 
@@ -678,8 +709,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     v1 = v2 = w = 0.0
     lost_d = lost_v2 = 0.0  # what the sums lack of these
     t = piece[_drive.BEGIN]
-    rest, highest, separated_once = x2, 0.0, False
-    last_time, last_speed, last_place = math.nan, 0.0, 0.0
+    rest, highest, peak, separated_once = x2, 0.0, 0.0, False
+    last_time, last_speed, last_place, last_peak = math.nan, 0.0, 0.0, 0.0
     waiting = point[LENGTH] + HORIZON_PERIODS / f
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
@@ -744,6 +775,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
 
         # Advance to the end of the step or to the cut.
         whole, before, x2_before = cut > 1.0, v2, x2
+        if forced and regime != FREE:
+            peak = _peak(F, kappa, min(cut, 1.0), peak, bern, stack)
         x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
             x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
         )
@@ -757,9 +790,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         if t > (waiting if regime == FREE else horizon):
             break  # what the step met was beyond
         if whole or event == _PIECE:
-            fresh = False
             previous, kept = level, F
-            carried = whole and regime != FREE
+            fresh, carried = False, whole and regime != FREE
             level = _grown(level, error)
             begun, first_level = False, level if begun else first_level
             if event == _PIECE:
@@ -788,7 +820,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
                 regime, d = _regime_after(event, regime, d, w, bond, pull, release, law)
                 if regime == FREE and v2 > 0.0:
                     separated_once = True
-                    last_time, last_speed, last_place = t, v2, x2 - rest
+                    last_time, last_speed, last_place, last_peak = t, v2, x2 - rest, peak
                     if cycles == 0.0:
                         break
                     # Beyond the apex the hop is over: what strikes the ball then is another launch.
@@ -799,8 +831,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
         slow = last_speed < how.slow * reference and tolerance * reference > how.rounding * q * point[REACH] * f
         outcome = _TOO_SLOW if slow and step < how.most_steps - 1 else LAUNCHED
-        return outcome, last_time, last_speed, last_place, step
-    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), step
+        return outcome, last_time, last_speed, last_place, last_peak, step
+    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, step
 
 
 @compiled(borrows=True)
@@ -818,7 +850,9 @@ def _usual_speed(rig, theta_at, point, calls, out):  # type: ignore[no-untyped-d
 
 
 @compiled
-def _one_set(rig, theta_at, wanted, rows, points, calls, tolerance, how, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _one_set(  # type: ignore[no-untyped-def]
+    rig, theta_at, wanted, rows, points, calls, tolerance, how, forced, when, speed, place, status, peak, steps
+):  # fmt: skip
     n = NODES
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
@@ -833,28 +867,30 @@ def _one_set(rig, theta_at, wanted, rows, points, calls, tolerance, how, when, s
     for j in range(len(points)):
         point = points[j]
         if point[REACH] == 0.0 or not wanted[j]:
-            when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
+            when[j], speed[j], place[j], status[j], peak[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, math.nan, 0
             continue
         reference = how.usual_part * _usual_speed(rig, theta_at, point, calls, nodes[0])
         total_steps = 0
         for k in range(12):
-            outcome, t, v, x, count = _fly(
-                rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, k == 0
+            outcome, t, v, x, top, count = _fly(
+                rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, k == 0, forced
             )
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
             reference = max(v, how.rounding * rig[6] * point[REACH] * point[FREQUENCY] / tolerance)
-        when[j], speed[j], place[j], status[j], steps[j] = t, v, x, outcome, total_steps
+        when[j], speed[j], place[j], status[j], peak[j], steps[j] = t, v, x, outcome, top, total_steps
 
 
-def _all_sets(rigs, theta, wanted, rows, points, calls, tolerance, how, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _all_sets(  # type: ignore[no-untyped-def]
+    rigs, theta, wanted, rows, points, calls, tolerance, how, forced, when, speed, place, status, peak, steps
+):  # fmt: skip
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
     for i in prange(len(theta)):
         _one_set(
-            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance, how,
-            when[i], speed[i], place[i], status[i], steps[i],
+            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance, how, forced,
+            when[i], speed[i], place[i], status[i], peak[i], steps[i],
         )  # fmt: skip
 
 
@@ -885,8 +921,11 @@ def separation(
     wanted: NDArray[np.bool_] | None = None,
     settings: StepSettings | None = None,
     threads_from: int = 16,
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], NDArray[np.int64]]:
-    """Time (s), ball speed (m/s) and place (m) at the launch, what happened, and steps taken; (n_sets, n_points).
+    forced: bool = False,
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], FloatArray, NDArray[np.int64]]:
+    """Time (s), ball speed (m/s) and place (m) at the launch, what happened, highest force (N) until then, steps taken.
+
+    Each is (n_sets, n_points).
 
     Places count from the ball's rest. Without a launch it is the highest place to which the tip carried the ball.
 
@@ -906,14 +945,16 @@ def separation(
     settings : StepSettings, optional
     threads_from : int
         Trajectories above which it is worth waking threads.
+    forced : bool
+        Whether the contact's highest force is needed; it is meaningless otherwise.
     """
     shape = (len(theta), design.n_points)
-    found = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, np.int64))
+    found = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float, np.int64))
     if len(calls.branch) > _MOST_BRANCHES:
         raise ValueError(f"{len(calls.branch)} causes with a memory; at most {_MOST_BRANCHES}")
     run = _parallel if len(theta) > 1 and found[0].size > threads_from else _serial
     run(
         rig.stack(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
-        *design.commands, calls.arrays(), tolerance, settings or StepSettings(), *found,
+        *design.commands, calls.arrays(), tolerance, settings or StepSettings(), forced, *found,
     )  # fmt: skip
     return found  # type: ignore[return-value]
