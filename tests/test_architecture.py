@@ -151,6 +151,34 @@ def test_functions_are_short() -> None:
     assert not long, "\n" + "\n".join(long)
 
 
+def repeated(texts: dict[Path, str], n: int = 8) -> list[str]:
+    """Places where as many lines stand again as somewhere else; imports and comments apart."""
+    seen: dict[tuple[str, ...], str] = {}
+    found = []
+    for path, text in texts.items():
+        rows = [(k, line.strip()) for k, line in enumerate(text.splitlines(), 1)]
+        imported = {
+            k
+            for node in ast.parse(text).body
+            if isinstance(node, ast.Import | ast.ImportFrom)
+            for k in range(node.lineno, (node.end_lineno or 0) + 1)
+        }
+        rows = [(k, line) for k, line in rows if line and not line.startswith("#") and k not in imported]
+        for i in range(len(rows) - n + 1):
+            place = seen.setdefault(tuple(line for _, line in rows[i : i + n]), f"{path.name}:{rows[i][0]}")
+            if place != f"{path.name}:{rows[i][0]}":
+                found.append(f"{path.name}:{rows[i][0]} is {place}")
+    return found
+
+
+def test_nothing_stands_twice() -> None:
+    eight = "".join(f"a{k} = {k}\n" for k in range(8))
+    assert repeated({Path("x.py"): eight, Path("y.py"): "b = 1\n" + eight}) == ["y.py:2 is x.py:1"]
+    files = [p for part in ("psafit", "benchmarks", "docs", "tests") for p in sorted((ROOT / part).rglob("*.py"))]
+    twice = repeated({path.relative_to(ROOT): path.read_text("utf-8") for path in files})
+    assert not twice, "\n" + "\n".join(twice)
+
+
 def listed(imports: list[Import]) -> str:
     return "\n" + "\n".join(f"{i.place}: {i.module} imports {i.target}" for i in imports)
 
