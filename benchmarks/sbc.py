@@ -55,11 +55,11 @@ from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, sha256, sole
 from psafit.inference import noise
-from psafit.inference.ascent import ascend, expansion, slopes
 from psafit.inference.candidate import Candidate, FitSettings, built_up, separate_modes, within_bounds
 from psafit.inference.evidence import Weighed, quantiles
 from psafit.inference.memory import Memory, code
 from psafit.inference.mixture import StudentMixture
+from psafit.inference.optimiser import expansion, maximise, slopes
 from psafit.inference.problem import Problem
 from psafit.inference.sample import sample
 from psafit.inference.samplers import USUAL, sampler
@@ -317,7 +317,7 @@ def solve(plan: Plan, number: int) -> Result:
         away=away,
         level=float(level),
         differs=differs,
-        rise=float(ascend(problem, u[None]).height[0]) - max(draws.height, found.height),
+        rise=float(maximise(problem, u[None]).height[0]) - max(draws.height, found.height),
         effective=draws.effective,
         pareto_k=draws.pareto_k,
         cpu_s=round(seconds, 2),

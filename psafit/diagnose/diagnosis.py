@@ -45,7 +45,7 @@ from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, si
 from psafit.diagnose.trials import Calibration
 from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
-from psafit.experiment import Experiment, GroupId, write_experiment
+from psafit.experiment import Experiment, Group, GroupId, write_experiment
 from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Weighed
@@ -123,12 +123,7 @@ def diagnose(
         Also written as `diagnosis.json`.
     """
     training = _training(experiment, group_ids)
-    refuse_still(experiment.groups if quick else experiment.select(training))
-    check_seed(seed)
-    if nautilus:
-        require()
-    if scheduler is not None:
-        reach(scheduler)
+    _check(experiment.groups if quick else experiment.select(training), seed, nautilus, scheduler)
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
     settings = settings or Settings.usual(quick)
@@ -150,6 +145,16 @@ def diagnose(
                 # What did not converge is drawn on by the command after a finished one, not by one that resumes.
                 drawing=held is not None, settings=settings, left_out=left_out, scheduler=scheduler,
             ).all(quick, repeats, nautilus, identity, calibrate)  # fmt: skip
+
+
+def _check(groups: Sequence[Group], seed: int, nautilus: bool, scheduler: str | None) -> None:
+    """Refuse what would fail after hours of work."""
+    refuse_still(groups)
+    check_seed(seed)
+    if nautilus:
+        require()
+    if scheduler is not None:
+        reach(scheduler)
 
 
 def _training(experiment: Experiment, group_ids: Sequence[GroupId]) -> tuple[GroupId, ...]:
@@ -294,9 +299,8 @@ class _Work:
             verdict, adopted = judgement.verdict, judgement.adopted
             misfit, laws = self._tested(judgement)
         draws = ladder.draws(adopted.ids, self.seed)
-        if not self.drawing:  # the tables that follow belong to another answer, which has no record yet
-            for name in (RESULT, PAGE):
-                (self.folder / name).unlink(missing_ok=True)
+        if not self.drawing:
+            self._forget()
         numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
         write_predictions(
             self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed)
@@ -321,9 +325,8 @@ class _Work:
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
         screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
         calibration = self._calibration(ladder, drawn) if drawn else None
-        lives_on = (
-            influence(ladder, verdict.named, seed=self.seed, draws=self.settings.draws) if verdict.named else None
-        )
+        seed, n_draws = self.seed, self.settings.draws
+        lives_on = influence(ladder, verdict.named, seed=seed, draws=n_draws) if verdict.named else None
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -364,6 +367,11 @@ class _Work:
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
+
+    def _forget(self) -> None:
+        """Remove record and page: the tables that follow belong to another answer, which has no record yet."""
+        for name in (RESULT, PAGE):
+            (self.folder / name).unlink(missing_ok=True)
 
     def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
         """What the tests say of the baseline and the best model, and the laws that reported models break."""
@@ -424,7 +432,7 @@ class _Work:
             self.watcher.update(done, total, which + what)
 
         if (groups, starts) not in self._ladders:
-            self._ladders[groups, starts] = _climbed(
+            self._ladders[groups, starts] = _ladder_of(
                 self._memory, *self._common, groups, starts, self.jobs, self.scheduler, progress
             )
         return self._ladders[groups, starts]
@@ -449,7 +457,7 @@ class _Work:
         found = {}
         with self._stage("parts"):
             self._memory.begin()
-            calls = [(_climbed, self._memory, *self._common, *one) for one in wanted]
+            calls = [(_ladder_of, self._memory, *self._common, *one) for one in wanted]
             ahead(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
                 found[one] = self._search(*one)
@@ -554,7 +562,7 @@ def _apart(other: ImportanceSummary) -> Apart:
     return Apart(worst.name, worst.apart, other.by_chance, other.effective)
 
 
-def _climbed(
+def _ladder_of(
     memory: Memory,
     experiment: Experiment,
     catalogue: Sequence[Term],

@@ -21,9 +21,9 @@ from psafit.diagnose.next_experiment import Proposal, Rehearsal
 from psafit.drives import Drive
 from psafit.experiment import Group
 from psafit.inference import noise
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
 from psafit.inference.evidence import Weighed
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.simulate import Design, readings
 
@@ -136,7 +136,10 @@ def _judged(
             measured = measure(candidate, own, rng)
             # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
             height = [
-                d.log_evidence + _climbed(measured(c.problem), c, d, rng, settings).laplace_apart - c.laplace_apart + p
+                d.log_evidence
+                + _optimised(measured(c.problem), c, d, rng, settings).laplace_apart
+                - c.laplace_apart
+                + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))
@@ -163,7 +166,7 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     return Group(NEW, drive, "", frequency, voltage, read, changed=changed, sigma=known, measured=measured)
 
 
-def _climbed(
+def _optimised(
     problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator, settings: RehearsalSettings
 ) -> Candidate:
     """A model fitted to other readings, from its optima and draws of its posterior."""
@@ -171,5 +174,5 @@ def _climbed(
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))
     starts[:, shared] = known
-    found = ascend(problem, starts, schedule=settings.schedule, still_below=FitSettings.enough, unite=True)
+    found = maximise(problem, starts, schedule=settings.schedule, still_below=FitSettings.enough, unite=True)
     return candidate_of(problem, found)

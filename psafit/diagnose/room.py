@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from psafit.inference.ascent import heights
 from psafit.inference.evidence import laplace_mixture, quantiles
+from psafit.inference.optimiser import heights
 from psafit.model_search import Ids, Ladder
 from psafit.physics.term import Term
 from psafit.validate import OFFSET_UM

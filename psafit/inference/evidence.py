@@ -23,9 +23,9 @@ from scipy.special import logsumexp
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
-from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate, candidate_at, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
+from psafit.inference.optimiser import heights
 from psafit.physics import baseline
 
 TRUSTED = 0.7
@@ -182,7 +182,7 @@ def weigh(
 ) -> Weighed:
     """Evidence and posterior of a fitted model.
 
-    Hills of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
+    Modes of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
     emulates two.
 
     Parameters
@@ -190,21 +190,21 @@ def weigh(
     candidate : Candidate
     seed : int
     rounds : int
-        At most so many on each hill, of 256 simulated draws each.
+        At most so many on each mode, of 256 simulated draws each.
     effective : float
         Effective draws at which it is enough.
     """
     random, how = np.random.default_rng([seed, 5]), RoundSettings(most=rounds, effective=effective)
     parts, nearest = separated(candidate)
     pools = [
-        _importance(on_plateaus(hill), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
-        for k, hill in enumerate(parts)
+        _importance(on_plateaus(mode), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
+        for k, mode in enumerate(parts)
     ]
     return Pool.together(pools).weighed()
 
 
 def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
-    """The model on each of its hills, and which of them is nearest to rows of coordinates.
+    """The model on each of its modes, and which of them is nearest to rows of coordinates.
 
     Nearest is the one whose density is the highest. Whatever these regions are worth, they leave out nothing and count
     nothing twice.
@@ -248,8 +248,8 @@ def _importance(
 def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0, away: float = 4.0) -> Candidate:
     """The same with its best mode in the middle of where a parameter may lie, if that is wider than its curvature says.
 
-    What acts by thresholds changes nothing between two of them. A climb ends anywhere there, often at an edge, and
-    draws around that place shrink to the few that are right.
+    What acts by thresholds changes nothing between two of them. An optimisation ends anywhere there, often at an edge,
+    and draws around that place shrink to the few that are right.
 
     Parameters
     ----------

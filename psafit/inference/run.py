@@ -309,7 +309,7 @@ class _Work:
             places = problem.to_sampling(np.array([list(at.values()) for at in asked.known]))
             known = [candidate_at(problem, np.clip(places, *problem.bounds.T))]
         elif problem.terms:
-            # From scratch, a search among causes that hold each other in place ends on whatever hill is near.
+            # From scratch, a search among causes that hold each other in place ends on whatever mode is near.
             known = [
                 built_up(
                     problem,

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, candidate_at, fit, principal, united
 from psafit.inference.evidence import RoundSettings, Weighed, weigh
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 
 
@@ -29,7 +29,7 @@ class SampleSettings:
     better : float, nats
         Rise of a log posterior by which a fit counts as another mode.
     rounds, effective : int, float
-        Rounds of importance sampling at most on each hill, and effective draws at which it is enough.
+        Rounds of importance sampling at most on each mode, and effective draws at which it is enough.
     """
 
     draws: int = 256
@@ -97,15 +97,15 @@ def joined(one: Candidate, other: Candidate, *, seed: int, settings: SampleSetti
     added = min(max(found.laplace_apart - one.laplace_apart, 0.0), math.log(2.0))
     draws = weigh(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.height > found.height + s.better:
-        higher = principal(_climbed(found, draws.top))
+        higher = principal(_optimised(found, draws.top))
         if higher.height <= found.height + s.better:
-            added = math.log(2.0)  # that draw is of a mode that cannot be climbed
+            added = math.log(2.0)  # that draw is of a mode that cannot be reached
             break
         found, draws = higher, weigh(higher, seed=seed, rounds=s.rounds, effective=s.effective)
     return found, replace(draws, error=math.hypot(draws.error, added))
 
 
-def _climbed(found: Candidate, top: FloatArray) -> Candidate:
-    """The same model, climbed on from its modes and from a draw."""
-    end = ascend(found.problem, np.vstack([found.modes, top[None]]))
+def _optimised(found: Candidate, top: FloatArray) -> Candidate:
+    """The same model, optimised on from its modes and from a draw."""
+    end = maximise(found.problem, np.vstack([found.modes, top[None]]))
     return candidate_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)

@@ -11,10 +11,10 @@ from scipy.special import logsumexp
 from truths import experiment, problem, rig_with_two_hills
 
 from psafit.errors import ConvergenceError
-from psafit.inference.ascent import Ascent, Effort
 from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
 from psafit.inference.evidence import Emulated, Pool, RoundSettings, _drawn_inside, _sample, laplace_mixture, weigh
 from psafit.inference.mixture import StudentMixture
+from psafit.inference.optimiser import Effort, Optima
 from psafit.inference.samplers.nautilus import nested_evidence
 from psafit.physics import terms
 
@@ -39,7 +39,7 @@ def test_evidence_is_that_of_plain_monte_carlo():
 
 
 @pytest.mark.parametrize("place", [*(pytest.param(p, marks=pytest.mark.slow) for p in (2.2, 2.5, 4.9)), 2.4])
-def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
+def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place):
     """Above 2.4 periods no reading knows how long the drive lasts, from 2.3 downwards many do."""
     e = experiment(["repeat_impacts"], [3.4])
     one = replace(problem(e), terms=terms(["repeat_impacts"]))
@@ -49,7 +49,7 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     u = fitted.modes[:1].copy()
     u[0, k] = place / scale
     found = weigh(
-        candidate_of(one, Ascent(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
+        candidate_of(one, Optima(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
     )
     # Of the other parameters all places above agree, so that a line tells the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)
@@ -66,7 +66,7 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
 
 @pytest.mark.slow
 def test_evidence_is_that_of_a_nested_sampler(sound):
-    """Two ways that share but the simulator: climbs, emulator and weights; and shells from the prior inwards."""
+    """Two ways that share but the simulator: optimisations, emulator and weights; and shells from the prior inwards."""
     pytest.importorskip("nautilus")
     ours = weigh(sound, seed=1)
     theirs = nested_evidence(sound.problem, seed=1, n_live=150, effective=150)
@@ -114,7 +114,7 @@ def test_resampling_keeps_the_weighted_mean(sound):
 
 @pytest.mark.slow
 def test_hills_weigh_what_each_weighs_alone():
-    """Seven nats lower and far wider, the second hill holds most of the posterior."""
+    """Seven nats lower and far wider, the second mode holds most of the posterior."""
     rig, _ = rig_with_two_hills(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     leaders = separate_modes(found)

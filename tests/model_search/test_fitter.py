@@ -155,7 +155,7 @@ def test_idle_processes_work_ahead_and_what_is_not_needed_yet_may_fail(
         assert several.carried([pair], known)[0].log_evidence == plain.log_evidence
 
     def fails(problem: Any) -> Any:
-        raise ConvergenceError("a climb", reached=0, required=1)
+        raise ConvergenceError("an optimisation", reached=0, required=1)
 
     task = fitting._Task("key", one, fails, ())
     assert fitting._worked(task, False) == ("key", None)
