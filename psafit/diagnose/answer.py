@@ -15,7 +15,7 @@ from psafit.diagnose.gain import Gain
 from psafit.diagnose.influence import Carried
 from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character
 from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
-from psafit.diagnose.record import UNSEEN, Broken, CauseResult, Diagnosis, ParameterResult, Reading
+from psafit.diagnose.record import UNSEEN, Broken, CauseResult, Diagnosis, Draft, ParameterResult, Reading
 from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.diagnose.words import PLAIN, Words
@@ -426,7 +426,11 @@ class ByChance(Statement):
                 missing,
             )
         n, most = len(s.null), max(s.null)
-        none = f"none led by more than {fixed(most)} nats" if most > 0 else "none put a model with causes first"
+        none = (
+            f"none led by more than {fixed(math.ceil(10 * most) / 10, 1)} nats"
+            if most > 0
+            else "none put a model with causes first"
+        )
         where = "simulated baselines"
         if s.stored:
             sizes = " to ".join(map(str, s.readings))
@@ -502,6 +506,25 @@ class Gained(Statement):
             for w in g.worse
         )
         return words.put("{} Predicted worse than by the baseline: {}.", text, words.joined(", ", worse))
+
+
+@dataclass(frozen=True)
+class Drafted(Statement):
+    """What no cause explains, described as a cause of one's own."""
+
+    topic = "next"
+    found: Draft
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        d = self.found
+        unit = {"frequency": "Hz", "amplitude": "V", "range": "um"}[d.axis]
+        return words.put(
+            "A factor of {} at a {} of {} describes {} of what is left. {} has it as a cause: a description and no"
+            " mechanism, to be scored with --plugin.",
+            f"{d.factor:.2f}", "predicted range" if d.axis == "range" else d.axis,
+            words.number(f"{float(f'{d.place:.3g}'):g} {unit}"), words.per_cent(d.share), d.file,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -600,6 +623,8 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
     if d.calibration:
         found.append(Calibrated(d.calibration))
     found += [Gained(gain, d.training) for gain in d.gain.values()] or [NoGain(d.quick)]
+    if d.draft:
+        found.append(Drafted(d.draft))
     if d.next_experiment.proposals:
         found.append(Next(d.next_experiment, d.quick and len(d.alternatives) > 1))
     return (*found, Searched(d.looked_at, d.settings.search.missed))

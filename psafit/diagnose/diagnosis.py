@@ -18,6 +18,7 @@ from psafit.diagnose import next_experiment, told
 from psafit.diagnose.answer import sentences
 from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
+from psafit.diagnose.draft import drafted
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
 from psafit.diagnose.judging import Judgement, judge
@@ -363,6 +364,7 @@ class _Work:
             settings=self.settings,
             calibration=calibration,
             influence=lives_on,
+            draft=drafted(judgement, self.folder),
         )
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)

@@ -413,6 +413,37 @@ class Confusion:
         return Rehearsal(self.proposal, self.truth or [], self.before or [], self.after or [], self.first)
 
 
+Axis = Literal["frequency", "amplitude", "range"]
+
+
+@dataclass(frozen=True)
+class Draft:
+    """The draft that was written.
+
+    Parameters
+    ----------
+    file : str
+        In the folder of the diagnosis.
+    axis : {"frequency", "amplitude", "range"}
+        What the factor depends on.
+    place : float, Hz, V or um
+        Where it departs most from one.
+    factor : float
+        By how much, there.
+    width : float
+        Of the departure, in the logarithm.
+    share : float
+        Of the leftover's squares that it takes up, a factor common to all readings aside.
+    """
+
+    file: str
+    axis: Axis
+    place: float
+    factor: float
+    width: float
+    share: float
+
+
 Law = Literal["carried", "energy"]
 
 
@@ -502,6 +533,8 @@ class Diagnosis(Brief):
         How often such a verdict is right at these conditions, where that was asked for.
     influence : Influence, optional
         Which readings the causes live on, where some are named.
+    draft : Draft, optional
+        What no cause explains, described as a cause: see `psafit.diagnose.draft`.
     """
 
     _told = ("verdict", "named", "title", "quick")
@@ -540,6 +573,7 @@ class Diagnosis(Brief):
     laws: list[Broken] = field(default_factory=list)
     calibration: Calibration | None = field(default=None, metadata=ABSENT)
     influence: Influence | None = field(default=None, metadata=ABSENT)
+    draft: Draft | None = field(default=None, metadata=ABSENT)
 
     @property
     def leader(self) -> CauseResult | None:

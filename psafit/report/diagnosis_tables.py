@@ -522,7 +522,7 @@ def _rate(found: Rate) -> str:
 
 
 def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[list[Any]]:
-    """Readings, `most` of them, on which alone the adopted model leans, by the tail of their weights."""
+    """Readings on which alone the adopted model leans, `most` of them, by the tail of their weights."""
     tail = np.array(result.influence.tail if result.influence else [], dtype=float)
     if tail.size != sum(g.group.n_points for g in shown):
         return []

@@ -153,6 +153,7 @@ def launch_in(
     forces: bool = False,
 ) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
+    world.frequency, world.amplitude = point.frequency, point.amplitude
     drive = _Drive(world, point, rtol, most_steps)
     if forces:
         drive.clock.watch = drive.look_for_peak

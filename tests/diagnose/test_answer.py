@@ -121,7 +121,7 @@ def test_how_often_chance_finds_as_much() -> None:
         return ByChance(replace(Significance(9.2, [-1.0, 2.4], 1 / 3), **options)).say(PLAIN)
 
     assert said() == (
-        "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)."
+        "Of 2 searches on simulated baselines none led by more than 2.4 nats; this one leads by 9 (p <= 0.33)."
     )
     assert "none put a model with causes first; this one leads by 9" in said(null=[-1.0, -2.4])
     where = "designs of 56 to 150 readings with nothing hidden (stored table, this catalogue)"
