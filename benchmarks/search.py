@@ -49,7 +49,7 @@ from psafit.diagnose.searching import searched
 from psafit.experiment import write_experiment
 from psafit.files import write_atomically
 from psafit.inference.candidate import Candidate, candidate_at, candidate_of, fit
-from psafit.inference.evidence import weigh
+from psafit.inference.evidence import importance_sample
 from psafit.inference.memory import code
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
@@ -111,14 +111,14 @@ def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float
 
     It is fitted again from the best draw while that is higher than the best mode.
     """
-    sampled = weigh(candidate, seed=seed)
+    sampled = importance_sample(candidate, seed=seed)
     for _ in range(rounds):
         if sampled.height < candidate.height + 0.5:
             break
         problem = candidate.problem
         candidate = candidate_of(problem, maximise(problem, np.vstack([candidate.modes, sampled.top])))
-        sampled = weigh(candidate, seed=seed)
-    return sampled.log_evidence, sampled.doubt, candidate
+        sampled = importance_sample(candidate, seed=seed)
+    return sampled.log_evidence, sampled.standard_error, candidate
 
 
 def from_scratch(problem: Problem, seeds: Sequence[int]) -> tuple[Candidate, list[float]]:

@@ -49,7 +49,7 @@ from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, Group, GroupId, write_experiment
 from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.memory import Memory, code, lent
 from psafit.inference.problem import Problem, refuse_still
@@ -451,7 +451,7 @@ class _Work:
         what is said rests on the groups that were seen alone. One is repeated from nothing, to see what that changes.
         """
         protocols = _protocols(self.experiment, self.training)
-        sampled = tuple(c for c in whole.candidates if c.ids and c.ids in whole.weighed)
+        sampled = tuple(c for c in whole.candidates if c.ids and c.ids in whole.samples)
         starts: dict[str, tuple[Candidate, ...]] = {"strict": (), "nested": sampled}
         splits_of = [(seen, starts[name]) for name, splits in protocols.items() for seen, _ in splits]
         audited = protocols["nested"][0] if protocols["nested"] and sampled else None
@@ -614,7 +614,7 @@ def _protocols(
 # --- the record -----------------------------------------------------------------------------------------------------
 
 
-def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, Weighed]]:
+def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:
     """What is adopted and what does as well, with draws of their posteriors.
 
     Beside an adequate baseline that is the cause that it excludes least, if one keeps a twentieth.

@@ -47,7 +47,7 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
         A cause that is not among them.
     seed : int
     draws : int
-        From Student densities at the modes, weighed by the posterior.
+        From Student densities at the modes, weighted by the posterior.
     limit : float
         Quantile of the posterior.
 

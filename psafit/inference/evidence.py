@@ -89,7 +89,7 @@ class EmulatorSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class ImportanceSample:
     """Weighted draws of a posterior, and the evidence they give.
 
     Parameters
@@ -120,11 +120,11 @@ class Weighed:
     height: float
 
     @property
-    def doubt(self) -> float:
+    def standard_error(self) -> float:
         """Standard error of the log evidence; nats where the weights' tail makes that error meaningless."""
-        return self.standard_error()
+        return self.judged_error()
 
-    def standard_error(self, *, few: float = 30.0, begun: float = 2.0, hardly: float = 5.0) -> float:
+    def judged_error(self, *, few: float = 30.0, begun: float = 2.0, hardly: float = 5.0) -> float:
         """Standard error of the log evidence, nats.
 
         Parameters
@@ -177,9 +177,9 @@ def systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.in
     return np.minimum(np.searchsorted(np.cumsum(weights), positions), len(weights) - 1)
 
 
-def weigh(
+def importance_sample(
     candidate: Candidate, *, seed: int, rounds: int = RoundSettings.most, effective: float = RoundSettings.effective
-) -> Weighed:
+) -> ImportanceSample:
     """Evidence and posterior of a fitted model.
 
     Modes of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
@@ -200,7 +200,7 @@ def weigh(
         _importance(on_plateaus(mode), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
         for k, mode in enumerate(parts)
     ]
-    return Pool.together(pools).weighed()
+    return Pool.together(pools).sample()
 
 
 def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
@@ -228,7 +228,7 @@ def _importance(
     rounds: RoundSettings,
     region: Region,
 ) -> tuple[Pool, FloatArray]:
-    """Simulated draws with their weights, and their launch ranges; what lies outside the region weighs nothing."""
+    """Simulated draws with their weights, and their launch ranges; what lies outside the region has no weight."""
     problem = candidate.problem
     simulated: list[FloatArray] = []
 
@@ -341,15 +341,15 @@ class Pool:
         """Effective number of draws."""
         return float(1 / np.sum(self.weights**2))
 
-    def weighed(self) -> Weighed:
-        """The draws that weigh anything, and the evidence."""
+    def sample(self) -> ImportanceSample:
+        """The draws of any weight, and the evidence."""
         weights, count = self.weights, self.effective
         finite = np.isfinite(self.log_weight)
         k_hat = store.pareto_k(self.log_weight[finite]) if finite.sum() > 25 else math.inf
         error = float(np.sqrt(max(1 / count - 1 / self.n, 0.0)))
         kept = weights > 0
         best = int(np.argmax(self.height))
-        return Weighed(
+        return ImportanceSample(
             self.u[kept], weights[kept], self.log_evidence, error, count, k_hat, self.u[best], float(self.height[best])
         )  # fmt: skip
 

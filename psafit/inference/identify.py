@@ -143,7 +143,7 @@ def profiles(
     -------
     list of list of ProfilePoint
         One list a column, ascending in the value; `drop` is zero at the highest of its points. All else is found anew
-        at every point; the other parameters of causes, and what each session has for itself, weighed by their priors.
+        at every point; the other parameters of causes, and what each session has for itself, weighted by their priors.
     """
     how = settings or ProfileSettings()
     likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})

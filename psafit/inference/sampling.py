@@ -12,7 +12,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 
 
@@ -46,7 +46,7 @@ class Target:
     ----------
     found : Candidate
         The model, and its modes.
-    draws : Weighed
+    draws : ImportanceSample
         Of its posterior, by importance sampling.
     seed : int
         Same seed, same draws.
@@ -59,7 +59,7 @@ class Target:
     """
 
     found: Candidate
-    draws: Weighed
+    draws: ImportanceSample
     seed: int
     path: Path
     identity: str

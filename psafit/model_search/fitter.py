@@ -15,7 +15,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.errors import PsafitError
 from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import joined_values, widened
 from psafit.inference.optimiser import maximise
@@ -34,14 +34,14 @@ class Fitted:
     Parameters
     ----------
     candidate : Candidate
-    draws : Weighed, optional
+    draws : ImportanceSample, optional
         Of its posterior, if it was sampled.
     top : float
         The highest log posterior that was ever seen of it: what does not exceed that is no news.
     """
 
     candidate: Candidate
-    draws: Weighed | None = None
+    draws: ImportanceSample | None = None
     top: float = -math.inf
 
 
@@ -111,7 +111,7 @@ class ProblemFitter:
         (kept,) = self._done([self._joined(model, one, other)], self._ahead(ahead))
         modes = kept["modes"]
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
-        draws, found = Weighed(**values), candidate_at(problem, modes)
+        draws, found = ImportanceSample(**values), candidate_at(problem, modes)
         top = max(model.content.top, short.height, found.height)
         off = found.laplace_apart - draws.log_evidence
         return Model(short.ids, draws.log_evidence, found.height, True, Fitted(found, draws, top), off)

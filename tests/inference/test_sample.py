@@ -12,7 +12,7 @@ from truths import experiment, problem, rig_with_two_hills
 from psafit.experiment import read_experiment
 from psafit.inference import noise
 from psafit.inference.candidate import candidate_at, fit, separate_modes
-from psafit.inference.evidence import weigh
+from psafit.inference.evidence import importance_sample
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.inference.sample import sample
@@ -27,7 +27,7 @@ def test_a_sample_goes_on_to_what_its_draws_show() -> None:
     found, draws = sample(one, seed=1)
     better = SearchSettings().better
     assert found.height == pytest.approx(best.height, abs=better)
-    assert draws.height <= found.height + better and draws.doubt < 1.0
+    assert draws.height <= found.height + better and draws.standard_error < 1.0
 
 
 @pytest.mark.slow
@@ -45,7 +45,7 @@ def test_a_second_hill_of_the_baseline_is_not_lost(seed):
         again = sample(rig, [alone], seed=1)[0]
         assert np.abs(again.modes[:, :3] - truth[:3]).max(axis=1).min() < 1.5
         assert sample(rig, [alone], seed=1)[0].modes.tobytes() == again.modes.tobytes()
-    lower, upper = (w := weigh(found, seed=1)).quantiles(rig.to_physical(w.draws), [0.05, 0.95])
+    lower, upper = (w := importance_sample(found, seed=1)).quantiles(rig.to_physical(w.draws), [0.05, 0.95])
     assert (lower[:3] < rig.to_physical(truth)[:3]).all() and (rig.to_physical(truth)[:3] < upper[:3]).all()
 
 

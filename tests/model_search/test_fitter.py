@@ -118,7 +118,7 @@ def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
     part = replace(plain.leader.problem, group_ids=("a", "b"))
     known = candidate_at(part, plain.leader.modes)
     begun = search_models(whole, FEW, seed=1, starts=[known])
-    assert () in begun.weighed
+    assert () in begun.samples
     assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
     assert begun.leader.ids == plain.leader.ids == PAIR
     assert begun.log_evidence[PAIR] == pytest.approx(plain.log_evidence[PAIR], abs=1.0)
