@@ -46,10 +46,10 @@ from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, si
 from psafit.diagnose.trials import Calibration
 from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
-from psafit.experiment import Experiment, GroupId, write_experiment
+from psafit.experiment import Experiment, Group, GroupId, write_experiment
 from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.memory import Memory, code, lent
 from psafit.inference.problem import Problem, refuse_still
@@ -124,8 +124,7 @@ def diagnose(
         Also written as `diagnosis.json`.
     """
     training = _training(experiment, group_ids)
-    refuse_still(experiment.groups if quick else experiment.select(training))
-    _able(seed, nautilus, scheduler)
+    _check(experiment.groups if quick else experiment.select(training), seed, nautilus, scheduler)
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
     settings = settings or Settings.usual(quick)
@@ -148,8 +147,9 @@ def diagnose(
             ).all(quick, repeats, nautilus, identity, calibrate)  # fmt: skip
 
 
-def _able(seed: int, nautilus: bool, scheduler: str | None) -> None:
-    """Refuse what cannot be done, before hours of work."""
+def _check(groups: Sequence[Group], seed: int, nautilus: bool, scheduler: str | None) -> None:
+    """Refuse what would fail after hours of work."""
+    refuse_still(groups)
     check_seed(seed)
     if nautilus:
         require()
@@ -299,9 +299,8 @@ class _Work:
             verdict, adopted = judgement.verdict, judgement.adopted
             misfit, laws = self._tested(judgement)
         draws = ladder.draws(adopted.ids, self.seed)
-        if not self.drawing:  # the tables that follow belong to another answer, which has no record yet
-            for name in (RESULT, PAGE):
-                (self.folder / name).unlink(missing_ok=True)
+        if not self.drawing:
+            self._forget()
         numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
         write_predictions(
             self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed)
@@ -367,6 +366,11 @@ class _Work:
         write_json(self.folder / RESULT, result, sealed=True)
         return result
 
+    def _forget(self) -> None:
+        """Remove record and page: the tables that follow belong to another answer, which has no record yet."""
+        for name in (RESULT, PAGE):
+            (self.folder / name).unlink(missing_ok=True)
+
     def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
         """What the tests say of the baseline and the best model, and the laws that reported models break."""
         ladder, verdict, left = judgement.ladder, judgement.verdict, judgement.left
@@ -426,7 +430,7 @@ class _Work:
             self.watcher.update(done, total, which + what)
 
         if (groups, starts) not in self._ladders:
-            self._ladders[groups, starts] = _climbed(
+            self._ladders[groups, starts] = _ladder_of(
                 self._memory, *self._common, groups, starts, self.jobs, self.scheduler, progress
             )
         return self._ladders[groups, starts]
@@ -443,7 +447,7 @@ class _Work:
         what is said rests on the groups that were seen alone. One is repeated from nothing, to see what that changes.
         """
         protocols = _protocols(self.experiment, self.training)
-        sampled = tuple(c for c in whole.candidates if c.ids and c.ids in whole.weighed)
+        sampled = tuple(c for c in whole.candidates if c.ids and c.ids in whole.samples)
         starts: dict[str, tuple[Candidate, ...]] = {"strict": (), "nested": sampled}
         splits_of = [(seen, starts[name]) for name, splits in protocols.items() for seen, _ in splits]
         audited = protocols["nested"][0] if protocols["nested"] and sampled else None
@@ -451,7 +455,7 @@ class _Work:
         found = {}
         with self._stage("parts"):
             self._memory.begin()
-            calls = [(_climbed, self._memory, *self._common, *one) for one in wanted]
+            calls = [(_ladder_of, self._memory, *self._common, *one) for one in wanted]
             ahead(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
                 found[one] = self._search(*one)
@@ -558,7 +562,7 @@ def _apart(other: ImportanceSummary) -> Apart:
     return Apart(worst.name, worst.apart, other.by_chance, other.effective)
 
 
-def _climbed(
+def _ladder_of(
     memory: Memory,
     experiment: Experiment,
     catalogue: Sequence[Term],
@@ -608,7 +612,7 @@ def _protocols(
 # --- the record -----------------------------------------------------------------------------------------------------
 
 
-def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, Weighed]]:
+def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:
     """What is adopted and what does as well, with draws of their posteriors.
 
     Beside an adequate baseline that is the cause that it excludes least, if one keeps a twentieth.

@@ -496,7 +496,7 @@ def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _separate(  # type: ignore[no-untyped-def]
+def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work
 ):  # fmt: skip
     """Separation under a command: (time, integral of the indentation until then, integral of that, highest force).

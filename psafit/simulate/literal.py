@@ -596,7 +596,7 @@ class _Drive:
                 y[k] = jump(rate, self.world.q, float(y[k]), float(y[_U]), u, self.clock.rtol)
         y[_U] = u
 
-    def run(self, periods: float = 3.0) -> tuple[float, float, float] | None:
+    def run(self, periods: float = 3.0) -> tuple[float, float, float] | None:  # noqa: C901, PLR0915
         """Time, speed and place of the last separation that counts; None without a launch.
 
         The drive is followed for so many of its periods beyond its end.
