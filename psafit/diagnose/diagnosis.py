@@ -599,7 +599,7 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watch
     result = NextExperiment.of(found, Purpose("separate", [list(c.ids) for c, _ in tied]))
     if watcher is not None and verdict.alternatives:
         prior = [ladder.log_prior(c.ids) for c, _ in tied]
-        here = [p for p in found if not p.constants][:1]
+        here = [p for p in found if p.as_it_is][:1]
         rehearsals = [
             rehearse(tied, prior, p, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
             for p in {p.text: p for p in found[:1] + here}.values()

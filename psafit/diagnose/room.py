@@ -9,16 +9,15 @@ from psafit.inference.ascent import heights
 from psafit.inference.evidence import laplace_mixture, quantiles
 from psafit.model_search import Ids, Ladder
 from psafit.physics.term import Term
-from psafit.validate import OFFSET_UM
 
 
 def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 128, limit: float = 0.95) -> float | None:
-    """Return the largest change of a launch range, as a share of it, that a cause may make beside what is adopted.
+    """Return the largest change of a reading, as a share of it, that a cause may make beside what is adopted.
 
     The model with the cause was fitted by the search as a neighbour of the adopted one. What draws of its posterior
     predict is compared with what the adopted model does, less what its parameters could do in the cause's place, at the
     reading where that is largest.
-    Ranges are counted from 0.3 um below zero, as in `log_rmse`: what is lost in the rest motion is no effect.
+    Readings are counted from the offset of `log_rmse` below zero: what is lost in the rest motion is no effect.
 
     Parameters
     ----------
@@ -53,5 +52,5 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
     weights = np.exp(log_weight - logsumexp(log_weight))
     plain = ladder.of(adopted)
     effect = plain.beside(predicted - plain.predicted) * plain.scatter
-    largest = np.max(np.abs(effect) / (plain.predicted + OFFSET_UM), axis=1)
+    largest = np.max(np.abs(effect) / (plain.predicted + plain.problem.offset), axis=1)
     return float(quantiles(largest, weights, [limit])[0])
