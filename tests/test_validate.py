@@ -16,7 +16,7 @@ from psafit.diagnose.misfit import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running
-from psafit.inference.ascent import heights
+from psafit.inference.optimiser import heights
 from psafit.inference.problem import Problem
 from psafit.inference.samplers.emcee import Settings
 from psafit.physics import terms
@@ -72,8 +72,8 @@ def test_log_density_is_a_mean_over_draws(checked) -> None:  # type: ignore[no-u
 
 
 def test_stated_errors_reach_fit_and_bands(known: Experiment) -> None:
-    """Readings of groups 1 and 3 state theirs: likelihood, climbs, scores, bands and densities are Student's of all
-    parts of the scatter."""
+    """Readings of groups 1 and 3 state theirs: likelihood, optimisations, scores, bands and densities are Student's of
+    all parts of the scatter."""
     sigma = {1: 3.0, 2: 0.0, 3: 5.0}
     groups = (replace(g, sigma=np.full(g.n_points, sigma[int(g.id)]) if g.id != 2 else None) for g in known.groups)
     problem = Problem(replace(known, groups=tuple(groups)), (1, 2))
@@ -161,6 +161,12 @@ def test_verdicts_in_words(large: int, error: float, coverage: float, uniform: f
     said = validate.verdict(errors, coverage, uniform, drift)
     assert words in said
     assert ("honest" in said) == (coverage == 0.9 and uniform == drift == 0.5)
+
+
+def test_a_fit_predicts_only_with_errors_and_coverage_that_are_known() -> None:
+    """Small errors of readings too few for a band, or outside it, are followed closely, and no more."""
+    for n, coverage, well in ((4, 1.0, False), (40, 0.6, False), (40, 0.9, True)):
+        assert ("predicted well" in validate.verdict(np.full(n, 0.05), coverage, 0.5, 0.5)) is well
 
 
 def test_errors_that_drift_in_what_was_fitted_put_its_values_in_doubt(checked) -> None:  # type: ignore[no-untyped-def]

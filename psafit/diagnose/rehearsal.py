@@ -11,7 +11,7 @@ the diagnosis does. A proposal that works leaves the model that made the reading
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import softmax
@@ -21,21 +21,38 @@ from psafit.diagnose.next_experiment import Proposal, Rehearsal
 from psafit.drives import Drive
 from psafit.experiment import Group
 from psafit.inference import noise
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.observables import OBSERVABLES
 from psafit.simulate import Design, readings
 
-# Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
-_TRIALS, _STARTS = 3, 12
-_CLIMB = ((6, 12), (24, 3))
 NEW = "the proposed sweep"
 
-Tied = Sequence[tuple[Candidate, Weighed]]
+
+@dataclass(frozen=True)
+class RehearsalSettings:
+    """How often experiments are simulated, and how models are fitted to them.
+
+    Parameters
+    ----------
+    trials : int
+        Simulated experiments for each model that may be the truth.
+    starts : int
+        Starts of a fit from posterior draws, beside the optima.
+    schedule : tuple of (int, int)
+        Iterations of the fit, and how many of the highest go on after them.
+    """
+
+    trials: int = 3
+    starts: int = 12
+    schedule: tuple[tuple[int, int], ...] = ((6, 12), (24, 3))
+
+
+Tied = Sequence[tuple[Candidate, ImportanceSample]]
 # Measures, with one model as the truth: says which readings any model is then fitted to.
-_Measure = Callable[[Candidate, Weighed, np.random.Generator], Callable[[Problem], Problem]]
+_Measure = Callable[[Candidate, ImportanceSample, np.random.Generator], Callable[[Problem], Problem]]
 
 
 def repeat(
@@ -43,17 +60,20 @@ def repeat(
     log_prior: Sequence[float],
     *,
     seed: int,
+    settings: RehearsalSettings | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Rehearsal:
     """Measure the same conditions again in simulation, with each of some models as the truth; see `rehearse`."""
 
-    def measure(truth: Candidate, draws: Weighed, rng: np.random.Generator) -> Callable[[Problem], Problem]:
+    def measure(truth: Candidate, draws: ImportanceSample, rng: np.random.Generator) -> Callable[[Problem], Problem]:
         problem, u = truth.problem, _drawn(draws, 1, rng)
         made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
         again = problem.experiment.with_readings(np.maximum(made, 0.0))
         return lambda model: replace(model, experiment=again)
 
-    return _judged("the same conditions again", tied, log_prior, softmax(log_prior), measure, [seed, 31], progress)
+    return _judged(
+        "the same conditions again", tied, log_prior, softmax(log_prior), measure, [seed, 31], settings, progress
+    )
 
 
 def rehearse(
@@ -62,18 +82,20 @@ def rehearse(
     proposal: Proposal,
     *,
     seed: int,
+    settings: RehearsalSettings | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Rehearsal:
     """Measure a proposed sweep in simulation, with each of some models as the truth.
 
     Parameters
     ----------
-    tied : sequence of (Candidate, Weighed)
+    tied : sequence of (Candidate, ImportanceSample)
         The models and their posteriors, given the same readings.
     log_prior : sequence of float
         Log prior probability of each.
     proposal : Proposal
     seed : int
+    settings : RehearsalSettings, optional
     progress : callable
         Called with (rehearsals done, rehearsals).
 
@@ -82,7 +104,7 @@ def rehearse(
     Rehearsal
     """
 
-    def measure(truth: Candidate, draws: Weighed, rng: np.random.Generator) -> Callable[[Problem], Problem]:
+    def measure(truth: Candidate, draws: ImportanceSample, rng: np.random.Generator) -> Callable[[Problem], Problem]:
         new = _measured(truth.problem, _drawn(draws, 1, rng), proposal, rng)
 
         def with_it(model: Problem) -> Problem:
@@ -92,7 +114,7 @@ def rehearse(
         return with_it
 
     before = softmax([w.log_evidence + p for (_, w), p in zip(tied, log_prior, strict=True)])
-    return _judged(proposal.text, tied, log_prior, before, measure, [seed, 23], progress)
+    return _judged(proposal.text, tied, log_prior, before, measure, [seed, 23], settings, progress)
 
 
 def _judged(
@@ -102,27 +124,32 @@ def _judged(
     before: FloatArray,
     measure: _Measure,
     stream: list[int],
+    settings: RehearsalSettings | None,
     progress: Callable[[int, int], None],
 ) -> Rehearsal:
     """Fit all models to what each of them makes in turn."""
+    settings = settings or RehearsalSettings()
     truth, after, first = [], [], 0
     for k, (candidate, own) in enumerate(tied):
-        for trial in range(_TRIALS):
-            progress(_TRIALS * k + trial, _TRIALS * len(tied))
+        for trial in range(settings.trials):
+            progress(settings.trials * k + trial, settings.trials * len(tied))
             rng = np.random.default_rng([*stream, k, trial])
             measured = measure(candidate, own, rng)
             # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
             height = [
-                d.log_evidence + _climbed(measured(c.problem), c, d, rng).laplace_apart - c.laplace_apart + p
+                d.log_evidence
+                + _optimised(measured(c.problem), c, d, rng, settings).laplace_apart
+                - c.laplace_apart
+                + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))
             after.append(float(softmax(height)[k]))
             first += int(np.argmax(height) == k)
-    return Rehearsal(what, truth, np.repeat(before, _TRIALS).tolist(), after, first)
+    return Rehearsal(what, truth, np.repeat(before, settings.trials).tolist(), after, first)
 
 
-def _drawn(draws: Weighed, n: int, rng: np.random.Generator) -> FloatArray:
+def _drawn(draws: ImportanceSample, n: int, rng: np.random.Generator) -> FloatArray:
     return np.asarray(draws.draws[rng.choice(len(draws.draws), n, p=draws.weights)])
 
 
@@ -143,10 +170,17 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     return new.at(np.flatnonzero(read > 0)) if OBSERVABLES[measured].blank and (read > 0).any() else new
 
 
-def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> Candidate:
+def _optimised(
+    problem: Problem,
+    candidate: Candidate,
+    draws: ImportanceSample,
+    rng: np.random.Generator,
+    settings: RehearsalSettings,
+) -> Candidate:
     """A model fitted to other readings, from its optima and draws of its posterior."""
-    known = np.vstack([candidate.modes, _drawn(draws, _STARTS, rng)])
+    known = np.vstack([candidate.modes, _drawn(draws, settings.starts, rng)])
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))
     starts[:, shared] = known
-    return candidate_of(problem, ascend(problem, starts, schedule=_CLIMB, still_below=FitSettings.enough, unite=True))
+    found = maximise(problem, starts, schedule=settings.schedule, still_below=FitSettings.enough, unite=True)
+    return candidate_of(problem, found)

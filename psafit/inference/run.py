@@ -37,7 +37,7 @@ from psafit.files import (
 )
 from psafit.inference import identify, noise, store
 from psafit.inference.candidate import Candidate, built_up, candidate_at, principal
-from psafit.inference.evidence import Weighed, weigh
+from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
 from psafit.inference.memory import Memory
 from psafit.inference.optimise import polish, report
@@ -64,15 +64,6 @@ from psafit.records import (
 )
 from psafit.simulate import simulate
 
-# Draws kept in posterior.nc, in units of the autocorrelation time: denser adds bytes, not information.
-_THIN = 0.5
-# A chain this much higher than the best minimum (nats) shows that the search has missed one. Sampling begins again at
-# most so many times.
-_MISSED, _RESTARTS = 1.0, 5
-# Draws of the prior that are looked at for each start.
-_DRAWS_PER_START = 32
-# Minima so far (nats) below the best hold a part of the walkers.
-_ALIKE = 5.0
 # In a folder whose search is not done yet, with the run's identity.
 MARKER = ".psafit-run"
 # What posterior.json vouches for.
@@ -237,6 +228,28 @@ def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict
 
 
 @dataclass(frozen=True)
+class RunSettings:
+    """How modes are looked for, and when sampling begins again.
+
+    Parameters
+    ----------
+    draws_per_start : int
+        Draws of the prior that are looked at for each start.
+    missed : float, nats
+        A chain this much higher than the best mode shows that the search has missed one.
+    restarts : int
+        Sampling begins again at most so many times.
+    thin : float
+        Steps between the draws that are kept, in units of the autocorrelation time: denser adds bytes, not information.
+    """
+
+    draws_per_start: int = 32
+    missed: float = 1.0
+    restarts: int = 5
+    thin: float = 0.5
+
+
+@dataclass(frozen=True)
 class _Asked:
     """All that a run is asked for."""
 
@@ -257,6 +270,7 @@ class _Work:
     folder: Path
     asked: _Asked
     watcher: Watcher
+    how: RunSettings = RunSettings()
 
     def run(self, record: Fit | None) -> Run:
         """Every stage that is not in the folder yet."""
@@ -275,16 +289,17 @@ class _Work:
         while True:
             # From the record even when fresh: the numbers in the file are the numbers used.
             found = _found(self.asked.problem, record)
-            ceiling = record.minima[0].log_posterior + _MISSED if record.n_missed < _RESTARTS else math.inf
-            weighed = self._weighed(found)
-            chain = self._drawn(found, weighed, limit, ceiling)
+            more = record.n_missed < self.how.restarts
+            ceiling = record.minima[0].log_posterior + self.how.missed if more else math.inf
+            importance = self._importance_sample(found)
+            chain = self._drawn(found, importance, limit, ceiling)
             # The summary goes first and comes last: it must never describe other draws than those beside it.
             (folder / "posterior.json").unlink(missing_ok=True)
             if chain.height <= ceiling:
                 break
             record = self._improved(record, found, chain)
             limit = settings.max_steps
-        return self._described(record, weighed, chain)
+        return self._described(record, importance, chain)
 
     def _search(self) -> Fit:
         """Look for modes, and let lmfit polish them."""
@@ -294,7 +309,7 @@ class _Work:
             places = problem.to_sampling(np.array([list(at.values()) for at in asked.known]))
             known = [candidate_at(problem, np.clip(places, *problem.bounds.T))]
         elif problem.terms:
-            # From scratch, a search among causes that hold each other in place ends on whatever hill is near.
+            # From scratch, a search among causes that hold each other in place ends on whatever mode is near.
             known = [
                 built_up(
                     problem,
@@ -305,7 +320,7 @@ class _Work:
         else:
             known = []
         per_fit = asked.n_starts // 2
-        how = SampleSettings(draws=per_fit * _DRAWS_PER_START, starts=per_fit)
+        how = SampleSettings(draws=per_fit * self.how.draws_per_start, starts=per_fit)
         found, _ = sample(problem, known, seed=asked.seed, settings=how, progress=self.watcher.update)
         tops, evaluations = [], 0
         for k, mode in enumerate(found.modes):
@@ -346,23 +361,25 @@ class _Work:
             known=asked.known,
         )  # fmt: skip
 
-    def _weighed(self, found: Candidate) -> Weighed:
+    def _importance_sample(self, found: Candidate) -> ImportanceSample:
         """Draws by importance sampling, kept in the folder."""
 
         def make() -> dict[str, FloatArray]:
-            return {name: np.asarray(a, float) for name, a in vars(weigh(found, seed=self.asked.seed)).items()}
+            return {
+                name: np.asarray(a, float) for name, a in vars(importance_sample(found, seed=self.asked.seed)).items()
+            }
 
         self.watcher.stage("weigh")
         about = [self.asked.seed, found.modes.tolist()]
         kept = Memory(self.folder / "importance").recall("draws", found.problem, about, make)
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items()}
-        return Weighed(**values)
+        return ImportanceSample(**values)
 
-    def _drawn(self, found: Candidate, weighed: Weighed, limit: int, ceiling: float) -> Chain:
+    def _drawn(self, found: Candidate, importance: ImportanceSample, limit: int, ceiling: float) -> Chain:
         """Draws of the posterior by the sampler."""
         asked = self.asked
         self.watcher.stage("sample")
-        target = Target(found, weighed, asked.seed, self.folder / "chain.h5", asked.identity, ceiling)
+        target = Target(found, importance, asked.seed, self.folder / "chain.h5", asked.identity, ceiling)
         settings = replace(asked.settings, max_steps=limit)
         return sampler(asked.sampled_by).draw(target, settings, _teller(self.watcher, limit))
 
@@ -388,10 +405,10 @@ class _Work:
         write_json(self.folder / "fit.json", record, sealed=True)
         return record
 
-    def _described(self, record: Fit, weighed: Weighed, chain: Chain) -> Run:
+    def _described(self, record: Fit, importance: ImportanceSample, chain: Chain) -> Run:
         """Keep the draws, walk the profiles, and say what the data determine."""
         folder, problem, settings = self.folder, self.asked.problem, self.asked.settings
-        thin = max(1, int(_THIN * chain.autocorrelation_time.min()))
+        thin = max(1, int(self.how.thin * chain.autocorrelation_time.min()))
         draws = store.Draws(
             problem.names,
             problem.to_physical(chain.draws[:, ::thin]),
@@ -404,7 +421,7 @@ class _Work:
         top = flat[np.argmax(draws.log_posterior)]
         profiles = identify.profiles(problem, top, lambda k, n: self.watcher.update(k, n, "profiles"))
         files = {name: sha256(folder / name) for name in _SIGNED}
-        summary = _summarise(problem, chain, draws, weighed, thin, profiles, record, files)
+        summary = _summarise(problem, chain, draws, importance, thin, profiles, record, files)
         write_json(folder / "posterior.json", summary, sealed=True)
         return Run(folder, problem, record, summary, draws)
 
@@ -531,7 +548,7 @@ def _summarise(
     problem: Problem,
     chain: Chain,
     draws: store.Draws,
-    weighed: Weighed,
+    importance: ImportanceSample,
     thin: int,
     profiles: list[list[ProfilePoint]],
     record: Fit,
@@ -594,29 +611,31 @@ def _summarise(
         acceptance=chain.acceptance,
         autocorrelation_times=reached,
         parameters=entries,
-        importance=_compared(problem, sampled, weighed, float(min(health["ess_tail"]))),
+        importance=_compared(problem, sampled, importance, float(min(health["ess_tail"]))),
         files=files,
     )
 
 
-def _compared(problem: Problem, sampled: FloatArray, weighed: Weighed, effective: float) -> ImportanceSummary:
+def _compared(
+    problem: Problem, sampled: FloatArray, importance: ImportanceSample, effective: float
+) -> ImportanceSummary:
     """Importance draws beside those of the sampler, (n, n_dim) in the sampling coordinate.
 
     `effective` is what the latter are worth.
     """
     q = [0.05, 0.5, 0.95]
-    own, other = np.quantile(sampled, q, axis=0), weighed.quantiles(weighed.draws, q)
+    own, other = np.quantile(sampled, q, axis=0), importance.quantiles(importance.draws, q)
     width = np.maximum(own[2] - own[0], 1e-12)
     apart = (np.abs(other - own) / width).max(axis=0)
     # Standard error of a limit of a normal distribution, in widths of its interval, times the root of the draws.
     one = math.sqrt(q[0] * q[2]) / norm.pdf(norm.ppf(q[0])) / (norm.ppf(q[2]) - norm.ppf(q[0]))
     values = problem.to_physical(other)
     return ImportanceSummary(
-        log_evidence=weighed.log_evidence,
-        standard_error=weighed.doubt,
-        effective=weighed.effective,
-        pareto_k=weighed.pareto_k,
-        by_chance=2 * float(one) * math.hypot(weighed.effective**-0.5, effective**-0.5),
+        log_evidence=importance.log_evidence,
+        standard_error=importance.standard_error,
+        effective=importance.effective,
+        pareto_k=importance.pareto_k,
+        by_chance=2 * float(one) * math.hypot(importance.effective**-0.5, effective**-0.5),
         parameters=[
             ImportanceEntry(name, float(values[1, k]), float(values[0, k]), float(values[2, k]), float(apart[k]))
             for k, name in enumerate(problem.names)
@@ -624,12 +643,12 @@ def _compared(problem: Problem, sampled: FloatArray, weighed: Weighed, effective
     )
 
 
-def _apart(names: Sequence[str], heights: Sequence[float], r_hat: FloatArray, goal: float) -> str:
-    """What keeps walkers apart, where the search ended in several places that are about as high."""
-    alike = sum(height > max(heights) - _ALIKE for height in heights)
+def _apart(names: Sequence[str], heights: Sequence[float], r_hat: FloatArray, goal: float, near: float = 5.0) -> str:
+    """What keeps walkers apart, where the search ended in several places within so many nats of the best."""
+    alike = sum(height > max(heights) - near for height in heights)
     if alike < 2 or r_hat.max() < goal:
         return ""
     return (
-        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {_ALIKE:g} nats,"
+        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {near:g} nats,"
         " between which walkers rarely cross; psafit diagnose weighs such places one by one"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -35,10 +36,18 @@ _QUESTIONS: Final[dict[Topic, str]] = {
     "scope": "",
     "adequate": "Is the baseline adequate?",
     "wrong": "What is wrong, and why?",
+    "trust": "How often is such a verdict right here?",
     "gained": "What was gained?",
     "next": "What next?",
 }
-_JUDGED: Final = {"yes": "Yes.", "so far": "As far as these readings tell.", "no": "No.", "improbable": "Improbable."}
+_JUDGED: Final = {
+    "yes": "Yes.",
+    "so far": "As far as these readings tell.",
+    "no": "No.",
+    "together": "No.",
+    "tails": "Not without heavy tails.",
+    "improbable": "Improbable.",
+}
 
 
 class PageWords(Words):
@@ -93,30 +102,42 @@ class PageWords(Words):
 PAGE = PageWords()
 
 
-def first_screen(result: Diagnosis) -> list[Markup]:
-    """Return the answer, a paragraph a question."""
+@dataclass(frozen=True)
+class Paragraph:
+    """An answer: a paragraph, and what is listed below it."""
+
+    text: Markup
+    points: tuple[Markup, ...] = ()
+
+
+def first_screen(result: Diagnosis, together: int = 2) -> list[Paragraph]:
+    """Return the answer, a paragraph a question; sentences beyond so many `together` are listed below."""
     found: dict[str, list[Statement]] = {}
     for statement in answer(result):
         found.setdefault(statement.topic, []).append(statement)
     readings = sum(len(model.predicted_um) for name, model in result.show.items() if name == "baseline")
-    paragraphs = [
-        Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(
-            count(readings, "reading"), words.group_ids(result.groups), count(len(result.screening), "candidate cause")
-        )
-    ]
+    examined = Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(
+        count(readings, "reading"), words.group_ids(result.groups), count(len(result.screening), "candidate cause")
+    )
+    paragraphs = [Paragraph(examined)]
     for topic, question in _QUESTIONS.items():
         if statements := found.get(topic):
             head = Markup("<strong>{}</strong> ").format(question) if question else Markup("")
             judged = [Markup(_JUDGED[s.adequate]) for s in statements if isinstance(s, Judged)]
-            said = Markup(" ").join([*judged, *(escape(s.say(PAGE)) for s in statements)])
+            said = [escape(s.say(PAGE)) for s in statements]
+            first, points = Markup(" ").join([*judged, *said[:together]]), tuple(said[together:])
             link = Markup(" <a href='#next'>More</a>") if topic == "next" else ""
-            paragraphs.append(head + said + link)
+            paragraphs.append(Paragraph(head + first + link, points))
     return paragraphs
 
 
 def kind(result: Diagnosis) -> str:
-    """Return the colour of the verdict; a baseline that nothing refutes may be less probable than others."""
-    return "warn" if result.verdict == "adequate" and kept(result) < 0.5 else _KINDS[result.verdict]
+    """Return the colour of the verdict.
+
+    A baseline that nothing refutes may be less probable than others, and what fits may do so at implausible values.
+    """
+    doubtful = kept(result) < 0.5 if result.verdict == "adequate" else bool(result.strange)
+    return "warn" if doubtful and _KINDS[result.verdict] == "good" else _KINDS[result.verdict]
 
 
 def tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:

@@ -171,7 +171,7 @@ def _contact(
                 }
             )
             result = stepper.separation(
-                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some], forced
+                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some], forced=forced
             )
             for target, values in zip(found, result, strict=False):
                 target[some] = values
@@ -340,6 +340,8 @@ def _simulate(
     for k, term in enumerate(terms):
         if term.reading:
             swung = term.reading(swung, sets[:, own[k]], design.group)
+        if term.condition:
+            swung = swung * term.condition(design.frequency, design.amplitude, sets[:, own[k]])
     engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
     launched = status == closed_form.LAUNCHED
     return Simulation(swung, when, speed, launched, place, engine, peak if forces else None)

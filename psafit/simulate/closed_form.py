@@ -41,24 +41,11 @@ from psafit.simulate.command import FREQUENCY, IDLE, LENGTH, OMEGA, REACH, comma
 from psafit.simulate.compiled import compiled, prange
 from psafit.simulate.design import Design
 
-# Poles closer than this (relative) lose digits to cancellation, eps/_CLOSE for two of them, when summed one by one.
-_CLOSE = 1e-3
-# They are replaced by this many nodes of the trapezoid rule on a circle around them; the rule's error falls
-# as (r/R)^n, with r the spread of the cluster and R the circle, and again with R and the next pole outside.
-_NODES = 24
-_CLEARANCE = 3.0
-_RADIUS = 0.01
-# An undamped pole met by the drive is moved aside: costs the square of (cycles in contact x this), and eps over it.
-_DETUNE = 1e-7
-_MAX_STEPS = 2_000_000
 # A command that begins this close to its idle voltage, relative to its size, begins there.
 _ROUNDING = 2 * np.finfo(float).eps
 _ROUNDED = 512 * np.finfo(float).eps
 # Bounds lose to rounding: below this fraction of the summed amplitudes a positive value means nothing.
 _NOISE = 8 * np.finfo(float).eps
-
-# A force counts as higher than another if it is by this part.
-_PEAK = 1e-11
 
 # Contact always ends in the baseline (the integral of the indentation over a transient is zero), in all of the prior
 # range within milliseconds to seconds; the horizon, s, only stops a hopeless search. A ball that is pressed on the tip
@@ -66,7 +53,30 @@ _PEAK = 1e-11
 HORIZON = 100.0
 HORIZON_PERIODS = 3.0
 
-LAUNCHED, AT_REST, NO_SEPARATION, DRAWN_BACK = 0, 1, 2, 3
+LAUNCHED, AT_REST, NO_SEPARATION, DRAWN_BACK = range(4)
+
+
+@dataclass(frozen=True)
+class PoleSettings:
+    """How poles are summed that nearly coincide.
+
+    Parameters
+    ----------
+    close : float
+        Poles closer than this (relative) lose digits to cancellation when summed singly: eps/close for two of them.
+    nodes : int
+        They are replaced by this many nodes of the trapezoid rule on a circle around them. Its error falls as (r/R)^n,
+        with r the spread of the cluster and R the circle, and again with R and the next pole outside.
+    clearance : float
+        Radius of the circle in units of the spread, and distance of other poles in units of the radius.
+    radius : float
+        The circle's least radius, relative to its centre.
+    """
+
+    close: float = 1e-3
+    nodes: int = 24
+    clearance: float = 3.0
+    radius: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -189,7 +199,7 @@ def _quadratic(p, q):  # type: ignore[no-untyped-def]
     return complex(big, 0.0), complex(q / big, 0.0)
 
 
-def _circle_around_clusters(roots: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+def _circle_around_clusters(roots: ComplexArray, how: PoleSettings) -> tuple[ComplexArray, ComplexArray]:
     """Poles and weights of ``1/prod(s - roots)`` where some roots nearly coincide.
 
     The sum of residues of a cluster is a contour integral around it; the trapezoid rule on a circle
@@ -205,8 +215,8 @@ def _circle_around_clusters(roots: ComplexArray) -> tuple[ComplexArray, ComplexA
             centre = sum(members) / len(members)
             spread = max(abs(z - centre) for z in members)
             # Alone: nothing to do unless a neighbour, a conjugate included, is too close.
-            radius = max(_CLEARANCE * spread, _RADIUS * abs(centre))
-            reach = _CLOSE * abs(centre) if len(members) == 1 else _CLEARANCE * radius
+            radius = max(how.clearance * spread, how.radius * abs(centre))
+            reach = how.close * abs(centre) if len(members) == 1 else how.clearance * radius
             near = [z for z in free if abs(z - centre) < reach]
             if any(0 < z.imag < 0.5 * reach for z in members):  # meets its own conjugate: a real centre
                 near += [z.conjugate() for z in members if z.conjugate() not in members and z.imag > 0]
@@ -219,19 +229,20 @@ def _circle_around_clusters(roots: ComplexArray) -> tuple[ComplexArray, ComplexA
             places.append(z)
             weights.append((2.0 if z.imag > 0 else 1.0) / np.prod(z - others))
             continue
-        angle = (np.arange(_NODES) + 0.5) * (2 * np.pi / _NODES)
+        angle = (np.arange(how.nodes) + 0.5) * (2 * np.pi / how.nodes)
         offset = radius * np.exp(1j * angle)
         real = abs(centre.imag) < radius
         if real:
-            centre, offset = complex(centre.real), offset[: _NODES // 2]
+            centre, offset = complex(centre.real), offset[: how.nodes // 2]
         for z in centre + offset:
             places.append(z)
-            weights.append(2.0 * (z - centre) / _NODES / np.prod(z - roots))
+            weights.append(2.0 * (z - centre) / how.nodes / np.prod(z - roots))
     return np.array(places), np.array(weights)
 
 
-def modes(rig: Setup) -> Modes:
+def modes(rig: Setup, settings: PoleSettings | None = None) -> Modes:
     """Poles and weights for each parameter set; all of the sets have a lag, or none."""
+    how = settings or PoleSettings()
     roots = poles(contact_polynomial(rig))
     lead = rig.k_s * rig.q / rig.m
     if rig.lag[0] > 0.0:
@@ -243,11 +254,11 @@ def modes(rig: Setup) -> Modes:
     weight = np.where(roots.imag > 0, 2.0, 1.0) * (roots.imag >= 0)
     pole = np.where(weight > 0, roots, 0.0)
     close = np.abs(difference).min(axis=2, where=~np.eye(n, dtype=bool), initial=np.inf)
-    crowded = np.flatnonzero((close < _CLOSE * np.abs(roots)).any(axis=1))
+    crowded = np.flatnonzero((close < how.close * np.abs(roots)).any(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
         weight = np.where(weight > 0, weight / difference.prod(axis=2), 0.0)
     if crowded.size:
-        replaced = [_circle_around_clusters(roots[i]) for i in crowded]
+        replaced = [_circle_around_clusters(roots[i], how) for i in crowded]
         width = max(n, *(len(place) for place, _ in replaced))
         pole = np.pad(pole, ((0, 0), (0, width - n)))
         weight = np.pad(weight, ((0, 0), (0, width - n)))
@@ -350,9 +361,12 @@ def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
-    """First zero of the indentation plus `lift` in (t, end], infinity if none; and whether it has yet to rise."""
-    for _ in range(_MAX_STEPS):
+def _march(table, n, t, end, rising, lift, most=2_000_000):  # type: ignore[no-untyped-def]
+    """First zero of the indentation plus `lift` in (t, end], infinity if none; and whether it has yet to rise.
+
+    NaN after `most` steps.
+    """
+    for _ in range(most):
         d0, d1, d2, b2, b3, noise = _evaluate(table, n, t)
         if noise < lift:
             return math.inf, rising  # too little motion is left
@@ -378,22 +392,22 @@ def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _highest(place, amplitude, n, end, spring, damper, force, table, best):  # type: ignore[no-untyped-def]
+def _highest(place, amplitude, n, end, spring, damper, force, table, best, peak=1e-11, most=2_000_000):  # type: ignore[no-untyped-def]
     """Largest ``spring d + damper d'`` over [0, end], or `best` if that is larger.
 
     A step is as long as the bounds show that the force rises throughout, so that its end is its highest, or that it
-    stays below the highest so far.
+    stays below the highest so far. A force counts as higher if it is by the part `peak`.
     """
     for k in range(n):
         force[k] = amplitude[k] * (spring + damper * place[k])
     _tabulate(place, force, n, table)
     t = 0.0
-    for _ in range(_MAX_STEPS):
+    for _ in range(most):
         f0, f1, f2, b2, b3, noise = _evaluate(table, n, t)
         best = max(best, f0)
         if t >= end or b2 == 0.0:
             return best
-        step = _safe_step(best * (1.0 + _PEAK) - f0 + _NOISE * noise, -f1, -f2, b2, b3)
+        step = _safe_step(best * (1.0 + peak) - f0 + _NOISE * noise, -f1, -f2, b2, b3)
         if f1 > 0.0:
             # f'(t + h) >= f1 - b2 h, and >= f1 + f2 h - b3 h^2/2
             step = max(step, f1 / b2, (f2 + math.sqrt(f2 * f2 + 2.0 * b3 * f1)) / b3)
@@ -402,9 +416,12 @@ def _highest(place, amplitude, n, end, spring, damper, force, table, best):  # t
 
 
 @compiled
-def _aside(s, drive):  # type: ignore[no-untyped-def]
-    """The pole itself, or one beside the drive's where they coincide."""
-    shift = _DETUNE * abs(drive)
+def _aside(s, drive, apart=1e-7):  # type: ignore[no-untyped-def]
+    """The pole itself, or one beside the drive's where they coincide: `apart` from it, relative to it.
+
+    It costs the square of (cycles in contact x this), and eps over it.
+    """
+    shift = apart * abs(drive)
     return drive - shift if abs(s - drive) < shift else s
 
 
@@ -479,7 +496,7 @@ def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _separate(  # type: ignore[no-untyped-def]
+def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work
 ):  # fmt: skip
     """Separation under a command: (time, integral of the indentation until then, integral of that, highest force).
@@ -616,10 +633,6 @@ def _launch(  # type: ignore[no-untyped-def]
 
 _launch_serial = compiled(_launch)
 _launch_parallel = compiled(_launch, parallel=True)
-# Waking the threads costs about as much as this many trajectories.
-_WORTH_THREADS = 1000
-# More sets at once leave the cache and gain nothing.
-_BATCH = 512
 
 
 def contact_horizon(k_c: FloatArray, ball: FloatArray) -> FloatArray:
@@ -628,7 +641,13 @@ def contact_horizon(k_c: FloatArray, ball: FloatArray) -> FloatArray:
 
 
 def separation(
-    design: Design, rig: Setup, placed: bool = False, forced: bool = False
+    design: Design,
+    rig: Setup,
+    placed: bool = False,
+    forced: bool = False,
+    *,
+    threads_from: int = 1000,
+    together: int = 512,
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], FloatArray]:
     """Time (s), ball speed (m/s) and place (m) at the first separation, what happened, and the highest force (N).
 
@@ -645,17 +664,21 @@ def separation(
         Whether the ball's place is needed; it is meaningless otherwise.
     forced : bool
         Whether the contact's highest force is; likewise.
+    threads_from : int
+        Trajectories above which it is worth waking threads: that costs about as much as so many.
+    together : int
+        Sets that are followed at once: more leave the cache and gain nothing.
     """
     n_sets = len(rig.k_c)
     shape = (n_sets, design.n_points)
     every = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float))
     when = every[0]
-    launch = _launch_parallel if n_sets > 1 and when.size > _WORTH_THREADS else _launch_serial
+    launch = _launch_parallel if n_sets > 1 and when.size > threads_from else _launch_serial
     lags = rig.lag > 0.0
     for kind in np.unique(lags):
         chosen = np.flatnonzero(lags == kind)
-        for first in range(0, len(chosen), _BATCH):
-            part = chosen[first : first + _BATCH]
+        for first in range(0, len(chosen), together):
+            part = chosen[first : first + together]
             one = rig.take(part)
             batch = modes(one)
             press = one.M * one.g * one.lean / one.l

@@ -42,8 +42,6 @@ from psafit.simulate.reference import Point
 
 Outcome = Literal["launched", "no launch"]
 
-MAX_PERIODS = 3
-
 
 @dataclass(frozen=True)
 class LiteralLaunch:
@@ -155,6 +153,7 @@ def launch_in(
     forces: bool = False,
 ) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
+    world.frequency, world.amplitude = point.frequency, point.amplitude
     drive = _Drive(world, point, rtol, most_steps)
     if forces:
         drive.clock.watch = drive.look_for_peak
@@ -597,13 +596,16 @@ class _Drive:
                 y[k] = jump(rate, self.world.q, float(y[k]), float(y[_U]), u, self.clock.rtol)
         y[_U] = u
 
-    def run(self) -> tuple[float, float, float] | None:
-        """Time, speed and place of the last separation that counts; None without a launch."""
+    def run(self, periods: float = 3.0) -> tuple[float, float, float] | None:  # noqa: C901, PLR0915
+        """Time, speed and place of the last separation that counts; None without a launch.
+
+        The drive is followed for so many of its periods beyond its end.
+        """
         world, command, clock = self.world, self.command, self.clock
         if command.span == 0.0:
             return None
         y = self.start()
-        patience = command.length + MAX_PERIODS / command.frequency
+        patience = command.length + periods / command.frequency
         # A soft contact lasts many periods of a fast drive.
         hold = max(patience, min(4 * math.pi * math.sqrt(world.M / world.k_c), 100.0))
         horizon = world.cycles / command.frequency

@@ -10,15 +10,15 @@ from rigs import RIG
 from truths import experiment
 
 from psafit.diagnose import next_experiment
-from psafit.diagnose.next_experiment import determine, proposals, tell_apart
-from psafit.inference.evidence import weigh
+from psafit.diagnose.next_experiment import ProposalSettings, determine, proposals, tell_apart
+from psafit.inference.evidence import importance_sample
 from psafit.observables import OBSERVABLES
 
 
 def test_next_experiment_separates_what_is_tied(hidden):
     leader = hidden.leader
     rival = hidden.of(("flight_friction",))
-    draws = [weigh(c, seed=1) for c in (leader, rival)]
+    draws = [importance_sample(c, seed=1) for c in (leader, rival)]
     found = tell_apart([(leader, draws[0]), (rival, draws[1])], seed=1)
     assert found[0].separation >= found[-1].separation
     assert found[0].separation > 3
@@ -30,7 +30,7 @@ def test_next_experiment_separates_what_is_tied(hidden):
 
 def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
     """... and of a parameter that no reading depends on it promises nothing, though the readings are many."""
-    draws = weigh(sound, seed=1)
+    draws = importance_sample(sound, seed=1)
     name, found = determine(sound, draws, seed=1)
     assert name in sound.problem.names
     assert found[0].separation >= found[-1].separation >= 0
@@ -57,7 +57,7 @@ def test_nothing_is_built_for_hardly_more():
         a = next_experiment.Proposal("as it is", "sine", [1.0], [1.0], {}, here, None, error)
         b = replace(a, text="changed", constants={"l": 0.2}, separation=changed)
         c = replace(b, text="less", separation=0.5 * changed)
-        found = next_experiment._worth_building([b, c, a])
+        found = next_experiment._worth_building([b, c, a], ProposalSettings.changed_rig)
         assert sorted(p.text for p in found) == ["as it is", "changed", "less"]
         return found[0].text
 
@@ -69,7 +69,7 @@ def test_luck_puts_a_measurement_first_but_is_not_told(sound, monkeypatch):
     """Where nothing but chance tells proposals apart, the first of twelve promises no more than any other."""
     rng = np.random.default_rng(1)
     monkeypatch.setattr(next_experiment, "_narrowing", lambda told, u: rng.normal(size=(2, u.shape[1])))
-    draws = weigh(sound, seed=1)
+    draws = importance_sample(sound, seed=1)
     first = [determine(sound, draws, seed=1)[1][0].separation for _ in range(5)]
     assert abs(np.mean(first)) < 2 / np.sqrt(5)  # two standard errors; the best of twelve has 1.6
 
@@ -92,13 +92,13 @@ def test_copies_of_a_draw_do_not_judge_what_it_made():
     few = np.repeat(rng.normal(100.0, 30.0, size=(12, 1)), 16, axis=1)
     weight = rng.dirichlet(np.ones(12))
     twin = next_experiment._Forecast(few, np.tile([0.05, 0.1, 30.0], (12, 1)), weight)
-    (separation, success, error), _ = next_experiment._apart([twin, replace(twin)], rng)
+    (separation, success, error), _ = next_experiment._apart([twin, replace(twin)], rng, ProposalSettings())
     assert separation < 2 * error and success < 0.1
     # What readings state for themselves is part of their scatter.
     known = replace(twin, known=np.array([200.0]))
     other = replace(known, ranges=few + 20.0)
-    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng)
-    assert next_experiment._apart([known, other], rng)[0][0] < 0.5 < clear[0]
+    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng, ProposalSettings())
+    assert next_experiment._apart([known, other], rng, ProposalSettings())[0][0] < 0.5 < clear[0]
 
 
 def test_a_measurement_that_settles_one_question_of_two_is_told_so():
@@ -107,7 +107,7 @@ def test_a_measurement_that_settles_one_question_of_two_is_told_so():
     near = np.repeat(rng.normal(100.0, 1.0, size=(40, 1)), 16, axis=1)
     scatter, weight = np.tile([0.05, 0.1, 30.0], (40, 1)), np.full(40, 1 / 40)
     one, far = (next_experiment._Forecast(x, scatter, weight) for x in (near, near + 100.0))
-    (separation, success, error), pairs = next_experiment._apart([one, replace(one), far], rng)
+    (separation, success, error), pairs = next_experiment._apart([one, replace(one), far], rng, ProposalSettings())
     assert separation == pytest.approx(np.log(2), abs=3 * error + 0.02) and success < 0.1
     assert abs(pairs[0, 1]) < 0.1 and pairs[0, 2] > 40 and pairs[1, 2] > 40 and (pairs == pairs.T).all()
 
@@ -137,7 +137,9 @@ def test_one_proposal_leaves_the_rig_as_it_is(sound):
     rng = np.random.default_rng(1)
     e = sound.problem.experiment
     possible = proposals(e.constants, e.groups, e.limits)
-    kept = next_experiment._best(possible, [bool(p.changed) + rng.random() / 2 for p in possible])
+    kept = next_experiment._best(
+        possible, [bool(p.changed) + rng.random() / 2 for p in possible], ProposalSettings.closer
+    )
     assert [not possible[k].changed for k in kept] == [False] * 11 + [True]
 
 
@@ -148,7 +150,7 @@ def test_another_observable_must_do_markedly_more():
     for separation, first in ((1.05, "ranges"), (1.3, "times")):
         other = replace(one, text="times", observable="contact_time", separation=separation)
         assert not other.as_it_is
-        assert next_experiment._worth_building([other, one])[0].text == first
+        assert next_experiment._worth_building([other, one], 0.1)[0].text == first
 
 
 def test_each_observable_is_tried_on_the_rig_as_it_is(sound):
