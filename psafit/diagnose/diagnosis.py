@@ -313,8 +313,7 @@ class _Work:
             confusion = replace(confusion, alike=confusable(adopted, self.catalogue))
         ledger = [Choice("verdict, causes named, their probabilities", list(experiment.ids), [])]
         measured = {} if quick else self._gains(ladder)
-        for scored in measured.values():
-            ledger += scored.ledger
+        ledger += [choice for scored in measured.values() for choice in scored.ledger]
         extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(ladder, repeats))
