@@ -312,8 +312,7 @@ class _Work:
             confusion = replace(confusion, alike=confusable(adopted, self.catalogue))
         ledger = [Choice("verdict, causes named, their probabilities", list(experiment.ids), [])]
         measured = {} if quick else self._gains(ladder)
-        for scored in measured.values():
-            ledger += scored.ledger
+        ledger += [choice for scored in measured.values() for choice in scored.ledger]
         extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(ladder, repeats))
@@ -653,7 +652,7 @@ def _next(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watch
     result = NextExperiment.of(found, Purpose("separate", [list(c.ids) for c, _ in tied]))
     if watcher is not None and verdict.alternatives:
         prior = [ladder.log_prior(c.ids) for c, _ in tied]
-        here = [p for p in found if not p.constants][:1]
+        here = [p for p in found if p.as_it_is][:1]
         rehearsals = [
             rehearse(tied, prior, p, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
             for p in {p.text: p for p in found[:1] + here}.values()

@@ -318,7 +318,7 @@ class Unseen(Statement):
 
 @dataclass(frozen=True)
 class Room(Statement):
-    """The largest change of a range that the readings leave a cause which is not named (95 %)."""
+    """The largest change of a reading that the readings leave a cause which is not named (95 %)."""
 
     topic = "wrong"
     cause: str
@@ -327,6 +327,6 @@ class Room(Statement):
     def say(self, words: Words) -> str:
         """Return the sentence."""
         return words.put(
-            "What is not named may change a launch range by {} at most and stay unseen ({}; 95 %).",
+            "What is not named may change a reading by {} at most and stay unseen ({}; 95 %).",
             words.fraction(self.share), words.cause(self.cause),
         )  # fmt: skip
