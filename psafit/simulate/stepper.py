@@ -9,7 +9,9 @@ method prescribes, by matrices that depend on the step's length alone,
     d = \alpha - h^2 A^2 (S + I/M) f, \quad \dot d = \beta - h A (S + I/M) f,
 
 so that one scalar law :math:`f = F(d, \dot d)` remains at every node; Newton's method solves it. Steps are powers of
-two, so their matrices are made once for all measurement points of a parameter set.
+two, so their matrices are made once for all measurement points of a parameter set. A wall that gives way (mass
+:math:`M_w`, :math:`Q_w = h c_w A + h^2 k_w A^2`) is eliminated before: with :math:`Q = h c_s A + h^2 k_s A^2` and
+:math:`B = (M_w I + Q + Q_w)^{-1}` the stack answers by :math:`S = (m I + Q B (M_w I + Q_w))^{-1}`.
 
 The drive is known in advance (`drive`). A step may look past the end of a piece, or past an event, with all
 formulas carried on smoothly; it is then cut there. Events are the first zeros of the step's polynomials, searched in
@@ -45,7 +47,7 @@ from psafit.simulate.collocation import (
     C,
     basis,
 )
-from psafit.simulate.command import FREQUENCY, IDLE, JUMPS, LENGTH, REACH
+from psafit.simulate.command import COMMAND, FREQUENCY, IDLE, JUMPS, LENGTH, REACH, driven
 from psafit.simulate.compiled import compiled, last, least, load, prange, size, solve, splat, store, times, total
 from psafit.simulate.design import Design
 
@@ -87,11 +89,18 @@ _TOO_SLOW = 9
 
 
 @compiled
-def _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2):  # type: ignore[no-untyped-def]
-    """Matrices of steps of length ``2^(level + finest)``."""
+def _make_level(level, m, ball, c_s, k_s, mass, damping, stiffness, S, T1, T2, U1, U2, wall):  # type: ignore[no-untyped-def]
+    """Matrices of steps of length ``2^(level + finest)``; last the wall's mass, damping and stiffness, and its own."""
     h = 2.0 ** (level + _FINEST)
     # Scaled by the largest of its three parts, so that the inverse exists for every length.
-    matrix = np.eye(NODES) * m + (h * c_s) * A + (h * h * k_s) * A2
+    own = (h * c_s) * A + (h * h * k_s) * A2
+    matrix = np.eye(NODES) * m + own
+    if mass > 0.0:
+        back = np.eye(NODES) * mass + (h * damping) * A + (h * h * stiffness) * A2
+        answer = np.linalg.inv(back + own)
+        passed = own @ answer
+        matrix = np.eye(NODES) * m + passed @ back
+        wall[0, level], wall[1, level], wall[2, level] = answer.T, passed.T, own.T
     inverse = np.linalg.inv(matrix)
     once = h * (A @ inverse)
     twice = h * (A @ once)
@@ -368,8 +377,10 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
     gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
+    wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
+    walled = wall_mass > 0.0
     law_at, law_p, factor_at, factor_p, branch_at, branch_p = calls
-    S, T1, T2, U1, U2, G, made, made_linear = cache
+    S, T1, T2, U1, U2, G, made, made_linear, wall = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
     law_out, scratch = nodes[0], nodes[3]
     out_at = law_out.ctypes.data
@@ -392,13 +403,15 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
     press, grip = ball * g * lean / length, ball * hold
     # Friction holds the ball until a force exceeds its grip; then `load` is what opposes the motion, in its direction.
     stuck, way, opposed = grip > 0.0, 0.0, press
-    x1 = v1 = x2 = v2 = w = 0.0
+    x1 = v1 = x2 = v2 = w = xw = vw = 0.0
     lost_d = lost_v2 = 0.0  # what the sums lack of these
     d = -gap
     t = piece[_drive.BEGIN]
     if lean > 0.0:
         d = _seat(press, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-        x1 = -press / k_s
+        if walled:
+            xw = -press / wall_k
+        x1 = xw - press / k_s
         x2 = x1 - d
         regime = PUSH
     elif gap > 0.0 or piece[_drive.AWAY] <= 0.0:
@@ -413,7 +426,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
     fractions = load(C, 0)
-    F = kept = splat(0.0)
+    F = kept = back = splat(0.0)
 
     # The first step resolves the fastest mode; where that does not matter the steps grow at once.
     rate = c_s / m + c_c * (1.0 / m + 1.0 / ball) + math.sqrt((k_s + k_c) / m + k_c / ball)
@@ -445,7 +458,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
             # Not across the contact's end before what is left of the force no longer matters.
             level = max(min(level, math.floor(math.log2(-d / w)) - _FINEST), 0)
         if not made[level]:
-            _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2)
+            _make_level(level, m, ball, c_s, k_s, wall_mass, wall_c, wall_k, S, T1, T2, U1, U2, wall)
             made[level] = True
         h = _LENGTH[level]
         at = level * NODES * NODES
@@ -454,6 +467,11 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
         elapsed = fractions * h
         stroke = _strokes(piece, elapsed + t, q, settled, theta_at, calls, mem_z, mem_u, scratch)
         r = (stroke - (elapsed * v1 + x1)) * k_s - c_s * v1
+        if walled:
+            still = elapsed * vw + xw
+            r = r + (still * k_s + c_s * vw)
+            back = still * -wall_k - (r + wall_c * vw)
+            r = r + times(wall, (_LEVELS + level) * NODES * NODES, back)
         # A ball that is held does not answer the force.
         V1, V2 = (T1, T2) if stuck else (U1, U2)
         against = 0.0 if stuck else opposed / ball
@@ -604,6 +622,11 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
         x1 += h * (cut * v1 + h * total(twice * acceleration))
         x2 += h * (cut * v2 + h * total(twice * push) / ball)
         v1 += h * total(once * acceleration)
+        if walled:
+            back = back + times(wall, (2 * _LEVELS + level) * NODES * NODES, acceleration)
+            back = times(wall, at, back)
+            xw += h * (cut * vw + h * total(twice * back))
+            vw += h * total(once * back)
         v2, lost_v2 = _add(v2, lost_v2, h * total(once * push) / ball)
         d, lost_d = _add(d, lost_d, h * total(once * w_node))
         if grows:
@@ -713,15 +736,16 @@ def _one_set(rig, theta_at, wanted, rows, points, calls, tolerance, when, speed,
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
         np.empty((_LEVELS, n, n)), np.empty((4, _LEVELS, n, n)), np.zeros(_LEVELS, np.bool_),
-        np.zeros((4, _LEVELS), np.bool_),
+        np.zeros((4, _LEVELS), np.bool_), np.empty((3 if rig[21] > 0.0 else 0, _LEVELS, n, n)),
     )  # fmt: skip
     nodes = (np.empty(6), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     work = (
         np.empty(_drive.PIECE), nodes, np.empty(n + 1), np.empty((50, n + 3)), np.empty(_MOST_BRANCHES),
         np.empty(_MOST_BRANCHES),
     )  # fmt: skip
+    point = np.empty(COMMAND)
     for j in range(len(points)):
-        point = points[j]
+        driven(points[j], rig[19], rig[20], point)
         if point[REACH] == 0.0 or not wanted[j]:
             when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
             continue
