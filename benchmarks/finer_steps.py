@@ -33,11 +33,12 @@ def main() -> int:
     pool = [t for t in TERMS if not t.latent]
     rng = np.random.default_rng(given.seed)
     taken: list[np.ndarray] = []
+    most = stepper.StepSettings().most_steps
     separation = stepper.separation
 
     def counted(*args: object, **options: object) -> object:
         found = separation(*args, **options)  # type: ignore[arg-type]
-        taken.append(found[4])
+        taken.append(found[-1])
         return found
 
     n = differ = exhausted = 0
@@ -51,16 +52,14 @@ def main() -> int:
             found = simulate(design, theta, chosen, tolerance=given.tolerance).launch_range
         if not taken:
             continue  # the closed form has no steps
-        exhausted += sum(int((steps >= stepper.MOST_STEPS - 1).sum()) for steps in taken)
+        exhausted += sum(int((steps >= most - 1).sum()) for steps in taken)
         finer = simulate(design, theta, chosen, path="stepper", tolerance=0.01 * given.tolerance).launch_range
         n += found.size
         for k, j in np.argwhere(np.abs(found - finer) > 1e-3 * np.abs(finer) + 1e-11):
             differ += 1
             where = f"{design.frequency[j]} Hz, {design.amplitude[j]} V, waveform {design.waveform[j]}"
             print([t.id for t in chosen], theta[k].tolist(), where, found[k, j], finer[k, j], flush=True)
-    print(
-        f"{n} trajectories, {differ} differ by more than a thousandth; {exhausted} used all {stepper.MOST_STEPS} steps"
-    )
+    print(f"{n} trajectories, {differ} differ by more than a thousandth; {exhausted} used all {most} steps")
     return int(differ > 1e-5 * n)
 
 

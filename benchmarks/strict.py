@@ -41,8 +41,9 @@ def main() -> int:
     for ids in (ids for ids, share in found.probability.items() if share > 0.01):
         candidate = found.of(ids)
         print(f"{100 * found.probability[ids]:.1f} %  {' + '.join(ids) or 'no cause'}")
+        strange = candidate.problem.implausible(candidate.values)
         for p, value in zip(candidate.problem.parameters, candidate.values.tolist(), strict=True):
-            print(f"    {p.name} = {value:.4g} {p.unit}{'; implausible' if p.is_implausible(value) else ''}")
+            print(f"    {p.name} = {value:.4g} {p.unit}{'; implausible' if p.name in strange else ''}")
         for law in broken(candidate):
             print(f"    breaks a law: {law.text}")
     others = tuple(g for g in experiment.ids if g not in seen)

@@ -95,8 +95,7 @@ def measure(one: Surprise, seed: int) -> dict[str, Any]:
     flagged = []
     if best is not None:
         candidate = found.of(best)
-        values = zip(candidate.problem.parameters, candidate.values.tolist(), strict=True)
-        flagged = [p.name for p, value in values if p.is_implausible(value)]
+        flagged = candidate.problem.implausible(candidate.values)
     return {
         "name": one.name,
         "cause": one.cause,

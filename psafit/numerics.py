@@ -8,6 +8,8 @@ drive commonly takes, its result would be an artefact.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from psafit.arrays import FloatArray
@@ -17,14 +19,6 @@ from psafit.records import Numerics, Refinement, write_json
 from psafit.simulate import rig_of, simulate
 from psafit.simulate.stability import contact_matrix_of, largest_stable_step, rk4_growth
 from psafit.simulate.stepper import TOLERANCE
-
-# The finest run stands for the truth of a model without closed form; its own error is a hundredth of the next one's.
-_FINEST = 1e-10
-_TOLERANCES = (1e-2, 1e-3, 1e-4, TOLERANCE, 1e-6, 1e-7)
-# Ranges below this, m, are not told from zero by any reading; their relative error says nothing.
-_FLOOR = 1e-9
-# The fixed step the study took, s: a round microsecond, as many would.
-COMMON_STEP = 1e-6
 
 
 def audit(run: Run, *, n_draws: int = 8) -> Numerics:
@@ -50,7 +44,16 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
 
 
 def refine(
-    problem: Problem, u: FloatArray, identity: str, *, required: float = 1e-5, of_scatter: float = 1e-3
+    problem: Problem,
+    u: FloatArray,
+    identity: str,
+    *,
+    required: float = 1e-5,
+    of_scatter: float = 1e-3,
+    tolerances: Sequence[float] = (1e-2, 1e-3, 1e-4, TOLERANCE, 1e-6, 1e-7),
+    finest: float = 1e-10,
+    least_m: float = 1e-9,
+    common_step: float = 1e-6,
 ) -> Numerics:
     """Refine the predictions of any fit over all of its experiment.
 
@@ -64,6 +67,15 @@ def refine(
     required, of_scatter : float
         Relative error that converged predictions may have, and the same as a part of the fitted relative scatter; the
         larger counts. At the defaults neither a reading nor a sum over some hundred of them shows it.
+    tolerances : sequence of float
+        Of the stepper, that are compared; the problem's own is among them.
+    finest : float
+        Of the run that stands for the truth of a model without closed form. Its own error is a hundredth of that of the
+        finest of the others, or less.
+    least_m : float, m
+        Ranges below this are not told from zero by any reading; their relative error says nothing.
+    common_step : float, s
+        The fixed step that many would take, a round microsecond as in the study.
     """
     experiment, terms = problem.experiment, problem.terms
     theta = problem.theta(u, experiment.ids)
@@ -74,20 +86,19 @@ def refine(
     def ranges(tolerance: float) -> FloatArray:
         return simulate(design, theta, terms, path="stepper", tolerance=tolerance).launch_range
 
-    reference = found.launch_range if exact else ranges(_FINEST)
+    reference = found.launch_range if exact else ranges(finest)
     refinement = []
-    for tolerance in sorted({*_TOLERANCES, problem.tolerance}, reverse=True):
-        error = np.abs(ranges(tolerance) - reference) / np.maximum(np.abs(reference), _FLOOR)
+    for tolerance in sorted({*tolerances, problem.tolerance}, reverse=True):
+        error = np.abs(ranges(tolerance) - reference) / np.maximum(np.abs(reference), least_m)
         refinement.append(Refinement(tolerance, float(error.max()), float(np.median(error))))
     used = 0.0 if exact else next(r.worst for r in refinement if r.tolerance == problem.tolerance)
-    finest = refinement[-1].worst
-    reached = finest if exact else used
+    reached = refinement[-1].worst if exact else used
     allowed = max(required, of_scatter * float(problem.noise_values(u[:1]).reshape(3, -1)[0].min()))
 
     rigs = [rig_of(c, theta[:1], terms, len(experiment.groups)) for c in design.rigs]
     eigenvalues = np.concatenate([np.linalg.eigvals(contact_matrix_of(rig)) for rig in rigs]).astype(complex)
     step = largest_stable_step(eigenvalues)
-    growth = float(rk4_growth(eigenvalues, COMMON_STEP).max())
+    growth = float(rk4_growth(eigenvalues, common_step).max())
     return Numerics(
         identity=identity,
         engine=found.engine,
@@ -100,6 +111,6 @@ def refine(
         converged=reached <= allowed,
         fastest_rate=float(np.abs(eigenvalues).max()),
         stable_step=float(step),
-        common_step=COMMON_STEP,
+        common_step=common_step,
         common_growth=growth,
     )

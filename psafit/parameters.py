@@ -23,11 +23,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from psafit.arrays import FloatArray
 
 Coordinate = Literal["linear", "log"]
-# Where less than this share of the prior is as thin as at a value or thinner, the value is called implausible.
-_SURPRISING = 0.05
 SHARES = np.linspace(0.0005, 0.9995, 1000)
-# Widths that knowledge of one's own rig may give a prior, in units of the usual one.
-_NARROWEST, _WIDEST = 1e-3, 1e2
 
 
 @dataclass(frozen=True)
@@ -346,8 +342,14 @@ class Parameter:
         if self.prior.coordinate == "log" and self.bounds.lower <= 0:
             raise ValueError(f"{self.name}: a logarithmic prior needs a positive lower bound")
 
-    def informed(self, belief: Belief) -> Parameter:
+    def informed(self, belief: Belief, *, narrowest: float = 1e-3, widest: float = 1e2) -> Parameter:
         """The same with what is known of it.
+
+        Parameters
+        ----------
+        belief : Belief
+        narrowest, widest : float
+            Widths that knowledge of one's own rig may give a prior, in units of the usual one.
 
         Raises
         ------
@@ -368,8 +370,8 @@ class Parameter:
         width = math.log(prior.factor) if isinstance(prior, LogNormal) else prior.sd
         own = self.core
         usual = math.log(own.factor) if isinstance(own, LogNormal) else self.scale
-        if not _NARROWEST * usual <= width <= _WIDEST * usual:
-            ends = [_NARROWEST * usual, _WIDEST * usual]
+        if not narrowest * usual <= width <= widest * usual:
+            ends = [narrowest * usual, widest * usual]
             ends, word = ([math.exp(x) for x in ends], "factor") if prior.coordinate == "log" else (ends, "sd")
             raise ValueError(f"has a {word} from {ends[0]:.6g} to {ends[1]:.6g}")
         return replace(self, prior=prior, source=belief.source)
@@ -459,12 +461,18 @@ class Parameter:
         """Share of the prior below a value."""
         return float(np.interp(float(self.to_sampling(value)), self.prior_quantile(SHARES), SHARES))
 
-    def is_implausible(self, value: float) -> bool:
+    def is_implausible(self, value: float, *, surprising: float = 0.05) -> bool:
         """Whether a value lies where the prior is thin: as thin or thinner in less than one chance in twenty.
 
         That is either tail, or the one tail there is, whatever value is neutral. Where all is equally plausible,
         nothing is implausible.
+
+        Parameters
+        ----------
+        value : float
+        surprising : float
+            A value is implausible where less than this share of the prior is as thin as at it, or thinner.
         """
         density = self.log_prior(self.prior_quantile(SHARES))
         own = float(self.log_prior(self.to_sampling(value)))
-        return bool(np.mean(density <= own + 1e-9) < _SURPRISING)
+        return bool(np.mean(density <= own + 1e-9) < surprising)

@@ -27,6 +27,7 @@ TITLES = {
     "next experiment": "look for the measurement that tells most",
     "isolability": "compare what causes would do",
     "significance": "repeat the search where nothing is hidden",
+    "calibration": "diagnose data sets drawn from the answer",
     "nautilus": "evidence by a nested sampler",
     "strict gain": "strict gain: causes from the training groups alone",
     "nested gain": "nested gain: causes without each group in turn",

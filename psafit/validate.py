@@ -52,14 +52,8 @@ COLUMNS = (
 # Verdict thresholds on log_rmse. On a group it has not seen a perfect model should expect 0.10 to 0.13, known to a
 # factor of two at best, and one that reaches 0.15 may be perfect; 0.3 is hard to put down to the data (docs/data.md).
 GOOD, FAIR = 0.15, 0.30
-# One sign dominates where it has this share of the errors, or where chance would rarely part them so.
-_ONE_SIGN = 0.70
 # Of every test; it is run once a group.
 LEVEL = 0.01
-# Readings above zero without which a group tells nothing, and readings without which a band cannot be judged.
-_FEWEST, _FEWEST_FOR_BAND = 3, 5
-# Neighbours in a block of the bootstrap.
-_BLOCK = 5
 
 
 @dataclass(frozen=True)
@@ -113,15 +107,15 @@ def log_ratio(predicted: FloatArray, measured: FloatArray, offset: float | Float
     return np.log((predicted + offset) / (measured + offset))
 
 
-def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Rows drawn with replacement, in blocks of neighbours in the sweep: its readings are not independent.
+def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator, most: int = 5) -> NDArray[np.intp]:
+    """Rows drawn with replacement, in blocks of `most` neighbours in the sweep: its readings are not independent.
 
     Returns
     -------
     (times, n_points) array
     """
     n = group.n_points
-    block = min(_BLOCK, max(n // 3, 1))  # a block of all readings would be the same readings again
+    block = min(most, max(n // 3, 1))  # a block of all readings would be the same readings again
     begin = rng.integers(0, n, (times, math.ceil(n / block), 1))
     return group.in_sweep[((begin + np.arange(block)) % n).reshape(times, -1)[:, :n]]
 
@@ -175,7 +169,7 @@ def departures(pit: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _p_values(group: Group, pit: FloatArray, readings: FloatArray) -> tuple[float, float]:
     """Ranks of a group's `departures` among those of simulated groups; `readings` is (n_sets, n_points)."""
-    if np.count_nonzero(group.reading) < _FEWEST:
+    if too_few(group):
         return math.nan, math.nan
     n, sweep = len(readings), group.in_sweep
     simulated = (np.argsort(np.argsort(readings[:, sweep], axis=0), axis=0) + 0.5) / n
@@ -300,8 +294,13 @@ def silence(group: Group) -> str:
     """Why a group cannot tell a good prediction from a bad one; empty where it can."""
     if not group.amplitude_v.any():
         return "nothing drives it"
-    few = np.count_nonzero(group.reading) < _FEWEST
-    return f"fewer than {_FEWEST} of its readings are above zero" if few else ""
+    return too_few(group)
+
+
+def too_few(group: Group, least: int = 3) -> str:
+    """Why a group has too few readings to tell anything; empty where it has enough."""
+    few = np.count_nonzero(group.reading) < least
+    return f"fewer than {least} of its readings are above zero" if few else ""
 
 
 def score(prediction: Prediction) -> GroupScore:
@@ -336,11 +335,11 @@ def _factor(error: float) -> str:
     return f"×{math.exp(error):.2f}"
 
 
-def _direction(error: FloatArray) -> str:
-    """Whether a prediction errs to one side, by the count of signs."""
+def _direction(error: FloatArray, one_sign: float = 0.70) -> str:
+    """Whether errors lie on one side: they have this share, or chance would rarely part them so."""
     large, small = int((error > 0).sum()), int((error < 0).sum())
     most = max(large, small)
-    if most == 0 or (most <= _ONE_SIGN * error.size and binomtest(large, large + small).pvalue >= LEVEL):
+    if most == 0 or (most <= one_sign * error.size and binomtest(large, large + small).pvalue >= LEVEL):
         return "either way"
     side, bias = ("large", float(np.mean(error))) if large > small else ("small", -float(np.mean(error)))
     # A few large errors of the other sign may outweigh the many in the mean.
@@ -379,11 +378,15 @@ def _slack(n: int) -> float:
     return 2 * math.sqrt(0.9 * 0.1 / n)
 
 
-def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float) -> str:
-    """One plain sentence about a group, from its log errors and the scores of its band."""
+def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_value: float, fewest: int = 5) -> str:
+    """One plain sentence about a group, from its log errors and the scores of its band.
+
+    The band is judged by `fewest` readings or more.
+    """
     rmse, n = root_mean_square(error), error.size
-    narrow = n >= _FEWEST_FOR_BAND and coverage < 0.9 - _slack(n)
-    well = "followed closely" if narrow else "predicted well"
+    judged = n >= fewest
+    narrow = judged and coverage < 0.9 - _slack(n)
+    well = "predicted well" if judged and not narrow else "followed closely"
     size = well if rmse <= GOOD else "roughly followed" if rmse <= FAIR else "missed"
     worst = int(np.argmax(np.abs(error)))
     ruled = n > 2 and error[worst] ** 2 > 0.5 * np.sum(error**2)
@@ -391,7 +394,7 @@ def verdict(error: FloatArray, coverage: float, pit_p_value: float, drift_p_valu
     other = _factor(root_mean_square(np.delete(error, worst))) if ruled else factor
     rest = f" ({other} but for one reading)" if other != factor else ""
     parts = [f"{size}, typically off by {factor}{rest}, {_direction(error)}"]
-    if n < _FEWEST_FOR_BAND:
+    if not judged:
         return f"{parts[0]}; too few readings to judge its band"
     drifts = drift_p_value < LEVEL
     if narrow:

@@ -25,8 +25,6 @@ from psafit.records import Fit, PosteriorSummary, read_json
 Stage = Literal["search", "sample", "profile", "done", "gave up"]
 
 _FOREIGN = "give a folder that psafit fit or psafit diagnose writes to"
-# Without a checkpoint for so many times the usual wait, the run has probably been stopped.
-_PATIENCE, _LEAST_PATIENCE = 10.0, 60.0
 
 
 @dataclass(frozen=True)
@@ -85,10 +83,14 @@ class State:
     @property
     def stalled(self) -> bool:
         """Whether checkpoints have stayed away for so long that nobody seems to be drawing."""
+        return self.silent_for()
+
+    def silent_for(self, *, waits: float = 10.0, seconds: float = 60.0) -> bool:
+        """Whether the last checkpoint is older than so many usual waits for one, and than so many seconds."""
         if self.running is not None or self.stage != "sample" or self.written is None:
             return False
         usual = (self.seconds_per_step or 0.0) * (self.chunk or 0)
-        return time.time() - self.written > max(_PATIENCE * usual, _LEAST_PATIENCE)
+        return time.time() - self.written > max(waits * usual, seconds)
 
 
 @dataclass(frozen=True)

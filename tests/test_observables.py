@@ -37,7 +37,7 @@ def mixed(folder: Path, text: str = MIXED) -> Experiment:
     return read_experiment(write(folder, a=text))
 
 
-def simulated(experiment: Experiment, kinds: tuple[int, ...] = (0, 1, 2), seed: int = 1) -> Experiment:
+def simulated(experiment: Experiment, kinds: tuple[int, ...] = (0, 1, 2, 3), seed: int = 1) -> Experiment:
     """Its conditions, read in every observable, from the prior's median with one per cent of scatter."""
     groups = []
     for g in experiment.groups:
@@ -118,22 +118,23 @@ def test_readings_follow_from_one_simulation(experiment: Experiment) -> None:
     assert problem.design.launches is not None
     assert problem.design.launches[0].n_points < problem.design.n_points / 2
     plain = Design.of(made.constants, experiment.groups[:1])
-    found = simulate(plain, problem.theta(u, made.ids))
-    read = np.split(problem.predict(u)[0], 3)
+    found = simulate(plain, problem.theta(u, made.ids), forces=True)
+    read = np.split(problem.predict(u)[0], 4)
     assert read[0] == pytest.approx(found.launch_range[0] * 1e6, rel=1e-14)
     assert read[1] == pytest.approx(found.separation_speed[0] * 1e3, rel=1e-14)
     assert read[2] == pytest.approx(found.separation_time[0] * 1e6, rel=1e-14)
+    assert found.peak_force is not None and read[3] == pytest.approx(found.peak_force[0], rel=1e-14)
 
 
 def test_one_likelihood_is_the_sum_of_each_observables(experiment: Experiment) -> None:
     """By hand, from the density of each observable with its own scatter."""
     made = simulated(replace(experiment, groups=experiment.groups[2:3]))
     problem = Problem(made, made.ids)
-    assert problem.names[-9:] == tuple(p.name for o in OBSERVABLES for p in o.scatter)
+    assert problem.names[-12:] == tuple(p.name for o in OBSERVABLES for p in o.scatter)
     u = problem.prior_transform(np.random.default_rng(0).uniform(0.2, 0.8, (3, problem.n_dim)))
-    predicted, values = problem.predict(u), problem.to_physical(u)[:, -9:].reshape(3, 3, 3)
+    predicted, values = problem.predict(u), problem.to_physical(u)[:, -12:].reshape(3, 4, 3)
     total = np.zeros(3)
-    for k in range(3):
+    for k in range(4):
         rows = problem.design.measured == k
         total += noise.log_density(problem.observed[rows], predicted[:, rows], values[:, k], None).sum(axis=1)
     assert problem.log_likelihood(u) == pytest.approx(total, rel=1e-12)
@@ -165,13 +166,13 @@ def test_each_observable_is_scored_in_its_own_unit(experiment: Experiment, tmp_p
     assert score(found[0]).observable is None
     write_predictions(tmp_path / "predictions.csv", found)
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "predictions-contact_time.csv", "predictions-launch_speed.csv", "predictions.csv",
+        "predictions-contact_time.csv", "predictions-launch_speed.csv", "predictions-peak_force.csv", "predictions.csv",
     ]  # fmt: skip
     lines = (tmp_path / "predictions-launch_speed.csv").read_text().splitlines()
     assert lines[0] == (
         "group,waveform,frequency_hz,amplitude_v,launch_speed_mm_s,predicted_mm_s,lower_mm_s,upper_mm_s,role"
     )
-    assert len(lines) == 1 + sum(g.n_points for g in made.groups) // 3
+    assert len(lines) == 1 + sum(g.n_points for g in made.groups) // 4
 
 
 def test_columns_of_each_table() -> None:
@@ -182,8 +183,8 @@ def test_columns_of_each_table() -> None:
 
 def test_a_ball_that_is_not_launched_reads_zero(experiment: Experiment) -> None:
     still = Design.sweep(experiment.constants, "sine", 1000.0, 0.0)
-    found = simulate(still, [1e7, 10.0, 10.0])
-    assert [float(o.of(found)[0, 0]) for o in OBSERVABLES] == [0.0, 0.0, 0.0]
+    found = simulate(still, [1e7, 10.0, 10.0], forces=True)
+    assert [float(o.of(found)[0, 0]) for o in OBSERVABLES] == [0.0, 0.0, 0.0, 0.0]
 
 
 def test_sweeps_keep_observables_apart() -> None:

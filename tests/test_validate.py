@@ -163,6 +163,12 @@ def test_verdicts_in_words(large: int, error: float, coverage: float, uniform: f
     assert ("honest" in said) == (coverage == 0.9 and uniform == drift == 0.5)
 
 
+def test_a_fit_predicts_only_with_errors_and_coverage_that_are_known() -> None:
+    """Small errors of readings too few for a band, or outside it, are followed closely, and no more."""
+    for n, coverage, well in ((4, 1.0, False), (40, 0.6, False), (40, 0.9, True)):
+        assert ("predicted well" in validate.verdict(np.full(n, 0.05), coverage, 0.5, 0.5)) is well
+
+
 def test_errors_that_drift_in_what_was_fitted_put_its_values_in_doubt(checked) -> None:  # type: ignore[no-untyped-def]
     """Of what was only predicted they say that the model fails, not that a value stands in for something."""
     found = checked[1]

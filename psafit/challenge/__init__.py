@@ -3,5 +3,24 @@
 `hide` makes the data and seals the answer, `oracle` says how much the data hold, `campaign` runs many, `score` judges.
 """
 
-EACH, NOTHING, PAIRS, DRAWN = 1, 40, 24, 46
-"""Data sets of a campaign: of every cause and strength, with nothing hidden, of two causes, drawn from the priors."""
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How many data sets of each kind a campaign has.
+
+    Parameters
+    ----------
+    each : int
+        Of every cause and strength.
+    nothing, pairs : int
+        With nothing hidden, and of two causes.
+    drawn : int
+        Drawn from the priors.
+    """
+
+    each: int = 1
+    nothing: int = 40
+    pairs: int = 24
+    drawn: int = 46

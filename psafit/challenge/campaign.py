@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 import psafit
-from psafit.challenge import DRAWN, EACH, NOTHING, PAIRS
+from psafit.challenge import Sizes
 from psafit.challenge.answer import EXPERIMENT, Answer, Conditions, Kind, unseal
 from psafit.challenge.hide import Outside, make
 from psafit.challenge.oracle import Oracle, consult
@@ -41,11 +41,6 @@ LEVELS: Mapping[str, float] = {"weak": 10.0, "medium": 30.0, "strong": 100.0}
 PRIOR = "prior"
 """Level of truths that are drawn as the diagnosis believes them to be: only of these can its probabilities be right."""
 
-_OUTSIDE_EACH = 3
-# Each cause of a pair, alone.
-_PAIR_NATS = 60.0
-# Every so many data sets have a design of their own.
-_DRAWN_DESIGN = 4
 SEEN_NATS = 25.0
 """An oracle gain from which a miss counts, and rivals are looked for."""
 
@@ -143,11 +138,13 @@ def plan(
     *,
     outside: Sequence[str] = (),
     terms: Sequence[str] | None = None,
-    each: int = EACH,
-    nothing: int = NOTHING,
-    pairs: int = PAIRS,
-    drawn: int = DRAWN,
-    outside_each: int = _OUTSIDE_EACH,
+    each: int = Sizes.each,
+    nothing: int = Sizes.nothing,
+    pairs: int = Sizes.pairs,
+    drawn: int = Sizes.drawn,
+    outside_each: int = 3,
+    pair_nats: float = 60.0,
+    designs: int = 4,
 ) -> list[Spec]:
     """List the data sets of a campaign: every cause at three strengths, pairs, outside effects, nothing, and draws.
 
@@ -168,6 +165,10 @@ def plan(
         priors.
     outside_each : int
         Data sets of every outside effect.
+    pair_nats : float
+        Oracle gain asked of each cause of a pair alone.
+    designs : int
+        One in so many data sets has a design of its own.
 
     Returns
     -------
@@ -182,7 +183,7 @@ def plan(
     wanted += [("nothing", [], None, "", None)] * nothing
     for _ in range(pairs if len(ids) > 1 else 0):
         both = sorted(int(i) for i in rng.choice(len(ids), size=2, replace=False))
-        wanted.append(("two", [ids[i] for i in both], None, "", _PAIR_NATS))
+        wanted.append(("two", [ids[i] for i in both], None, "", pair_nats))
     wanted += [("outside", [], name, "", None) for name in outside for _ in range(outside_each)]
     kinds: tuple[Kind, ...] = ("nothing", "one", "two")
     believed = np.array([t.probability for t in TERMS if t.id in ids])
@@ -197,7 +198,7 @@ def plan(
     specs = []
     for k, ((kind, causes, effect, level, nats), own) in enumerate(zip(wanted, seeds, strict=True)):
         label = "-".join([*(causes or [effect or "nothing"]), *([level] if level else [])])
-        design: Conditions = "drawn" if own % _DRAWN_DESIGN == 0 else "given"
+        design: Conditions = "drawn" if own % designs == 0 else "given"
         specs.append(Spec(f"{k:04d}-{label}", own, kind, causes, effect, level, nats, design))
     return [specs[int(i)] for i in rng.permutation(len(specs))]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import joblib
 import numpy as np
@@ -44,22 +44,40 @@ from psafit.workers import processes
 Edit = Callable[[World, Point], None]
 Parameters = Mapping[str, float]
 
-# A reading has two decimals of a micrometre.
-_DECIMALS = 2
-# Scatter: median, and the factor that one standard deviation means.
-_RELATIVE, _ABSOLUTE_UM = (0.05, 1.25), (0.05, 1.5)
-# Before all readings are simulated, one in so many says whether a true model launches.
-_SAMPLE = 12
-# How often nothing, one or two causes are hidden where no kind is asked for.
-_ODDS = (0.25, 0.5, 0.25)
-_CHUNK = 16
-# The literal reference's own; the readings keep two decimals.
-_RTOL = 1e-12
 # Streams of random numbers.
 _DESIGN, _TRUTH, _SCATTER, _OUTSIDE, _KIND = range(5)
 
 # The rig of the study, from which drawn designs depart.
 _RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
+
+
+@dataclass(frozen=True)
+class HideSettings:
+    """What true models and their readings are like.
+
+    Parameters
+    ----------
+    relative, absolute_um : (float, float)
+        Scatter: its median, and the factor that one standard deviation means.
+    decimals : int
+        Of a reading in micrometres.
+    sample : int
+        Before all readings are simulated, one in so many says whether a true model launches.
+    odds : tuple of float
+        How often nothing, one or two causes are hidden where no kind is asked for.
+    redraws : int
+        True models drawn until one launches in most readings.
+    patience : int
+        Launching models that are tried for causes as strong as asked for, before the strongest of them is taken.
+    """
+
+    relative: tuple[float, float] = (0.05, 1.25)
+    absolute_um: tuple[float, float] = (0.05, 1.5)
+    decimals: int = 2
+    sample: int = 12
+    odds: tuple[float, float, float] = (0.25, 0.5, 0.25)
+    redraws: int = 200
+    patience: int = 5
 
 
 class Simulator(Protocol):
@@ -121,8 +139,7 @@ def make(
     nu: float | None = None,
     believed: bool = False,
     jobs: int = 1,
-    redraws: int = 200,
-    patience: int = 5,
+    settings: HideSettings | None = None,
 ) -> Challenge:
     """Draw a true model and write `experiment/`, `answer.json` and `commitment.txt`.
 
@@ -148,10 +165,7 @@ def make(
         Draw the scatter, too, from the priors that a diagnosis has for it.
     jobs : int
         Processes that simulate.
-    redraws : int
-        True models drawn until one launches in most readings.
-    patience : int
-        Launching models that are tried for causes as strong as asked for, before the strongest of them is taken.
+    settings : HideSettings, optional
 
     Returns
     -------
@@ -162,49 +176,56 @@ def make(
     InputError
         If the request contradicts itself, the folder holds a challenge, or no true model launches in most readings.
     """
+    settings = settings or HideSettings()
     if strength is not None and (kind == "nothing" or outside is not None):
         raise InputError("a strength of no cause is asked for", "leave it out")
-    kind, chosen = _request(seed, kind, terms, outside)
+    kind, chosen = _request(seed, kind, terms, outside, settings.odds)
     if strength is not None and not (np.isfinite(strength) and strength > 0):
         raise InputError(f"a gain of {strength:g} nats cannot be asked for", "give a number above 0")
     for name in (ANSWER, COMMITMENT, EXPERIMENT):
         if (folder / name).exists():
             raise InputError("is there already", "choose an empty folder", file=folder / name)
-    blank = (
-        _drawn_design(np.random.default_rng([seed, _DESIGN]), readings) if design_of is None else _nameless(design_of)
-    )
+    drawn_design = np.random.default_rng([seed, _DESIGN])
+    blank = _drawn_design(drawn_design, readings) if design_of is None else _nameless(design_of)
+    source: Literal["given", "drawn"] = "drawn" if design_of is None else "given"
+    return _made(seed, folder, blank, source, kind, chosen, outside, strength, nu, believed, jobs, settings)
+
+
+def _made(
+    seed: int,
+    folder: Path,
+    blank: Experiment,
+    source: Literal["given", "drawn"],
+    kind: Kind,
+    chosen: Sequence[Term],
+    outside: Outside | None,
+    strength: float | None,
+    nu: float | None,
+    believed: bool,
+    jobs: int,
+    settings: HideSettings,
+) -> Challenge:
+    """The challenge of a request that was checked, at the conditions of a blank experiment."""
     design = Design.of(blank.constants, blank.groups)
     rng = np.random.default_rng([seed, _TRUTH])
     scatter = {
-        "sigma_rel": _log_normal(rng, *_RELATIVE),
-        "sigma_abs": _log_normal(rng, *_ABSOLUTE_UM),
+        "sigma_rel": _log_normal(rng, *settings.relative),
+        "sigma_abs": _log_normal(rng, *settings.absolute_um),
         "nu": nu,
     }
     if believed:
         scatter = {p.name: _from_prior(p, rng) for p in scatter_law.PARAMETERS}
-    weak: list[_Truth] = []
-    for drawn in range(redraws):
-        truth = _draw(rng, chosen, design, blank.ids, scatter, strength)
-        if truth is not None and not truth.reached:
-            weak.append(truth)
-        if truth is None or not truth.reached:
-            if not weak or (len(weak) < patience and drawn + 1 < redraws):
-                continue
-            truth = max(weak, key=lambda t: min(t.expected.values()))
-        true_um = simulate_literally(design, truth.parameters, chosen, blank.ids, jobs=jobs)
-        if strengths.enough(true_um):
-            break
-        if not truth.reached:
-            weak.remove(truth)
-    else:
-        raise InputError("nothing launches at these conditions", "choose an experiment whose drive launches the ball")
+    truth, true_um, redraws = _launching(
+        lambda: _draw(rng, chosen, design, blank.ids, scatter, strength, settings.sample),
+        lambda parameters: simulate_literally(design, parameters, chosen, blank.ids, jobs=jobs),
+        settings,
+    )
     where = ""
     places: list[Place] = []
     if outside is not None:
         true_um, places = _outside(outside, blank, design, truth.parameters, true_um, seed, jobs)
         where = outside.where
-    noise = np.random.default_rng([seed, _SCATTER])
-    read = _read(true_um, scatter, noise)
+    read = _read(true_um, scatter, np.random.default_rng([seed, _SCATTER]), settings.decimals)
     experiment = replace(blank.with_readings(read), folder=folder / EXPERIMENT)
     answer = Answer(
         version=psafit.__version__,
@@ -220,8 +241,8 @@ def make(
         outside=None if outside is None else outside.name,
         where=where,
         places=places,
-        design="drawn" if design_of is None else "given",
-        redraws=drawn,
+        design=source,
+        redraws=redraws,
         true_um=true_um.tolist(),
         fingerprint=experiment.fingerprint,
     )
@@ -230,8 +251,33 @@ def make(
     return Challenge(folder, experiment, answer, commitment)
 
 
+def _launching(
+    draw: Callable[[], _Truth | None], simulate: Callable[[Parameters], FloatArray], settings: HideSettings
+) -> tuple[_Truth, FloatArray, int]:
+    """A true model that launches in most readings, its ranges, and how many were drawn before it."""
+    weak: list[_Truth] = []
+    for drawn in range(settings.redraws):
+        truth = draw()
+        if truth is not None and not truth.reached:
+            weak.append(truth)
+        if truth is None or not truth.reached:
+            if not weak or (len(weak) < settings.patience and drawn + 1 < settings.redraws):
+                continue
+            truth = max(weak, key=lambda t: min(t.expected.values()))
+        true_um = simulate(truth.parameters)
+        if strengths.enough(true_um):
+            return truth, true_um, drawn
+        if not truth.reached:
+            weak.remove(truth)
+    raise InputError("nothing launches at these conditions", "choose an experiment whose drive launches the ball")
+
+
 def _request(
-    seed: int, kind: Kind | None, ids: Sequence[str] | None, outside: Outside | None
+    seed: int,
+    kind: Kind | None,
+    ids: Sequence[str] | None,
+    outside: Outside | None,
+    odds: tuple[float, float, float],
 ) -> tuple[Kind, tuple[Term, ...]]:
     """What is to be hidden; the causes in the registry's order."""
     if kind is not None and kind not in KINDS:
@@ -253,7 +299,7 @@ def _request(
         named = ("nothing", "one", "two")[len(ids)]
         if kind is not None and kind != named:
             raise InputError(f"kind {kind} does not fit {len(ids)} causes", f"leave it out, or ask for {named}")
-    drawn: Kind = KINDS[int(rng.choice(3, p=_ODDS))]
+    drawn: Kind = KINDS[int(rng.choice(3, p=odds))]
     wanted = named or kind or drawn
     if ids is None:
         picked = rng.choice(len(TERMS), size=KINDS.index(wanted), replace=False)
@@ -276,8 +322,9 @@ def _draw(
     ids: Sequence[GroupId],
     scatter: Scatter,
     nats: float | None,
+    every: int,
 ) -> _Truth | None:
-    """A true model; None where the baseline itself does not launch."""
+    """A true model; None where the baseline itself, by one reading in `every`, does not launch."""
     values = {p.name: _from_prior(p, rng) for p in baseline.PARAMETERS}
     # Everything is drawn before anything is rejected: as many numbers for every try.
     others: list[list[float]] = []
@@ -291,7 +338,7 @@ def _draw(
             z = term.latent.prior_quantile(rng.uniform(size=len(ids)))
             own += [float(x) for x in term.latent.to_physical(z)]
         others.append(own)
-    sample = np.unique(np.linspace(0, design.n_points - 1, max(design.n_points // _SAMPLE, 8)).astype(int))
+    sample = np.unique(np.linspace(0, design.n_points - 1, max(design.n_points // every, 8)).astype(int))
     if not strengths.enough(simulate_literally(design, values, (), ids, points=sample)):
         return None
     theta = np.array(list(values.values()))
@@ -323,6 +370,8 @@ def simulate_literally(
     edit: Edit | None = None,
     points: NDArray[np.intp] | None = None,
     jobs: int = 1,
+    chunk: int = 16,
+    rtol: float = 1e-12,
 ) -> FloatArray:
     """Ranges by the scalar reference, which shares no code with the simulator that diagnoses.
 
@@ -341,16 +390,20 @@ def simulate_literally(
         Which readings; all by default.
     jobs : int
         Processes.
+    chunk : int
+        Readings that a process takes at once.
+    rtol : float
+        Relative error of the integration.
 
     Returns
     -------
     (n,) array, um
     """
     chosen = np.arange(design.n_points) if points is None else points
-    work = (design, dict(parameters), tuple(terms), tuple(ids), edit)
+    work = (design, dict(parameters), tuple(terms), tuple(ids), edit, rtol)
     if jobs == 1:
         return _some(*work, chosen)
-    parts = np.array_split(chosen, max(len(chosen) // _CHUNK, 1))
+    parts = np.array_split(chosen, max(len(chosen) // chunk, 1))
     with processes(jobs) as usable:
         done = joblib.Parallel(n_jobs=usable)(joblib.delayed(_some)(*work, part) for part in parts)
     return np.concatenate(done)
@@ -362,6 +415,7 @@ def _some(
     terms: Sequence[Term],
     ids: Sequence[GroupId],
     edit: Edit | None,
+    rtol: float,
     points: NDArray[np.intp],
 ) -> FloatArray:
     theta = [parameters[p.name] for p in baseline.PARAMETERS]
@@ -377,7 +431,7 @@ def _some(
         world = literal_world(theta, causes, design.rigs[design.rig[i]])
         if edit is not None:
             edit(world, point)
-        found[k] = launch_in(world, point, group=group, rtol=_RTOL).launch_range * MICRO
+        found[k] = launch_in(world, point, group=group, rtol=rtol).launch_range * MICRO
     return found
 
 
@@ -401,13 +455,13 @@ def _outside(
     return changed, list(places)
 
 
-def _read(true_um: FloatArray, scatter: Scatter, rng: np.random.Generator) -> FloatArray:
+def _read(true_um: FloatArray, scatter: Scatter, rng: np.random.Generator, decimals: int) -> FloatArray:
     """One reading of every range, as an instrument shows it: rounded, and never below zero."""
     relative, absolute = sizes(scatter)
     s = np.hypot(relative * true_um, absolute)
     nu = scatter["nu"]
     z = rng.standard_normal(true_um.size) if nu is None else rng.standard_t(nu, true_um.size)
-    return np.maximum(np.round(true_um + s * z, _DECIMALS), 0.0) + 0.0  # no negative zero
+    return np.maximum(np.round(true_um + s * z, decimals), 0.0) + 0.0  # no negative zero
 
 
 def _nameless(given: Experiment) -> Experiment:

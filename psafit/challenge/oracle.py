@@ -33,12 +33,25 @@ from psafit.physics import terms as catalogue
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import Side, in_scatter, plausible
 
-# A rival this close to the truth, nats of ranges without scatter, cannot be told from it by anybody.
-CONFUSABLE_NATS = 3.0
-# A rival starts weak, from where least squares find their way, and as strong as it plausibly is.
-_RIVAL_SHARES = (0.05, 0.5, 0.95)
-_RIVAL_STEPS = 20
-_INSIDE = 1e-3
+
+@dataclass(frozen=True)
+class RivalSettings:
+    """How causes are looked for that nobody can tell from the truth.
+
+    Parameters
+    ----------
+    confusable : float, nats
+        Distance from the truth, of ranges without scatter, below which a cause counts as one of them.
+    shares : tuple of float
+        Strengths from which a fit begins, as shares of the prior that lie closer to neutral: weak, from where least
+        squares find their way, up to as strong as the cause plausibly is.
+    evaluations : int
+        Of least squares, at most.
+    """
+
+    confusable: float = 3.0
+    shares: tuple[float, ...] = (0.05, 0.5, 0.95)
+    evaluations: int = 20
 
 
 @dataclass(frozen=True)
@@ -138,8 +151,8 @@ def truth_of(problem: Problem, answer: Answer) -> FloatArray:
     return _inside(problem, problem.to_sampling(np.array(x)))
 
 
-def _inside(problem: Problem, u: FloatArray) -> FloatArray:
-    return np.clip(u, problem.bounds[:, 0] + _INSIDE, problem.bounds[:, 1] - _INSIDE)
+def _inside(problem: Problem, u: FloatArray, margin: float = 1e-3) -> FloatArray:
+    return np.clip(u, problem.bounds[:, 0] + margin, problem.bounds[:, 1] - margin)
 
 
 def _likelihood(problem: Problem, u: FloatArray) -> float:
@@ -163,8 +176,10 @@ def _known_ranges(problem: Problem, true_um: FloatArray, start: FloatArray) -> f
     return likelihood(np.asarray(found.x))
 
 
-def find_rivals(experiment: Experiment, answer: Answer, among: Sequence[Term] = TERMS) -> list[str]:
-    """Causes that imitate the truth on this design to within `CONFUSABLE_NATS`.
+def find_rivals(
+    experiment: Experiment, answer: Answer, among: Sequence[Term] = TERMS, settings: RivalSettings | None = None
+) -> list[str]:
+    """Causes that imitate the truth on this design to within `RivalSettings.confusable`.
 
     Each is fitted, with the baseline, to the true ranges without scatter, by least squares in standard deviations of
     the true scatter, from some strengths on both sides of neutral.
@@ -175,12 +190,14 @@ def find_rivals(experiment: Experiment, answer: Answer, among: Sequence[Term] = 
     answer : Answer
         Of one cause.
     among : sequence of Term
+    settings : RivalSettings, optional
 
     Returns
     -------
     list of str
         Identifiers; the true cause is not among them.
     """
+    settings = settings or RivalSettings()
     true_um = np.array(answer.true_um)
     exact = experiment.with_readings(true_um)
     scale = sizes(answer.scatter)
@@ -190,12 +207,13 @@ def find_rivals(experiment: Experiment, answer: Answer, among: Sequence[Term] = 
         if term.id in answer.terms:
             continue
         problem = Problem(exact, exact.ids, (term,))
-        if any(_distance(problem, start, scale, target) < CONFUSABLE_NATS for start in _starts(problem, answer)):
+        starts = _starts(problem, answer, settings.shares)
+        if any(_distance(problem, s, scale, target, settings.evaluations) < settings.confusable for s in starts):
             found.append(term.id)
     return found
 
 
-def _starts(problem: Problem, answer: Answer) -> list[FloatArray]:
+def _starts(problem: Problem, answer: Answer, shares: tuple[float, ...]) -> list[FloatArray]:
     """The true baseline with the rival at some strengths, on every side of neutral it has."""
     (term,) = problem.terms
     p = term.strength
@@ -206,7 +224,7 @@ def _starts(problem: Problem, answer: Answer) -> list[FloatArray]:
     for i, q in enumerate(problem.parameters[:n]):
         u[i] = float(q.to_sampling(answer.parameters[q.name]))
     starts = []
-    for side, share in itertools.product(sides, _RIVAL_SHARES):
+    for side, share in itertools.product(sides, shares):
         v = u.copy()
         own = plausible(term, share, side)
         v[n : n + len(own)] = [float(q.to_sampling(x)) for q, x in zip(term.parameters, own, strict=True)]
@@ -214,7 +232,9 @@ def _starts(problem: Problem, answer: Answer) -> list[FloatArray]:
     return starts
 
 
-def _distance(problem: Problem, start: FloatArray, scale: tuple[float, float], target: FloatArray) -> float:
+def _distance(
+    problem: Problem, start: FloatArray, scale: tuple[float, float], target: FloatArray, evaluations: int
+) -> float:
     """What an oracle would lose with this model, nats."""
     n = problem.n_model
     bounds = problem.bounds[:n]
@@ -231,7 +251,7 @@ def _distance(problem: Problem, start: FloatArray, scale: tuple[float, float], t
         start[:n],
         jac=lambda u: gradient(residual, u, bounds).T,
         bounds=(bounds[:, 0], bounds[:, 1]),
-        max_nfev=_RIVAL_STEPS,
+        max_nfev=evaluations,
         ftol=1e-3,
         xtol=1e-3,
     )

@@ -33,8 +33,6 @@ it. At its best width a log-normal prior gives that to a gain of 3.6 nats, a hal
 """
 GAIN_EDGES = (0.0, 5.0, 10.0, 25.0, 50.0, 100.0, math.inf)
 PROBABILITY_EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
-# Of what a diagnosis points at, so much must lie where an outside effect acts.
-_LOCATED = 0.5
 
 
 @dataclass(frozen=True)
@@ -269,14 +267,14 @@ def reported_set(diagnosis: dict[str, Any]) -> set[Ids]:
     return found
 
 
-def located(diagnosis: dict[str, Any], places: Sequence[Place]) -> bool:
-    """Whether at least half of what the misfit points at lies where the effect acts."""
+def located(diagnosis: dict[str, Any], places: Sequence[Place], share: float = 0.5) -> bool:
+    """Whether at least this share of what the misfit points at lies where the effect acts."""
     pointed = (diagnosis.get("misfit") or {}).get("where") or []
-    hits = [any(_within(where, place) for place in places) for where in pointed]
-    return bool(hits) and sum(hits) >= _LOCATED * len(hits)
+    hits = [any(_within(where, place, share) for place in places) for where in pointed]
+    return bool(hits) and sum(hits) >= share * len(hits)
 
 
-def _within(where: dict[str, Any], place: Place) -> bool:
+def _within(where: dict[str, Any], place: Place, share: float) -> bool:
     if str(where.get("group")) != str(place.group):
         return False
     if place.variable is None:
@@ -289,8 +287,8 @@ def _within(where: dict[str, Any], place: Place) -> bool:
     if right < left:
         return False
     if low <= 0 or high <= low:  # a single condition: it lies inside
-        return high <= low or (right - left) >= _LOCATED * (high - low)
-    return math.log(right / left) >= _LOCATED * math.log(high / low)
+        return high <= low or (right - left) >= share * (high - low)
+    return math.log(right / left) >= share * math.log(high / low)
 
 
 def _label(ids: Iterable[str]) -> str:

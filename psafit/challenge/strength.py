@@ -14,7 +14,9 @@ Only the strength is chosen with the fast simulator; the data come from the lite
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -29,18 +31,46 @@ from psafit.physics.term import Term
 from psafit.simulate import MICRO, Design, simulate
 from psafit.simulate.sensitivity import Side, in_scatter, plausible, share_above
 
-# Stronger causes would surprise by themselves: of two hundred rigs one has such a strength.
-MOST = 0.995
-# A range below this, um, says nothing; a data set needs half of its readings above it.
-LEAST_UM = 1.0
-_SHARES = np.array([0.02, 0.05, 0.1, 0.17, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.97, MOST])
-_HALVINGS = 5
-_CROWD, _MORE_STARTS = 512, 1
-_REPLICATES = 4
-_ROBUST = 3.0
-_CLOUD, _WIDTHS = 48, (0.8, 0.4, 0.2, 0.1, 0.05)
-_HOPELESS = 0.5
-_WORST = 1e6
+
+@dataclass(frozen=True)
+class StrengthSettings:
+    """How strengths are tried, and how the baseline is refitted to each.
+
+    Parameters
+    ----------
+    shares : tuple of float
+        Strengths tried, as the share of the prior that lies closer to neutral. Stronger causes than the last would
+        surprise by themselves: of two hundred rigs one has such a strength.
+    halvings : int
+        Between the first that is enough and the one before it.
+    crowd, more_starts : int
+        Draws of the baseline's prior, and starts of a refit from the nearest of them: the refitted baseline may lie far
+        from the true one, beyond a ridge that least squares do not cross.
+    robust : float
+        Residual, in standard deviations, from which on it counts in proportion and no more squared.
+    evaluations : int
+        Of least squares, at most.
+    cloud : int
+        Points about an optimum that are looked at for each of the `widths`: launches that appear or are lost make kinks
+        and shallow traps, which stop gradients but not a shrinking cloud.
+    widths : tuple of float
+        Standard deviations of the cloud, in the sampling coordinate.
+    hopeless : float
+        If the strongest gains less than this part of what is asked for, it is taken: a weaker one seldom beats it.
+    no_launch : float
+        What stands for a range that is no number, in standard deviations.
+    """
+
+    shares: tuple[float, ...] = (0.02, 0.05, 0.1, 0.17, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.97, 0.995)
+    halvings: int = 5
+    crowd: int = 512
+    more_starts: int = 1
+    robust: float = 3.0
+    evaluations: int = 25
+    cloud: int = 48
+    widths: tuple[float, ...] = (0.8, 0.4, 0.2, 0.1, 0.05)
+    hopeless: float = 0.5
+    no_launch: float = 1e6
 
 
 @dataclass(frozen=True)
@@ -70,15 +100,17 @@ def side_of(term: Term, rng: np.random.Generator) -> Side:
     return 1 if rng.uniform() < share_above(term) else -1
 
 
-def lost_nats(residual: FloatArray) -> float:
+def lost_nats(residual: FloatArray, replicates: int = 4) -> float:
     """Expected log likelihood that this misfit costs, the scatter refitted.
 
     Parameters
     ----------
     residual : (n_points,) array
         In standard deviations of the scatter.
+    replicates : int
+        Draws of the scatter that are averaged over.
     """
-    z = np.random.default_rng(0).standard_normal((_REPLICATES, residual.size))
+    z = np.random.default_rng(0).standard_normal((replicates, residual.size))
     # Squared misfits reach far: a common factor on the scatter up to their root mean square.
     most = math.sqrt(1.0 + float(np.mean(np.square(residual))))
     s = np.geomspace(0.4, 1.3 * most, 40)[:, None, None, None]
@@ -90,9 +122,73 @@ def lost_nats(residual: FloatArray) -> float:
     return max(float(np.mean(best(z) - best(z + residual))), 0.0)
 
 
-def enough(ranges_um: FloatArray) -> bool:
-    """Whether most readings say something."""
-    return float(np.mean(ranges_um > LEAST_UM)) >= 0.5
+def enough(ranges_um: FloatArray, least_um: float = 1.0, share: float = 0.5) -> bool:
+    """Whether a share of the readings says something: none does with a range below `least_um`."""
+    return float(np.mean(ranges_um > least_um)) >= share
+
+
+@dataclass(frozen=True, eq=False)
+class _Baseline:
+    """The baseline at the conditions of a design, refitted by robust least squares; ranges in units of the scatter."""
+
+    design: Design
+    scale: tuple[float, float]
+    truth: FloatArray  # (3,), in the sampling coordinate
+    settings: StrengthSettings
+
+    @property
+    def bounds(self) -> FloatArray:
+        return np.array([[p.sampling_bounds.lower, p.sampling_bounds.upper] for p in baseline.PARAMETERS])
+
+    @cached_property
+    def crowd(self) -> tuple[FloatArray, FloatArray]:
+        """Draws of the prior, and their ranges."""
+        parameters = baseline.PARAMETERS
+        quantiles = qmc.Sobol(len(parameters), rng=np.random.default_rng(0)).random(self.settings.crowd)
+        u = np.stack([p.prior_quantile(quantiles[:, i]) for i, p in enumerate(parameters)], axis=1)
+        return u, self.ranges(u)
+
+    def ranges(self, u: FloatArray) -> FloatArray:
+        x = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(baseline.PARAMETERS)], axis=1)
+        found = in_scatter(simulate(self.design, x).launch_range * MICRO, *self.scale)
+        return np.nan_to_num(found, nan=self.settings.no_launch)
+
+    def lost(self, um: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
+        """What a refit to some ranges loses, nats, and where it ends."""
+        target = in_scatter(um, *self.scale)
+        u, ranges = self.crowd
+        near = np.argsort(np.square(ranges - target).sum(axis=1))[: self.settings.more_starts]
+        ends = [self._least_squares(target, begin) for begin in (start, *u[near])]
+        found = min(ends, key=lambda end: end[0])[1]
+        rng = np.random.default_rng(0)
+        reached = [self._shrunk(target, centre, rng) for centre in (found, self.truth)]
+        found = min(reached, key=lambda end: end[0])[1]
+        return lost_nats(self.ranges(found[None, :])[0] - target), found
+
+    def _least_squares(self, target: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
+        bounds = self.bounds
+        end = least_squares(
+            lambda u: self.ranges(u[None, :])[0] - target,
+            np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6),
+            jac=lambda u: gradient(self.ranges, u, bounds).T,
+            bounds=(bounds[:, 0], bounds[:, 1]),
+            loss="soft_l1",
+            f_scale=self.settings.robust,
+            max_nfev=self.settings.evaluations,
+            ftol=1e-4,
+            xtol=1e-4,
+        )
+        return float(end.cost), np.asarray(end.x)
+
+    def _shrunk(self, target: FloatArray, centre: FloatArray, rng: np.random.Generator) -> tuple[float, FloatArray]:
+        """The best of a cloud that shrinks about its best."""
+        s, bounds, least = self.settings, self.bounds, math.inf
+        for width in s.widths:
+            around = centre + width * np.vstack([np.zeros(3), rng.standard_normal((s.cloud, 3))])
+            around = np.clip(around, bounds[:, 0], bounds[:, 1])
+            costs = np.sqrt(1.0 + np.square((self.ranges(around) - target) / s.robust)).sum(axis=1)
+            centre, least = around[np.argmin(costs)], float(costs.min())
+        return least, np.asarray(centre)
 
 
 def find(
@@ -103,6 +199,7 @@ def find(
     design: Design,
     scatter: Scatter,
     nats: float,
+    settings: StrengthSettings | None = None,
 ) -> Strength:
     """Search for the strength at which an oracle gains `nats`.
 
@@ -119,89 +216,45 @@ def find(
     scatter : mapping
         ``sigma_rel``, ``sigma_abs`` (um).
     nats : float
+    settings : StrengthSettings, optional
 
     Returns
     -------
     Strength
         The strongest the prior and the launches allow, if that is not enough.
     """
-    scale = sizes(scatter)
-    parameters = baseline.PARAMETERS
-    bounds = np.array([[p.sampling_bounds.lower, p.sampling_bounds.upper] for p in parameters])
-    truth = np.array([float(p.to_sampling(x)) for p, x in zip(parameters, theta, strict=True)])
+    settings = settings or StrengthSettings()
+    truth = np.array([float(p.to_sampling(x)) for p, x in zip(baseline.PARAMETERS, theta, strict=True)])
+    refitted = _Baseline(design, sizes(scatter), truth, settings)
 
-    def model(u: FloatArray) -> FloatArray:
-        x = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(parameters)], axis=1)
-        return np.nan_to_num(in_scatter(simulate(design, x).launch_range * MICRO, *scale), nan=_WORST)
-
-    # The refitted baseline may lie far from the true one, beyond a ridge that least squares do not cross.
-    quantiles = qmc.Sobol(len(parameters), rng=np.random.default_rng(0)).random(_CROWD)
-    crowd = np.stack([p.prior_quantile(quantiles[:, i]) for i, p in enumerate(parameters)], axis=1)
-    crowd_model = model(crowd)
-
-    def ranges(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
-        values = np.array([plausible(term, float(s), side)[0] for s in shares])
+    def ranges(shares: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+        values = np.array([plausible(term, s, side)[0] for s in shares])
         rows = np.column_stack([np.tile(theta, (len(values), 1)), values, np.tile(others, (len(values), 1))])
         return values, simulate(design, rows, (term,)).launch_range * MICRO
 
-    def expected(um: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
-        target = in_scatter(um, *scale)
-        near = np.argsort(np.square(crowd_model - target).sum(axis=1))[:_MORE_STARTS]
-        ends = [
-            least_squares(
-                lambda u: model(u[None, :])[0] - target,
-                np.clip(u, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6),
-                jac=lambda u: gradient(model, u, bounds).T,
-                bounds=(bounds[:, 0], bounds[:, 1]),
-                loss="soft_l1",
-                f_scale=_ROBUST,
-                max_nfev=25,
-                ftol=1e-4,
-                xtol=1e-4,
-            )
-            for u in (start, *crowd[near])
-        ]
-        found = min(ends, key=lambda end: float(end.cost)).x
-
-        # Launches that appear or are lost make kinks and shallow traps, which stop gradients but not a shrinking cloud.
-        rng = np.random.default_rng(0)
-        reached = []
-        for centre in (found, truth):
-            for width in _WIDTHS:
-                around = centre + width * np.vstack([np.zeros(3), rng.standard_normal((_CLOUD, 3))])
-                around = np.clip(around, bounds[:, 0], bounds[:, 1])
-                costs = np.sqrt(1.0 + np.square((model(around) - target) / _ROBUST)).sum(axis=1)
-                centre = around[np.argmin(costs)]
-            reached.append((float(costs.min()), centre))
-        found = min(reached, key=lambda end: end[0])[1]
-        return lost_nats(model(found[None, :])[0] - target), np.asarray(found)
-
-    values, all_um = ranges(_SHARES)
+    values, all_um = ranges(settings.shares)
     usable = [k for k, um in enumerate(all_um) if enough(um)]
     if usable:
         k = usable[-1]
-        most, _ = expected(all_um[k], truth)
-        if most < _HOPELESS * nats:  # the strongest is seldom beaten by a weaker one
-            return Strength(float(values[k]), float(_SHARES[k]), most, False)
-    start, best, low = truth, Strength(float(values[0]), float(_SHARES[0]), 0.0, False), 0.0
-    for share, value, um in zip(_SHARES, values, all_um, strict=True):
-        if not enough(um):
-            continue
-        gain, start = expected(um, start)
+        most, _ = refitted.lost(all_um[k], truth)
+        if most < settings.hopeless * nats:
+            return Strength(float(values[k]), settings.shares[k], most, False)
+    start, best, low = truth, Strength(float(values[0]), settings.shares[0], 0.0, False), 0.0
+    for k in usable:
+        share, value = settings.shares[k], float(values[k])
+        gain, start = refitted.lost(all_um[k], start)
         if gain >= nats:
-            high = float(share)
-            best = Strength(float(value), high, gain, True)
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                (between,), (um_between,) = ranges(np.array([middle]))
-                gain, start = expected(um_between, start)
+            best = Strength(value, share, gain, True)
+            for _ in range(settings.halvings):
+                middle = 0.5 * (low + best.share)
+                (between,), (um_between,) = ranges([middle])
+                gain, start = refitted.lost(um_between, start)
                 if gain >= nats:
-                    high = middle
                     best = Strength(float(between), middle, gain, True)
                 else:
                     low = middle
-            return Strength(best.value, best.share, best.nats, best.nats <= 1.25 * nats)
-        low = float(share)
+            return replace(best, reached=best.nats <= 1.25 * nats)
+        low = share
         if gain > best.nats:
-            best = Strength(float(value), float(share), gain, gain >= 0.8 * nats)
+            best = Strength(value, share, gain, gain >= 0.8 * nats)
     return best

@@ -27,9 +27,6 @@ from psafit.files import remedy_of
 for _library in ("OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-# Characters of a word above which a message shows its ends only: no path on a usual machine is longer.
-_LONGEST_WORD = 300
-
 
 def main() -> None:
     """Run the command; turn what psafit raises on purpose into one line and an exit code."""
@@ -89,9 +86,9 @@ def _path(context: click.Context | None) -> str:
     return " ".join(["psafit", *names])
 
 
-def _say(message: str) -> None:
-    """One line on standard error, without what would steer a terminal; of a word that fills screens, its ends."""
-    words = (w if len(w) <= _LONGEST_WORD else f"{w[:100]}…{w[-40:]}" for w in escaped(message).split(" "))
+def _say(message: str, longest: int = 300) -> None:
+    """One line on standard error, without what would steer a terminal; of a word longer than any path, its ends."""
+    words = (w if len(w) <= longest else f"{w[:100]}…{w[-40:]}" for w in escaped(message).split(" "))
     click.echo(" ".join(words), err=True)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from psafit.challenge import DRAWN, EACH, NOTHING, PAIRS
+from psafit.challenge import Sizes
 from psafit.cli.common import (
     CHECK_FAILED,
     DONE,
@@ -117,10 +117,10 @@ def make(
 @click.option("--out", type=Place("folder"), required=True, help="Receives the results; an interrupted one goes on.")
 @_DESIGN
 @click.option("--terms", "ids", default=None, metavar="ID[,ID...]", help="Causes to hide; all by default.")
-@click.option("--each", type=_COUNT, default=EACH, show_default=True, help="Of every cause and strength.")
-@click.option("--nothing", type=_COUNT, default=NOTHING, show_default=True, help="With nothing hidden.")
-@click.option("--pairs", type=_COUNT, default=PAIRS, show_default=True, help="With two causes.")
-@click.option("--drawn", type=_COUNT, default=DRAWN, show_default=True, help="As the priors expect them.")
+@click.option("--each", type=_COUNT, default=Sizes.each, show_default=True, help="Of every cause and strength.")
+@click.option("--nothing", type=_COUNT, default=Sizes.nothing, show_default=True, help="With nothing hidden.")
+@click.option("--pairs", type=_COUNT, default=Sizes.pairs, show_default=True, help="With two causes.")
+@click.option("--drawn", type=_COUNT, default=Sizes.drawn, show_default=True, help="As the priors expect them.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out (psafit[cluster]).")
 @_JOBS
 @QUIET

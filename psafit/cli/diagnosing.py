@@ -59,6 +59,13 @@ if TYPE_CHECKING:
     metavar="N",
     help="Repeat the whole search on N simulated baselines; by default a stored table of such searches is looked up.",
 )
+@click.option(
+    "--calibrate",
+    type=click.IntRange(0, 9999),
+    default=0,
+    metavar="N",
+    help="Draw N data sets from the answer, diagnose each, and say how often that is right here: N searches.",
+)
 @click.option("--out", type=Place("folder"), help="Folder; fits/<experiment>-diagnosis by default.")
 @SEED
 @click.option(
@@ -79,6 +86,7 @@ def diagnose(
     quick: bool,
     searches: int | None,
     nautilus: bool,
+    calibrate: int,
     out: Path | None,
     seed: int,
     jobs: int | None,
@@ -113,6 +121,7 @@ def diagnose(
     command += ["--quick"] if quick else []
     command += ["--searches", searches] if searches is not None else []
     command += ["--nautilus"] if nautilus else []
+    command += ["--calibrate", calibrate] if calibrate else []
     command += ["--out", out] if out else []
     command += plugin_words()
     with watcher(quiet) as show:
@@ -126,6 +135,7 @@ def diagnose(
             quick=quick,
             searches=searches,
             nautilus=nautilus,
+            calibrate=calibrate,
             seed=seed,
             catalogue=catalogue,
             jobs=jobs,

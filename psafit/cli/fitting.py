@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -31,6 +32,10 @@ from psafit.cli.common import (
 )
 from psafit.errors import InputError
 from psafit.inference.samplers import USUAL, names
+
+if TYPE_CHECKING:
+    from psafit.inference.run import Run
+    from psafit.records import Numerics
 
 
 @click.command(cls=Command)
@@ -138,24 +143,7 @@ def fit(
                 page = write_report(result, validation, predictions, numerics)
     write_result(json_file, {"fit": result.fit, "posterior": result.summary})
     if not quiet:
-        best = result.fit.minima[0]
-        minima = f"{len(result.fit.minima)} {'minimum' if len(result.fit.minima) == 1 else 'minima'}"
-        click.echo(f"{minima}; {best.starts} of {count(result.fit.n_followed, 'start')} reached the best")
-        if not (best.starts or result.fit.n_missed):
-            click.echo("a population found the best; all starts were given up behind it or ended lower")
-        if result.fit.n_missed:
-            click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
-        for p in result.summary.parameters:
-            strange = p.implausible and p.verdict != "not determined"
-            click.echo(f"  {p.text}" + ("; implausible under its prior" if strange else ""))
-        click.echo(f"posterior: {result.summary.message}")
-        from psafit.report.wording import compared
-
-        other = result.summary.importance
-        worst = other.furthest
-        click.echo(f"posterior: {compared(worst.name, worst.apart, other.by_chance, other.effective)}")
-        if not numerics.converged:
-            click.echo(unresolved(numerics.error, numerics.required))
+        _say_fit(result, numerics)
         if not no_report:
             if why := doubt(validation):
                 click.echo(f"{why}: these values may stand in for what the model lacks")
@@ -216,3 +204,25 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
 
 def _span(span: list[float], unit: str) -> str:
     return f"{span[0]:g} {unit}" if span[0] == span[1] else f"{span[0]:g}-{span[1]:g} {unit}"
+
+
+def _say_fit(result: Run, numerics: Numerics) -> None:
+    """Say what a fit found, and whether it converged."""
+    from psafit.report.wording import compared
+
+    best = result.fit.minima[0]
+    minima = f"{len(result.fit.minima)} {'minimum' if len(result.fit.minima) == 1 else 'minima'}"
+    click.echo(f"{minima}; {best.starts} of {count(result.fit.n_followed, 'start')} reached the best")
+    if not (best.starts or result.fit.n_missed):
+        click.echo("a population found the best; all starts were given up behind it or ended lower")
+    if result.fit.n_missed:
+        click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
+    for p in result.summary.parameters:
+        strange = p.implausible and p.verdict != "not determined"
+        click.echo(f"  {p.text}" + ("; implausible under its prior" if strange else ""))
+    click.echo(f"posterior: {result.summary.message}")
+    other = result.summary.importance
+    worst = other.furthest
+    click.echo(f"posterior: {compared(worst.name, worst.apart, other.by_chance, other.effective)}")
+    if not numerics.converged:
+        click.echo(unresolved(numerics.error, numerics.required))

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     _Model = tuple[tuple[Term, ...], dict[str, float]]
 
 PICTURES = (".png", ".svg", ".pdf")
-# Tied sets that a picture shows.
-_DRAWN = 4
 
 
 @click.command(cls=Command, short_help="Simulate the launch ranges of an experiment or a plan.")
@@ -101,23 +99,15 @@ def simulate(
     design = Design.of(plan.constants, groups)
     result = simulate_batch(design, np.array(model), chosen)
     predicted = readings_of(design, np.array(model), chosen)[0]
-    curves = {}
+    pictured = [g.parts[0] for g in groups]
     if plot is not None:  # of every model before anything is written: one may be refused
         models = [(chosen, model)]
         if tied:  # they differ by what they are, not by what a session happens to have
-            models = [
-                (
-                    terms,
-                    list(_completed(plan, terms, _of_sessions(plan, terms, medians, known, quiet=True), {}).values()),
-                )
-                for terms, medians in ((chosen, first[1]), *tied)
-            ]
-        names = _apart([terms for terms, _ in models]) if tied else ["simulated"]
-        # Also between the conditions that were asked for.
-        pictured = [g.parts[0] for g in groups]
-        designs = [Design.of(plan.constants, members) for members in (pictured, [g.filled() for g in pictured])]
-        for name, (terms, row) in zip(names, models, strict=True):
-            curves[name] = [readings_of(d, np.array(row), terms)[0] for d in designs]
+            each = (
+                (t, _of_sessions(plan, t, medians, known, quiet=True)) for t, medians in ((chosen, first[1]), *tied)
+            )
+            models = [(t, list(_completed(plan, t, own, {}).values())) for t, own in each]
+        curves = _curves(plan, pictured, models, _apart([t for t, _ in models]) if tied else ["simulated"])
     text = _table(groups, predicted)
     if out is not None:
         write_atomically(out, text.encode())
@@ -134,16 +124,24 @@ def simulate(
         write_picture(pictured, curves, plot)
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
-    write_result(
-        json_file,
-        {
-            "terms": [t.id for t in chosen],
-            "parameters": theta,
-            "engine": result.engine,
-            **_told(groups, predicted),
-        },
-    )
+    content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine}
+    write_result(json_file, content | _told(groups, predicted))
     return DONE
+
+
+def _curves(
+    plan: Plan, groups: Sequence[Conditions], models: Sequence[tuple[Sequence[Term], list[float]]], names: Sequence[str]
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """What each model says at the conditions that were asked for, and between them."""
+    import numpy as np
+
+    from psafit.simulate import Design, readings
+
+    here, between = (Design.of(plan.constants, members) for members in (groups, [g.filled() for g in groups]))
+    return {
+        name: (readings(here, np.array(row), terms)[0], readings(between, np.array(row), terms)[0])
+        for name, (terms, row) in zip(names, models, strict=True)
+    }
 
 
 def _told(groups: Sequence[Conditions], predicted: FloatArray) -> dict[str, object]:
@@ -223,8 +221,8 @@ def _write_readings(
         read_experiment(folder)  # ranges may be beyond what an experiment can hold
 
 
-def _models_of(run: Path) -> tuple[list[_Model], tuple[Group, ...]]:
-    """Causes and posterior medians of a run, and its readings.
+def _models_of(run: Path, most: int = 4) -> tuple[list[_Model], tuple[Group, ...]]:
+    """Causes and posterior medians of a run, of `most` models, and its readings.
 
     Of a diagnosis first those that it names (where it names none, its best), then those that it ties with them.
     """
@@ -241,7 +239,7 @@ def _models_of(run: Path) -> tuple[list[_Model], tuple[Group, ...]]:
     found = read_json(run / RESULT, Diagnosis, sealed=True, remedy="repeat the diagnosis")
     if not found.causes:  # somebody's own
         raise InputError("holds no model", "repeat the diagnosis", file=run / RESULT)
-    tied = [c for c in found.causes[1:] if c.terms in found.alternatives][: _DRAWN - 1]
+    tied = [c for c in found.causes[1:] if c.terms in found.alternatives][: most - 1]
     models = [
         (recorded(c.terms, found.versions, run / RESULT), {name: p.median for name, p in c.parameters.items()})
         for c in (found.causes[0], *tied)

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from psafit.diagnose.gain import Gain
+from psafit.diagnose.influence import Carried
 from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character
 from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
-from psafit.diagnose.record import UNSEEN, Broken, CauseResult, Diagnosis, ParameterResult, Reading, VerdictWord
+from psafit.diagnose.record import UNSEEN, Broken, CauseResult, Diagnosis, ParameterResult, Reading
 from psafit.diagnose.significance import OTHERWISE, Significance
+from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.diagnose.words import PLAIN, Words
 from psafit.experiment import GroupId
 from psafit.inference import noise
@@ -23,14 +25,13 @@ from psafit.model_search.ladder import CREDIBLE, LookedAt
 from psafit.physics import owner
 from psafit.text import fixed, significant
 
-Topic = Literal["scope", "adequate", "wrong", "detail", "gained", "next", "searched"]
+Topic = Literal["scope", "adequate", "wrong", "detail", "trust", "gained", "next", "searched"]
 """Part of the answer to which a statement belongs."""
 
 # Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence.
 _WORTH_SAYING = 0.05
 # Sets that do as well as what is named, and are told by name.
 _TIED = 6
-_SCATTER = frozenset(p.name for p in noise.PARAMETERS)
 _TAILS = noise.PARAMETERS[-1]
 
 
@@ -68,11 +69,12 @@ class Judged(Statement):
 
     Parameters
     ----------
-    adequate : {"yes", "so far", "no", "improbable"}
+    adequate : {"yes", "so far", "no", "together", "tails", "improbable"}
         Whether it is; only as far as the readings tell, where something else is more probable; not rejected by the
-        tests, but improbable.
+        tests, but by readings that stand out together, or only for the heavy tails of its scatter; not rejected, but
+        improbable.
     p_value : float
-        Family-wise.
+        Family-wise; with no heavier tails than usual where these were needed.
     simulated : int
         Data sets that gave it.
     share : float
@@ -82,7 +84,7 @@ class Judged(Statement):
     """
 
     topic = "adequate"
-    adequate: Literal["yes", "so far", "no", "improbable"]
+    adequate: Literal["yes", "so far", "no", "together", "tails", "improbable"]
     p_value: float
     simulated: int
     share: float
@@ -92,6 +94,8 @@ class Judged(Statement):
         """Return the sentence."""
         heads = {
             "no": "The tests find the baseline wrong: {}.",
+            "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
+            "tails": "The tests pass the baseline only because heavy tails take up what stands out; without: {}.",
             "improbable": "The tests do not reject the baseline ({}), but it is improbable beside {}.",
             "yes": "The tests find nothing wrong with the baseline: {}. It keeps {} of the probability.",
             "so far": "The tests find nothing wrong with the baseline: {}. It keeps only {} of the probability.",
@@ -103,7 +107,9 @@ class Judged(Statement):
             self.simulated, few, words.per_cent(ALPHA),
         )  # fmt: skip
         rest = words.per_cent(self.share)
-        if self.adequate == "improbable":
+        if self.adequate == "together":
+            rest = "several groups"
+        elif self.adequate == "improbable":
             rest = "a discrepancy without a name" if self.unnamed else "an extended model"
         return words.put(heads[self.adequate], how, rest)
 
@@ -147,6 +153,8 @@ class Named(Statement):
         Probability of a discrepancy without a name.
     looked_at : LookedAt
     restricted : bool
+    strange : bool
+        Whether what is named has implausible values: then it explains nothing, however well it fits.
     """
 
     topic = "wrong"
@@ -161,6 +169,7 @@ class Named(Statement):
     unnamed: float
     looked_at: LookedAt
     restricted: bool
+    strange: bool
 
     def say(self, words: Words) -> str:
         """Return the sentence."""
@@ -178,6 +187,9 @@ class Named(Statement):
             how = "{} explains the misfit; the tests find nothing left of it, and {} does as well.{}"
             if not self.rejected:
                 how = "{} fits far better, and {} does as well; the tests alone would not have objected.{}"
+            if self.strange:
+                how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
+                how += " shape of what is missing, and perhaps not the mechanism.{}"
             return words.put(how, what, other, rest)
         if self.verdict == "ambiguous":
             if self.fits_alike:
@@ -364,6 +376,26 @@ class OneGroup(Statement):
 
 
 @dataclass(frozen=True)
+class LivesOn(Statement):
+    """On how many readings half of what speaks for each cause rests, and the group that gives most."""
+
+    topic = "detail"
+    causes: list[Carried]
+    readings: int
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        each = (
+            words.put(
+                "{} on {} of {} readings, most in {}", words.cause(c.cause), c.half, self.readings,
+                words.groups([c.groups[0][0]]),
+            )
+            for c in self.causes
+        )  # fmt: skip
+        return words.put("Half of what speaks for a cause rests: {}.", words.joined("; ", each))
+
+
+@dataclass(frozen=True)
 class SmoothIsBetter(Statement):
     """A smooth discrepancy has so many nats more evidence than the named causes."""
 
@@ -394,13 +426,42 @@ class ByChance(Statement):
                 missing,
             )
         n, most = len(s.null), max(s.null)
-        none = f"none led by more than {fixed(most)} nats" if most > 0 else "none put a model with causes first"
+        none = (
+            f"none led by more than {fixed(math.ceil(10 * most) / 10, 1)} nats"
+            if most > 0
+            else "none put a model with causes first"
+        )
         where = "simulated baselines"
         if s.stored:
             sizes = " to ".join(map(str, s.readings))
             where = f"designs of {sizes} readings with nothing hidden (stored table, this catalogue)"
         p = f"p {'<=' if s.p_value <= 1 / (n + 1) else '='} {significant(s.p_value, 2)}"
         return words.put("Of {} searches on {} {}; this one leads by {} ({}).", n, where, none, fixed(s.lead), p)
+
+
+@dataclass(frozen=True)
+class Calibrated(Statement):
+    """How often diagnoses of data sets that are drawn from this answer are right."""
+
+    topic = "trust"
+    found: Calibration
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        c = self.found
+        ends = words.put("{} to {}, 90 %", words.per_cent(c.exact.lower), words.per_cent(c.exact.upper))
+        text = words.put(
+            "Of {} data set{} drawn from this answer and diagnosed again, the set that made it was named in {}"
+            " ({}) and reported in {}.",
+            c.exact.of, "" if c.exact.of == 1 else "s", c.exact.n, ends, c.reported.n,
+        )  # fmt: skip
+        if c.printed is not None:
+            how = "{} What was named had a probability of {} on average, and was right in {} of {}."
+            text = words.put(how, text, words.per_cent(c.printed), c.right.n, c.right.of)
+        if not c.intervals:
+            return text
+        how = "{} 90 % intervals held {} of the {} true values ({})."
+        return words.put(how, text, c.held, c.intervals, words.per_cent(c.held / c.intervals))
 
 
 @dataclass(frozen=True)
@@ -536,8 +597,12 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
     if d.misfit.p_value < ALPHA and tests.character != "none":
         found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points)))
     found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_robust(d)]
+    if d.influence and (carried := [c for c in d.influence.causes if c.half]):
+        found.append(LivesOn(carried, len(d.influence.tail)))
     if d.misfit.search:
         found.append(ByChance(d.misfit.search))
+    if d.calibration:
+        found.append(Calibrated(d.calibration))
     found += [Gained(gain, d.training) for gain in d.gain.values()] or [NoGain(d.quick)]
     if d.next_experiment.proposals:
         found.append(Next(d.next_experiment, d.quick and len(d.alternatives) > 1))
@@ -555,12 +620,17 @@ def kept(d: Diagnosis) -> float:
 
 
 def _judged(d: Diagnosis) -> Judged:
-    verdict: Literal["yes", "so far", "no", "improbable"] = "improbable"
-    if d.misfit.p_value < ALPHA:
+    verdict: Literal["yes", "so far", "no", "together", "tails", "improbable"] = "improbable"
+    tests, p_value = d.misfit.baseline, d.misfit.p_value
+    if p_value < ALPHA:
         verdict = "no"
     elif d.verdict == "adequate":
         verdict = "so far" if kept(d) < 0.5 else "yes"
-    return Judged(verdict, d.misfit.p_value, d.misfit.baseline.n_simulated, kept(d), d.mostly_unnamed)
+    elif tests.coincidences:
+        verdict = "together"
+    elif tests.usual_tails is not None and tests.usual_tails < ALPHA:
+        verdict, p_value = "tails", tests.usual_tails
+    return Judged(verdict, p_value, tests.n_simulated, kept(d), d.mostly_unnamed)
 
 
 def _named(d: Diagnosis) -> Statement:
@@ -584,6 +654,7 @@ def _named(d: Diagnosis) -> Statement:
         unnamed=d.unnamed,
         looked_at=d.looked_at,
         restricted=bool(d.left_out),
+        strange=bool(d.strange),
     )
 
 
@@ -595,9 +666,8 @@ def _values(d: Diagnosis) -> Iterator[Statement]:
     if own or others:
         yield Sizes(list(own.items()), list(others.items()))
     named = [d.leader] if d.leader and d.named else []
-    odd = [(c.terms, [name for name in c.implausible if name not in _SCATTER]) for c in [*named, *tied]]
-    if any(names for _, names in odd):
-        yield Implausible([(terms, names) for terms, names in odd if names])
+    if odd := [(c.terms, c.strange) for c in [*named, *tied] if c.strange]:
+        yield Implausible(odd)
 
 
 def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:

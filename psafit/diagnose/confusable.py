@@ -23,12 +23,6 @@ from psafit.inference.candidate import Candidate
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import plausible
 
-# Degrees below which two causes are told.
-_NEAR = 15.0
-# Parts of a plausible strength that are tried; the largest that moves no reading by more than so many standard
-# deviations is a little of the cause: more of it may bend, where what is fitted is a tangent.
-_PARTS, _LITTLE = 0.5 ** np.arange(12), 1.0
-
 
 @dataclass(frozen=True)
 class Alike:
@@ -39,28 +33,42 @@ class Alike:
     degrees: float
 
 
-def confusable(model: Candidate, catalogue: Sequence[Term]) -> list[Alike]:
+def confusable(
+    model: Candidate, catalogue: Sequence[Term], *, near: float = 15.0, halvings: int = 11, little: float = 1.0
+) -> list[Alike]:
     """Pairs of a model's causes and others that look like them, the nearest first.
 
     Of others, those of which a plausible strength could be seen if that cause of the model did not imitate it.
+
+    Parameters
+    ----------
+    model : Candidate
+    catalogue : sequence of Term
+    near : float, degrees
+        Angle below which two causes are reported.
+    halvings : int
+        How often a plausible strength is halved.
+    little : float
+        The largest part that moves no reading by more than so many standard deviations is a little of the cause: more
+        of it may bend, where what is fitted is a tangent.
     """
-    found = []
+    found, parts = [], 0.5 ** np.arange(1 + halvings)
     for other in catalogue:
         if other in model.terms or other.latent or not model.terms:
             continue
         larger = extended(model.problem, other, catalogue)
-        at = np.repeat(model.within(larger)[0][None], len(_PARTS), axis=0)
+        at = np.repeat(model.within(larger)[0][None], len(parts), axis=0)
         for p, value in zip(other.parameters, plausible(other), strict=True):
-            rows = value if p.neutral is None else p.neutral + _PARTS * (value - p.neutral)
+            rows = value if p.neutral is None else p.neutral + parts * (value - p.neutral)
             at[:, larger.names.index(p.name)] = p.to_sampling(rows)
         effect = larger.predict(at) - model.predicted
-        little = effect[int(np.argmax(np.abs(effect / model.scatter).max(axis=1) <= _LITTLE))]
-        left = float(np.linalg.norm(model.beside(little[None])))
+        small = effect[int(np.argmax(np.abs(effect / model.scatter).max(axis=1) <= little))]
+        left = float(np.linalg.norm(model.beside(small[None])))
         for cause in model.terms:
-            both = np.linalg.norm(model.beside(np.stack([effect[0], little]), without=cause), axis=1)
+            both = np.linalg.norm(model.beside(np.stack([effect[0], small]), without=cause), axis=1)
             if both[0] < VISIBLE or both[1] == 0.0:
                 continue
             degrees = float(np.degrees(np.arcsin(min(left / both[1], 1.0))))
-            if degrees < _NEAR:
+            if degrees < near:
                 found.append(Alike(cause.id, other.id, degrees))
     return sorted(found, key=lambda a: a.degrees)

@@ -16,11 +16,12 @@ from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
 from psafit.diagnose import next_experiment, told
 from psafit.diagnose.answer import sentences
+from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.gain import Choice
+from psafit.diagnose.influence import influence
+from psafit.diagnose.judging import Judgement, judge
 from psafit.diagnose.laws import broken
-from psafit.diagnose.leftover import leftover, stretch
-from psafit.diagnose.misfit import examine
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
 from psafit.diagnose.record import (
     MARKER,
@@ -28,10 +29,12 @@ from psafit.diagnose.record import (
     PREDICTIONS,
     RESULT,
     Apart,
+    Broken,
     CauseResult,
     Confusion,
     Diagnosis,
     ExtensionRun,
+    MisfitResult,
 )
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.diagnose.robustness import robustness
@@ -39,7 +42,8 @@ from psafit.diagnose.screening import screen
 from psafit.diagnose.searching import searched
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, significance
-from psafit.diagnose.verdict import Verdict, conclude
+from psafit.diagnose.trials import Calibration
+from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
@@ -69,6 +73,7 @@ def diagnose(
     quick: bool = False,
     searches: int | None = None,
     nautilus: bool = False,
+    calibrate: int = 0,
     seed: int = 1,
     catalogue: Sequence[Term] | None = None,
     settings: Settings | None = None,
@@ -94,6 +99,8 @@ def diagnose(
         by default as many as the settings say. Without any, the stored table is looked up where a cause is named.
     nautilus : bool
         Whether to compute the evidence of what the verdict rests on by a nested sampler, too.
+    calibrate : int
+        Data sets that are drawn from the answer and diagnosed again (`psafit.diagnose.calibration`).
     seed : int
     catalogue : sequence of Term, optional
         Candidate causes; all of the catalogue by default. The answer names those that were left out.
@@ -115,11 +122,7 @@ def diagnose(
     Diagnosis
         Also written as `diagnosis.json`.
     """
-    training = tuple(experiment.group(g).id for g in group_ids)
-    if not training:
-        raise InputError("no training group", "give at least one group id")
-    Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
-    training = tuple(g for g in experiment.ids if g in training)  # however they were named, the same work
+    training = _training(experiment, group_ids)
     refuse_still(experiment.groups if quick else experiment.select(training))
     check_seed(seed)
     if nautilus:
@@ -128,34 +131,55 @@ def diagnose(
         reach(scheduler)
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
-    asked: list[Any] = [code(), sha256(NULL_LEADS), versions()]
-    asked += [experiment.title, experiment.limits, experiment.fingerprint]
     settings = settings or Settings.usual(quick)
     looked_at = {t.id for t in catalogue}
     left_out = [t.id for t in TERMS if t.id not in looked_at]
-    asked += [training, seed, quick, searches, nautilus, asdict(settings), left_out]
-    asked += [[t.determinants for t in catalogue], *(p.signature for p in everything.parameters)]
-    identity = digest(asked)
+    asked = [training, seed, quick, searches, nautilus, calibrate, asdict(settings), left_out]
+    identity = _identity(everything, asked)
     with sole(folder):
         _claim(folder, experiment)
         held = _held(folder, identity)
         if held and (not draw_on or all(run.converged for run in held.extension.values())):
             return held
         shown, n_jobs = watcher or Silent(), jobs or cores()
-        # Chains that did not converge are drawn on by the command that follows a finished one, not by one that resumes.
-        drawing = held is not None
         repeats = (settings.searches if searches is None else searches) if catalogue else 0
-        plan = _plan(experiment, training, quick, repeats, nautilus, n_jobs)
+        plan = _plan(experiment, training, quick, repeats, nautilus, calibrate, n_jobs)
         with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
-            work = _Work(
+            return _Work(
                 experiment, training, folder, seed, catalogue, n_jobs, shown, command,
-                drawing=drawing, settings=settings, left_out=left_out, scheduler=scheduler,
-            )  # fmt: skip
-            return work.all(quick, repeats, nautilus, identity)
+                # What did not converge is drawn on by the command after a finished one, not by one that resumes.
+                drawing=held is not None, settings=settings, left_out=left_out, scheduler=scheduler,
+            ).all(quick, repeats, nautilus, identity, calibrate)  # fmt: skip
+
+
+def _training(experiment: Experiment, group_ids: Sequence[GroupId]) -> tuple[GroupId, ...]:
+    """The groups of these names in the experiment's order, so that they are the same work however they were named."""
+    training = tuple(experiment.group(g).id for g in group_ids)
+    if not training:
+        raise InputError("no training group", "give at least one group id")
+    Problem(experiment, training)  # refuses what cannot be fitted, before hours of work on all groups
+    return tuple(g for g in experiment.ids if g in training)
+
+
+def _identity(everything: Problem, asked: list[Any]) -> str:
+    """Digest of all that a result depends on: the program, the experiment, what is asked for, and the catalogue."""
+    experiment = everything.experiment
+    return digest(
+        [
+            code(), sha256(NULL_LEADS), versions(), experiment.title, experiment.limits, experiment.fingerprint, *asked,
+            [t.determinants for t in everything.terms], *(p.signature for p in everything.parameters),
+        ]
+    )  # fmt: skip
 
 
 def _plan(
-    experiment: Experiment, training: tuple[GroupId, ...], quick: bool, repeats: int, nautilus: bool, jobs: int
+    experiment: Experiment,
+    training: tuple[GroupId, ...],
+    quick: bool,
+    repeats: int,
+    nautilus: bool,
+    drawn: int,
+    jobs: int,
 ) -> dict[str, float]:
     """Shares of a diagnosis' parts, in units of one search over all groups: see `psafit.inference.forecast.DIAGNOSIS`.
 
@@ -180,6 +204,8 @@ def _plan(
         found["significance"] = one["null"] * repeats / min(jobs, repeats)
     if nautilus:
         found["nautilus"] = one["nautilus"]
+    if drawn:
+        found["calibration"] = (one["search"] + one["tests"]) * drawn / min(jobs, drawn)
     return found
 
 
@@ -256,7 +282,7 @@ class _Work:
     seconds: dict[str, float] = field(default_factory=dict)
     _ladders: dict[tuple[tuple[GroupId, ...], tuple[Candidate, ...]], Ladder] = field(default_factory=dict)
 
-    def all(self, quick: bool, repeats: int, nautilus: bool, identity: str) -> Diagnosis:
+    def all(self, quick: bool, repeats: int, nautilus: bool, identity: str, drawn: int = 0) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
         write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
@@ -264,23 +290,9 @@ class _Work:
             ladder = self._search(experiment.ids)
         leader = ladder.leader
         with self._stage("tests"):
-            n_simulated = self.settings.simulated
-            before = examine(ladder.baseline, self.catalogue, seed=self.seed, n_simulated=n_simulated)
-            after = examine(leader, self.catalogue, seed=self.seed, n_simulated=n_simulated) if leader.terms else None
-            # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
-            left = leftover(leader)
-            bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
-            verdict = conclude(ladder, before, after, left, bare, broken(leader, self.settings.laws))
-            held = [ladder.baseline if verdict.verdict == "adequate" else leader]
-            held += [ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held]]
-            laws = [law for model in held for law in broken(model, self.settings.laws)]
-            misfit = told.misfit_of(
-                before, after, left, ladder.baseline, leader,
-                remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
-                firm=robustness(ladder.baseline, leader, bare, left) if leader.terms else None,
-            )  # fmt: skip
-        # Where nothing is wrong, the model that is adopted is the baseline, whatever leads.
-        adopted = ladder.baseline if verdict.verdict == "adequate" else leader
+            judgement = judge(ladder, self.catalogue, self.settings, seed=self.seed)
+            verdict, adopted = judgement.verdict, judgement.adopted
+            misfit, laws = self._tested(judgement)
         draws = ladder.draws(adopted.ids, self.seed)
         if not self.drawing:  # the tables that follow belong to another answer, which has no record yet
             for name in (RESULT, PAGE):
@@ -298,17 +310,7 @@ class _Work:
         measured = {} if quick else self._gains(ladder)
         for scored in measured.values():
             ledger += scored.ledger
-        extension: dict[str, ExtensionRun] = {}
-        runs = {} if quick or not self.settings.steps else {"adopted": (verdict.named, experiment.ids)}
-        if runs and "strict" in measured:
-            runs["strict"] = (tuple(measured["strict"].groups[0].named), self.training)
-        for which, (ids, groups) in runs.items():
-            if ids:
-                self.watcher.part(f"{which} extension")
-                with self._timed(f"{which} extension"):
-                    extension[which] = self._extend(ids, groups)
-                what, unseen = f"posterior of the extension ({which})", extension[which].scored_on
-                ledger.append(Choice(what, list(groups), unseen))
+        extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(ladder, repeats))
         causes = told.causes_of(ladder, verdict)
@@ -318,6 +320,10 @@ class _Work:
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
         screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
+        calibration = self._calibration(ladder, drawn) if drawn else None
+        lives_on = (
+            influence(ladder, verdict.named, seed=self.seed, draws=self.settings.draws) if verdict.named else None
+        )
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -352,10 +358,41 @@ class _Work:
             identity=identity,
             left_out=list(self.left_out),
             settings=self.settings,
+            calibration=calibration,
+            influence=lives_on,
         )
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
+
+    def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
+        """What the tests say of the baseline and the best model, and the laws that reported models break."""
+        ladder, verdict, left = judgement.ladder, judgement.verdict, judgement.left
+        leader = ladder.leader
+        held = [judgement.adopted, *(ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
+        laws = [law for model in held for law in broken(model, self.settings.laws)]
+        misfit = told.misfit_of(
+            judgement.before, judgement.after, left, ladder.baseline, leader,
+            remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
+            firm=robustness(ladder.baseline, leader, judgement.bare, left) if leader.terms else None,
+        )  # fmt: skip
+        return misfit, laws
+
+    def _extensions(
+        self, named: tuple[str, ...], measured: dict[str, gains.Gain], ledger: list[Choice]
+    ) -> dict[str, ExtensionRun]:
+        """Draw the posteriors of the named model and, where it is measured, of the strict protocol's."""
+        found: dict[str, ExtensionRun] = {}
+        runs = {"adopted": (named, self.experiment.ids)}
+        if "strict" in measured:
+            runs["strict"] = (tuple(measured["strict"].groups[0].named), self.training)
+        for which, (ids, groups) in runs.items():
+            if ids:
+                self.watcher.part(f"{which} extension")
+                with self._timed(f"{which} extension"):
+                    found[which] = self._extend(ids, groups)
+                ledger.append(Choice(f"posterior of the extension ({which})", list(groups), found[which].scored_on))
+        return found
 
     @cached_property
     def _memory(self) -> Memory:
@@ -441,6 +478,15 @@ class _Work:
                 ladder, self.catalogue, repeats, seed=self.seed, memory=self._memory, settings=self.settings.search,
                 jobs=self.jobs, scheduler=self.scheduler,
                 progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
+            )  # fmt: skip
+
+    def _calibration(self, ladder: Ladder, drawn: int) -> Calibration:
+        """How often such a verdict is right here."""
+        with self._stage("calibration"):
+            return calibrated(
+                ladder, self.catalogue, drawn, seed=self.seed, memory=self._memory, settings=self.settings,
+                jobs=self.jobs, scheduler=self.scheduler,
+                progress=lambda k, n: self.watcher.update(k, n, "data sets drawn from the answer"),
             )  # fmt: skip
 
     def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> ExtensionRun:

@@ -49,12 +49,6 @@ from psafit.validate import (
     write_table,
 )
 
-# Models with less than this share of the best's probability are left out of the mixture.
-_NEGLIGIBLE = 0.02
-_BOOTSTRAPS = 1000
-# A change of log RMSE below this is none in the digits that are told.
-_TOLD = 5e-4
-
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
@@ -177,7 +171,12 @@ class Gain:
     @property
     def names_nothing(self) -> bool:
         """Whether the groups that were seen named no cause, so that nothing was gained or lost on the others."""
-        return abs(self.log_rmse_after - self.log_rmse_before) < _TOLD and not any(g.named for g in self.groups)
+        return not self.shows and not any(g.named for g in self.groups)
+
+    @property
+    def shows(self) -> bool:
+        """Whether the change of log RMSE shows in the three decimals that are printed."""
+        return abs(self.log_rmse_after - self.log_rmse_before) >= 0.5e-3
 
     @property
     def worse(self) -> list[GroupGain]:
@@ -196,7 +195,9 @@ class Split:
     after: list[Forecast]
 
 
-def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int, n_draws: int = 400) -> Split:
+def split(
+    ladder: Ladder, held_out: Sequence[GroupId], seed: int, n_draws: int = 400, negligible: float = 0.02
+) -> Split:
     """Forecast groups that a ladder has not seen.
 
     Parameters
@@ -206,10 +207,12 @@ def split(ladder: Ladder, held_out: Sequence[GroupId], seed: int, n_draws: int =
     seed : int
     n_draws : int
         Posterior draws behind each interval.
+    negligible : float
+        Models with less than this share of the best's probability are left out of the mixture.
     """
     best = max(ladder.probability.values())
     shares = {
-        c.ids: ladder.probability[c.ids] for c in ladder.candidates if ladder.probability[c.ids] >= _NEGLIGIBLE * best
+        ids: p for ids in (c.ids for c in ladder.candidates) if (p := ladder.probability[ids]) >= negligible * best
     }
     total = sum(shares.values())
     mixture = {ids: p / total for ids, p in shares.items()}
@@ -266,7 +269,11 @@ def _inside(f: Forecast) -> FloatArray:
 
 
 def changes(
-    group: Group, errors: Sequence[FloatArray], densities: Sequence[FloatArray], rng: np.random.Generator
+    group: Group,
+    errors: Sequence[FloatArray],
+    densities: Sequence[FloatArray],
+    rng: np.random.Generator,
+    n_bootstraps: int = 1000,
 ) -> tuple[FloatArray, FloatArray]:
     """Changes of a group's log_rmse and log score from one prediction to another, its readings drawn again.
 
@@ -278,13 +285,14 @@ def changes(
     densities : two (n_points,) arrays, 1/um
         Log predictive densities.
     rng : Generator
+    n_bootstraps : int
 
     Returns
     -------
     two (n_bootstraps,) arrays
         The second's score minus the first's.
     """
-    chosen = neighbours_redrawn(group, _BOOTSTRAPS, rng)
+    chosen = neighbours_redrawn(group, n_bootstraps, rng)
     rmse = [np.sqrt(np.mean(error[chosen] ** 2, axis=1)) for error in errors]
     return rmse[1] - rmse[0], (densities[1] - densities[0])[chosen].sum(axis=1)
 

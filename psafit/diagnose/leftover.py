@@ -28,14 +28,31 @@ from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.parameters import Parameter
 
-# Log-normal priors: amplitude of the smooth part and of the levels (a tenth, within a factor of three), and its reach
-# in the logarithm of the swept variable (a factor of two in frequency, within a factor of two).
-_AMPLITUDE, _REACH = (math.log(0.1), math.log(3.0)), (math.log(0.7), math.log(2.0))
-_PRIORS = (_AMPLITUDE, _AMPLITUDE, _REACH)
-# A reading this many standard deviations off, with neighbours less than half as far, is an outlier.
-_LONE = 3.0
-# A reading below this many standard deviations of the absolute scatter says nothing of a relative discrepancy.
-_SILENT = 1.0
+
+@dataclass(frozen=True)
+class DiscrepancySettings:
+    """What is believed of a discrepancy, and which readings tell of one.
+
+    Parameters
+    ----------
+    amplitude, level : (float, float)
+        Log-normal prior of the smooth part's standard deviation and of the groups' levels, relative to the range: its
+        median, and the factor of one standard deviation.
+    reach : (float, float)
+        The same of the smooth part's length, in the logarithm of the swept variable; 0.7 is a factor of two.
+    silent : float
+        A reading below this many standard deviations of the absolute scatter says nothing of a relative discrepancy.
+    """
+
+    amplitude: tuple[float, float] = (0.1, 3.0)
+    level: tuple[float, float] = (0.1, 3.0)
+    reach: tuple[float, float] = (0.7, 2.0)
+    silent: float = 1.0
+
+    @property
+    def priors(self) -> tuple[tuple[float, float], ...]:
+        """Mean and standard deviation of each logarithm."""
+        return tuple((math.log(m), math.log(f)) for m, f in (self.amplitude, self.level, self.reach))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +115,9 @@ class Leftover:
         return found
 
 
-def leftover(candidate: Candidate, outlying: FloatArray | None = None) -> Leftover:
+def leftover(
+    candidate: Candidate, outlying: FloatArray | None = None, settings: DiscrepancySettings | None = None
+) -> Leftover:
     """Fit an unnamed discrepancy beside a model.
 
     Parameters
@@ -107,8 +126,11 @@ def leftover(candidate: Candidate, outlying: FloatArray | None = None) -> Leftov
     outlying : (n_points,) array, optional
         Factor on each reading's variance, from the `stretch` of another model where evidences are to be compared; the
         candidate's own by default.
+    settings : DiscrepancySettings, optional
     """
-    around = _Expansion.of(candidate, stretch(candidate) if outlying is None else outlying)
+    settings = settings or DiscrepancySettings()
+    priors = settings.priors
+    around = _Expansion.of(candidate, stretch(candidate) if outlying is None else outlying, priors)
     without = around.fitted(around.scatter, with_it=False)
     # A scatter that had to stand for the discrepancy, too, may be either of its parts: there are several hills.
     low = [p.sampling_bounds.lower for p in around.parameters]
@@ -122,13 +144,13 @@ def leftover(candidate: Candidate, outlying: FloatArray | None = None) -> Leftov
         (around.scatter, 1.0, 0.1),
     )
     ends = [
-        around.fitted(np.array([*np.maximum(begin, low), math.log(a), math.log(b), _REACH[0]]), with_it=True)
+        around.fitted(np.array([*np.maximum(begin, low), math.log(a), math.log(b), priors[-1][0]]), with_it=True)
         for begin, a, b in starts
     ]
     best = max(ends, key=lambda end: end.log_evidence)
     sigma_rel, sigma_abs = around.scatter_at(best.v)
     mean, variance = around.discrepancy(best.v)
-    heard = around.predicted > _SILENT * sigma_abs
+    heard = around.predicted > settings.silent * sigma_abs
     amplitude, level, reach = np.exp(best.v[-3:]).tolist()
     return Leftover(
         log_bayes=best.log_evidence - without.log_evidence,
@@ -167,10 +189,11 @@ class _Expansion:
     known: FloatArray | float  # variance stated with the readings
     groups: tuple[NDArray[np.intp], ...]  # readings of each, which share one discrepancy
     squared: tuple[FloatArray, ...]  # ... and their squared distances along the sweep
+    priors: tuple[tuple[float, float], ...]  # of the discrepancy's logarithms: mean, standard deviation
     placed: float  # log prior density of the model's parameters at the fit, over the normal one that stands for it
 
     @classmethod
-    def of(cls, candidate: Candidate, outlying: FloatArray) -> _Expansion:
+    def of(cls, candidate: Candidate, outlying: FloatArray, priors: tuple[tuple[float, float], ...]) -> _Expansion:
         problem = candidate.problem
         n = problem.n_model
         bent = problem.prior_slopes(candidate.modes[:1])[1][0, :n]
@@ -192,6 +215,7 @@ class _Expansion:
             known=0.0 if problem.known_sigma is None else problem.known_sigma**2,
             groups=tuple(rows for rows, _ in ordered),
             squared=tuple((x[:, None] - x[None, :]) ** 2 for _, x in ordered),
+            priors=priors,
             placed=float(np.sum(density + 0.5 * math.log(2 * math.pi) + np.log(width))),
         )
 
@@ -238,7 +262,7 @@ class _Expansion:
     def loss(self, v: FloatArray) -> float:
         m = len(self.parameters)
         density = sum(float(p.log_prior(c)) for p, c in zip(self.parameters, v[:m], strict=True))
-        for c, (mean, sd) in zip(v[m:], _PRIORS[: v.size - m], strict=True):
+        for c, (mean, sd) in zip(v[m:], self.priors[: v.size - m], strict=True):
             density += -0.5 * ((c - mean) / sd) ** 2 - math.log(sd) - 0.5 * math.log(2 * math.pi)
         if not math.isfinite(density):
             return 1e12
@@ -251,7 +275,7 @@ class _Expansion:
     def fitted(self, start: FloatArray, *, with_it: bool) -> _Fitted:
         """Climb, and integrate by Laplace's method."""
         bounds = [(p.sampling_bounds.lower, p.sampling_bounds.upper) for p in self.parameters]
-        bounds += [(m - 4 * sd, m + 4 * sd) for m, sd in _PRIORS] if with_it else []
+        bounds += [(m - 4 * sd, m + 4 * sd) for m, sd in self.priors] if with_it else []
         end = minimize(self.loss, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
         v = np.clip(end.x, [b[0] + 2e-2 for b in bounds], [b[1] - 2e-2 for b in bounds])
         n, h = v.size, 1e-2
@@ -293,10 +317,11 @@ class _Whitened:
     log_size: float  # half the log determinant of the covariance
 
 
-def stretch(candidate: Candidate) -> FloatArray:
+def stretch(candidate: Candidate, *, lone: float = 3.0) -> FloatArray:
     """Factor on each reading's variance.
 
-    A lone outlier keeps the large variance that Student's law gives it; neighbours that err together do not.
+    An outlier, a reading more than `lone` standard deviations off with neighbours less than half as far, keeps the
+    large variance that Student's law gives it; neighbours that err together do not.
     """
     score = (candidate.problem.observed - candidate.predicted) / candidate.scatter
     found = np.ones(score.size)
@@ -304,6 +329,6 @@ def stretch(candidate: Candidate) -> FloatArray:
     for _, _, rows in sweeps(candidate.problem):
         z, nu = score[rows], tails[rows]
         beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
-        lone = (np.abs(z) > _LONE) & (np.abs(beside) < 0.5 * _LONE)
-        found[rows] = np.where(lone, (nu + z**2) / (nu + 1), 1.0)
+        alone = (np.abs(z) > lone) & (np.abs(beside) < 0.5 * lone)
+        found[rows] = np.where(alone, (nu + z**2) / (nu + 1), 1.0)
     return found

@@ -12,6 +12,10 @@ The family has one p-value: every statistic is expressed in units of its own law
 the distance from the median to the 95 % point), the largest is the family's, and its rank among the same quantity
 of the simulated data is the p-value. A statistic counts as significant by itself when it exceeds the family's 95 %
 point.
+
+A fit is *sound* where the family finds nothing, no readings of several groups stand out together (by the same level),
+and heavy tails were not needed to pass. Tails are heavy where a fitted number of degrees of freedom lies in the lower
+half of its prior; they were needed where the same tests fail once it is held to the upper half.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +34,7 @@ from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.ascent import ascend, ascend_linearly
-from psafit.inference.candidate import Candidate, refitted
+from psafit.inference.candidate import Candidate, climbed, refitted
 from psafit.inference.problem import Problem
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics.term import Term
@@ -40,17 +44,6 @@ from psafit.validate import log_ratio
 ALPHA = 0.02
 """Level of the family: a false alarm in fifty sound models."""
 
-# Strengths at which causes give directions, as quantiles of their priors.
-_DIRECTIONS = (0.1, 0.4, 0.75, 0.95)
-_WINDOWS = (3, 5, 9, 17, 33)
-_CLIP = 6.0
-# A point is odd beyond this score (normal law: once in 15,000 readings).
-_ODD = 4.0
-_FEWEST = 5
-# Chance at which readings that stand out together are told.
-_COINCIDENT = 0.05
-# Replicates beyond the first of their conditions from which on they tell how a reading scatters.
-_SPARE = 3
 Variable = Literal["frequency", "amplitude"]
 Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
 CHARACTERS: dict[Character, str] = {
@@ -62,12 +55,43 @@ CHARACTERS: dict[Character, str] = {
     "sessions": "sessions at the same condition disagree",
 }
 """What kind of thing a misfit is, in words."""
-# Iterations of an exact refit, after that in the expansion.
-_EXACT = 4
-# Readings that the others need, as a share of a group's own, to clear themselves where it is left out.
-_REST = 0.5
-# Simulated data sets for the question whether one group is all that is wrong.
-_INFLUENCE = 149
+
+
+@dataclass(frozen=True)
+class MisfitSettings:
+    """What the tests look at, and from where on it counts.
+
+    Parameters
+    ----------
+    directions : tuple of float
+        Strengths at which causes give directions, as quantiles of their priors.
+    windows : tuple of int
+        Readings of the stretches of a sweep that are looked at; the whole sweep is one more.
+    clip : float
+        Normal scores end here, so that one reading decides no statistic of many.
+    odd : float
+        Normal score beyond which a reading is odd by itself: once in 15,000 readings.
+    fewest : int
+        Readings of the shortest sweep that is looked at.
+    spare : int
+        Replicates beyond the first of their conditions from which on they say how a reading scatters.
+    exact_iterations : int
+        Of a refit by the model itself, which begins where that by the expansion ended.
+    others : float
+        Readings that the other groups need to clear themselves where one is left out, as a share of that group's own.
+    n_without : int
+        Data sets simulated for the question whether one group is all that is wrong.
+    """
+
+    directions: tuple[float, ...] = (0.1, 0.4, 0.75, 0.95)
+    windows: tuple[int, ...] = (3, 5, 9, 17, 33)
+    clip: float = 6.0
+    odd: float = 4.0
+    fewest: int = 5
+    spare: int = 3
+    exact_iterations: int = 4
+    others: float = 0.5
+    n_without: int = 149
 
 
 @dataclass(frozen=True)
@@ -181,6 +205,9 @@ class Misfit:
     n_simulated : int
     refit : {"exact", "expansion"}
         How simulated data were refitted.
+    usual_tails : float, optional
+        p value of the same tests where the scatter has no heavier tails than usual; None where the fit has none, or
+        where the tests fail anyway.
     """
 
     p_value: float
@@ -193,15 +220,24 @@ class Misfit:
     scores: FloatArray
     n_simulated: int
     refit: str
+    usual_tails: float | None = None
 
     @property
     def wrong(self) -> bool:
-        """Whether anything is."""
+        """Whether the tests reject the model."""
         return self.p_value < ALPHA
 
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong: the tests pass, without heavy tails, and no readings stand out together."""
+        leans = self.usual_tails is not None and self.usual_tails < ALPHA
+        return not (self.wrong or self.coincidences or leans)
 
-def normal_scores(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
-    """Normal scores of readings under fits; (n_sets, n_points)."""
+
+def normal_scores(
+    problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray, clip: float = MisfitSettings.clip
+) -> FloatArray:
+    """Normal scores of readings under fits, cut off at `clip`; (n_sets, n_points)."""
     values = problem.noise_values(u)
     s = noise.scale(predicted, values, problem.known_sigma)
     z, nu = (observed - predicted) / s, noise.columns(values)[2]
@@ -209,7 +245,7 @@ def normal_scores(problem: Problem, u: FloatArray, predicted: FloatArray, observ
     p = noise.cumulative(observed, predicted, values, problem.known_sigma)
     body = ndtri(np.clip(p, 1e-12, 1 - 1e-12))
     tail = np.sign(z) * np.sqrt((nu + 1) * np.log1p(z * z / nu))
-    return np.clip(np.where(np.abs(body) < 5, body, tail), -_CLIP, _CLIP)
+    return np.clip(np.where(np.abs(body) < 5, body, tail), -clip, clip)
 
 
 def numbered(problem: Problem, row: int) -> tuple[GroupId, int]:
@@ -239,8 +275,8 @@ def of_what(problem: Problem, rows: NDArray[np.intp]) -> str:
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:
-    """Whether the readings pass the tests by a fitted model."""
-    return examine(candidate, catalogue, seed=seed, influence=False).p_value >= ALPHA
+    """Whether the tests find nothing wrong with a fitted model."""
+    return examine(candidate, catalogue, seed=seed, influence=False).sound
 
 
 def examine(
@@ -251,6 +287,8 @@ def examine(
     n_simulated: int = 199,
     exact: bool | None = None,
     influence: bool = True,
+    tails: bool = True,
+    settings: MisfitSettings | None = None,
 ) -> Misfit:
     """Test a fitted model.
 
@@ -267,24 +305,18 @@ def examine(
         closed form.
     influence : bool
         Whether to ask if one group or a few readings are all that is wrong.
+    tails : bool
+        Whether to ask if heavy tails were needed to pass.
+    settings : MisfitSettings, optional
     """
-    problem = candidate.problem
-    u = candidate.modes[0]
-    rng = np.random.default_rng([seed, 7])
+    settings = settings or MisfitSettings()
+    problem, u = candidate.problem, candidate.modes[:1]
     if exact is None:
         exact = path_of(candidate.terms) == "closed form"
-    predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
-    scatter = np.repeat(candidate.noise, n_simulated, axis=0)
-    # An instrument does not show ranges below zero.
-    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
-    starts = np.repeat(u[None, :], n_simulated, axis=0)
-    refit = ascend_linearly(problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8)
-    if exact:
-        refit = ascend(problem, refit.u, fake, schedule=((_EXACT, n_simulated),))
-    observed = normal_scores(problem, u[None, :], candidate.predicted[None, :], problem.observed)
-    simulated = normal_scores(problem, refit.u, refit.predicted, fake)
-    directions = _directions(candidate, catalogue)
-    looked = _look(problem, np.vstack([observed, simulated]), candidate.predicted, directions)
+    observed = normal_scores(problem, u, candidate.predicted[None, :], problem.observed, settings.clip)
+    simulated = _simulated(candidate, seed, n_simulated, exact, settings)
+    directions = _directions(candidate, catalogue, settings.directions)
+    looked = _look(problem, np.vstack([observed, simulated]), candidate.predicted, directions, settings)
     names = list(looked)
     table = np.array([looked[name] for name in names])  # (n_statistics, 1 + n)
     names.append(("many of these at once", "all", None))
@@ -309,17 +341,44 @@ def examine(
         for k, name in enumerate(names)
     ]  # fmt: skip
     statistics.sort(key=lambda s: -s.excess)
-    places = _places(problem, observed[0], simulated, candidate.predicted)
+    places = _places(problem, observed[0], simulated, candidate.predicted, settings)
     coincidences = _coincidences(problem, observed[0], simulated, candidate.predicted)
-    odd_points = tuple(numbered(problem, int(k)) for k in np.flatnonzero(np.abs(observed[0]) > _ODD))
+    odd_points = tuple(numbered(problem, int(k)) for k in np.flatnonzero(np.abs(observed[0]) > settings.odd))
     character: Character = "none"
     odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
-        character, odd_groups = _character(candidate, catalogue, statistics, seed, influence, odd_points)
+        character, odd_groups = _character(
+            candidate, catalogue, statistics, seed, odd_points, settings if influence else None
+        )
+    usual, held = None, _with_usual_tails(candidate) if tails and ALPHA <= p_value < 1.0 else None
+    if held is not None:
+        how: dict[str, Any] = {"n_simulated": n_simulated, "exact": exact, "influence": False, "tails": False}
+        usual = examine(held, catalogue, seed=seed, settings=settings, **how).p_value
     return Misfit(
         p_value, tuple(statistics), places, coincidences, character, odd_groups, odd_points, observed[0], n_simulated,
-        "exact" if exact else "expansion",
+        "exact" if exact else "expansion", usual,
     )  # fmt: skip
+
+
+def _with_usual_tails(candidate: Candidate) -> Candidate | None:
+    """The model refitted with no heavier tails than usual; None where its scatter has none."""
+    held = replace(candidate.problem, usual_tails=True)
+    start = np.clip(candidate.modes[:1], *held.bounds.T)
+    return None if (start == candidate.modes[:1]).all() else climbed(held, start)
+
+
+def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, settings: MisfitSettings) -> FloatArray:
+    """Normal scores of data sets simulated from a fit under their own refits; (n_simulated, n_points)."""
+    problem, rng = candidate.problem, np.random.default_rng([seed, 7])
+    predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
+    scatter = np.repeat(candidate.noise, n_simulated, axis=0)
+    # An instrument does not show ranges below zero.
+    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
+    starts = np.repeat(candidate.modes[:1], n_simulated, axis=0)
+    refit = ascend_linearly(problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8)
+    if exact:
+        refit = ascend(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
+    return normal_scores(problem, refit.u, refit.predicted, fake, settings.clip)
 
 
 def _together(table: FloatArray) -> FloatArray:
@@ -333,15 +392,15 @@ def _together(table: FloatArray) -> FloatArray:
     return -np.log((n - below + 1) / (n + 1)).sum(axis=0)
 
 
-def _directions(candidate: Candidate, catalogue: Sequence[Term]) -> dict[str, FloatArray]:
+def _directions(candidate: Candidate, catalogue: Sequence[Term], quantiles: tuple[float, ...]) -> dict[str, FloatArray]:
     """Unit directions, (n, n_points), in which each cause moves the whitened ranges, the fit's own projected out."""
     result = {}
     for term in catalogue:
         if term in candidate.terms or term.latent:
             continue
         large = extended(candidate.problem, term, catalogue)
-        rows = np.repeat(candidate.within(large)[0][None, :], len(_DIRECTIONS), axis=0)
-        rows[:, large.names.index(term.strength.name)] = term.strength.prior_quantile(np.array(_DIRECTIONS))
+        rows = np.repeat(candidate.within(large)[0][None, :], len(quantiles), axis=0)
+        rows[:, large.names.index(term.strength.name)] = term.strength.prior_quantile(np.array(quantiles))
         change = large.predict(rows) - candidate.predicted
         effect = candidate.beside(np.clip(change, -20 * candidate.scatter, 20 * candidate.scatter))
         size = np.linalg.norm(effect, axis=1)
@@ -354,7 +413,7 @@ Key = tuple[str, str, GroupId | None]
 
 
 def _look(
-    problem: Problem, e: FloatArray, predicted: FloatArray, directions: dict[str, FloatArray]
+    problem: Problem, e: FloatArray, predicted: FloatArray, directions: dict[str, FloatArray], settings: MisfitSettings
 ) -> dict[Key, FloatArray]:
     """Every statistic of every row of `e`, larger for worse; each (n_sets,)."""
     found: dict[Key, FloatArray] = {}
@@ -363,7 +422,7 @@ def _look(
     for group_id, variable, rows in sweeps(problem):
         x = e[:, rows]
         n, of = rows.size, of_what(problem, rows)
-        if n < _FEWEST:
+        if n < settings.fewest:
             continue
         found[f"level{of}", "mean", group_id] = np.abs(x.sum(axis=1)) / math.sqrt(n)
         found[f"neighbours{of} along the {variable}", "mean", group_id] = (x[:, 1:] * x[:, :-1]).sum(
@@ -373,7 +432,7 @@ def _look(
         found[f"runs{of} along the {variable}", "mean", group_id] = -np.abs(np.diff(signs, axis=1)).sum(
             axis=1
         ) / math.sqrt(n)
-        scan = np.abs(_windows(x)[0]).max(axis=1)
+        scan = np.abs(_windows(x, settings.windows)[0]).max(axis=1)
         found[f"stretches of {variable}{of and ',' + of}", "mean", group_id] = scan
         scans.append(scan)
         found[f"spread{of}", "spread", group_id] = np.abs(np.log(np.mean(x**2, axis=1) + 0.05))
@@ -425,6 +484,13 @@ def _look(
     found["largest residual", "point", None] = np.abs(e).max(axis=1)
     for id, unit in directions.items():
         found[f"direction of {id}", "mean", None] = (e @ unit.T).max(axis=1)
+    return found | _repeated(problem, e, settings.spare)
+
+
+def _repeated(problem: Problem, e: FloatArray, least: int) -> dict[Key, FloatArray]:
+    """Statistics of readings at the same conditions, `least` of them beyond the first of each."""
+    found: dict[Key, FloatArray] = {}
+    design = problem.design
     alike = conditions(design)
     in_sessions = [rows for rows in alike if np.ptp(design.group[rows])]
     if in_sessions:
@@ -433,7 +499,7 @@ def _look(
     # What agrees to the last digit is a copy, or an instrument too coarse to tell.
     replicates = [rows for rows in replicates if rows.size > 1 and np.ptp(problem.observed[rows]) > 0]
     spare = sum(rows.size - 1 for rows in replicates)
-    if spare >= _SPARE:
+    if spare >= least:
         # Pure error: however wide the fitted scatter is, means of replicates must not scatter more than they do.
         means = np.mean([rows.size * np.square(e[:, rows].mean(axis=1)) for rows in replicates], axis=0)
         found["conditions against their replicates", "mean", None] = np.log(
@@ -496,29 +562,33 @@ def _scattered(e: FloatArray, parts: Sequence[NDArray[np.intp]]) -> FloatArray:
     return np.asarray(sum(np.square(e[:, c] - e[:, c].mean(axis=1, keepdims=True)).sum(axis=1) for c in parts))
 
 
-def _windows(x: FloatArray) -> tuple[FloatArray, list[tuple[int, int]]]:
+def _windows(x: FloatArray, lengths: tuple[int, ...]) -> tuple[FloatArray, list[tuple[int, int]]]:
     """Standardised sums over windows of some lengths; (n_sets, n_windows), and the windows as (begin, end)."""
     n = x.shape[1]
     total = np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
     columns, spans = [], []
-    for width in [w for w in _WINDOWS if w < n] + [n]:
+    for width in [w for w in lengths if w < n] + [n]:
         columns.append((total[:, width:] - total[:, :-width]) / math.sqrt(width))
         spans += [(k, k + width) for k in range(n - width + 1)]
     return np.concatenate(columns, axis=1), spans
 
 
-def _places(problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray) -> tuple[Place, ...]:
+def _places(
+    problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray, settings: MisfitSettings
+) -> tuple[Place, ...]:
     """Stretches that stand out from those of the simulated data, the strongest of each that overlap."""
     design = problem.design
-    ordered = [s for s in sweeps(problem) if s[2].size >= _FEWEST]
+    ordered = [s for s in sweeps(problem) if s[2].size >= settings.fewest]
     if not ordered:
         return ()
-    null = np.max([np.abs(_windows(simulated[:, rows])[0]).max(axis=1) for _, _, rows in ordered], axis=0)
+    null = np.max(
+        [np.abs(_windows(simulated[:, rows], settings.windows)[0]).max(axis=1) for _, _, rows in ordered], axis=0
+    )
     bar = float(np.quantile(null, 0.95))
     error = log_ratio(predicted, problem.observed, problem.offset)
     places = []
     for group_id, variable, rows in ordered:
-        score, spans = _windows(e[None, rows])
+        score, spans = _windows(e[None, rows], settings.windows)
         left = [(abs(float(z)), float(z), a, b) for z, (a, b) in zip(score[0], spans, strict=True) if abs(z) > bar]
         while left:
             _, z, a, b = max(left)
@@ -536,16 +606,17 @@ def _places(problem: Problem, e: FloatArray, simulated: FloatArray, predicted: F
 def _coincidences(
     problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray
 ) -> tuple[Coincidence, ...]:
-    """Readings that stand out together more than nineteen in twenty simulated data sets show anywhere."""
+    """Readings that stand out together further than simulated data sets show at any condition, at the tests' level."""
     design = problem.design
     error = log_ratio(predicted, problem.observed, problem.offset)
     found = []
-    for variable, meeting in shared(problem).items():
-        null = np.max([_both(simulated[:, rows]) for rows in meeting], axis=0)
+    everywhere = shared(problem)
+    null = np.max([_both(simulated[:, rows]) for meeting in everywhere.values() for rows in meeting], axis=0, initial=0)
+    for variable, meeting in everywhere.items():
         for rows in meeting:
             score = float(_both(e[None, rows])[0])
             p_value = float((1 + np.sum(null >= score)) / (1 + len(null)))
-            if p_value > _COINCIDENT:
+            if p_value >= ALPHA:
                 continue
             side = 1 if np.sort(e[rows])[-2] >= score else -1
             rows = rows[side * e[rows] >= score]
@@ -564,22 +635,25 @@ def _character(
     catalogue: Sequence[Term],
     statistics: Sequence[Statistic],
     seed: int,
-    influence: bool,
     odd_points: tuple[tuple[GroupId, int], ...],
+    settings: MisfitSettings | None,
 ) -> tuple[Character, tuple[GroupId, ...]]:
-    """Say what kind of thing is wrong; see `Misfit`."""
+    """Say what kind of thing is wrong; see `Misfit`. Groups are left out only with settings for that."""
     kinds = {s.kind for s in statistics if s.significant}
     problem = candidate.problem
-    if influence and "mean" in kinds and len(problem.group_ids) > 2:
+    if settings and "mean" in kinds and len(problem.group_ids) > 2:
         suspects = list(dict.fromkeys(s.group for s in statistics if s.significant and s.group is not None))
         clean = []
         for group_id in suspects[:6]:
             others = replace(problem, group_ids=tuple(g for g in problem.group_ids if g != group_id))
             own = problem.observed.size - others.observed.size
-            if others.observed.size < max(_REST * own, 2 * problem.n_physical):
+            if others.observed.size < max(settings.others * own, 2 * problem.n_physical):
                 continue  # too few to find anything wrong
             without = refitted(others, candidate)
-            p = examine(without, catalogue, seed=seed, n_simulated=_INFLUENCE, exact=False, influence=False).p_value
+            p = examine(
+                without, catalogue, seed=seed, n_simulated=settings.n_without, exact=False, influence=False,
+                settings=settings,
+            ).p_value  # fmt: skip
             if p > 0.1:
                 clean.append((p, group_id))
         if clean:

@@ -38,22 +38,37 @@ from psafit.text import fixed, significant
 
 _Item = TypeVar("_Item")
 
-_POINTS, _DRAWS, _TRIALS = 16, 150, 200
-# Draws for a first glance, and proposals looked at more closely.
-_GLANCE, _CLOSER, _TOLD = 40, 12, 5
-_WINS = 3.0
-_FACTORS = (0.5, 2.0)
-# Constants closer than this, in their logarithm, are the same rig.
-_ALIKE = 0.05
-# A posterior that keeps this share of its prior's width tells little.
-_WEAK = 0.5
-# Separation from which on a proposal is worth its work: odds half as large again, a standard deviation a tenth smaller.
-_APART, _NARROWER = 0.5, 0.1
-# What a changed rig must do more than the rig as it is, as a part of it, to be worth building.
-_HARDLY = 0.1
 # Log ratios of densities count up to here: beyond, nobody doubts any more.
 CLEAR = 50.0
 _EITHER = (Drive("sine"), Drive("square"))
+
+
+@dataclass(frozen=True)
+class ProposalSettings:
+    """How proposals are simulated, and which of them are made.
+
+    Parameters
+    ----------
+    draws : int
+        Posterior draws of a model behind every forecast.
+    glance : int
+        Those of the first look at everything that the rig allows.
+    closer : int
+        Proposals looked at again with all draws.
+    trials : int
+        Simulated experiments with each model as the truth.
+    wins : float, nats
+        Log ratio from which on a simulated experiment counts as a success.
+    changed_rig : float
+        What a changed rig must do more than the rig as it is, as a part of it, to be worth building.
+    """
+
+    draws: int = 150
+    glance: int = 40
+    closer: int = 12
+    trials: int = 200
+    wins: float = 3.0
+    changed_rig: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -160,9 +175,11 @@ class NextExperiment:
     rehearsals: list[Rehearsal] | None = field(default=None, metadata=ABSENT)
 
     @classmethod
-    def of(cls, found: Sequence[Proposal], purpose: Purpose, weak: bool | None = None) -> NextExperiment:
-        """Return the best of some proposals, one that leaves the rig as it is among them."""
-        return cls(purpose.text, _first(found, _TOLD, lambda p: not p.constants), purpose, weak)
+    def of(
+        cls, found: Sequence[Proposal], purpose: Purpose, weak: bool | None = None, *, most: int = 5
+    ) -> NextExperiment:
+        """Return the best of some proposals, `most` of them, one that leaves the rig as it is among them."""
+        return cls(purpose.text, _first(found, most, lambda p: not p.constants), purpose, weak)
 
     @property
     def tells_apart(self) -> bool:
@@ -171,10 +188,22 @@ class NextExperiment:
 
     @property
     def recommended(self) -> Proposal | None:
-        """The best of the proposals, if it would do more than its estimate errs, and enough to be told."""
+        """The best of the proposals if it is worth the measurement."""
         best = next(iter(self.proposals), None)
-        least = _APART if self.tells_apart else _NARROWER
-        return best if best and best.separation - 2 * best.error > least else None
+        return best if best and self.worth_measuring(best) else None
+
+    def worth_measuring(self, proposal: Proposal, *, apart: float = 0.5, narrower: float = 0.1) -> bool:
+        """Whether a proposal does more than its estimate errs, and enough.
+
+        Parameters
+        ----------
+        proposal : Proposal
+        apart : float, nats
+            Separation from which on it is enough: odds half as large again.
+        narrower : float, nats
+            The same of a parameter to be determined: a standard deviation a tenth smaller.
+        """
+        return proposal.separation - 2 * proposal.error > (apart if self.tells_apart else narrower)
 
     def promise(self, which: int) -> str:
         """Return what one of the proposals is expected to do, in words."""
@@ -234,7 +263,13 @@ _Judgement = tuple[float, float | None, float]
 
 
 def proposals(
-    constants: Constants, groups: Sequence[Conditions], allowed: Iterable[tuple[str, tuple[float, float]]]
+    constants: Constants,
+    groups: Sequence[Conditions],
+    allowed: Iterable[tuple[str, tuple[float, float]]],
+    *,
+    points: int = 16,
+    factors: tuple[float, ...] = (0.5, 2.0),
+    same_rig: float = 0.05,
 ) -> list[Possible]:
     """Return the measurements that the rig allows: sweeps within its limits, and each changed constant.
 
@@ -245,18 +280,24 @@ def proposals(
         What is measured, or planned.
     allowed : pairs of a name and two ends
         The limits that the experiment states, if any.
+    points : int
+        Readings of a sweep.
+    factors : tuple of float
+        On the string's length and the ball's mass, where the experiment states no limits.
+    same_rig : float
+        Constants closer than this, in their logarithm, are the same rig.
     """
     # A recorded voltage is as it is: it can be played again, and to another rig.
     swept, limits = [g for g in groups if not g.drive.recorded], dict(allowed)
     again = [g for g in groups if g.drive.recorded]
     found: list[Possible] = []
-    for words, changed in _rigs(constants, limits):
+    for words, changed in _rigs(constants, limits, factors, same_rig):
         rig = replace(constants, **changed)
-        found += _sweeps(rig, swept, limits, words, changed) if swept else []
+        found += _sweeps(rig, swept, limits, words, changed, points) if swept else []
         for g in again:
             f, v = g.frequency_hz[0], g.amplitude_v[0]
-            text = f"{_POINTS} launches by the recording {g.drive.file}{words}"
-            found.append(Possible(text, Design.sweep(rig, g.drive, np.full(_POINTS, f), v), changed))
+            text = f"{points} launches by the recording {g.drive.file}{words}"
+            found.append(Possible(text, Design.sweep(rig, g.drive, np.full(points, f), v), changed))
     return list({p.text: p for p in found}.values())
 
 
@@ -266,6 +307,7 @@ def _sweeps(
     limits: Mapping[str, tuple[float, float]],
     words: str,
     changed: dict[str, float],
+    points: int,
 ) -> Iterator[Possible]:
     """Sweeps of a rig by frequency and by amplitude, within limits or the span of some groups."""
     every = Design.of(rig, groups)
@@ -287,10 +329,10 @@ def _sweeps(
         name = f"{drive.label} {drive.file}" if drive.table else drive.label
         for share in shares:
             volts = max(top * share, min(bottom, top))
-            sweep = np.geomspace(low_f, high_f, _POINTS)
+            sweep = np.geomspace(low_f, high_f, points)
             yield Possible(f"{name}, {_say(volts)} V, {span}{words}", Design.sweep(rig, drive, sweep, volts), changed)
         for at in fixed:
-            sweep = np.linspace(bottom, top, _POINTS)
+            sweep = np.linspace(bottom, top, points)
             text = f"{name}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
             yield Possible(text, Design.sweep(rig, drive, at, sweep), changed)
 
@@ -300,17 +342,19 @@ def _possible(candidate: Candidate) -> list[Possible]:
     return proposals(experiment.constants, experiment.groups, experiment.limits)
 
 
-def _rigs(constants: Constants, limits: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, dict[str, float]]]:
+def _rigs(
+    constants: Constants, limits: Mapping[str, tuple[float, float]], factors: tuple[float, ...], same: float
+) -> Iterator[tuple[str, dict[str, float]]]:
     """The rig as it is, and with each constant that can be changed as far as it can; words, and what is changed."""
     yield "", {}
     if not limits:
-        for x in _FACTORS:
+        for x in factors:
             yield f", string {x:g} times as long", {"l": constants.l * x}
-        for x in _FACTORS:
+        for x in factors:
             yield f", ball {x:g} times as heavy", {"M": constants.M * x}
     for name in (f.name for f in fields(constants) if f.name in limits):
         for end in limits[name]:
-            if abs(math.log(end / getattr(constants, name))) > _ALIKE:
+            if abs(math.log(end / getattr(constants, name))) > same:
                 yield changes_text([(name, end)]), {name: end}
 
 
@@ -318,66 +362,73 @@ def _say(value: float) -> str:
     return f"{float(f'{value:.3g}'):.6g}"
 
 
-def tell_apart(tied: Sequence[tuple[Candidate, Weighed]], *, seed: int) -> list[Proposal]:
+def tell_apart(
+    tied: Sequence[tuple[Candidate, Weighed]], *, seed: int, settings: ProposalSettings | None = None
+) -> list[Proposal]:
     """Measurements by how well they would separate two models or more; best first."""
+    settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
     possible = _possible(tied[0][0])
     forecasts: list[list[_Forecast]] = []
     # A glance at all of them, then a closer look at the best.
-    for n_draws in (_GLANCE, _DRAWS):
+    for n_draws in (settings.glance, settings.draws):
         models = [_Model.of(c, draws.resampled(n_draws), rng) for c, draws in tied]
         forecasts = [[one.forecast(p.design) for one in models] for p in possible]
-        kept = _best(possible, [_apart(each, rng)[0][0] for each in forecasts])
+        kept = _best(possible, [_apart(each, rng, settings)[0][0] for each in forecasts], settings.closer)
         possible, forecasts = [possible[k] for k in kept], [forecasts[k] for k in kept]
     found = []
     for p, each in zip(possible, forecasts, strict=True):
         # The best of several is best by luck, too: what is told of them comes from other trials.
-        judgement, apart = _apart(each, rng)
+        judgement, apart = _apart(each, rng, settings)
         ids = [list(c.ids) for c, _ in tied]
         two = itertools.combinations(range(len(tied)), 2)
         found.append(p.judged(judgement, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
-    return _worth_building(found)
+    return _worth_building(found, settings.changed_rig)
 
 
-def determine(leader: Candidate, draws: Weighed, *, seed: int) -> tuple[str, list[Proposal]]:
+def determine(
+    leader: Candidate, draws: Weighed, *, seed: int, settings: ProposalSettings | None = None
+) -> tuple[str, list[Proposal]]:
     """Measurements by how much they would narrow a weakly determined parameter, and which one that is; best first.
 
     It is the one of which a measurement can tell most.
     """
+    settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
     possible, weak = _possible(leader), weakly_determined(leader, draws)
-    model = _Model.of(leader, draws.resampled(_GLANCE), rng)
+    model = _Model.of(leader, draws.resampled(settings.glance), rng)
     falls = np.array([_narrowing(model.forecast(p.design), model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
-    possible = [possible[k] for k in _best(possible, falls[:, which])]
+    possible = [possible[k] for k in _best(possible, falls[:, which], settings.closer)]
 
     def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
         model = _Model.of(leader, rows, rng)
         found = [_narrowing(model.forecast(p.design), model.u[:, [weak[which]]]) for p in possible]
         return [p.judged((float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
 
-    every = draws.resampled(2 * _DRAWS)
-    ranked = _best(possible, [p.separation for p in judged(possible, every[::2])])
+    every = draws.resampled(2 * settings.draws)
+    ranked = _best(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
     # As above, what is told of them comes from other draws.
-    return leader.problem.names[weak[which]], _worth_building(judged([possible[k] for k in ranked], every[1::2]))
+    found = judged([possible[k] for k in ranked], every[1::2])
+    return leader.problem.names[weak[which]], _worth_building(found, settings.changed_rig)
 
 
-def _worth_building(found: list[Proposal]) -> list[Proposal]:
+def _worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
     """The same, what leaves the rig as it is first where a changed rig does hardly more."""
     # The first in rank, not the largest: what is told had no part in the ranking.
     here = next((p for p in found if not p.constants), None)
     if here is None or not found[0].constants:
         return found
     error = 2 * math.hypot(here.error, found[0].error)
-    if here.separation < found[0].separation - max(_HARDLY * found[0].separation, error):
+    if here.separation < found[0].separation - max(hardly * found[0].separation, error):
         return found
     return [here, *(p for p in found if p is not here)]
 
 
-def _best(possible: Sequence[Possible], separation: Sequence[float] | FloatArray) -> list[int]:
+def _best(possible: Sequence[Possible], separation: Sequence[float] | FloatArray, n: int) -> list[int]:
     """Indices of those worth a closer look, best first."""
     order = sorted(range(len(possible)), key=lambda k: -separation[k])
-    return _first(order, _CLOSER, lambda k: not possible[k].changed)
+    return _first(order, n, lambda k: not possible[k].changed)
 
 
 def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) -> list[_Item]:
@@ -388,24 +439,24 @@ def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) 
     return best
 
 
-def weakly_determined(leader: Candidate, draws: Weighed) -> list[int]:
-    """Indices of the physical parameters that the readings leave half as wide as the prior, or wider.
+def weakly_determined(leader: Candidate, draws: Weighed, *, share: float = 0.5) -> list[int]:
+    """Indices of the physical parameters that the readings leave a `share` as wide as the prior, or wider.
 
     If there is none, of the widest. Spreads of sessions are left aside: more sessions tell of those, not more readings.
     """
     ratio = _width_left(leader, draws)
-    return np.flatnonzero(ratio >= min(_WEAK, ratio.max())).tolist()
+    return np.flatnonzero(ratio >= min(share, ratio.max())).tolist()
 
 
-def is_weak(leader: Candidate, draws: Weighed, name: str) -> bool:
-    """Whether the readings leave a physical parameter half as wide as its prior, or wider."""
-    return bool(_width_left(leader, draws)[leader.problem.names.index(name)] >= _WEAK)
+def is_weak(leader: Candidate, draws: Weighed, name: str, *, share: float = 0.5) -> bool:
+    """Whether the readings leave a physical parameter a `share` as wide as its prior, or wider."""
+    return bool(_width_left(leader, draws)[leader.problem.names.index(name)] >= share)
 
 
-def _width_left(leader: Candidate, draws: Weighed) -> FloatArray:
+def _width_left(leader: Candidate, draws: Weighed, n_draws: int = ProposalSettings.draws) -> FloatArray:
     """What the readings leave of the priors' widths, (n_physical,); less than nothing for spreads of sessions."""
     problem = leader.problem
-    u = draws.resampled(_DRAWS)[:, : problem.n_physical]
+    u = draws.resampled(n_draws)[:, : problem.n_physical]
     q = problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim]))
     prior = 0.5 * (q[1] - q[0])[: problem.n_physical]
     hyper = {t.strength.name for t in leader.terms if t.latent}
@@ -461,27 +512,32 @@ class _Forecast:
         return np.asarray(logsumexp(each, axis=1, b=weight))
 
 
-def _apart(models: Sequence[_Forecast], rng: np.random.Generator) -> tuple[_Judgement, FloatArray]:
+def _apart(
+    models: Sequence[_Forecast], rng: np.random.Generator, settings: ProposalSettings
+) -> tuple[_Judgement, FloatArray]:
     """What a measurement does for models, whichever of them is right, and for each two of them, (n, n)."""
-    trials = [_trial(models, k, rng) for k in range(len(models))]
+    trials = [_trial(models, k, rng, settings) for k in range(len(models))]
     each = np.array([pairs for _, pairs in trials])
     return min(judgement for judgement, _ in trials), np.minimum(each, each.T)
 
 
-def _trial(models: Sequence[_Forecast], truth: int, rng: np.random.Generator) -> tuple[_Judgement, FloatArray]:
+def _trial(
+    models: Sequence[_Forecast], truth: int, rng: np.random.Generator, settings: ProposalSettings
+) -> tuple[_Judgement, FloatArray]:
     """Mean log ratio of predictive densities when one model makes the readings, how often it wins clearly, the error.
 
     Against all others together, which are equally likely; the means against each of them, (n,), come beside it.
     """
     right = models[truth]
-    chosen = rng.choice(len(right.ranges), _TRIALS, p=right.weight)
+    chosen = rng.choice(len(right.ranges), settings.trials, p=right.weight)
     readings = np.maximum(noise.draw(right.ranges[chosen], right.scatter[chosen], right.known, rng), 0.0)
     # The draw that made the readings is not among those that judge them.
     own = right.log_density(readings, chosen)
     each = own - np.array([own if m is right else m.log_density(readings) for m in models])  # (n, trials)
     ratio = math.log(len(models) - 1) - logsumexp(-np.delete(each, truth, axis=0), axis=0)
     told = np.clip(ratio, -CLEAR, CLEAR)
-    judgement = float(told.mean()), float(np.mean(ratio > _WINS)), float(told.std() / math.sqrt(_TRIALS))
+    error = float(told.std() / math.sqrt(settings.trials))
+    judgement = float(told.mean()), float(np.mean(ratio > settings.wins)), error
     return judgement, np.clip(each, -CLEAR, CLEAR).mean(axis=1)
 
 

@@ -9,12 +9,14 @@ from typing import Literal
 
 from psafit.diagnose.confusable import Alike
 from psafit.diagnose.gain import Choice, Gain
+from psafit.diagnose.influence import Influence
 from psafit.diagnose.misfit import Character, Coincidence, Statistic
 from psafit.diagnose.next_experiment import NextExperiment, Rehearsal
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.show import Corner, Drift, Growth, Line, Offset
 from psafit.diagnose.significance import Significance
+from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
@@ -123,9 +125,18 @@ class CauseResult(Brief):
         """Whether the model was sampled, and not only fitted."""
         return self.evidence.method != "Laplace"
 
+    @property
+    def strange(self) -> list[str]:
+        """Its implausible parameters, the scatter's aside."""
+        scatter = {p.name for o in OBSERVABLES for p in o.scatter}
+        return [name for name in self.implausible if name not in scatter]
+
 
 # Probability of a discrepancy without a name from which on it is told.
 _TOLD = 0.001
+
+NOT_EXCLUDED = "not excluded"
+"""What is said of a cause that does not show, where the readings leave it more than would be seen."""
 
 UNSEEN = "could not have been seen"
 """What is said of a cause of which even a plausible strength would not show."""
@@ -163,6 +174,8 @@ class ScreeningResult:
     room : float or None
         Largest change of a range, as a share of it, that the readings leave it beside the adopted model (95 %); see
         `psafit.diagnose.room`.
+    left : float or None
+        What they leave it of an effect (95 %), measured as `visible` is.
     """
 
     id: str
@@ -177,6 +190,7 @@ class ScreeningResult:
     inclusion: float
     plausible: float = math.nan
     room: float | None = None
+    left: float | None = None
 
 
 @dataclass(frozen=True)
@@ -255,6 +269,7 @@ class Tests:
     statistics: list[Statistic]
     n_simulated: int
     refit: str
+    usual_tails: float | None = field(default=None, metadata=ABSENT)
     where: list[Where] | None = field(default=None, metadata=ABSENT)
 
 
@@ -399,7 +414,6 @@ class Confusion:
 
 
 Law = Literal["carried", "energy"]
-VerdictWord = Literal["adequate", "explained", "ambiguous", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -484,6 +498,10 @@ class Diagnosis(Brief):
         How much work went into each part.
     laws : list of Broken
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
+    calibration : Calibration, optional
+        How often such a verdict is right at these conditions, where that was asked for.
+    influence : Influence, optional
+        Which readings the causes live on, where some are named.
     """
 
     _told = ("verdict", "named", "title", "quick")
@@ -520,11 +538,18 @@ class Diagnosis(Brief):
     left_out: list[str] = field(default_factory=list)
     settings: Settings = field(default_factory=Settings)
     laws: list[Broken] = field(default_factory=list)
+    calibration: Calibration | None = field(default=None, metadata=ABSENT)
+    influence: Influence | None = field(default=None, metadata=ABSENT)
 
     @property
     def leader(self) -> CauseResult | None:
         """The adopted model, where it is among the models of the record."""
         return next((c for c in self.causes if c.terms == self.named), None)
+
+    @property
+    def strange(self) -> list[str]:
+        """Parameters of what is named whose values are implausible, the scatter's aside."""
+        return self.leader.strange if self.leader and self.named else []
 
     @property
     def headline(self) -> str:
@@ -538,7 +563,8 @@ class Diagnosis(Brief):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
         n = len(self.screening)
         restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
-        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + restricted
+        strange = " (at implausible values)" if self.verdict == "explained" and self.strange else ""
+        return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + strange + restricted
 
     def table(self, folder: Path, name: str) -> Path:
         """A table of predictions, refused where somebody has changed it."""

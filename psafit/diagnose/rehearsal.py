@@ -11,7 +11,7 @@ the diagnosis does. A proposal that works leaves the model that made the reading
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import softmax
@@ -26,10 +26,27 @@ from psafit.inference.evidence import Weighed
 from psafit.inference.problem import Problem
 from psafit.simulate import Design, readings
 
-# Rehearsals for each model that may be the truth; starts from posterior draws beside the optima, and climbs of them.
-_TRIALS, _STARTS = 3, 12
-_CLIMB = ((6, 12), (24, 3))
 NEW = "the proposed sweep"
+
+
+@dataclass(frozen=True)
+class RehearsalSettings:
+    """How often experiments are simulated, and how models are fitted to them.
+
+    Parameters
+    ----------
+    trials : int
+        Simulated experiments for each model that may be the truth.
+    starts : int
+        Starts of a fit from posterior draws, beside the optima.
+    schedule : tuple of (int, int)
+        Iterations of the fit, and how many of the highest go on after them.
+    """
+
+    trials: int = 3
+    starts: int = 12
+    schedule: tuple[tuple[int, int], ...] = ((6, 12), (24, 3))
+
 
 Tied = Sequence[tuple[Candidate, Weighed]]
 # Measures, with one model as the truth: says which readings any model is then fitted to.
@@ -41,6 +58,7 @@ def repeat(
     log_prior: Sequence[float],
     *,
     seed: int,
+    settings: RehearsalSettings | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Rehearsal:
     """Measure the same conditions again in simulation, with each of some models as the truth; see `rehearse`."""
@@ -51,7 +69,9 @@ def repeat(
         again = problem.experiment.with_readings(np.maximum(made, 0.0))
         return lambda model: replace(model, experiment=again)
 
-    return _judged("the same conditions again", tied, log_prior, softmax(log_prior), measure, [seed, 31], progress)
+    return _judged(
+        "the same conditions again", tied, log_prior, softmax(log_prior), measure, [seed, 31], settings, progress
+    )
 
 
 def rehearse(
@@ -60,6 +80,7 @@ def rehearse(
     proposal: Proposal,
     *,
     seed: int,
+    settings: RehearsalSettings | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Rehearsal:
     """Measure a proposed sweep in simulation, with each of some models as the truth.
@@ -72,6 +93,7 @@ def rehearse(
         Log prior probability of each.
     proposal : Proposal
     seed : int
+    settings : RehearsalSettings, optional
     progress : callable
         Called with (rehearsals done, rehearsals).
 
@@ -90,7 +112,7 @@ def rehearse(
         return with_it
 
     before = softmax([w.log_evidence + p for (_, w), p in zip(tied, log_prior, strict=True)])
-    return _judged(proposal.text, tied, log_prior, before, measure, [seed, 23], progress)
+    return _judged(proposal.text, tied, log_prior, before, measure, [seed, 23], settings, progress)
 
 
 def _judged(
@@ -100,24 +122,26 @@ def _judged(
     before: FloatArray,
     measure: _Measure,
     stream: list[int],
+    settings: RehearsalSettings | None,
     progress: Callable[[int, int], None],
 ) -> Rehearsal:
     """Fit all models to what each of them makes in turn."""
+    settings = settings or RehearsalSettings()
     truth, after, first = [], [], 0
     for k, (candidate, own) in enumerate(tied):
-        for trial in range(_TRIALS):
-            progress(_TRIALS * k + trial, _TRIALS * len(tied))
+        for trial in range(settings.trials):
+            progress(settings.trials * k + trial, settings.trials * len(tied))
             rng = np.random.default_rng([*stream, k, trial])
             measured = measure(candidate, own, rng)
             # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
             height = [
-                d.log_evidence + _climbed(measured(c.problem), c, d, rng).laplace_apart - c.laplace_apart + p
+                d.log_evidence + _climbed(measured(c.problem), c, d, rng, settings).laplace_apart - c.laplace_apart + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))
             after.append(float(softmax(height)[k]))
             first += int(np.argmax(height) == k)
-    return Rehearsal(what, truth, np.repeat(before, _TRIALS).tolist(), after, first)
+    return Rehearsal(what, truth, np.repeat(before, settings.trials).tolist(), after, first)
 
 
 def _drawn(draws: Weighed, n: int, rng: np.random.Generator) -> FloatArray:
@@ -138,10 +162,13 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     return Group(NEW, drive, "", frequency, voltage, read, changed=changed, sigma=known, measured=measured)
 
 
-def _climbed(problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator) -> Candidate:
+def _climbed(
+    problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator, settings: RehearsalSettings
+) -> Candidate:
     """A model fitted to other readings, from its optima and draws of its posterior."""
-    known = np.vstack([candidate.modes, _drawn(draws, _STARTS, rng)])
+    known = np.vstack([candidate.modes, _drawn(draws, settings.starts, rng)])
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))
     starts[:, shared] = known
-    return candidate_of(problem, ascend(problem, starts, schedule=_CLIMB, still_below=FitSettings.enough, unite=True))
+    found = ascend(problem, starts, schedule=settings.schedule, still_below=FitSettings.enough, unite=True)
+    return candidate_of(problem, found)

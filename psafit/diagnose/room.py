@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import logsumexp
 
@@ -12,8 +14,24 @@ from psafit.physics.term import Term
 from psafit.validate import OFFSET_UM
 
 
-def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 128, limit: float = 0.95) -> float | None:
-    """Return the largest change of a launch range, as a share of it, that a cause may make beside what is adopted.
+@dataclass(frozen=True)
+class Room:
+    """What the readings leave a cause.
+
+    Parameters
+    ----------
+    share : float
+        Largest change of a reading, as a share of it.
+    size : float
+        Of its effect on all readings, in standard deviations of their scatter, less what a refit takes up.
+    """
+
+    share: float
+    size: float
+
+
+def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 128, limit: float = 0.95) -> Room | None:
+    """Return what a cause may do beside what is adopted.
 
     The model with the cause was fitted by the search as a neighbour of the adopted one. What draws of its posterior
     predict is compared with what the adopted model does, less what its parameters could do in the cause's place, at the
@@ -35,7 +53,7 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
 
     Returns
     -------
-    float or None
+    Room or None
         None where the model was not fitted, as of a set that is as large as a search goes, or no draw is possible.
     """
     larger = {*adopted, term.id}
@@ -52,6 +70,7 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
     log_weight = heights(problem, u, predicted, problem.observed) - proposal.log_density(u)
     weights = np.exp(log_weight - logsumexp(log_weight))
     plain = ladder.of(adopted)
-    effect = plain.beside(predicted - plain.predicted) * plain.scatter
-    largest = np.max(np.abs(effect) / (plain.predicted + OFFSET_UM), axis=1)
-    return float(quantiles(largest, weights, [limit])[0])
+    effect = plain.beside(predicted - plain.predicted)
+    size = np.linalg.norm(effect, axis=1)
+    largest = np.max(np.abs(effect) * plain.scatter / (plain.predicted + OFFSET_UM), axis=1)
+    return Room(*(float(quantiles(each, weights, [limit])[0]) for each in (largest, size)))

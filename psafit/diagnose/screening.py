@@ -36,19 +36,43 @@ from psafit.parameters import Parameter
 from psafit.physics.term import Term
 from psafit.simulate.sensitivity import plausible
 
-_QUANTILES = (0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
-_ITERATIONS = 12
-# Between quantiles whose gains differ by more than this (nats), the better of them this near the best, another one is
-# tried, so many times: a cause that acts by thresholds helps in a narrow range only.
-_STEEP, _PROMISING, _HALVINGS, _MOST_HALVED = 3.0, 15.0, 9, 3
 # Whitened size of a plausible effect, after the refit, below which a cause could not have been seen: power of one half
 # for a gain of two and a half standard deviations.
 VISIBLE = 2.5
-# Readings of scatter alone, and how often it may gain so much.
-_SIMULATED, _CHANCE = 400, 0.05
 # Gain (nats) from which a cause counts as explaining part of the misfit alone, if luck does not gain as much: ln 20,
 # odds of twenty to one.
 PRESENT = 3.0
+
+
+@dataclass(frozen=True)
+class ScreenSettings:
+    """Which strengths of a cause are tried, and against how much luck.
+
+    Parameters
+    ----------
+    quantiles : tuple of float
+        Strengths tried first, as quantiles of the prior.
+    iterations : int
+        Of a refit in the expansion.
+    steep, promising : float, nats
+        Between quantiles whose gains differ by more than `steep`, the better of them within `promising` of the best,
+        another one is tried: a cause that acts by thresholds helps in a narrow range only.
+    halvings, most_halved : int
+        Rounds of such trials, and trials in each.
+    n_simulated : int
+        Readings of scatter alone.
+    chance : float
+        How often they may gain as much as `Screened.chance`.
+    """
+
+    quantiles: tuple[float, ...] = (0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
+    iterations: int = 12
+    steep: float = 3.0
+    promising: float = 15.0
+    halvings: int = 9
+    most_halved: int = 3
+    n_simulated: int = 400
+    chance: float = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,20 +113,32 @@ def extended(problem: Problem, term: Term, catalogue: Sequence[Term]) -> Problem
     return replace(problem, terms=tuple(t for t in catalogue if t in (*problem.terms, term)))
 
 
-def screen(candidate: Candidate, catalogue: Sequence[Term]) -> list[Screened]:
+def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSettings | None = None) -> list[Screened]:
     """Screen the causes that a fitted model does not have yet, in the catalogue's order."""
+    settings = settings or ScreenSettings()
     # An optimum at the edge of a jump is none of its expansion, which goes on uphill with any cause or none.
     alone = ascend_linearly(
         candidate.problem, candidate.modes[:1], candidate.predicted[None], candidate.relative_slope,
-        iterations=_ITERATIONS,
+        iterations=settings.iterations,
     )  # fmt: skip
     top = float(alone.height[0])
-    scatter = candidate.scatter * np.random.default_rng(0).standard_normal((_SIMULATED, candidate.predicted.size))
+    scatter = candidate.scatter * np.random.default_rng(0).standard_normal(
+        (settings.n_simulated, candidate.predicted.size)
+    )
     nothing = candidate.beside(scatter)
-    return [_screen(candidate, top, nothing, term, catalogue) for term in catalogue if term not in candidate.terms]
+    return [
+        _screen(candidate, top, nothing, term, catalogue, settings) for term in catalogue if term not in candidate.terms
+    ]
 
 
-def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, catalogue: Sequence[Term]) -> Screened:
+def _screen(
+    candidate: Candidate,
+    top: float,
+    nothing: FloatArray,
+    term: Term,
+    catalogue: Sequence[Term],
+    settings: ScreenSettings,
+) -> Screened:
     """One cause beside a model whose own expansion ends at a height `top`; `nothing` is simulated scatter."""
     large = extended(candidate.problem, term, catalogue)
     at, shared = candidate.within(large)
@@ -123,16 +159,16 @@ def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, c
             slope[:, i] = (found[k] - found[0]) / (0.1 * found[0])
         moved = [candidate.beside((found[k] - found[0]) / 0.1) for k in range(1, 1 + len(latent))]
         np.maximum(luck, _luck(candidate.beside(found[0] - candidate.predicted), moved, nothing), out=luck)
-        end = ascend_linearly(large, rows, found[0], slope, frozen=own, iterations=_ITERATIONS)
+        end = ascend_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
         gain = end.height - prior - neutral - top
         return np.where(np.isfinite(gain), gain, -1e3)
 
-    q = np.array(_QUANTILES)
+    q = np.array(settings.quantiles)
     gain = refitted(q)
-    for _ in range(_HALVINGS):
-        between = _unclear(*_with_neutral(term.strength, q, gain))
+    for _ in range(settings.halvings):
+        between = _unclear(*_with_neutral(term.strength, q, gain), settings)
         if not between.size:
             break
         more = refitted(between)
@@ -149,7 +185,7 @@ def _screen(candidate: Candidate, top: float, nothing: FloatArray, term: Term, c
         strength=term.strength.to_physical(term.strength.prior_quantile(q)),
         gain=gain,
         log_bayes=float(logsumexp(gains, b=share)),
-        chance=float(np.quantile(luck, 1 - _CHANCE)),
+        chance=float(np.quantile(luck, 1 - settings.chance)),
         visible=float(np.linalg.norm(candidate.beside(large.predict(shown[None]) - candidate.predicted))),
     )
 
@@ -194,9 +230,9 @@ def _with_neutral(strength: Parameter, q: FloatArray, gain: FloatArray) -> tuple
     return np.insert(q, place, neutral), np.insert(gain, place, 0.0)
 
 
-def _unclear(q: FloatArray, gain: FloatArray) -> FloatArray:
+def _unclear(q: FloatArray, gain: FloatArray, settings: ScreenSettings) -> FloatArray:
     """Quantiles half way between neighbours whose gains differ so much that more may hide there than at either."""
     end = np.maximum(gain[1:], gain[:-1])
-    wanted = np.flatnonzero((np.abs(np.diff(gain)) > _STEEP) & (end > gain.max() - _PROMISING))
-    wanted = wanted[np.argsort(-end[wanted], kind="stable")[:_MOST_HALVED]]
+    wanted = np.flatnonzero((np.abs(np.diff(gain)) > settings.steep) & (end > gain.max() - settings.promising))
+    wanted = wanted[np.argsort(-end[wanted], kind="stable")[: settings.most_halved]]
     return np.asarray(0.5 * (q[wanted] + q[wanted + 1]))

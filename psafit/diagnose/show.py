@@ -33,19 +33,6 @@ from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.validate import without_each
 
-# Readings of a window, and standard errors of its slope to either end of a 90 % interval.
-_WINDOW = 9
-_WIDE = float(t.ppf(0.95, _WINDOW - 2))
-# Readings that two lines are drawn through at least, on either side of a corner at least, and places tried for it.
-_CORNERED, _BESIDE, _PLACES = 12, 3, 200
-# Readings whose median tells how large they are there; logarithms of those with more absolute scatter err downwards.
-_NEIGHBOURS, _CLEAR = 5, 0.3
-# Log likelihood (nats) by which two lines must do better than one: the best of all places gains 6 by chance in one or
-# two sweeps of a hundred.
-_BENT = 6.0
-_KNOTS = 4
-_SORTED = 0.9
-
 
 @dataclass(frozen=True)
 class Growth:
@@ -202,21 +189,22 @@ def offsets(candidate: Candidate) -> list[Offset]:
     return result
 
 
-def growth(candidate: Candidate) -> list[Growth]:
-    """Exponents of all sweeps of a fit's groups."""
+def growth(candidate: Candidate, *, window: int = 9) -> list[Growth]:
+    """Exponents of all sweeps of a fit's groups, by straight lines through so many neighbours."""
+    wide = float(t.ppf(0.95, window - 2))  # standard errors to either end of a 90 % interval
     result = []
     for group_id, variable, x, y, p, relative in _logarithms(candidate):
         found = Growth(group_id, variable, [], [], [], [], [])
-        for k in range(0, x.size - _WINDOW + 1):
-            part = slice(k, k + _WINDOW)
+        for k in range(0, x.size - window + 1):
+            part = slice(k, k + window)
             if np.ptp(x[part]) < 0.1:
                 continue
             slope, error = _line(x[part], y[part], relative[part])
             modelled, _ = _line(x[part], p[part], relative[part])
             found.at.append(float(np.exp(x[part].mean())))
             found.measured.append(slope)
-            found.lower.append(slope - _WIDE * error)
-            found.upper.append(slope + _WIDE * error)
+            found.lower.append(slope - wide * error)
+            found.upper.append(slope + wide * error)
             found.simulated.append(modelled)
         result.append(found)
     return result
@@ -238,23 +226,52 @@ def _logarithms(
         yield group_id, variable, np.log(values[usable]), np.log(y[usable]), np.log(p[usable]), relative
 
 
-def corners(candidate: Candidate) -> list[Corner]:
+@dataclass(frozen=True)
+class CornerSettings:
+    """Where corners are looked for, and what counts as one.
+
+    Parameters
+    ----------
+    fewest, beside : int
+        Readings that two lines are drawn through at least, and those on either side of a corner.
+    places : int
+        Places tried for it.
+    neighbours : int
+        Readings whose median says how large they are there.
+    clear : float
+        Readings with more absolute scatter than this, relative to that median, are left out: their logarithms err
+        downwards.
+    bent : float, nats
+        Log likelihood by which two lines must do better than one: the best of all places gains 6 by chance in one or
+        two sweeps of a hundred.
+    """
+
+    fewest: int = 12
+    beside: int = 3
+    places: int = 200
+    neighbours: int = 5
+    clear: float = 0.3
+    bent: float = 6.0
+
+
+def corners(candidate: Candidate, settings: CornerSettings | None = None) -> list[Corner]:
     """Corners of the sweeps in which the readings or the predictions have one."""
+    s = settings or CornerSettings()
     result = []
     for group_id, variable, x, y, p, relative in _logarithms(candidate):
         # By its neighbours, since a reading weighed by itself counts more where it errs upwards.
-        usual = median_filter(y, _NEIGHBOURS, mode="nearest")
+        usual = median_filter(y, s.neighbours, mode="nearest")
         relative = relative * np.exp(y - usual)
-        clear = noise.columns(candidate.noise)[1][0, 0] < _CLEAR * np.exp(usual)
+        clear = noise.columns(candidate.noise)[1][0, 0] < s.clear * np.exp(usual)
         x, y, p, relative = x[clear], y[clear], p[clear], relative[clear]
-        if x.size < _CORNERED or x[-_BESIDE] - x[_BESIDE - 1] < 0.1:
+        if x.size < s.fewest or x[-s.beside] - x[s.beside - 1] < 0.1:
             continue
-        places = np.linspace(x[_BESIDE - 1], x[-_BESIDE], _PLACES)
+        places = np.linspace(x[s.beside - 1], x[-s.beside], s.places)
         weight = 1 / relative
         alone, left, exponents = _two_lines(x, y, weight, places)
         best = int(np.argmin(left))
         corner = Corner(group_id, variable, None, None, None, None, None, None)
-        if left[best] > 0 and 0.5 * x.size * np.log(alone / left[best]) > _BENT:
+        if left[best] > 0 and 0.5 * x.size * np.log(alone / left[best]) > s.bent:
             near = places[left <= left[best] * (1 + f.ppf(0.9, 1, x.size - 4) / (x.size - 4))]
             between = places[1] - places[0]
             middle, low, high = np.exp([places[best], near[0] - between, near[-1] + between]).tolist()
@@ -262,7 +279,7 @@ def corners(candidate: Candidate) -> list[Corner]:
         # With these readings' own scatter the corner of the predictions would have to be seen.
         of_one, of_two, modelled = _two_lines(x, p, weight, places)
         there = int(np.argmin(of_two))
-        if 0.5 * x.size * np.log((of_one + left[best]) / max(of_two[there] + left[best], 1e-300)) > _BENT:
+        if 0.5 * x.size * np.log((of_one + left[best]) / max(of_two[there] + left[best], 1e-300)) > s.bent:
             corner = replace(corner, simulated=float(np.exp(places[there])), simulated_exponents=modelled[there])
         if corner.measured is not None or corner.simulated is not None:
             result.append(corner)
@@ -297,8 +314,17 @@ def _line(x: FloatArray, y: FloatArray, sd: FloatArray) -> tuple[float, float]:
     return slope, float(np.sqrt(variance))
 
 
-def drift(candidate: Candidate) -> list[Drift]:
-    """What each parameter's drift along each covariate would gain, the most first."""
+def drift(candidate: Candidate, *, knots: int = 4, in_order: float = 0.9) -> list[Drift]:
+    """What each parameter's drift along each covariate would gain, the most first.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    knots : int
+        Of the piecewise linear drift, its ends among them.
+    in_order : float
+        Rank correlation of the places in a sweep and in the file from which on the sweep was read from end to end.
+    """
     problem = candidate.problem
     nu = noise.columns(candidate.noise)[2][0]
     z = (problem.observed - candidate.predicted) / candidate.scatter
@@ -313,12 +339,12 @@ def drift(candidate: Candidate) -> list[Drift]:
         "range": np.log(candidate.predicted * problem.per_um + 0.05),
     }
     # Sweeps that were read from one end to the other do not tell the time from what was swept.
-    if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < _SORTED:
+    if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < in_order:
         covariates["order"] = in_session(design)
     # A weak prior keeps directions that the readings leave open at rest.
     rest, _ = _solve(known, target)
     result = []
-    hats = {name: _hats(x) for name, x in covariates.items() if np.ptp(x) >= 0.1}
+    hats = {name: _hats(x, knots) for name, x in covariates.items() if np.ptp(x) >= 0.1}
     if np.ptp(design.kinds):
         hats["waveform"] = np.eye(design.kinds.max() + 1)[design.kinds]
     for i in range(problem.n_model):
@@ -333,10 +359,10 @@ def drift(candidate: Candidate) -> list[Drift]:
     return sorted(result, key=lambda d: -d.gain)
 
 
-def _hats(x: FloatArray) -> FloatArray:
+def _hats(x: FloatArray, n: int) -> FloatArray:
     """Piecewise linear functions of a covariate, (n_points, n_knots): a hat on each knot."""
-    knots = np.linspace(x.min(), x.max(), _KNOTS)
-    return np.array([np.interp(x, knots, np.eye(_KNOTS)[k]) for k in range(_KNOTS)]).T
+    knots = np.linspace(x.min(), x.max(), n)
+    return np.array([np.interp(x, knots, np.eye(n)[k]) for k in range(n)]).T
 
 
 def _sorted(places: NDArray[np.intp]) -> float:

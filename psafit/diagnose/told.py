@@ -12,6 +12,7 @@ from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import Coincidence, Misfit, Place, numbered
 from psafit.diagnose.record import (
     NEAREST,
+    NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
     Evidence,
@@ -26,7 +27,7 @@ from psafit.diagnose.record import (
     Where,
 )
 from psafit.diagnose.robustness import Robustness
-from psafit.diagnose.room import room
+from psafit.diagnose.room import Room, room
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.verdict import Verdict
 from psafit.experiment import GroupId
@@ -62,7 +63,6 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     problem = candidate.problem
     found = ladder.weighed.get(candidate.ids)
     parameters: dict[str, ParameterResult] = {}
-    implausible = []
     values = problem.to_physical(found.draws) if found else problem.to_physical(candidate.modes[:1])
     quantiles = found.quantiles(values, (0.05, 0.5, 0.95)) if found else None
     for i, p in enumerate(problem.parameters):
@@ -72,9 +72,6 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
             lower, median, upper = (float(q) for q in quantiles[:, i])
             ends = [lower, upper]
         parameters[p.name] = ParameterResult(median, ends[0], ends[1], p.unit, p.description, p.prior_share(median))
-        # The scatter, too: one far above its prior hides a misfit.
-        if (i < problem.n_physical or i >= problem.n_model) and p.is_implausible(median):
-            implausible.append(p.name)
     evidence = Evidence(
         log_evidence=ladder.log_evidence[candidate.ids],
         over_baseline=ladder.log_evidence[candidate.ids] - ladder.log_evidence[()],
@@ -89,7 +86,10 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
             prior_width=_sensitivity(candidate, found),
         )  # fmt: skip
     ids = verdict.named if set(candidate.ids) == set(verdict.named) else candidate.ids
-    return CauseResult(list(ids), verdict.probability[candidate.ids], parameters, evidence, implausible)
+    medians = np.array([parameters[name].median for name in problem.names])
+    return CauseResult(
+        list(ids), verdict.probability[candidate.ids], parameters, evidence, problem.implausible(medians)
+    )
 
 
 def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
@@ -123,28 +123,35 @@ def screening_of(
     adopted, found = () if verdict.verdict == "adequate" else ladder.leader.ids, []
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
+        left = None if s.term.id in adopted else room(ladder, adopted, s.term, seed=seed)
         found.append(
             ScreeningResult(
                 s.term.id,
-                _word(s, ladder, verdict),
+                _word(s, ladder, verdict, left),
                 float(s.gain[s.best]), ladder.gain((s.term.id,)), s.chance, s.log_bayes,
                 float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
                 plausible(s.term)[0],
-                None if s.term.id in adopted else room(ladder, adopted, s.term, seed=seed),
+                None if left is None else left.share,
+                None if left is None else left.size,
             )
         )  # fmt: skip
     return sorted(found, key=lambda s: -s.refit_gain)
 
 
-def _word(found: Screened, ladder: Ladder, verdict: Verdict) -> str:
-    """What the whole ladder says of one cause; the refit knows better than the expansion what it can do."""
+def _word(found: Screened, ladder: Ladder, verdict: Verdict, left: Room | None) -> str:
+    """What the whole ladder says of one cause; the refit knows better than the expansion what it can do.
+
+    Not present is what would have been seen, and has less `left` to it than what would be.
+    """
     if verdict.named and verdict.inclusion.get(found.term.id, 0.0) > 0.5:
         return "present" if verdict.verdict != "unexplained" else NEAREST
     if any(found.term.id in ids for ids in verdict.alternatives):
         return "as good"
     if ladder.gain((found.term.id,)) >= max(PRESENT, found.chance):
         return "explains part alone"
-    return "not present" if found.visible >= VISIBLE else UNSEEN
+    if found.visible < VISIBLE:
+        return UNSEEN
+    return "not present" if left is not None and left.size < VISIBLE else NOT_EXCLUDED
 
 
 def _tests(misfit: Misfit, candidate: Candidate, where: list[Where] | None = None) -> Tests:
@@ -158,6 +165,7 @@ def _tests(misfit: Misfit, candidate: Candidate, where: list[Where] | None = Non
         statistics=list(misfit.statistics),
         n_simulated=misfit.n_simulated,
         refit=misfit.refit,
+        usual_tails=misfit.usual_tails,
         where=where,
     )
 

@@ -1,6 +1,7 @@
 r"""From the ladder, the tests and the leftover to a verdict.
 
-* ``adequate``: the family of tests finds nothing, and the baseline keeps at least one chance in twenty.
+* ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
+  keeps at least one chance in twenty.
 * ``explained``: one set of causes has 95 % of what the catalogue's sets have together, the tests find nothing left
   once it is adopted, and its fit breaks no law that holds whatever the causes are (`psafit.diagnose.laws`). That no
   other set does as well is said only where those that were not sampled have less than a hundredth of the probability
@@ -20,12 +21,10 @@ from dataclasses import dataclass
 
 from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.misfit import ALPHA, Misfit
-from psafit.diagnose.record import Broken, VerdictWord
+from psafit.diagnose.record import Broken
+from psafit.diagnose.trials import VerdictWord
 from psafit.model_search import Ids, Ladder
 from psafit.model_search.ladder import CREDIBLE
-
-UNNAMED = 0.1
-"""Prior probability that something is wrong which no cause of the catalogue describes."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,7 @@ def conclude(
     left: Leftover,
     bare: Leftover,
     laws: Sequence[Broken] = (),
+    prior_unnamed: float = 0.1,
 ) -> Verdict:
     """Draw the conclusion.
 
@@ -80,8 +80,10 @@ def conclude(
         Of the leader, and of the baseline.
     laws : sequence of Broken
         Laws that the leader breaks.
+    prior_unnamed : float
+        Prior probability of a discrepancy beside any model.
     """
-    beside, instead = _odds(ladder, left, bare)
+    beside, instead = _odds(ladder, left, bare, prior_unnamed)
     unnamed = (beside + instead) / (1 + beside + instead)
     probability = {ids: p * (1 - unnamed) * (1 - ladder.missed) for ids, p in ladder.probability.items()}
     inclusion: dict[str, float] = {}
@@ -90,7 +92,7 @@ def conclude(
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
     nothing, mostly_unnamed = ladder.probability[()], unnamed > 0.5
-    if not before.wrong and nothing >= 1 - CREDIBLE and not mostly_unnamed:
+    if before.sound and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         return Verdict("adequate", (), (), probability, unnamed, inclusion)
     best = ladder.leader.ids
     if not best:  # something is wrong, and no cause helps
@@ -105,12 +107,12 @@ def conclude(
     return Verdict("unexplained" if laws else "explained", named, (), probability, unnamed, inclusion)
 
 
-def _odds(ladder: Ladder, left: Leftover, bare: Leftover) -> tuple[float, float]:
+def _odds(ladder: Ladder, left: Leftover, bare: Leftover, probability: float) -> tuple[float, float]:
     """Odds of a discrepancy without a name, beside the causes and in their place; it has a part of each model's prior.
 
     Beside all models but the baseline the evidence of it beside the leader stands for all.
     """
-    prior, best = UNNAMED / (1 - UNNAMED), ladder.leader.ids
+    prior, best = probability / (1 - probability), ladder.leader.ids
     if not best:
         return prior * math.exp(min(left.log_bayes, 700.0)), 0.0
     worth = {ids: value + ladder.log_prior(ids) for ids, value in ladder.log_evidence.items()}

@@ -17,7 +17,7 @@ from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference.ascent import Ascent, Effort, ascend, expansion, heights, slopes
 from psafit.inference.evolution import evolved
-from psafit.inference.optimise import starts_of, widened
+from psafit.inference.optimise import joined_values, starts_of, widened
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
@@ -202,9 +202,15 @@ class Candidate:
         at[shared] = self.modes[0]
         return at, shared
 
+    def placed(self, problem: Problem, n_modes: int = 1) -> FloatArray:
+        """The best modes in the coordinates of a model with other causes, which are at neutral values; (n, n_dim)."""
+        known = [dict(zip(self.problem.names, self.problem.to_physical(u), strict=True)) for u in self.modes[:n_modes]]
+        return np.array([joined_values(problem, values) for values in known])
+
     def widened(self, problem: Problem, n_modes: int = 1) -> list[FloatArray]:
-        """Starts for a model with other causes from the best modes; see `psafit.inference.optimise.widened`."""
-        return [widened(problem, self.problem.to_physical(u), self.problem.names) for u in self.modes[:n_modes]]
+        """Starts for a model with more causes from the best modes; see `psafit.inference.optimise.widened`."""
+        new = [t for t in problem.terms if t.id not in self.ids]
+        return [widened(problem, u, new) for u in self.placed(problem, n_modes)]
 
 
 def thinned(experiment: Experiment, every: int) -> Experiment:
@@ -265,7 +271,7 @@ def fit(
         starts, n_drawn = starts_of(trial, seed, most, draws)
         end = ascend(problem, starts, schedule=s.thorough, unite=True)
         return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
-    rows = [r for c in nested for r in c.widened(problem, 2)]
+    rows = [r for c in nested for r in c.widened(trial, 2)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
@@ -322,7 +328,12 @@ def built_up(
 
 def refitted(problem: Problem, like: Candidate) -> Candidate:
     """The same model on fewer groups, climbed from where it was."""
-    return candidate_of(problem, ascend(problem, like.widened(problem)[0][:1], still_below=FitSettings.enough))
+    return climbed(problem, like.placed(problem))
+
+
+def climbed(problem: Problem, starts: FloatArray) -> Candidate:
+    """A model optimised from some starts, (n, n_dim) in sampling coordinates."""
+    return candidate_of(problem, ascend(problem, starts, still_below=FitSettings.enough))
 
 
 def _across_steps(problem: Problem, end: Ascent, s: FitSettings) -> Ascent:

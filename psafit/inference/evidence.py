@@ -31,8 +31,6 @@ from psafit.physics import baseline
 TRUSTED = 0.7
 """Pareto's k up to which importance sampling is trusted (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72)."""
 
-# Draws below which it has hardly begun, and what an evidence may be off by (nats) in either case: seen in longer runs.
-_FEW, _DOUBTS = 30.0, (2.0, 5.0)
 Region = Callable[[FloatArray], NDArray[np.bool_]]
 """Which rows of coordinates lie in it."""
 
@@ -124,9 +122,22 @@ class Weighed:
     @property
     def doubt(self) -> float:
         """Standard error of the log evidence; nats where the weights' tail makes that error meaningless."""
+        return self.standard_error()
+
+    def standard_error(self, *, few: float = 30.0, begun: float = 2.0, hardly: float = 5.0) -> float:
+        """Standard error of the log evidence, nats.
+
+        Parameters
+        ----------
+        few : float
+            Effective draws below which importance sampling has hardly begun.
+        begun, hardly : float, nats
+            What an evidence may be off by where the weights' tail makes the usual error meaningless, with more
+            effective draws and with fewer: seen in longer runs.
+        """
         if self.pareto_k < TRUSTED:
             return self.error
-        return max(self.error, _DOUBTS[int(self.effective < _FEW)])
+        return max(self.error, hardly if self.effective < few else begun)
 
     def quantiles(self, values: FloatArray, q: Sequence[float]) -> FloatArray:
         """Weighted quantiles of `values` (n, ...) along the first axis; (len(q), ...)."""

@@ -44,7 +44,7 @@ sampler 63 and 30. `null`, a search where nothing is hidden, is half of one that
 docs/challenge.md; `nautilus` is a guess. (Measured with the search of version 0.1.0.) The searches are measured within
 the run before any of this is used.
 """
-COUNTED = ("sample", "profile", "significance")
+COUNTED = ("sample", "profile", "significance", "calibration")
 """Stages whose counts run from nought to the end."""
 
 PROGRESS = "progress.json"

@@ -22,9 +22,6 @@ from psafit.parameters import Parameter
 PARAMETERS: tuple[Parameter, ...] = LAUNCH_RANGE.scatter
 """Those of launch ranges; other observables have their own (`psafit.observables.Observable.scatter`)."""
 
-# A relative scatter so many times its lower bound is at it.
-_AT_LEAST = 1.1
-
 
 def columns(noise: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """sigma_rel, sigma_abs and nu, (n_sets, 1) or (n_sets, n_points) each, of what `scale` takes."""
@@ -48,9 +45,12 @@ def scale(predicted: FloatArray, noise: FloatArray, known: FloatArray | None) ->
     return np.sqrt(variance if known is None else variance + known**2)
 
 
-def at_least(noise: FloatArray) -> NDArray[np.bool_]:
-    """Where the relative scatter is as small as it may be: what is left is below what any rig repeats to; (n_sets,)."""
-    return np.asarray((columns(noise)[0] <= _AT_LEAST * PARAMETERS[0].bounds.lower).all(axis=1))
+def at_least(noise: FloatArray, margin: float = 1.1) -> NDArray[np.bool_]:
+    """Where the relative scatter is as small as it may be, to a factor; (n_sets,).
+
+    What is left is then below what any rig repeats to.
+    """
+    return np.asarray((columns(noise)[0] <= margin * PARAMETERS[0].bounds.lower).all(axis=1))
 
 
 def log_density(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:

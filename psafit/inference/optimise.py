@@ -10,18 +10,46 @@ from __future__ import annotations
 import math
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import lmfit
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
 from psafit.inference import noise
+from psafit.inference.ascent import heights
 from psafit.inference.problem import Problem
+from psafit.parameters import Parameter
 from psafit.physics import baseline
+from psafit.physics.term import Term
+
+
+@dataclass(frozen=True)
+class ScanSettings:
+    """How a strength is scanned.
+
+    Parameters
+    ----------
+    halvings : int
+        Steps, each half of the last, from a bound to the neutral value.
+    between : int
+        Parts of a halving at which it goes on about the best.
+    strengths : int
+        Strengths chosen at each side of the neutral value, in even ratios of what they do.
+    least : float
+        What the least of them does: the root mean square by which the readings move, in standard deviations of their
+        scatter.
+    """
+
+    halvings: int = 24
+    between: int = 4
+    strengths: int = 5
+    least: float = 0.1
 
 
 def _finite(x: FloatArray, worst: float = 1e12) -> FloatArray:
@@ -115,7 +143,14 @@ def _scatter(
 
 
 def starts_of(
-    problem: Problem, seed: int, n_starts: int, n_draws: int, known: FloatArray | None = None, *, apart: float = 0.25
+    problem: Problem,
+    seed: int,
+    n_starts: int,
+    n_draws: int,
+    known: FloatArray | None = None,
+    *,
+    apart: float = 0.25,
+    halvings: int = ScanSettings.halvings,
 ) -> tuple[FloatArray, int]:
     """Starts: the best of many draws of the prior, no two of them close.
 
@@ -139,12 +174,19 @@ def starts_of(
     power = math.ceil(math.log2(n_draws))
     quantiles = qmc.Sobol(problem.n_dim, rng=np.random.default_rng(seed)).random_base2(power)
     draws = problem.prior_transform(np.clip(quantiles, 1e-3, 1 - 1e-3))
-    n = problem.n_model
-    # Data may want a cause where its prior hardly goes: half of the draws of each such parameter span its bounds.
+    n, rows = problem.n_model, np.arange(len(draws))
+    # Data may want a cause where its prior hardly goes: a third of the draws of each strength approach its neutral
+    # value from its bounds by halves, and a third, of any other parameter half, span the bounds.
+    scanned = {t.strength.name for t in problem.terms}
     for i in range(len(baseline.PARAMETERS), problem.n_physical):
-        q, (low, high) = quantiles[:, i], problem.bounds[i]
-        prior = problem.parameters[i].prior_quantile(np.clip(2 * q, 1e-3, 1 - 1e-3))
-        draws[:, i] = np.where(q < 0.5, prior, low + np.clip(2 * q - 1, 1e-3, 1 - 1e-3) * (high - low))
+        p, of = problem.parameters[i], 3 if problem.parameters[i].name in scanned else 2
+        which, there = np.divmod(quantiles[:, i] * of, 1.0)
+        there = np.clip(there, 1e-3, 1 - 1e-3)
+        drawn = [p.prior_quantile(there), problem.bounds[i, 0] + there * np.ptp(problem.bounds[i])]
+        if of == 3:
+            sides = halved(p, halvings * there)
+            drawn.append(np.where(rows % len(sides), sides[-1], sides[0]))
+        draws[:, i] = np.choose(which.astype(int), drawn)
     if known is not None and len(known):
         rng = np.random.default_rng([seed, 5])
         crossed = np.flatnonzero(np.arange(len(draws)) % 4)
@@ -170,61 +212,123 @@ def starts_of(
             rank[tuple(quarter[k])] += 1
         half = np.argsort(place[left], kind="stable")
         left = np.array([k for pair in zip(left, left[half], strict=True) for k in pair])
+    left = left[np.isfinite(height[left])]
+    return draws[_far_apart(draws[:, :n], width, left, n_starts, apart)], len(draws)
+
+
+def _far_apart(places: FloatArray, width: FloatArray, ranked: NDArray[np.intp], n: int, apart: float) -> list[int]:
+    """The first `n` by rank that lie far apart; where that does not yield enough, closer."""
     chosen: list[int] = []
-    # Far apart first; where that does not yield enough starts, closer.
     for distance in (apart, 0.5 * apart, 0.0):
-        for k in left:
-            if len(chosen) == n_starts:
+        for k in ranked.tolist():
+            if len(chosen) == n:
                 break
-            if k in chosen or not np.isfinite(height[k]):
-                continue
-            if all(np.abs((draws[k, :n] - draws[c, :n]) / width).max() > distance for c in chosen):
-                chosen.append(int(k))
-    return draws[chosen], len(draws)
+            if k not in chosen and all(np.abs((places[k] - places[c]) / width).max() > distance for c in chosen):
+                chosen.append(k)
+    return chosen
 
 
-def widened(
-    problem: Problem,
-    nested: FloatArray,
-    names: Sequence[str],
-    strengths: Sequence[float] = (0.05, 0.25, 0.5, 0.75, 0.95),
-) -> FloatArray:
-    """A point of a model as points of one with more causes.
+def joined_values(problem: Problem, values: Mapping[str, float]) -> FloatArray:
+    """A point of a model at known values of some of its parameters.
 
     Parameters
     ----------
     problem : Problem
-        The larger model.
-    nested : array
-        Values of the smaller one, in the parameters' units.
-    names : sequence of str
-        Its parameters.
-    strengths : sequence of float
-        Quantiles of a new strength's prior at which the smaller model's optimum is a start.
+    values : mapping
+        Values by parameter, in the parameters' units.
+
+    Returns
+    -------
+    (n_dim,) array
+        Sampling coordinates. What is not known is at its neutral value, where it has any, else at its prior's median.
+    """
+    u = problem.prior_transform(np.full(problem.n_dim, 0.5))
+    for i, p in enumerate(problem.parameters):
+        value = values.get(p.name, p.neutral)
+        if value is not None and p.bounds.lower <= value <= p.bounds.upper:
+            u[i] = p.to_sampling(value)
+    return _inside(problem, u, 1e-3)
+
+
+def halved(parameter: Parameter, halvings: FloatArray) -> FloatArray:
+    """Coordinates of a strength that approach its neutral value by halves: from each bound, `halvings` times.
+
+    Strengths differ by orders of magnitude in what they do; how far the readings want one, no prior tells.
+
+    Returns
+    -------
+    (n_sides, n) array
+        A side for each bound that is not the neutral value itself.
+
+    Raises
+    ------
+    ValueError
+        If the parameter has no neutral value.
+    """
+    if parameter.neutral is None:
+        raise ValueError(f"{parameter.name} has no neutral value")
+    bounds, neutral = parameter.sampling_bounds, float(parameter.to_sampling(parameter.neutral))
+    ends = [end for end in (bounds.lower, bounds.upper) if end != neutral]
+    return np.array([neutral + (end - neutral) * 0.5**halvings for end in ends])
+
+
+def widened(
+    problem: Problem, known: FloatArray, new: Sequence[Term], settings: ScanSettings | None = None
+) -> FloatArray:
+    """Starts at which each of some causes comes to a known point, with strengths that differ by what they do.
+
+    A strength is scanned from its bounds to its neutral value by halves, all else as it is, and more finely about the
+    best. Starts are where it does best, and where the readings move by even ratios.
+
+    Parameters
+    ----------
+    problem : Problem
+    known : (n_dim,) array
+        Sampling coordinates, the new causes at neutral values.
+    new : sequence of Term
+    settings : ScanSettings, optional
 
     Returns
     -------
     (n, n_dim) array
-        Sampling coordinates: first with what is new at neutral values, where it has any, else at the prior's median;
-        then with each new strength in turn at those quantiles.
+        The known point first.
     """
-    known = dict(zip(names, nested, strict=True))
-    u = problem.prior_transform(np.full(problem.n_dim, 0.5))
-    for i, p in enumerate(problem.parameters):
-        value = known.get(p.name, p.neutral)
-        if value is not None and p.bounds.lower <= value <= p.bounds.upper:
-            u[i] = p.to_sampling(value)
-    rows = [u]
-    for term in problem.terms:
-        if term.strength.name not in known:
-            i = problem.names.index(term.strength.name)
-            own = [problem.names.index(p.name) for p in term.parameters[1:]]
-            for q in strengths:
-                row = u.copy()
-                row[own] = [problem.parameters[j].prior_quantile(0.5) for j in own]
-                row[i] = term.strength.prior_quantile(q)
-                rows.append(row)
-    return _inside(problem, np.array(rows), 1e-3)
+    s, rows = settings or ScanSettings(), [known]
+    at_known = problem.predict(known[None])
+    scatter = noise.scale(at_known, problem.noise_values(known[None]), problem.known_sigma)
+    for term in new:
+        i = problem.names.index(term.strength.name)
+        median = known.copy()
+        for p in term.parameters:
+            median[problem.names.index(p.name)] = p.prior_quantile(0.5)
+
+        def scanned(strengths: FloatArray, start: FloatArray = median, i: int = i) -> tuple[FloatArray, FloatArray]:
+            points = np.repeat(start[None], strengths.size, axis=0)
+            points[:, i] = strengths
+            return points, problem.predict(points)
+
+        halvings = np.arange(float(s.halvings))
+        sides = halved(term.strength, halvings)
+        points, predicted = scanned(sides.ravel())
+        moved = np.sqrt(np.square((predicted - at_known) / scatter).mean(axis=1)).reshape(sides.shape)
+        rows.append(median)
+        for side, by in enumerate(moved):
+            # From the neutral value outwards, the first strength that moves the readings so far. Some moves none by
+            # itself: that of a gain whose sessions are all at their mean.
+            most = by.max(where=np.isfinite(by), initial=0.0)
+            wanted = most * (s.least / max(s.least, most)) ** np.linspace(1, 0, s.strengths)
+            beyond = by[::-1] >= np.maximum(wanted, 1e-9)[:, None]
+            chosen = {len(by) - 1 - int(k) for k in beyond.argmax(axis=1)[beyond.any(axis=1)]}
+            rows += list(points.reshape(*sides.shape, -1)[side, sorted(chosen)])
+        best = int(np.argmax(_heights_at(problem, points, predicted)))
+        side, k = divmod(best, len(halvings))
+        near, there = scanned(halved(term.strength, np.maximum(k + np.linspace(-1, 1, 2 * s.between + 1), 0.0))[side])
+        rows.append(near[np.argmax(_heights_at(problem, near, there))])
+    return np.array(rows)
+
+
+def _heights_at(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
+    return heights(problem, u, predicted, np.broadcast_to(problem.observed, predicted.shape))
 
 
 def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:

@@ -16,7 +16,7 @@ from psafit.experiment import Experiment, Group, GroupId, session_name
 from psafit.experiment.text import listed
 from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
-from psafit.parameters import Parameter
+from psafit.parameters import Bounds, Parameter
 from psafit.physics import baseline, informed
 from psafit.physics.term import Term
 from psafit.simulate import Design, readings
@@ -56,12 +56,16 @@ class Problem:
         Causes that extend the baseline. They get the priors that the experiment states.
     tolerance : float
         Of the simulator; see `psafit.simulate.simulate`.
+    usual_tails : bool
+        Whether the scatter's degrees of freedom are held to the upper half of their prior: no heavier tails than are
+        usual.
     """
 
     experiment: Experiment
     group_ids: tuple[GroupId, ...]
     terms: tuple[Term, ...] = ()
     tolerance: float = TOLERANCE
+    usual_tails: bool = False
 
     def __post_init__(self) -> None:
         if not self.group_ids:
@@ -88,7 +92,11 @@ class Problem:
     @cached_property
     def scatter(self) -> tuple[Parameter, ...]:
         """The scatter's parameters, three an observable."""
-        return tuple(p for o in self.observables for p in o.scatter)
+        found = [o.scatter for o in self.observables]
+        if self.usual_tails:
+            held = [replace(nu, bounds=Bounds(nu.prior_median, nu.bounds.upper)) for _, _, nu in found]
+            found = [(relative, absolute, nu) for (relative, absolute, _), nu in zip(found, held, strict=True)]
+        return tuple(p for three in found for p in three)
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -190,6 +198,19 @@ class Problem:
     def to_sampling(self, x: FloatArray) -> FloatArray:
         """Sampling coordinates of parameter values; last axis n_dim."""
         return np.stack([p.to_sampling(x[..., i]) for i, p in enumerate(self.parameters)], axis=-1)
+
+    def implausible(self, values: FloatArray) -> list[str]:
+        """Names of the parameters that come out where their priors are thin: `Parameter.is_implausible`.
+
+        Those of the scatter, too, since one far above its prior hides a misfit; not what sessions have for themselves.
+
+        Parameters
+        ----------
+        values : (n_dim,) array
+            In the parameters' units.
+        """
+        own = [*range(self.n_physical), *range(self.n_model, self.n_dim)]
+        return [self.names[i] for i in own if self.parameters[i].is_implausible(float(values[i]))]
 
     def prior_transform(self, p: FloatArray) -> FloatArray:
         """Sampling coordinates at which each prior holds the fraction `p`; last axis n_dim."""

@@ -64,15 +64,6 @@ from psafit.records import (
 )
 from psafit.simulate import simulate
 
-# Draws kept in posterior.nc, in units of the autocorrelation time: denser adds bytes, not information.
-_THIN = 0.5
-# A chain this much higher than the best minimum (nats) shows that the search has missed one. Sampling begins again at
-# most so many times.
-_MISSED, _RESTARTS = 1.0, 5
-# Draws of the prior that are looked at for each start.
-_DRAWS_PER_START = 32
-# Minima so far (nats) below the best hold a part of the walkers.
-_ALIKE = 5.0
 # In a folder whose search is not done yet, with the run's identity.
 MARKER = ".psafit-run"
 # What posterior.json vouches for.
@@ -237,6 +228,28 @@ def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict
 
 
 @dataclass(frozen=True)
+class RunSettings:
+    """How modes are looked for, and when sampling begins again.
+
+    Parameters
+    ----------
+    draws_per_start : int
+        Draws of the prior that are looked at for each start.
+    missed : float, nats
+        A chain this much higher than the best mode shows that the search has missed one.
+    restarts : int
+        Sampling begins again at most so many times.
+    thin : float
+        Steps between the draws that are kept, in units of the autocorrelation time: denser adds bytes, not information.
+    """
+
+    draws_per_start: int = 32
+    missed: float = 1.0
+    restarts: int = 5
+    thin: float = 0.5
+
+
+@dataclass(frozen=True)
 class _Asked:
     """All that a run is asked for."""
 
@@ -257,6 +270,7 @@ class _Work:
     folder: Path
     asked: _Asked
     watcher: Watcher
+    how: RunSettings = RunSettings()
 
     def run(self, record: Fit | None) -> Run:
         """Every stage that is not in the folder yet."""
@@ -275,7 +289,8 @@ class _Work:
         while True:
             # From the record even when fresh: the numbers in the file are the numbers used.
             found = _found(self.asked.problem, record)
-            ceiling = record.minima[0].log_posterior + _MISSED if record.n_missed < _RESTARTS else math.inf
+            more = record.n_missed < self.how.restarts
+            ceiling = record.minima[0].log_posterior + self.how.missed if more else math.inf
             weighed = self._weighed(found)
             chain = self._drawn(found, weighed, limit, ceiling)
             # The summary goes first and comes last: it must never describe other draws than those beside it.
@@ -305,7 +320,7 @@ class _Work:
         else:
             known = []
         per_fit = asked.n_starts // 2
-        how = SampleSettings(draws=per_fit * _DRAWS_PER_START, starts=per_fit)
+        how = SampleSettings(draws=per_fit * self.how.draws_per_start, starts=per_fit)
         found, _ = sample(problem, known, seed=asked.seed, settings=how, progress=self.watcher.update)
         tops, evaluations = [], 0
         for k, mode in enumerate(found.modes):
@@ -391,7 +406,7 @@ class _Work:
     def _described(self, record: Fit, weighed: Weighed, chain: Chain) -> Run:
         """Keep the draws, walk the profiles, and say what the data determine."""
         folder, problem, settings = self.folder, self.asked.problem, self.asked.settings
-        thin = max(1, int(_THIN * chain.autocorrelation_time.min()))
+        thin = max(1, int(self.how.thin * chain.autocorrelation_time.min()))
         draws = store.Draws(
             problem.names,
             problem.to_physical(chain.draws[:, ::thin]),
@@ -624,12 +639,12 @@ def _compared(problem: Problem, sampled: FloatArray, weighed: Weighed, effective
     )
 
 
-def _apart(names: Sequence[str], heights: Sequence[float], r_hat: FloatArray, goal: float) -> str:
-    """What keeps walkers apart, where the search ended in several places that are about as high."""
-    alike = sum(height > max(heights) - _ALIKE for height in heights)
+def _apart(names: Sequence[str], heights: Sequence[float], r_hat: FloatArray, goal: float, near: float = 5.0) -> str:
+    """What keeps walkers apart, where the search ended in several places within so many nats of the best."""
+    alike = sum(height > max(heights) - near for height in heights)
     if alike < 2 or r_hat.max() < goal:
         return ""
     return (
-        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {_ALIKE:g} nats,"
+        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {near:g} nats,"
         " between which walkers rarely cross; psafit diagnose weighs such places one by one"
     )

@@ -11,7 +11,7 @@ suspicious.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +25,6 @@ from psafit.inference.problem import Problem
 from psafit.observables import OBSERVABLES, Observable
 from psafit.physics import informed
 
-_DRAWS = 256
-# Of more readings than this, some tell their scale.
-_MANY = 2000
-# Draws that must agree: of true rigs, drawn from the prior, one in fifty is warned of without need.
-_NEARLY_ALL = 0.98
-# A factor between groups that neither waveform nor frequency explains for nearly any rig; half way to a wrong unit.
-_APART = math.log(30.0)
-
 
 def read(folder: str | Path) -> Experiment:
     """Read an experiment folder, its warnings extended by `with_scale`; refuse knowledge of what is no parameter."""
@@ -45,12 +37,35 @@ def read(folder: str | Path) -> Experiment:
     return with_scale(experiment)
 
 
-def with_scale(experiment: Experiment) -> Experiment:
+@dataclass(frozen=True)
+class ScaleSettings:
+    """From where on the scale of readings is suspicious.
+
+    Parameters
+    ----------
+    draws : int
+        Rigs drawn from the prior.
+    readings : int
+        Of more readings than this, every second, third or so is looked at.
+    nearly_all : float
+        Share of the rigs that must agree: of true rigs, drawn from the prior, one in fifty is warned of without need.
+    factor : float
+        Between groups, which neither waveform nor frequency explains for nearly any rig; half way to a wrong unit.
+    """
+
+    draws: int = 256
+    readings: int = 2000
+    nearly_all: float = 0.98
+    factor: float = 30.0
+
+
+def with_scale(experiment: Experiment, settings: ScaleSettings | None = None) -> Experiment:
     """The experiment, its warnings extended by what its readings' scale says of their unit.
 
     Parameters
     ----------
     experiment : Experiment
+    settings : ScaleSettings, optional
 
     Returns
     -------
@@ -60,16 +75,19 @@ def with_scale(experiment: Experiment) -> Experiment:
     for observable in OBSERVABLES:
         parts = (p for g in experiment.groups for p in g.parts if p.observable is observable)
         if moving := tuple(filter(None, map(_moving, parts))):
-            found += _off_scale(experiment, moving, observable)
+            found += _off_scale(experiment, moving, observable, settings or ScaleSettings())
     return replace(experiment, warnings=(*experiment.warnings, *map(one_line, found))) if found else experiment
 
 
-def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Observable) -> list[str]:
+def _off_scale(
+    experiment: Experiment, moving: tuple[Group, ...], observable: Observable, settings: ScaleSettings
+) -> list[str]:
     """What is suspicious of the readings of one observable; see the module."""
+    nearly_all, far = settings.nearly_all, math.log(settings.factor)
     read, other_units = f"{observable.title}s", observable.mistaken
-    every = -(-sum(g.n_points for g in moving) // _MANY)
+    every = -(-sum(g.n_points for g in moving) // settings.readings)
     problem = Problem(thinned(replace(experiment, groups=moving), every), tuple(g.id for g in moving))
-    quantiles = np.random.default_rng(0).random((_DRAWS, problem.n_dim))
+    quantiles = np.random.default_rng(0).random((settings.draws, problem.n_dim))
     predicted = np.log(np.maximum(problem.predict(problem.prior_transform(quantiles)), 1e-12))
     ratio = np.log(problem.observed) - predicted
     of_group = np.array([np.median(ratio[:, problem.design.group == k], axis=1) for k in range(len(moving))])
@@ -77,21 +95,21 @@ def _off_scale(experiment: Experiment, moving: tuple[Group, ...], observable: Ob
     off = of_group - middle
     found = []
     for way, other, sign in (("below", other_units[0], -1), ("above", other_units[1], 1)):
-        alone = np.mean(sign * of_group > 0, axis=1) > _NEARLY_ALL
+        alone = np.mean(sign * of_group > 0, axis=1) > nearly_all
         if alone.all():
             found.append(
-                f"{read} lie {way} those of {100 * _NEARLY_ALL:.0f} % of the rigs that the prior holds; are they"
+                f"{read} lie {way} those of {100 * nearly_all:.0f} % of the rigs that the prior holds; are they"
                 f" given in {other}, or is a constant wrong?"
             )
             continue
         for group, apart, odd in zip(moving, off, alone, strict=True):
             # Of two groups, each is off the other.
-            if np.mean(sign * apart > _APART) > _NEARLY_ALL and (odd or len(moving) != 2):
+            if np.mean(sign * apart > far) > nearly_all and (odd or len(moving) != 2):
                 found.append(
                     f"{group.file}: group {group.id}: {read} lie {way} the other groups' by a factor of about"
                     f" {_factor(apart)}; given in {other}?"
                 )
-    if len(moving) == 2 and not found and np.mean(np.abs(off[0]) > _APART) > _NEARLY_ALL:
+    if len(moving) == 2 and not found and np.mean(np.abs(off[0]) > far) > nearly_all:
         one, two = moving
         found.append(
             f"{one.file}: group {one.id}: {read} differ from those of group {two.id} by a factor of about"

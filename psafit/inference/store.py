@@ -146,15 +146,39 @@ def _each(function: Any, values: FloatArray, **options: Any) -> FloatArray:
     return np.array([float(function(values[..., i], **options)) for i in range(values.shape[-1])])
 
 
-def pareto_k(log_weights: FloatArray) -> float:
-    """Shape of the tail of importance weights (A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72)."""
-    az = _arviz()
-    if not _is_tree(az):
-        return float(np.asarray(az.psislw(log_weights)[1]))
-    from arviz_stats.base import array_stats
+def smoothed(log_weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Importance weights smoothed by Pareto's law, and the shape of their tail.
 
-    # This one takes log likelihoods, whose inverses are weights.
-    return float(array_stats.psislw(-log_weights)[1])
+    Parameters
+    ----------
+    log_weights : (..., n) array
+        Of `n` draws each.
+
+    Returns
+    -------
+    (..., n) array
+        Log weights that add up to one.
+    (...) array
+        Pareto k.
+
+    References
+    ----------
+    A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72.
+    """
+    az = _arviz()
+    if _is_tree(az):
+        from arviz_stats.base import array_stats
+
+        # This one takes log likelihoods, whose inverses are weights.
+        weights, tail = array_stats.psislw(-log_weights)
+    else:
+        weights, tail = az.psislw(log_weights)
+    return np.asarray(weights), np.asarray(tail)
+
+
+def pareto_k(log_weights: FloatArray) -> float:
+    """Shape of the tail of importance weights, (n,)."""
+    return float(smoothed(log_weights)[1])
 
 
 def told_r_hat(value: float, goal: float) -> str:

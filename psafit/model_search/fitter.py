@@ -18,7 +18,7 @@ from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit
 from psafit.inference.evidence import Weighed
 from psafit.inference.memory import Arrays, Memory
-from psafit.inference.optimise import widened
+from psafit.inference.optimise import joined_values, widened
 from psafit.inference.problem import Problem
 from psafit.inference.sample import first, joined, second
 from psafit.model_search.loop import Foreseen, Ids, Model
@@ -90,7 +90,7 @@ class ProblemFitter:
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
         """Optimise models from where a neighbour has its optimum; only those that rise come back."""
         own = [model.content.candidate for model in known]
-        tasks = [self._climb(c.problem, _merged(c.problem, c, origin.content.candidate)) for c in own]
+        tasks = [self._climb(c.problem, (c, origin.content.candidate)) for c in own]
         risen = []
         for model, end in zip(known, self._done(tasks), strict=True):
             before = model.content.candidate
@@ -138,7 +138,7 @@ class ProblemFitter:
         for ids in wanted:
             problem, best = self._shortly(ids), _part(ids, fitted)
             own = [known[ids].content.candidate.modes] if ids in known else []
-            rows = [rows[:1] for c in self.starts if c.ids == ids for rows in c.widened(problem, len(c.modes))]
+            rows = [c.placed(problem, len(c.modes)) for c in self.starts if c.ids == ids]
             extra = np.vstack([*own, *rows]) if own or rows else None
             begun = [[c.modes[:2].tolist() for c in best], [] if extra is None else extra.tolist()]
             about = [self.seed, s.short_draws, s.short_starts, s.short_climbs, s.from_prior, begun]
@@ -152,16 +152,17 @@ class ProblemFitter:
             lacking = {*ids} - {*part.ids}
             shared = [(len(lacking & {*c.ids}), len({*ids} & {*c.ids})) for c in fitted]
             nearest = fitted[shared.index(max(shared))]
-            yield self._climb(problem, _merged(problem, part, nearest), _merged(problem, nearest, part))
+            yield self._climb(problem, (part, nearest), (nearest, part))
 
     def _shortly(self, ids: Ids) -> Problem:
         terms = tuple(t for t in self.catalogue if t.id in ids)
         return replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
 
-    def _climb(self, problem: Problem, *starts: FloatArray) -> _Task:
-        """Climbs of a short fit's length."""
-        rows, schedule = np.array(starts), self.settings.short_climbs
-        return self._task("climb", problem, [schedule, rows.tolist()], _climbed, rows, schedule)
+    def _climb(self, problem: Problem, *pairs: tuple[Candidate, Candidate]) -> _Task:
+        """Climbs of a short fit's length from where both of two models have their optima, the second's first of all."""
+        schedule, begun = self.settings.carried_climbs, [[c.modes[0].tolist() for c in pair] for pair in pairs]
+        about = [schedule, [[c.ids for c in pair] for pair in pairs], begun]
+        return self._task("climb", problem, about, _climbed, pairs, schedule)
 
     def _looks(self, model: Known) -> list[_Task]:
         """Both looks for the modes of a model that is to be sampled."""
@@ -271,9 +272,15 @@ def _short(
     return _arrays(fit(problem, parts, seed=seed, extra=extra, settings=FitSettings(full=s.short_climbs), **how))
 
 
-def _climbed(problem: Problem, starts: FloatArray, schedule: tuple[tuple[int, int], ...]) -> Arrays:
-    """Where climbs end."""
-    end = ascend(problem, starts, schedule=schedule, still_below=FitSettings.enough, unite=True)
+def _climbed(
+    problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], schedule: tuple[tuple[int, int], ...]
+) -> Arrays:
+    """Where climbs end; a strength that only the first of a pair knows is scanned beside the second, too."""
+    starts = [
+        widened(problem, _merged(problem, *pair), [t for t in problem.terms if t.id not in pair[1].ids])
+        for pair in pairs
+    ]
+    end = ascend(problem, np.vstack(starts), schedule=schedule, still_below=FitSettings.enough, unite=True)
     return {"u": end.u, "height": end.height}
 
 
@@ -302,7 +309,7 @@ def _merged(problem: Problem, *candidates: Candidate) -> FloatArray:
     values: dict[str, float] = {}
     for c in candidates:
         values |= zip(c.problem.names, c.values.tolist(), strict=True)
-    return widened(problem, np.array(list(values.values())), list(values))[0]
+    return joined_values(problem, values)
 
 
 def _estimated(candidate: Candidate, before: Known | None = None) -> Known:

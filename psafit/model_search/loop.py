@@ -7,8 +7,9 @@ best; a model shows that exceeds every part of itself.
 
 What costs much waits. The best of all models gets its neighbours before it is sampled, if it shows for certain: one of
 them may leave it behind. Exchanges are many; they wait until no model within the window lacks its neighbours of one
-cause more or less. They are fitted from where others have their optima, which is good to a window: those that come
-within two of the best are fitted like all others.
+cause more or less, and only models that come nearer to the best than most of the window get them. They are fitted from
+where others have their optima, which is good to a window: those that come within two of the best are fitted like all
+others.
 
 Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, each cause gets
 its neighbours, though it does not show.
@@ -105,7 +106,7 @@ class Searched(Generic[Content]):
     models : dict
         Every model fitted, by its causes.
     expanded : frozenset
-        Those of which every neighbour was fitted.
+        Those of which every neighbour was fitted that the settings ask for.
     """
 
     models: Mapping[Ids, Model[Content]]
@@ -176,9 +177,10 @@ class _Known(Generic[Content]):
         highest = max(map(self.evidence, self._parts(model)), default=-math.inf)
         return self.evidence(model) + slack > highest + self.settings.visible
 
-    def complete(self, model: Model[Content]) -> bool:
-        """Whether all of its neighbours were fitted."""
-        return self.done[model.ids] == len(self.kinds)
+    def complete(self, model: Model[Content], best: float) -> bool:
+        """Whether all of its neighbours were fitted, exchanges if it comes near enough to the best."""
+        near = self.value(model) >= best - self.settings.exchanging
+        return self.done[model.ids] >= (len(self.kinds) if near else 1)
 
     def keep(self, found: Sequence[Model[Content]]) -> None:
         """Keep models that were fitted."""
@@ -213,7 +215,8 @@ class _Known(Generic[Content]):
     def searched(self) -> Searched[Content]:
         """What was looked at."""
         final = {ids: replace(m, log_evidence=self.evidence(m)) for ids, m in self.models.items()}
-        return Searched(final, frozenset(ids for ids, m in self.models.items() if self.complete(m)))
+        best = max(self.value(m) for m in self.models.values() if self.shows(m))
+        return Searched(final, frozenset(ids for ids, m in self.models.items() if self.complete(m, best)))
 
 
 def search(
@@ -252,9 +255,10 @@ def search(
     while True:
         shown = [m for m in models.values() if known.shows(m)]
         leader = max(shown, key=known.value)
-        least = known.value(leader) - settings.window
+        highest = known.value(leader)
+        least = highest - settings.window
         near = [m for m in shown if known.value(m) >= least]
-        left = [m for m in near if not m.sampled or not known.complete(m)]
+        left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         if not left:
             single = [m for m in models.values() if len(m.ids) == 1 and known.value(m) >= least]
             single = [m for m in single if not known.done[m.ids]]

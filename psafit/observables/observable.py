@@ -27,6 +27,8 @@ class Launches(Protocol):
     def separation_speed(self) -> FloatArray: ...  # noqa: D102
     @property
     def launched(self) -> NDArray[np.bool_]: ...  # noqa: D102
+    @property
+    def peak_force(self) -> FloatArray | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +62,8 @@ class Observable:
         That unit, for readings that are too small and too large.
     blank : bool
         Whether a launch that failed has no such reading. Others read zero then.
+    force : bool
+        Whether it asks the simulation for the peak force, which takes longer.
     """
 
     name: str
@@ -74,6 +78,7 @@ class Observable:
     usual: tuple[float, float]
     mistaken: tuple[str, str]
     blank: bool = False
+    force: bool = False
 
     def __post_init__(self) -> None:
         if not self.column.startswith(f"{self.name}_"):

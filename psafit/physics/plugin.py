@@ -30,8 +30,6 @@ SCATTER = ("sigma_rel", "sigma_abs", "nu")
 """Names of the scatter's parameters, which stand beside those of causes in every fit."""
 
 _REMEDY = "correct the file; docs/own-causes.md says what a cause declares"
-# Of the SHA-256, in hexadecimal digits: enough to tell two files apart.
-_DIGITS = 16
 
 
 def read(file: Path) -> Term:
@@ -136,8 +134,9 @@ def _bytes(file: Path) -> bytes:
         raise read_error(error, file, f"cannot be read ({error})", "give the Python file of a cause") from error
 
 
-def _digest(source: bytes) -> str:
-    return hashlib.sha256(source).hexdigest()[:_DIGITS]
+def _digest(source: bytes, digits: int = 16) -> str:
+    """So many hexadecimal digits of the SHA-256: enough to tell two files apart."""
+    return hashlib.sha256(source).hexdigest()[:digits]
 
 
 def _line_of(name: str, file: Path) -> int | None:

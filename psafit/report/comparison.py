@@ -15,7 +15,7 @@ from psafit.experiment import Group
 from psafit.report import figures
 from psafit.report.catalogue import declared, model, parameter, symbol
 from psafit.report.figures.groups import short, titled
-from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, render, worst
+from psafit.report.page import Picture, figure_data_uri, render, worst
 from psafit.report.wording import (
     count,
     factor,
@@ -30,11 +30,6 @@ from psafit.report.wording import (
 from psafit.text import fixed
 
 _LOOKS: Final = (("blue", False), ("vermillion", True))
-_MAX_SVG = 8
-# A smaller difference of two log RMSEs, one per cent of a range, makes nobody choose.
-_RELEVANT = 0.01
-# Intervals that share less of the shorter one are told on the first screen.
-_LEAST_OVERLAP: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +108,10 @@ def _verdict(found: Comparison) -> dict[str, str]:
     return {"text": f"{short(found.names[winner], 28)} predicts better", "kind": "good"}
 
 
-def _winner(errors: Sequence[float], interval: Sequence[float]) -> int | None:
-    """Which of two errors is smaller: beyond doubt, and by more than a reader would care to read."""
+def _winner(errors: Sequence[float], interval: Sequence[float], relevant: float = 0.01) -> int | None:
+    """Which of two log RMSEs is smaller beyond doubt, and by one per cent of a range: less makes nobody choose."""
     low, high = interval
-    if low <= 0 <= high or abs(errors[1] - errors[0]) < _RELEVANT:
+    if low <= 0 <= high or abs(errors[1] - errors[0]) < relevant:
         return None
     return int(high < 0)
 
@@ -173,7 +168,7 @@ def _but(first: Side, second: Side, winner: int) -> str:
 def _what_differs(found: Comparison) -> Markup:
     what = [f.what for f in found.facts if f.first != f.second and f.what not in ("command", "posterior", "verdict")]
     shared = [p for p in found.parameters if p.overlap is not None]
-    apart = [p for p in shared if p.overlap is not None and p.overlap < _LEAST_OVERLAP]
+    apart = [p for p in shared if p.overlap is not None and not _same(p.overlap)]
     told = Markup("{} in both").format(count(len(shared), "parameter"))
     if apart:
         told += Markup(", of which {} share less than half of the shorter interval").format(
@@ -241,12 +236,17 @@ def _value(e: Estimate | None) -> list[str]:
     return [with_unit(number(e.median, spread), e.unit), *ends]
 
 
+def _same(overlap: float, least: float = 0.5) -> bool:
+    """Whether two intervals share at least this part of the shorter one."""
+    return overlap >= least
+
+
 def _parameter_row(p: ParameterPair) -> list[Any]:
     about = p.first or p.second
     overlap: Any = "–"
     verdicts = [e.verdict for e in (p.first, p.second) if e and e.verdict]
     if p.overlap is not None and math.isfinite(p.overlap):
-        kind = "good" if p.overlap >= _LEAST_OVERLAP else "warn" if p.overlap > 0 else "bad"
+        kind = "good" if _same(p.overlap) else "warn" if p.overlap > 0 else "bad"
         if "not determined" in verdicts:  # a prior that overlaps confirms nothing
             kind = ""
         overlap = {"text": percent(p.overlap) if p.overlap > 0 else "apart", "kind": kind}
@@ -304,10 +304,9 @@ def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
 
 
 def _pictures(pictured: Sequence[_Shown]) -> list[Picture]:
-    limit = SVG_LIMIT if len(pictured) <= _MAX_SVG else 0
     return [
         Picture(
-            figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), svg_limit=limit),
+            figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), alike=len(pictured)),
             f"Launch range of group {g.pair.group}, {g.sweep.condition}: measured, and predicted by {told}.",
             f"Off by {told}.",
         )

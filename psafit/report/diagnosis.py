@@ -74,15 +74,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "left_out": len(shown) - len(pictured),
         "zeros": any(figures.has_zeros(g.group, g.curves) for g in pictured),
         "extended": "extended" in result.show,
-        "where": tables.where(result.misfit.where),
-        "where_after": tables.where(result.misfit.extended.where or [] if result.misfit.extended else []),
-        "growth": tables.growth(result, experiment),
-        "no_growth": tables.without_growth(result),
-        "rejected": result.misfit.p_value < ALPHA,
-        "scatter": tables.scatter(result),
-        "drift": tables.drift_rows(result),
-        "corners": tables.corner_rows(result),
-        "sessions": tables.session_rows(result.misfit.sessions),
+        **_misfit(result, experiment),
         "models": tables.model_rows(result),
         "all_groups": ",".join(str(g) for g in result.groups),
         "leader": None
@@ -91,16 +83,12 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "other_models": [
             {"name": model(c.terms), "rows": tables.parameter_rows(c)} for c in result.causes if c is not leader
         ],
+        "influence": diagnosis_pictures.influence_pictures(result.influence, pictured) if result.influence else [],
+        "leaning": tables.leaning(result, shown),
         "robustness": tables.robustness(result, leader),
         "leader_listed": leader is result.leader,
         "mostly_unnamed": result.mostly_unnamed,
-        "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, TITLES, result.named),
-        "screening": tables.screening_rows(result.screening),
-        "alternatives": tables.alternatives(result),
-        "tests_before": tables.tests(result.misfit.baseline),
-        "search": tables.search(result.misfit.search),
-        "tests_after": tables.tests(result.misfit.extended) if result.misfit.extended else None,
-        "leftover": tables.leftover(result, shown),
+        **_remaining(result, shown),
         "quick": result.quick,
         "gains": [tables.gain(one) for one in result.gain.values()],
         "extension": {"adopted": None, "strict": None}
@@ -110,10 +98,8 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         },
         "ledger": tables.ledger(result.ledger),
         "begun": any(entry.led_to is not None for entry in result.ledger),
-        "proposals": tables.proposals(result.next_experiment),
-        "confusion": tables.rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
-        "alike": tables.alike(result.confusion.alike),
-        "rehearsals": [tables.rehearsal(one) for one in result.next_experiment.rehearsals or []],
+        **_next(result),
+        "calibration": tables.calibration(result.calibration),
         "numerics": told_numerics(result.numerics),
         "data_warnings": experiment.warnings,
         "facts": _facts(result, experiment),
@@ -125,6 +111,44 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         },
     }
     return render("diagnosis.html.j2", folder / PAGE, **content)
+
+
+def _misfit(result: Diagnosis, experiment: Experiment) -> dict[str, Any]:
+    """What is wrong with the baseline, and where."""
+    return {
+        "where": tables.where(result.misfit.where),
+        "where_after": tables.where(result.misfit.extended.where or [] if result.misfit.extended else []),
+        "growth": tables.growth(result, experiment),
+        "no_growth": tables.without_growth(result),
+        "rejected": result.misfit.p_value < ALPHA,
+        "scatter": tables.scatter(result),
+        "drift": tables.drift_rows(result),
+        "corners": tables.corner_rows(result),
+        "sessions": tables.session_rows(result.misfit.sessions),
+    }
+
+
+def _remaining(result: Diagnosis, shown: list[Shown]) -> dict[str, Any]:
+    """What each cause could add, and what the named ones leave."""
+    return {
+        "screening_pictures": diagnosis_pictures.screening_pictures(result.screening, TITLES, result.named),
+        "screening": tables.screening_rows(result.screening),
+        "alternatives": tables.alternatives(result),
+        "tests_before": tables.tests(result.misfit.baseline),
+        "search": tables.search(result.misfit.search),
+        "tests_after": tables.tests(result.misfit.extended) if result.misfit.extended else None,
+        "leftover": tables.leftover(result, shown),
+    }
+
+
+def _next(result: Diagnosis) -> dict[str, Any]:
+    """What to measure next, and how that would go."""
+    return {
+        "proposals": tables.proposals(result.next_experiment),
+        "confusion": tables.rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
+        "alike": tables.alike(result.confusion.alike),
+        "rehearsals": [tables.rehearsal(one) for one in result.next_experiment.rehearsals or []],
+    }
 
 
 def _told(path: Path, model: str | None = None) -> dict[str, Told]:
@@ -180,7 +204,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
         finer = {id: _line(lines["extended"].get(name), id) for id in without}
         more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES, finer)
         errors = [root_mean_square(log_ratio(c.middle, group.reading, group.observable.offset)) for c in shown]
-        found.append(Shown(group, figures.sweep_of(group), shown, errors, more))
+        found.append(Shown(group, figures.sweep_of(group), shown, errors, more, part))
     return found
 
 

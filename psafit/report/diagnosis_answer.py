@@ -35,10 +35,18 @@ _QUESTIONS: Final[dict[Topic, str]] = {
     "scope": "",
     "adequate": "Is the baseline adequate?",
     "wrong": "What is wrong, and why?",
+    "trust": "How often is such a verdict right here?",
     "gained": "What was gained?",
     "next": "What next?",
 }
-_JUDGED: Final = {"yes": "Yes.", "so far": "As far as these readings tell.", "no": "No.", "improbable": "Improbable."}
+_JUDGED: Final = {
+    "yes": "Yes.",
+    "so far": "As far as these readings tell.",
+    "no": "No.",
+    "together": "No.",
+    "tails": "Not without heavy tails.",
+    "improbable": "Improbable.",
+}
 
 
 class PageWords(Words):
@@ -115,8 +123,12 @@ def first_screen(result: Diagnosis) -> list[Markup]:
 
 
 def kind(result: Diagnosis) -> str:
-    """Return the colour of the verdict; a baseline that nothing refutes may be less probable than others."""
-    return "warn" if result.verdict == "adequate" and kept(result) < 0.5 else _KINDS[result.verdict]
+    """Return the colour of the verdict.
+
+    A baseline that nothing refutes may be less probable than others, and what fits may do so at implausible values.
+    """
+    doubtful = kept(result) < 0.5 if result.verdict == "adequate" else bool(result.strange)
+    return "warn" if doubtful and _KINDS[result.verdict] == "good" else _KINDS[result.verdict]
 
 
 def tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:

@@ -11,24 +11,28 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
+from psafit.compare import known
 from psafit.diagnose.gain import Gain
-from psafit.diagnose.record import NEAREST, UNSEEN, ScreeningResult
+from psafit.diagnose.influence import Influence
+from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN, ScreeningResult
 from psafit.diagnose.show import Growth
 from psafit.experiment import Group
 from psafit.report import figures
+from psafit.report.catalogue import TITLES
 from psafit.report.diagnosis_words import share
 from psafit.report.figures.axes import label, scale_axis, scale_sweep, widened
 from psafit.report.figures.curves import DASHES
 from psafit.report.figures.groups import short, title, titled
+from psafit.report.figures.influence import influence_figure
 from psafit.report.figures.sweep import AXIS, SWEPT
-from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri
+from psafit.report.page import Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
-from psafit.report.wording import count, factor, number
+from psafit.report.wording import count, factor, number, typeset
 from psafit.text import fixed
 
-_MAX_SVG = 12
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
 _EXTENDED: Final[dict[str, Any]] = {"color": PALETTE["vermillion"], "linewidth": 1.6, "zorder": 2.5}
 _VERDICT_COLOR: Final = {
@@ -37,10 +41,9 @@ _VERDICT_COLOR: Final = {
     "as good": PALETTE["vermillion"],
     "explains part alone": PALETTE["orange"],
     "not present": PALETTE["grey"],
+    NOT_EXCLUDED: PALETTE["sky"],
     UNSEEN: PALETTE["sky"],
 }
-# Least share of the axis that a bar takes.
-_STUB = 0.02
 _HATCH: Final = {UNSEEN: "////", "as good": "...."}
 _SYMBOL: Final = {"frequency": "f", "amplitude": "V"}
 
@@ -59,6 +62,8 @@ class Shown:
         Of each: root mean square of ln((predicted + 0.3 um)/(measured + 0.3 um)).
     more : list of Curve
         What else is on record, to be switched on.
+    rows : (n_points,) int array
+        Places of its readings in what the record holds one group after the other.
     """
 
     group: Group
@@ -66,6 +71,7 @@ class Shown:
     curves: list[figures.Curve]
     errors: list[float]
     more: list[figures.Curve]
+    rows: NDArray[np.intp]
 
     @property
     def told(self) -> str:
@@ -79,8 +85,8 @@ class Shown:
 
 
 def _uri(figure: Figure, n: int) -> str:
-    """Image of one of `n` alike: PNG, the smaller format, where there are so many that the page would be heavy."""
-    return figure_data_uri(figure, svg_limit=SVG_LIMIT if n <= _MAX_SVG else 0)
+    """Image of one of `n` alike, which are simpler than those of a fit."""
+    return figure_data_uri(figure, alike=n, few=12)
 
 
 def _scale_x(axes: Axes, values: FloatArray, *, log: bool) -> None:
@@ -268,6 +274,7 @@ def _bars(
     quantity: str,
     text: Callable[[float], str],
     limits: tuple[float, float] | None,
+    stub: float = 0.02,
 ) -> Figure:  # fmt: skip
     with figure_style():
         figure, axes = new_figure(height=1.45 + 0.235 * len(names))
@@ -275,8 +282,8 @@ def _bars(
         lengths = np.nan_to_num(np.asarray(values, dtype=float))
         low, high = limits or (min(0.0, float(lengths.min())), max(float(lengths.max()), 1.0))
         span = high - low
-        # A bar of no length still shows the colour of its verdict.
-        drawn = np.where(np.abs(lengths) < _STUB * span, _STUB * span, lengths)
+        # A bar of no length still shows the colour of its verdict: it takes this share of the axis.
+        drawn = np.where(np.abs(lengths) < stub * span, stub * span, lengths)
         for word, color in _VERDICT_COLOR.items():
             mine = np.array([s.verdict == word for s in screening])
             if mine.any():
@@ -350,16 +357,28 @@ def leftover_pictures(shown: Sequence[Shown], mean: FloatArray, sd: FloatArray) 
     mean, sd : (n_points,) arrays
         ``ln(reading/prediction)`` of the discrepancy; `sd` is NaN where the readings say nothing.
     """
-    parts, start = [], 0
-    for g in shown:
-        part = slice(start, start + g.group.n_points)
-        start = part.stop
-        if np.isfinite(sd[part]).any():
-            parts.append((g, mean[part], sd[part]))
+    parts = [(g, mean[g.rows], sd[g.rows]) for g in shown if np.isfinite(sd[g.rows]).any()]
     if not parts:
         return []
     reach = float(np.clip(max(np.nanmax(np.abs(m) + 1.645 * s) for _, m, s in parts), 0.05, 3.0))
     return [_leftover(g, m, s, reach, len(parts)) for g, m, s in parts]
+
+
+def influence_pictures(found: Influence, shown: Sequence[Shown]) -> list[Picture]:
+    """For each cause, the readings by what they give it."""
+    pictures = []
+    for c in found.causes:
+        nats = np.array([known(x) for x in c.nats])
+        given = [nats[g.rows] for g in shown]
+        alt = f"Readings of {count(len(shown), 'sweep')} coloured by what they give {TITLES.get(c.cause, c.cause)}."
+        groups = "; ".join(f"group {g} {fixed(x, 1, sign=True)}" for g, x in c.groups)
+        caption = f"{TITLES.get(c.cause, c.cause)}: {fixed(c.total, 1)} nats ({groups}). {count(c.half, 'reading')}"
+        verb = "gives" if c.half == 1 else "give"
+        caption += f" of {nats.size} {verb} half of what speaks for it. Blue readings speak against it."
+        most = float(np.nanmax(np.abs(nats)))
+        figure = influence_figure([g.group for g in shown], [g.sweep for g in shown], given, most=max(most, 1e-9))
+        pictures.append(Picture(_uri(figure, len(found.causes)), alt, typeset(caption)))
+    return pictures
 
 
 def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) -> Picture:

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 from markupsafe import Markup
+from scipy.stats import norm
 
 from psafit.compare import known
 from psafit.diagnose.answer import purpose_text
@@ -17,6 +18,7 @@ from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Rehearsal
 from psafit.diagnose.record import (
     NEAREST,
+    NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
     Diagnosis,
@@ -27,6 +29,7 @@ from psafit.diagnose.record import (
 )
 from psafit.diagnose.show import Corner, Offset
 from psafit.diagnose.significance import OTHERWISE, Significance
+from psafit.diagnose.trials import Calibration, Rate
 from psafit.experiment import CONSTANT_UNITS, Experiment
 from psafit.inference.evidence import TRUSTED
 from psafit.model_search.ladder import set_of
@@ -36,7 +39,7 @@ from psafit.report.catalogue import cause, declared, model, parameter
 from psafit.report.diagnosis_answer import PAGE
 from psafit.report.diagnosis_pictures import Shown
 from psafit.report.figures.sweep import SWEPT
-from psafit.report.page import MAX_PICTURED, Picture
+from psafit.report.page import Picture, first
 from psafit.report.wording import (
     NBSP,
     count,
@@ -54,17 +57,14 @@ from psafit.report.wording import (
 )
 from psafit.text import fixed, significant
 
-_MAX_TESTS, _MAX_DRIFTS, _MAX_ALTERNATIVES = 10, 8, 12
 _COVARIATES: Final = {**SWEPT, "range": "launch range", "order": "order in each session"}
-# Share of its prior below a relative scatter from which on it is told as widened.
-_WIDENED = 0.9
-_SURELY: Final = 2.576 / (2 * 1.645)  # half of a 99 % interval by the width of a 90 % one
 _SCREENED: Final = {
     "present": "bad",
     NEAREST: "warn",
     "as good": "bad",
     "explains part alone": "warn",
     "not present": "good",
+    NOT_EXCLUDED: "warn",
     UNSEEN: "warn",
 }
 _LOOKS_AT: Final = {
@@ -78,8 +78,6 @@ _PROTOCOLS: Final = {
     "strict": "Causes and parameters chosen on the training groups alone, every other group scored.",
     "nested": "For each group, causes and parameters chosen on all the others, then that group scored.",
 }
-# Nats of separation below which a pair stays tied.
-_HARDLY = 3.0
 
 
 # What is wrong --------------------------------------------------------------------------------------------------
@@ -101,7 +99,7 @@ def _place(w: Where) -> Markup:
 
 def growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
     """Pictures of local exponents."""
-    before = result.show["baseline"].growth[:MAX_PICTURED]
+    before = first(result.show["baseline"].growth)
     after = result.show["extended"].growth if "extended" in result.show else []
     conditions = {str(g.id): figures.sweep_of(g).condition for g in experiment.groups}
     zeros = {str(g.id): int(np.count_nonzero(g.reading == 0)) for g in experiment.groups}
@@ -114,18 +112,18 @@ def without_growth(result: Diagnosis) -> Markup | None:
     return words.group_ids(none) if none else None
 
 
-def scatter(result: Diagnosis) -> str | None:
-    """The relative scatter with which the baseline was fitted, where its prior finds that much."""
+def scatter(result: Diagnosis, much: float = 0.9) -> str | None:
+    """The relative scatter of the fitted baseline, where this share of its prior or more lies below it."""
     p = next((c.parameters.get("sigma_rel") for c in result.causes if not c.terms), None)
-    return percent(p.median) if p and p.prior_share > _WIDENED else None
+    return percent(p.median) if p and p.prior_share > much else None
 
 
-def drift_rows(result: Diagnosis) -> list[list[Any]]:
-    """What letting one parameter drift would gain."""
+def drift_rows(result: Diagnosis, most: int = 8) -> list[list[Any]]:
+    """What letting one parameter drift would gain, `most` rows."""
     extended = result.show.get("extended")
     rest = {(d.parameter, d.variable): d.gain for d in (extended.drift if extended else [])}
     rows = []
-    for d in result.show["baseline"].drift[:_MAX_DRIFTS]:
+    for d in result.show["baseline"].drift[:most]:
         p = declared(d.parameter)
         row = [
             parameter(d.parameter, p.description if p else ""),
@@ -173,8 +171,8 @@ def session_rows(sessions: Sequence[Offset]) -> list[list[Any]]:
     rows = []
     for s in sessions:
         middle, low, high = s.factor, s.lower, s.upper
-        # Of many pairs some lie outside their 90 % interval.
-        apart = abs(math.log(middle)) > _SURELY * math.log(high / low)
+        # Of many pairs some lie outside their 90 % interval: half of a 99 % one by the width of that.
+        apart = abs(math.log(middle)) > norm.ppf(0.995) / (2 * norm.ppf(0.95)) * math.log(high / low)
         told = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
         where = count(s.n_conditions, "condition")
         rows.append([f"{s.second} over {s.first}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", told])
@@ -294,6 +292,7 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
             noted(number(known(s.visible)), f"at {words.quantity(s.plausible, s.unit)}")
             if math.isfinite(s.plausible)
             else number(known(s.visible)),
+            "–" if s.left is None else number(s.left),
             "–" if s.room is None else f"{significant(s.room, 2, per_cent=True)}{NBSP}%",
             "–" if s.verdict == UNSEEN else words.share(s.inclusion),
         ]
@@ -301,11 +300,11 @@ def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
     ]
 
 
-def alternatives(result: Diagnosis) -> dict[str, Any]:
-    """Sets that do as well as the named one."""
+def alternatives(result: Diagnosis, most: int = 12) -> dict[str, Any]:
+    """Sets that do as well as the named one, `most` of them."""
     listed_ones = {tuple(c.terms): c for c in result.causes}
     rows = []
-    for ids in result.alternatives[:_MAX_ALTERNATIVES]:
+    for ids in result.alternatives[:most]:
         c = listed_ones.get(tuple(ids))
         rows.append(
             [
@@ -319,15 +318,15 @@ def alternatives(result: Diagnosis) -> dict[str, Any]:
     return {
         "named": model(result.named) if result.named else None,
         "rows": rows,
-        "more": max(0, len(result.alternatives) - _MAX_ALTERNATIVES),
+        "more": max(0, len(result.alternatives) - most),
     }
 
 
 # What remains ---------------------------------------------------------------------------------------------------
 
 
-def tests(tests: Tests) -> dict[str, Any]:
-    """What the tests of one model found, the most striking first."""
+def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
+    """What the tests of one model found, `most` of them, the most striking first."""
     odd = [Markup("reading {} of group {}").format(k + 1, g) for g, k in tests.odd_points]
     return {
         "p": words.p_text(tests.p_value),
@@ -347,7 +346,7 @@ def tests(tests: Tests) -> dict[str, Any]:
                 p_value(s.p_value),
                 {"text": "significant", "kind": "bad"} if s.significant else "no",
             ]
-            for s in tests.statistics[:_MAX_TESTS]
+            for s in tests.statistics[:most]
         ],
     }
 
@@ -371,7 +370,7 @@ def leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
             ]
             for g in left.groups
         ],
-        "pictures": diagnosis_pictures.leftover_pictures(shown[:MAX_PICTURED], mean, sd) if whole else [],
+        "pictures": diagnosis_pictures.leftover_pictures(first(shown), mean, sd) if whole else [],
     }
 
 
@@ -476,10 +475,10 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
     return {"about": about, "tells": found.tells_apart, "several": several, "rows": rows}
 
 
-def _left_tied(pairs: Sequence[Pair]) -> Markup | str:
-    """The pairs of models that a measurement would hardly separate."""
+def _left_tied(pairs: Sequence[Pair], hardly: float = 3.0) -> Markup | str:
+    """The pairs of models that a measurement would hardly separate, by fewer nats than this."""
     tied = [
-        Markup("{} and {}").format(model(pair.first), model(pair.second)) for pair in pairs if pair.separation < _HARDLY
+        Markup("{} and {}").format(model(pair.first), model(pair.second)) for pair in pairs if pair.separation < hardly
     ]
     return Markup("; ").join(tied) if tied else "none"
 
@@ -500,9 +499,48 @@ def search(found: Significance | None) -> dict[str, Any] | None:
     }
 
 
-def alike(pairs: Sequence[Alike]) -> list[list[Any]]:
-    """Pairs of causes whose effects look alike, and by which angle they differ."""
-    return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:_MAX_ALTERNATIVES]]
+def calibration(found: Calibration | None) -> dict[str, Any] | None:
+    """How often such a verdict is right here: by what made the readings, and by the probability printed."""
+    if not found:
+        return None
+    return {
+        "n": found.exact.of,
+        "truths": [
+            [model(one.truth), str(one.exact.of), str(one.exact.n), str(one.reported.n)] for one in found.truths
+        ],
+        "reliability": [
+            [f"{percent(r.lower)} to {percent(r.upper)}", str(r.right.of), percent(r.mean), _rate(r.right)]
+            for r in found.reliability
+        ],
+        "exact": _rate(found.exact),
+        "reported": _rate(found.reported),
+    }
+
+
+def _rate(found: Rate) -> str:
+    return f"{found.n} of {found.of} ({percent(found.lower)} to {percent(found.upper)})"
+
+
+def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[list[Any]]:
+    """Readings, `most` of them, on which alone the adopted model leans, by the tail of their weights."""
+    tail = np.array(result.influence.tail if result.influence else [], dtype=float)
+    if tail.size != sum(g.group.n_points for g in shown):
+        return []
+    far = [(float(tail[row]), g, k) for g in shown for k, row in enumerate(g.rows) if tail[row] > TRUSTED]
+    return [
+        [
+            Markup("Group {}").format(g.group.id),
+            words.quantity(float(g.group.frequency_hz[k]), "Hz"),
+            words.quantity(float(g.group.amplitude_v[k]), "V"),
+            fixed(value, 2),
+        ]
+        for value, g, k in sorted(far, key=lambda told: -told[0])[:most]
+    ]
+
+
+def alike(pairs: Sequence[Alike], most: int = 12) -> list[list[Any]]:
+    """Pairs of causes whose effects look alike, `most` of them, and by which angle they differ."""
+    return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:most]]
 
 
 def rehearsal(found: Rehearsal) -> dict[str, Any]:

@@ -44,9 +44,6 @@ from psafit.validate import FAIR, GOOD, LEVEL, Prediction, coverage, doubt, some
 
 REPORT = "report.html"
 
-_MAX_MINIMA = 8
-# Posterior draws that are looked at without each cause: a median of them is to be seen, not to be scored.
-_DRAWS_WITHOUT = 200
 _ONE_SIDED = {"bounded above": "no lower limit", "bounded below": "no upper limit"}
 # How the page says whether the fit predicts what it has not seen.
 _WORDS = {
@@ -58,7 +55,9 @@ _WORDS = {
 _KINDS = {"determined": "good", "bounded above": "warn", "bounded below": "warn", "not determined": "bad"}
 
 
-def write_report(run: Run, validation: Validation, predictions: list[Prediction], numerics: Numerics) -> Path:
+def write_report(
+    run: Run, validation: Validation, predictions: list[Prediction], numerics: Numerics, *, draws_without: int = 200
+) -> Path:
     """Write `report.html` into the run's folder.
 
     Parameters
@@ -67,13 +66,15 @@ def write_report(run: Run, validation: Validation, predictions: list[Prediction]
     validation : Validation
     predictions : list of Prediction
         Of the same run, in the order of the validation's groups.
+    draws_without : int
+        Posterior draws that are looked at without each cause: a median of them is to be seen, not to be scored.
 
     Returns
     -------
     Path
         Of the page.
     """
-    few = some_draws(run, _DRAWS_WITHOUT)
+    few = some_draws(run, draws_without)
     shown = fit_pictures.shown_groups(validation, predictions, lambda group: without_each(run.problem, few, [group]))
     pictured = fit_pictures.pictured(shown)
     marginals = fit_pictures.marginals(run)
@@ -312,7 +313,7 @@ def _parameter_rows(run: Run, doubted: bool) -> list[list[Any]]:
     return rows
 
 
-def _minima(run: Run) -> dict[str, Any]:
+def _minima(run: Run, most: int = 8) -> dict[str, Any]:
     fit = run.fit
     best = fit.minima[0]
     symbols = _symbols(run)
@@ -333,7 +334,7 @@ def _minima(run: Run) -> dict[str, Any]:
             f"{best.log_posterior - m.log_posterior:.2f}",
             *(number(m.values[e.name]) for e in fit.parameters),
         ]
-        for rank, m in enumerate(fit.minima[:_MAX_MINIMA], 1)
+        for rank, m in enumerate(fit.minima[:most], 1)
     ]
     found = f"{len(fit.minima)} distinct {'minimum' if len(fit.minima) == 1 else 'minima'}"
     text = f"Two fits with starts of their own look for minima, and lmfit polishes them: {found}. "
@@ -357,7 +358,7 @@ def _minima(run: Run) -> dict[str, Any]:
         "text": text,
         "columns": columns,
         "rows": rows,
-        "more": max(0, len(fit.minima) - _MAX_MINIMA),
+        "more": max(0, len(fit.minima) - most),
     }
 
 

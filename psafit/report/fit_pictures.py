@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.stats import binom
 
@@ -22,12 +21,10 @@ from psafit.report.catalogue import TITLES
 from psafit.report.figures.curves import ROLE_COLOR
 from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import SWEPT
-from psafit.report.page import SVG_LIMIT, Picture, figure_data_uri, worst
+from psafit.report.page import Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
 from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
 from psafit.validate import Prediction, log_ratio
-
-_MAX_SVG_GROUPS = 8
 
 
 @dataclass(frozen=True)
@@ -61,11 +58,6 @@ def pictured(shown: list[Shown]) -> list[Shown]:
     """The groups that get pictures, and in any case the first that was fitted."""
     first = next(i for i, g in enumerate(shown) if g.score.role == "fit")
     return [shown[i] for i in sorted({first, *worst([g.score.log_rmse for g in shown])})]
-
-
-def _uri(figure: Figure, pictured: Sequence[Shown]) -> str:
-    """Image of one of many figures: PNG, the smaller format, where there are so many that the page would be heavy."""
-    return figure_data_uri(figure, svg_limit=SVG_LIMIT if len(pictured) <= _MAX_SVG_GROUPS else 0)
 
 
 def _swept(sweep: figures.Sweep) -> str:
@@ -147,7 +139,8 @@ def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
             caption += f" {zeros} of them {'is' if zeros == 1 else 'are'} zero."
         if p.group.sigma is not None:
             caption += " Bars: the readings’ own standard uncertainty."
-        pictures.append(Picture(_uri(figures.group_figure(p.group, w, g.curves, p.role), pictured), alt, caption))
+        figure = figures.group_figure(p.group, w, g.curves, p.role)
+        pictures.append(Picture(figure_data_uri(figure, alike=len(pictured)), alt, caption))
     return pictures
 
 
@@ -175,7 +168,7 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         furthest = factor(float(error[worst]))
         pictures.append(
             Picture(
-                _uri(figures.residual_figure(p, w, error, band, others, view), pictured),
+                figure_data_uri(figures.residual_figure(p, w, error, band, others, view), alike=len(pictured)),
                 f"Predicted over measured against {_swept(w)}, group {s.group}, {ROLE_TEXT[s.role]}: mean"
                 f" ×{factor(s.log_bias)}, furthest from one ×{furthest} at {place}.",
                 f"On average ×{factor(s.log_bias)}; furthest off ×{furthest} at {place}.",
@@ -195,7 +188,7 @@ def pit_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         edge = percent(float(np.mean((pit < 1 / bins) | (pit >= 1 - 1 / bins))))
         pictures.append(
             Picture(
-                _uri(figures.pit_figure(p, g.sweep, pit, (low, high), bins), pictured),
+                figure_data_uri(figures.pit_figure(p, g.sweep, pit, (low, high), bins), alike=len(pictured)),
                 f"Histogram of the probability integral transforms of group {p.group.id}, {ROLE_TEXT[p.role]}:"
                 f" {edge} of {pit.size} readings in the two outermost of {bins} bins, {percent(2 / bins)} expected.",
                 f"{edge} of {count(pit.size, 'reading')} in the two outermost bins, where {percent(2 / bins)} belong.",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jinja2
 from markupsafe import Markup
@@ -18,14 +18,6 @@ from matplotlib.figure import Figure
 
 from psafit.files import encodable, write_atomically
 from psafit.report.style import figure_style
-
-SVG_LIMIT = 120_000
-"""Largest SVG, in bytes, that is put into a page; larger ones go in as PNG."""
-
-PNG_DPI = 200
-
-MAX_PICTURED = 24
-"""Groups that get pictures of their own."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +29,17 @@ class Picture:
     caption: str | Markup
 
 
+_Item = TypeVar("_Item")
+
+
+def first(items: Sequence[_Item], most: int = 24) -> Sequence[_Item]:
+    """Those that get pictures of their own: all, or of very many the first."""
+    return items[:most]
+
+
 def worst(errors: Sequence[float]) -> list[int]:
     """Places of the groups that get pictures: all, or of very many the worst, in the order of the experiment."""
-    return sorted(sorted(range(len(errors)), key=lambda i: -errors[i])[:MAX_PICTURED])
+    return sorted(first(sorted(range(len(errors)), key=lambda i: -errors[i])))
 
 
 @cache
@@ -104,8 +104,8 @@ def _with_palette(png: io.BytesIO) -> io.BytesIO:
     return small
 
 
-def figure_data_uri(figure: Figure, *, svg_limit: int = SVG_LIMIT) -> str:
-    """Encode a figure for `<img src>`: SVG while it is small, else PNG at 200 dots per inch.
+def figure_data_uri(figure: Figure, *, svg_limit: int = 120_000, alike: int = 1, few: int = 8, dpi: int = 200) -> str:
+    """Encode a figure for `<img src>`: SVG while it is small, else PNG.
 
     Parameters
     ----------
@@ -113,6 +113,10 @@ def figure_data_uri(figure: Figure, *, svg_limit: int = SVG_LIMIT) -> str:
         Drawn inside `psafit.report.style.figure_style`.
     svg_limit : int, bytes
         Largest SVG to embed; 0 for PNG in any case.
+    alike, few : int
+        Figures like this one on the page. Of more than a few each is a PNG, the smaller format.
+    dpi : int
+        Dots per inch of a PNG.
 
     Returns
     -------
@@ -122,11 +126,13 @@ def figure_data_uri(figure: Figure, *, svg_limit: int = SVG_LIMIT) -> str:
     buffer = io.BytesIO()
     with figure_style():
         kind = "svg+xml"
+        if alike > few:
+            svg_limit = 0
         if svg_limit > 0:
             figure.savefig(buffer, format="svg", metadata={"Date": None})
         if svg_limit <= 0 or buffer.tell() > svg_limit:
             buffer = io.BytesIO()
-            figure.savefig(buffer, format="png", dpi=PNG_DPI)
+            figure.savefig(buffer, format="png", dpi=dpi)
             buffer = _with_palette(buffer)
             kind = "png"
     return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

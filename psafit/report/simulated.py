@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from psafit.experiment import Conditions, by_group
 from psafit.files import write_atomically
 from psafit.report import figures
-from psafit.report.page import PNG_DPI
 from psafit.report.style import figure_style
 
 _COLORS: Final = ("vermillion", "blue", "green", "purple")
@@ -45,11 +44,11 @@ def write_picture(
     save(figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves), path)
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure in one step; its ending says what kind of picture: .png, .svg or .pdf."""
+def save(figure: Figure, path: Path, dpi: int = 200) -> None:
+    """Write a figure in one step; its ending says what kind of picture: .png (`dpi` dots an inch), .svg or .pdf."""
     kind = path.suffix.lower().removeprefix(".")
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)  # equal pictures are equal bytes
     buffer = io.BytesIO()
     with figure_style():
-        figure.savefig(buffer, format=kind, dpi=PNG_DPI, metadata=undated)
+        figure.savefig(buffer, format=kind, dpi=dpi, metadata=undated)
     write_atomically(path, buffer.getvalue())

@@ -39,7 +39,6 @@ _GREEK: Final = {
     "Delta": "Δ",
     "Omega": "Ω",
 }
-_MAX_LISTED = 9
 # Units that take prefixes, each below this size; and the prefixes.
 _PREFIXED: Final = {"m": 1e-3, "s": 1.0, "N": 1e-2}
 _SMALL: Final = ((1e3, "m"), (1e6, "u"), (1e9, "n"))
@@ -194,11 +193,11 @@ def count(n: int, noun: str) -> str:
     return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
-def listed(items: Iterable[object]) -> Markup:
-    """``a, b and c``, escaped; a long list ends in how many more there are."""
+def listed(items: Iterable[object], most: int = 9) -> Markup:
+    """``a, b and c``, escaped; a list of more than `most` ends in how many more there are."""
     shown = [escape(item) for item in items]
-    if len(shown) > _MAX_LISTED:
-        shown = [*shown[: _MAX_LISTED - 1], escape(f"{len(shown) - _MAX_LISTED + 1} more")]
+    if len(shown) > most:
+        shown = [*shown[: most - 1], escape(f"{len(shown) - most + 1} more")]
     if len(shown) < 2:
         return Markup("").join(shown)
     return Markup(", ").join(shown[:-1]) + " and " + shown[-1]

@@ -41,14 +41,11 @@ def stepped_path(launch: Launch) -> SteppedPath:
 class _Quantities:
     """What the claims need of one contact; SI units, NaN where the march overflowed."""
 
-    launch_range: float
-    contact_time: float
-    largest_tip_time: float
-    peak_force: float
-    restitution: float
-
-
-_NOTHING = _Quantities(*[math.nan] * 5)
+    launch_range: float = math.nan
+    contact_time: float = math.nan
+    largest_tip_time: float = math.nan
+    peak_force: float = math.nan
+    restitution: float = math.nan
 
 
 class Solution:
@@ -75,7 +72,7 @@ def study_quantities(
     """What the study's march says of one launch."""
     launch = rk4_launch(point, parameters, constants, step, total, path=True)
     if launch.outcome != "launched":
-        return _NOTHING
+        return _Quantities()
     path = stepped_path(launch)
     x1, v1, x2, v2 = path.state.T
     d = x1 - x2

@@ -39,6 +39,8 @@ class Simulation:
     launched : bool array
     separation_place : array, m
         The ball's displacement at the separation; NaN where no cause asks for it.
+    peak_force : array, N, optional
+        Largest contact force until the separation; NaN without one. None unless it was asked for.
     engine : str
         The path that ran, of `PATHS`; "mixed" where sets of one batch differ (some at a cause's neutral value).
     """
@@ -49,6 +51,7 @@ class Simulation:
     launched: NDArray[np.bool_]
     separation_place: FloatArray
     engine: str
+    peak_force: FloatArray | None = None
 
 
 def launch_range(speed: ArrayLike, length: float, g: float) -> FloatArray:
@@ -137,10 +140,14 @@ def _contact(
     terms: Sequence[Term],
     own: Sequence[slice],
     placed: bool,
+    forced: bool,
     path: str | None,
     tolerance: float,
 ) -> tuple[NDArray[Any], ...]:
-    """Follow the ball to its separation: time, speed, place, status, each (n_sets, n_points), and the sets stepped."""
+    """Follow the ball to its separation.
+
+    Returns time, speed, place, status and highest force, each (n_sets, n_points), and the sets stepped.
+    """
     # One bit for each cause whose function acts in contact and is not at its neutral value.
     pattern = np.zeros(len(sets), np.int64)
     for k, term in enumerate(terms):
@@ -154,10 +161,11 @@ def _contact(
         stepped[:] = True
     shape = (len(sets), design.n_points)
     when, speed, place = np.empty(shape), np.empty(shape), np.full(shape, np.nan)
-    status = np.empty(shape, np.int8)
+    status, peak = np.empty(shape, np.int8), np.empty(shape)
+    whole: tuple[NDArray[Any], ...] = (when, speed, place, status, peak)
 
     def step(chosen: NDArray[np.intp], wanted: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
-        found: tuple[NDArray[Any], ...] = tuple(np.empty(wanted.shape, a.dtype) for a in (when, speed, place, status))
+        found: tuple[NDArray[Any], ...] = tuple(np.empty(wanted.shape, a.dtype) for a in whole)
         for bits in np.unique(pattern[chosen]):
             some = np.flatnonzero(pattern[chosen] == bits)
             active = [(t, 8 * own[k].start) for k, t in enumerate(terms) if bits >> k & 1]
@@ -168,7 +176,7 @@ def _contact(
                 }
             )
             result = stepper.separation(
-                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some]
+                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some], forced=forced
             )
             for target, values in zip(found, result, strict=False):
                 target[some] = values
@@ -176,21 +184,22 @@ def _contact(
 
     exact = np.flatnonzero(~stepped)
     if exact.size:
-        when[exact], speed[exact], place[exact], status[exact] = closed_form.separation(design, rig.take(exact), placed)
+        for target, values in zip(whole, closed_form.separation(design, rig.take(exact), placed, forced), strict=True):
+            target[exact] = values
         # A ball that its pendulum draws after the retreating tip is not launched yet: only steps follow it further.
         # Nor do their places count that it does not leave.
         back = (status == closed_form.DRAWN_BACK) | (placed & (status == closed_form.NO_SEPARATION))
         back[stepped] = False
         rows = np.flatnonzero(back.any(axis=1))
         if rows.size:
-            whole: tuple[NDArray[Any], ...] = (when, speed, place, status)
             for target, values in zip(whole, step(rows, back[rows]), strict=True):
                 target[rows] = np.where(back[rows], values, target[rows])
     rest = np.flatnonzero(stepped)
     if rest.size:
         every = np.ones((rest.size, shape[1]), bool)
-        when[rest], speed[rest], place[rest], status[rest] = step(rest, every)
-    return when, speed, place, status, stepped
+        for target, values in zip(whole, step(rest, every), strict=True):
+            target[rest] = values
+    return *whole, stepped
 
 
 def simulate(
@@ -200,6 +209,7 @@ def simulate(
     *,
     path: str | None = None,
     tolerance: float = stepper.TOLERANCE,
+    forces: bool = False,
 ) -> Simulation:
     """Launch the ball once for every parameter set and measurement point.
 
@@ -217,6 +227,8 @@ def simulate(
     tolerance : float
         Of the stepper: error admitted in one step, relative to the ball's speed. A swing with losses is followed in
         fewer steps where more than the usual error is admitted.
+    forces : bool
+        Whether to find the peak force of each contact.
 
     Returns
     -------
@@ -240,16 +252,16 @@ def simulate(
 
     by_session = n_sessions > 1 and any(t.by_session for t in terms)
     if not (design.others or by_session):  # a search calls this thousands of times
-        return _simulate(design, sets, terms, n_sessions, path, tolerance)
+        return _simulate(design, sets, terms, n_sessions, path, tolerance, forces)
     split = design.of_sessions if by_session else design.of_rigs
-    parts = [_simulate(part, sets, terms, n_sessions, path, tolerance) for part, _ in split]
+    parts = [_simulate(part, sets, terms, n_sessions, path, tolerance, forces) for part, _ in split]
     back = np.argsort(np.concatenate([rows for _, rows in split]), kind="stable")
     engines = {p.engine for p in parts}
     return Simulation(
         **{
             f.name: np.concatenate([getattr(p, f.name) for p in parts], axis=1)[:, back]
             for f in fields(Simulation)
-            if f.name != "engine"
+            if f.name != "engine" and (forces or f.name != "peak_force")
         },
         engine=engines.pop() if len(engines) == 1 else "mixed",
     )
@@ -270,16 +282,24 @@ def readings(
     if design.launches is None:
         return LAUNCH_RANGE.of(simulate(design, theta, terms, tolerance=tolerance))
     points, back = design.launches
-    found = simulate(points, theta, terms, tolerance=tolerance)
+    kinds = np.unique(design.measured)
+    forces = any(OBSERVABLES[k].force for k in kinds)
+    found = simulate(points, theta, terms, tolerance=tolerance, forces=forces)
     read = np.empty((len(found.launch_range), design.n_points))
-    for k in np.unique(design.measured):
+    for k in kinds:
         here = np.flatnonzero(design.measured == k)
         read[:, here] = OBSERVABLES[k].of(found)[:, back[here]]
     return read
 
 
 def _simulate(
-    design: Design, sets: FloatArray, terms: Sequence[Term], n_sessions: int, path: str | None, tolerance: float
+    design: Design,
+    sets: FloatArray,
+    terms: Sequence[Term],
+    n_sessions: int,
+    path: str | None,
+    tolerance: float,
+    forces: bool,
 ) -> Simulation:
     """The same at points of one rig, and of one session where every session has its own."""
     own, session = _own(terms, n_sessions), int(design.group[0]) if design.n_points else 0
@@ -301,8 +321,8 @@ def _simulate(
         if term.swing_offset:
             weight = weight + term.swing_offset(sets[:, columns_])
     placed = bool((rig.lean > 0.0).any() or (weight > 0.0).any())
-    when, speed, place, status, stepped = (
-        a[back] for a in _contact(design, rig.take(first), sets[first], terms, own, placed, path, tolerance)
+    when, speed, place, status, peak, stepped = (
+        a[back] for a in _contact(design, rig.take(first), sets[first], terms, own, placed, forces, path, tolerance)
     )
 
     losses = [
@@ -330,4 +350,5 @@ def _simulate(
         if term.reading:
             swung = term.reading(swung, sets[:, own[k]], design.group)
     engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
-    return Simulation(swung, when, speed, status == closed_form.LAUNCHED, place, engine)
+    launched = status == closed_form.LAUNCHED
+    return Simulation(swung, when, speed, launched, place, engine, peak if forces else None)

@@ -64,16 +64,6 @@ from psafit.simulate.command import (
 from psafit.simulate.compiled import WIDTH, compiled, load, prange, size, splat, store, total
 from psafit.simulate.design import Design
 
-# Poles closer than this (relative) lose digits to cancellation, eps/_CLOSE for two of them, when summed one by one.
-_CLOSE = 1e-3
-# They are replaced by this many nodes of the trapezoid rule on a circle around them; the rule's error falls
-# as (r/R)^n, with r the spread of the cluster and R the circle, and again with R and the next pole outside.
-_NODES = 24
-_CLEARANCE = 3.0
-_RADIUS = 0.01
-# An undamped pole met by the drive is moved aside: costs the square of (cycles in contact x this), and eps over it.
-_DETUNE = 1e-7
-_MAX_STEPS = 2_000_000
 # A command that begins this close to its idle voltage, relative to its size, begins there.
 _ROUNDING = 2 * np.finfo(float).eps
 _ROUNDED = 512 * np.finfo(float).eps
@@ -86,7 +76,30 @@ _NOISE = 8 * np.finfo(float).eps
 HORIZON = 100.0
 HORIZON_PERIODS = 3.0
 
-LAUNCHED, AT_REST, NO_SEPARATION, DRAWN_BACK = 0, 1, 2, 3
+LAUNCHED, AT_REST, NO_SEPARATION, DRAWN_BACK = range(4)
+
+
+@dataclass(frozen=True)
+class PoleSettings:
+    """How poles are summed that nearly coincide.
+
+    Parameters
+    ----------
+    close : float
+        Poles closer than this (relative) lose digits to cancellation when summed singly: eps/close for two of them.
+    nodes : int
+        They are replaced by this many nodes of the trapezoid rule on a circle around them. Its error falls as (r/R)^n,
+        with r the spread of the cluster and R the circle, and again with R and the next pole outside.
+    clearance : float
+        Radius of the circle in units of the spread, and distance of other poles in units of the radius.
+    radius : float
+        The circle's least radius, relative to its centre.
+    """
+
+    close: float = 1e-3
+    nodes: int = 24
+    clearance: float = 3.0
+    radius: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -209,7 +222,7 @@ def _quadratic(p, q):  # type: ignore[no-untyped-def]
     return complex(big, 0.0), complex(q / big, 0.0)
 
 
-def _circle_around_clusters(roots: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+def _circle_around_clusters(roots: ComplexArray, how: PoleSettings) -> tuple[ComplexArray, ComplexArray]:
     """Poles and weights of ``1/prod(s - roots)`` where some roots nearly coincide.
 
     The sum of residues of a cluster is a contour integral around it; the trapezoid rule on a circle
@@ -225,8 +238,8 @@ def _circle_around_clusters(roots: ComplexArray) -> tuple[ComplexArray, ComplexA
             centre = sum(members) / len(members)
             spread = max(abs(z - centre) for z in members)
             # Alone: nothing to do unless a neighbour, a conjugate included, is too close.
-            radius = max(_CLEARANCE * spread, _RADIUS * abs(centre))
-            reach = _CLOSE * abs(centre) if len(members) == 1 else _CLEARANCE * radius
+            radius = max(how.clearance * spread, how.radius * abs(centre))
+            reach = how.close * abs(centre) if len(members) == 1 else how.clearance * radius
             near = [z for z in free if abs(z - centre) < reach]
             if any(0 < z.imag < 0.5 * reach for z in members):  # meets its own conjugate: a real centre
                 near += [z.conjugate() for z in members if z.conjugate() not in members and z.imag > 0]
@@ -239,19 +252,20 @@ def _circle_around_clusters(roots: ComplexArray) -> tuple[ComplexArray, ComplexA
             places.append(z)
             weights.append((2.0 if z.imag > 0 else 1.0) / np.prod(z - others))
             continue
-        angle = (np.arange(_NODES) + 0.5) * (2 * np.pi / _NODES)
+        angle = (np.arange(how.nodes) + 0.5) * (2 * np.pi / how.nodes)
         offset = radius * np.exp(1j * angle)
         real = abs(centre.imag) < radius
         if real:
-            centre, offset = complex(centre.real), offset[: _NODES // 2]
+            centre, offset = complex(centre.real), offset[: how.nodes // 2]
         for z in centre + offset:
             places.append(z)
-            weights.append(2.0 * (z - centre) / _NODES / np.prod(z - roots))
+            weights.append(2.0 * (z - centre) / how.nodes / np.prod(z - roots))
     return np.array(places), np.array(weights)
 
 
-def modes(rig: Setup) -> Modes:
+def modes(rig: Setup, settings: PoleSettings | None = None) -> Modes:
     """Poles and weights for each parameter set; all of the sets have a lag, or none."""
+    how = settings or PoleSettings()
     roots = poles(contact_polynomial(rig))
     lead = rig.k_s * rig.q / rig.m
     if rig.lag[0] > 0.0:
@@ -263,11 +277,11 @@ def modes(rig: Setup) -> Modes:
     weight = np.where(roots.imag > 0, 2.0, 1.0) * (roots.imag >= 0)
     pole = np.where(weight > 0, roots, 0.0)
     close = np.abs(difference).min(axis=2, where=~np.eye(n, dtype=bool), initial=np.inf)
-    crowded = np.flatnonzero((close < _CLOSE * np.abs(roots)).any(axis=1))
+    crowded = np.flatnonzero((close < how.close * np.abs(roots)).any(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
         weight = np.where(weight > 0, weight / difference.prod(axis=2), 0.0)
     if crowded.size:
-        replaced = [_circle_around_clusters(roots[i]) for i in crowded]
+        replaced = [_circle_around_clusters(roots[i], how) for i in crowded]
         width = max(n, *(len(place) for place, _ in replaced))
         pole = np.pad(pole, ((0, 0), (0, width - n)))
         weight = np.pad(weight, ((0, 0), (0, width - n)))
@@ -370,9 +384,12 @@ def _twice(place, amplitude, n, t):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
-    """First zero of the indentation plus `lift` in (t, end], infinity if none; and whether it has yet to rise."""
-    for _ in range(_MAX_STEPS):
+def _march(table, n, t, end, rising, lift, most=2_000_000):  # type: ignore[no-untyped-def]
+    """First zero of the indentation plus `lift` in (t, end], infinity if none; and whether it has yet to rise.
+
+    NaN after `most` steps.
+    """
+    for _ in range(most):
         d0, d1, d2, b2, b3, noise = _evaluate(table, n, t)
         if noise < lift:
             return math.inf, rising  # too little motion is left
@@ -397,10 +414,37 @@ def _march(table, n, t, end, rising, lift):  # type: ignore[no-untyped-def]
     return math.nan, rising
 
 
+@compiled(borrows=True)
+def _highest(place, amplitude, n, end, spring, damper, force, table, best, peak=1e-11, most=2_000_000):  # type: ignore[no-untyped-def]
+    """Largest ``spring d + damper d'`` over [0, end], or `best` if that is larger.
+
+    A step is as long as the bounds show that the force rises throughout, so that its end is its highest, or that it
+    stays below the highest so far. A force counts as higher if it is by the part `peak`.
+    """
+    for k in range(n):
+        force[k] = amplitude[k] * (spring + damper * place[k])
+    _tabulate(place, force, n, table)
+    t = 0.0
+    for _ in range(most):
+        f0, f1, f2, b2, b3, noise = _evaluate(table, n, t)
+        best = max(best, f0)
+        if t >= end or b2 == 0.0:
+            return best
+        step = _safe_step(best * (1.0 + peak) - f0 + _NOISE * noise, -f1, -f2, b2, b3)
+        if f1 > 0.0:
+            # f'(t + h) >= f1 - b2 h, and >= f1 + f2 h - b3 h^2/2
+            step = max(step, f1 / b2, (f2 + math.sqrt(f2 * f2 + 2.0 * b3 * f1)) / b3)
+        t = min(t + step, end)
+    return math.nan
+
+
 @compiled
-def _aside(s, drive):  # type: ignore[no-untyped-def]
-    """The pole itself, or one beside the drive's where they coincide."""
-    shift = _DETUNE * abs(drive)
+def _aside(s, drive, apart=1e-7):  # type: ignore[no-untyped-def]
+    """The pole itself, or one beside the drive's where they coincide: `apart` from it, relative to it.
+
+    It costs the square of (cycles in contact x this), and eps over it.
+    """
+    shift = apart * abs(drive)
     return drive - shift if abs(s - drive) < shift else s
 
 
@@ -482,7 +526,7 @@ def _follow(n, rows, point, index, a, b, before, horizon, lift, work):  # type: 
     `a` and `b` are level and slope at its end. Returns how many lines, the integral of the indentation over them, and
     level, slope and time at the end of the last.
     """
-    place, amplitude, by_level, by_slope, grow, growth, _, held = work
+    place, amplitude, by_level, by_slope, grow, growth, _, _, held = work
     first, count, rate, scale = int(point[FIRST]), int(point[COUNT]), point[RATE], point[SCALE]
     number = index % count
     origin, limit = (index // count) * point[PERIOD] - point[TURN], min(horizon, point[LAST])
@@ -529,12 +573,16 @@ def _follow(n, rows, point, index, a, b, before, horizon, lift, work):  # type: 
 
 
 @compiled(borrows=True)
-def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, work):  # type: ignore[no-untyped-def]
-    """Separation under a command: (time, integral of the indentation until then, integral of that).
+def _separate(  # type: ignore[no-untyped-def]
+    pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work
+):  # fmt: skip
+    """Separation under a command: (time, integral of the indentation until then, integral of that, highest force).
+
+    The force is the contact's beyond that at rest, over the ball's mass.
 
     The time is infinite without a separation, and negative where the tip first draws back from the ball.
     """
-    place, amplitude, by_level, by_slope, grow, growth, table, _ = work
+    place, amplitude, by_level, by_slope, grow, growth, force, table, _ = work
     omega = point[OMEGA]
     swings = omega != 0.0
     drive = 1j * omega
@@ -546,20 +594,20 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
             by_level[n] = weight[k] / s
             n += 1
     n_modes = n
-    forced = 0j
+    steady = 0j
     if swings:
-        forced = lead * drive * drive
+        steady = lead * drive * drive
         for k in range(len(roots)):
-            forced /= drive - _aside(roots[k], drive)
+            steady /= drive - _aside(roots[k], drive)
         place[n] = drive
         n += 1
     row = first_row(rows, point, phase)
     k, now = first_move(rows, point, row, phase)
     if now == math.inf:
-        return now, 0.0, 0.0
+        return now, 0.0, 0.0, 0.0
     # The command just before: level, slope and phasor of the swing.
     a, b, C = point[IDLE], 0.0, 0j
-    once = twice = before = 0.0
+    once = twice = before = top = 0.0
     rising, first, ramps = True, True, False
     while True:
         anchor, end, level, slope, swing, psi = command(rows, point, row, k, phase)
@@ -575,7 +623,7 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
             order, lowest = _leading(da, db, dC, omega)
             value = lowest if order == 0 else 0.0
             if lowest < 0.0 and not pressed:
-                return -1.0, 0.0, 0.0
+                return -1.0, 0.0, 0.0, 0.0
         if db != 0.0 and not ramps:
             ramps = True
             for j in range(n_modes):
@@ -592,12 +640,14 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
                 if db != 0.0:
                     amplitude[j] += by_slope[j] * db
         if swings:
-            amplitude[n_modes] = forced * complex(phasor.imag, -phasor.real)
+            amplitude[n_modes] = steady * complex(phasor.imag, -phasor.real)
         if first:
             first = False
             if lowest > 0.0:
                 t = min(_start(place, amplitude, n, len(roots) - 2 + order, lead * lowest), span)
-        elif not (swings or placed or rising) and _is_apart(place, amplitude, n, span, lift) and end <= horizon:
+        elif (
+            not (swings or placed or forced or rising) and end <= horizon and _is_apart(place, amplitude, n, span, lift)
+        ):
             before = _grown(place, n_modes, span, before, end, grow, growth)
             for j in range(n):
                 once += (amplitude[j] * growth[j]).real
@@ -612,14 +662,16 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
         t, rising = _march(table, n, t, min(span, horizon), rising, lift)
         reached = span if math.isinf(t) else t
         if math.isinf(reached):
-            return reached, once, twice
+            return reached, once, twice, top
         if placed:
             twice += once * reached + _twice(place, amplitude, n, reached)
         once += _impulse(place, amplitude, n, reached)
+        if forced:
+            top = _highest(place, amplitude, n, reached, spring, damper, force, table, top)
         if not math.isinf(t):
-            return now + t, once, twice
+            return now + t, once, twice, top
         if end > horizon:
-            return math.inf, once, twice
+            return math.inf, once, twice, top
         before = _grown(place, n_modes, span, before, end, grow, growth)
         a, b = level + slope * span, slope
         C = phasor * complex(math.cos(omega * span), math.sin(omega * span)) if swings else 0j
@@ -627,27 +679,27 @@ def _separate(pole, weight, lead, roots, rows, point, phase, lift, pressed, hori
 
 
 def _launch(  # type: ignore[no-untyped-def]
-    pole, weight, lead, roots, spring, damper, lift, lean, phase, scale, idle, horizon, placed, rows, points,
-    when, speed, where, status,
+    pole, weight, lead, roots, spring, damper, lift, lean, phase, scale, idle, horizon, placed, forced, rows, points,
+    when, speed, where, status, peak,
 ):  # fmt: skip
     n_sets, n_points = when.shape
     for i in prange(n_sets):
         width = pole.shape[1] + 1
-        lines = np.empty((6, width), np.complex128)
+        lines = np.empty((7, width), np.complex128)
         held = np.empty((12, WIDTH))
-        work = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], np.empty((width, 7)), held
+        work = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], np.empty((width, 7)), held
         point = np.empty(COMMAND)
         for j in range(n_points):
             driven(points[j], scale[i], idle[i], point)
-            when[i, j], speed[i, j], where[i, j], status[i, j] = 0.0, 0.0, 0.0, AT_REST
+            when[i, j], speed[i, j], where[i, j], status[i, j], peak[i, j] = 0.0, 0.0, 0.0, AT_REST, math.nan
             if point[REACH] == 0.0:
                 continue
             limit = HORIZON
             if lift[i] > 0.0:
                 limit = max(horizon[i], point[LENGTH] + HORIZON_PERIODS / point[FREQUENCY])
-            t, once, twice = _separate(
+            t, once, twice, top = _separate(
                 pole[i], weight[i], lead[i], roots[i], rows, point, phase_of(point, phase[i]), lift[i], lean[i] > 0.0,
-                limit, placed, work,
+                limit, placed, forced, spring[i], damper[i], work,
             )  # fmt: skip
             if t < 0.0:
                 when[i, j], speed[i, j], status[i, j] = math.nan, 0.0, DRAWN_BACK
@@ -659,14 +711,11 @@ def _launch(  # type: ignore[no-untyped-def]
             speed[i, j] = spring[i] * once - damper[i] * lift[i]
             where[i, j] = spring[i] * twice + damper[i] * once
             status[i, j] = LAUNCHED if speed[i, j] > 0.0 else DRAWN_BACK
+            peak[i, j] = top
 
 
 _launch_serial = compiled(_launch)
 _launch_parallel = compiled(_launch, parallel=True)
-# Waking the threads costs about as much as this many trajectories.
-_WORTH_THREADS = 1000
-# More sets at once leave the cache and gain nothing.
-_BATCH = 512
 
 
 def contact_horizon(k_c: FloatArray, ball: FloatArray) -> FloatArray:
@@ -675,9 +724,17 @@ def contact_horizon(k_c: FloatArray, ball: FloatArray) -> FloatArray:
 
 
 def separation(
-    design: Design, rig: Setup, placed: bool = False
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8]]:
-    """Time (s), ball speed (m/s) and ball place (m) at the first separation, and what happened; (n_sets, n_points).
+    design: Design,
+    rig: Setup,
+    placed: bool = False,
+    forced: bool = False,
+    *,
+    threads_from: int = 1000,
+    together: int = 512,
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], FloatArray]:
+    """Time (s), ball speed (m/s) and place (m) at the first separation, what happened, and the highest force (N).
+
+    Each is (n_sets, n_points).
 
     Parameters
     ----------
@@ -688,24 +745,34 @@ def separation(
         ``rub = 0``.
     placed : bool
         Whether the ball's place is needed; it is meaningless otherwise.
+    forced : bool
+        Whether the contact's highest force is; likewise.
+    threads_from : int
+        Trajectories above which it is worth waking threads: that costs about as much as so many.
+    together : int
+        Sets that are followed at once: more leave the cache and gain nothing.
     """
     n_sets = len(rig.k_c)
     shape = (n_sets, design.n_points)
-    when, speed, where, status = np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape, np.int8)
-    launch = _launch_parallel if n_sets > 1 and when.size > _WORTH_THREADS else _launch_serial
+    every = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float))
+    when = every[0]
+    launch = _launch_parallel if n_sets > 1 and when.size > threads_from else _launch_serial
     lags = rig.lag > 0.0
     for kind in np.unique(lags):
         chosen = np.flatnonzero(lags == kind)
-        for first in range(0, len(chosen), _BATCH):
-            part = chosen[first : first + _BATCH]
+        for first in range(0, len(chosen), together):
+            part = chosen[first : first + together]
             one = rig.take(part)
             batch = modes(one)
             press = one.M * one.g * one.lean / one.l
-            found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in (when, speed, where, status))
+            found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in every)
             launch(
                 batch.pole, batch.weight, batch.lead, batch.roots, one.k_c / one.M, one.c_c / one.M,
                 (press + one.bond) / one.k_c, one.lean, one.phase, one.scale, one.idle,
-                contact_horizon(one.k_c, one.M), placed, *design.commands, *found,
+                contact_horizon(one.k_c, one.M), placed, forced, *design.commands, *found,
             )  # fmt: skip
-            when[part], speed[part], where[part], status[part] = found
-    return when, speed, where, status
+            if forced:
+                found[-1][:] = found[-1] * one.M[:, None] + press[:, None]
+            for target, values in zip(every, found, strict=True):
+                target[part] = values
+    return every  # type: ignore[return-value]

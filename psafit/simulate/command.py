@@ -18,12 +18,11 @@ from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive, Table
 from psafit.simulate.compiled import compiled
 
-# Places in the record of a point's command.
-RATE, SCALE, BIAS, IDLE, REST, TURN, LAST, PERIOD, SHIFTS, FIRST, COUNT, OMEGA, FREQUENCY, REACH, JUMPS, LENGTH = range(
-    16
-)
-LOW, HIGH = 16, 17
-COMMAND = 18
+# Places in the record of a point's command, and its length.
+(
+    RATE, SCALE, BIAS, IDLE, REST, TURN, LAST, PERIOD, SHIFTS, FIRST, COUNT, OMEGA, FREQUENCY, REACH, JUMPS, LENGTH,
+    LOW, HIGH, COMMAND,
+) = range(19)  # fmt: skip
 # Places in the record of a piece of a waveform.
 BEGIN, LEVEL, SLOPE, SWING, ANGLE = range(5)
 # What counts as a jump, as a part of the greatest change of the voltage.

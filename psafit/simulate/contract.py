@@ -42,19 +42,10 @@ STUDY = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 AGREEMENT = {"closed form": 1e-9, "stepper": 1e-6}
 """Relative difference from the reference that each path of the simulator is allowed, of an ångström at least."""
 
-_ATOM = 1e-10  # m; a launch that is smaller than an atom is compared as if it were none
-
-# What a millionth of every parameter may do to a range on the other side of a bifurcation.
-_BESIDE = 1e-3
-# What is next to neutral, in the sampling coordinate: a cause that is plausible at a thousand times what shows changes
-# the least ranges by a thousand times this.
-_NEXT = 1e-11
 
 FACES = {"law": (2, 2), "stack_factor": (1, 1), "branch": (4, 1), "deceleration": (2, 1)}
 """Functions that are compiled, with their arguments: numbers, and arrays."""
 
-# Steps of this tolerance leave no error of theirs in a comparison with the reference; usual ones may err by so much.
-_FINE, _STEPS = 1e-8, 1e-5
 # Voltages and frequencies at which causes are looked at, like the study's six groups.
 _SWEEPS: tuple[tuple[int, ArrayLike, ArrayLike], ...] = (
     (SINE, np.geomspace(100, 25e3, 46), 20.0),
@@ -140,10 +131,24 @@ class Draw:
         pairs = list(zip(self.causes, values, strict=True))
         return literal_launch(self.point, theta, pairs, self.constants).launch_range
 
-    def beyond_a_jump(self, fast: float, value: float) -> bool:
-        """Whether parameters that differ by 1e-6 change the reference itself by more than 1 %, to what `fast` is."""
-        beside = (self.reference(1 + e) for e in (-1e-6, 1e-6))
-        return any(abs(b - value) > 0.01 * abs(value) and abs(fast - b) <= _BESIDE * max(abs(b), _ATOM) for b in beside)
+    def beyond_a_jump(
+        self, fast: float, value: float, *, nearby: float = 1e-6, jump: float = 0.01, like: float = 1e-3
+    ) -> bool:
+        """Whether a slight change of all parameters makes the reference jump to what `fast` is.
+
+        Parameters
+        ----------
+        fast, value : float, m
+            Launch ranges of the fast path and of the reference.
+        nearby : float
+            Relative change of every parameter.
+        jump : float
+            Least relative change of the reference.
+        like : float
+            Relative difference of `fast` from what is beyond the jump.
+        """
+        beside = (self.reference(1 + e) for e in (-nearby, nearby))
+        return any(abs(b - value) > jump * abs(value) and abs(fast - b) <= like * _size_of(b) for b in beside)
 
     def disagreement(self, tolerance: float = stepper.TOLERANCE) -> float:
         """Relative error of the fast path in units of what it is allowed."""
@@ -151,10 +156,15 @@ class Draw:
         reference = self.reference()
         if fast == reference:
             return 0.0
-        error = abs(fast - reference) / max(abs(reference), _ATOM)
+        error = abs(fast - reference) / _size_of(reference)
         if error > AGREEMENT[engine] and self.beyond_a_jump(fast, reference):
             return 0.0
         return error / AGREEMENT[engine]
+
+
+def _size_of(launch_range: float, least: float = 1e-10) -> float:
+    """Size of a launch range, m; one that is smaller than an atom, an angstrom, counts as one."""
+    return max(abs(launch_range), least)
 
 
 def some(p: Parameter, rng: np.random.Generator) -> float:
@@ -364,14 +374,18 @@ def neutral(cause: Term, design: Design, rng: np.random.Generator) -> Outcome:
     return _within("neutral", worst, 1e-10, text)
 
 
-def approached(cause: Term, design: Design, rng: np.random.Generator) -> Outcome:
-    """A vanishing strength tends to the baseline, or to the limit that the cause declares."""
+def approached(cause: Term, design: Design, rng: np.random.Generator, *, step: float = 1e-11) -> Outcome:
+    """A vanishing strength tends to the baseline, or to the limit that the cause declares.
+
+    What is a `step` from neutral in the sampling coordinate counts as vanishing: a cause that is plausible at a
+    thousand times what shows changes the least ranges by a thousand times this.
+    """
     p = cause.strength
     assert p.neutral is not None
     u = float(p.to_sampling(p.neutral))
     id, values = cause.limit or ("", ())
     worst = 0.0
-    for near in (u - _NEXT, u + _NEXT):
+    for near in (u - step, u + step):
         if p.sampling_bounds.lower <= near <= p.sampling_bounds.upper:
             sets = rows(cause, float(p.to_physical(near)), rng, _sessions(design))
             limit = np.hstack([sets[:, :3], np.tile(values, (len(sets), 1))])
@@ -462,7 +476,15 @@ def path(cause: Term, design: Design, of_steps: float = 1e-6) -> Outcome:
 # --- all of it ------------------------------------------------------------------------------------------------------
 
 
-def check(cause: Term, design: Design | None = None, *, draws: int = 40, seed: int = 1) -> Iterator[Outcome]:
+def check(
+    cause: Term,
+    design: Design | None = None,
+    *,
+    draws: int = 40,
+    seed: int = 1,
+    fine: float = 1e-8,
+    usual: float = 1e-5,
+) -> Iterator[Outcome]:
     """Hold one cause to the whole contract, check by check.
 
     Parameters
@@ -473,6 +495,10 @@ def check(cause: Term, design: Design | None = None, *, draws: int = 40, seed: i
     draws : int
         Compared with the reference, alone; one more in the company of each other cause.
     seed : int
+    fine : float
+        Tolerance of the steps that leaves no error of theirs in a comparison with the reference.
+    usual : float
+        What usual steps may err by.
 
     Yields
     ------
@@ -491,14 +517,14 @@ def check(cause: Term, design: Design | None = None, *, draws: int = 40, seed: i
 
     def alone() -> Outcome:
         chance = rng(2)
-        return agreement([draw(chance, [cause], constants, drives) for _ in range(draws)], finer=_FINE)
+        return agreement([draw(chance, [cause], constants, drives) for _ in range(draws)], finer=fine)
 
     def at_bounds() -> Outcome:
         chance = rng(3)
         return agreement(
             [draw(chance, [cause], constants, drives, **e) for e in edges(cause.parameters) for _ in range(2)],
             "bounds",
-            _FINE,
+            fine,
         )
 
     def in_company() -> Outcome:
@@ -507,7 +533,7 @@ def check(cause: Term, design: Design | None = None, *, draws: int = 40, seed: i
             sorted((cause, other), key=lambda t: (SLOTS.index(t.slot), order.index(t.id)))
             for other in others
         ]  # fmt: skip
-        return agreement([draw(chance, pair, constants, drives) for pair in pairs], "in company", _FINE)
+        return agreement([draw(chance, pair, constants, drives) for pair in pairs], "in company", fine)
 
     statements: list[tuple[str, Callable[[], Outcome]]] = [
         ("declaration", partial(declaration, cause)),
@@ -520,7 +546,7 @@ def check(cause: Term, design: Design | None = None, *, draws: int = 40, seed: i
         ("reference", alone),
         ("bounds", at_bounds),
         ("in company", in_company),
-        ("path", partial(path, cause, design, _STEPS)),
+        ("path", partial(path, cause, design, usual)),
         ("symptom", partial(symptom, cause, constants, drives, volts)),
         ("parameters", partial(moved, cause, design)),
     ]

@@ -23,13 +23,13 @@ from psafit.simulate.compiled import WIDTH, compiled, fma, load, store
 
 # Places in the record of a piece: beginning, end, the five coefficients with the two rates, where it stands, and the
 # command's piece that it is in: which, from where the first one's period is counted, and when that ends.
-BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, DIRECTION, NUMBER, ROW, UNTIL, AWAY = range(15)
-PIECE = 15
+BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, DIRECTION, NUMBER, ROW, UNTIL, AWAY, PIECE = range(
+    16
+)
 
 _NOISE = 8 * np.finfo(float).eps
 # A quantity this close to zero at the beginning of a piece is what ended the piece before.
 _ENDED = 512 * np.finfo(float).eps
-_MAX_STEPS = 100_000
 
 
 @compiled(borrows=True)
@@ -43,13 +43,16 @@ def _value(a, b, c, r, G, w, psi, s):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _first_zero(a, b, c, r, G, w, psi, end):  # type: ignore[no-untyped-def]
-    """First s > 0 at which a member of the family, positive just after 0, is zero; infinity where none before `end`."""
+def _first_zero(a, b, c, r, G, w, psi, end, most=100_000):  # type: ignore[no-untyped-def]
+    """First s > 0 at which a member of the family, positive just after 0, is zero; infinity where none before `end`.
+
+    It is looked for in `most` steps.
+    """
     if c == 0.0 and G == 0.0:
         return -a / b if b < 0.0 and a > 0.0 else math.inf
     s = 0.0
     rising = True
-    for _ in range(_MAX_STEPS):
+    for _ in range(most):
         e = c * math.exp(-r * s)
         sin, cos = math.sin(w * s + psi), math.cos(w * s + psi)
         g0 = a + b * s + e + G * sin

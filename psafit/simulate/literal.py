@@ -32,19 +32,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
 from psafit.physics.term import Memory, Term, World
-from psafit.simulate.literal_scheme import EPS, TINY, Clock, Monitor, advance
+from psafit.simulate.literal_scheme import EPS, GRID, TINY, Clock, Monitor, Step, advance
 from psafit.simulate.reference import Point
 
 Outcome = Literal["launched", "no launch"]
-
-MAX_PERIODS = 3
 
 
 @dataclass(frozen=True)
@@ -62,6 +60,8 @@ class LiteralLaunch:
     place : float, m
         x2 from rest at the separation; without one the highest.
     outcome : {"launched", "no launch"}
+    peak_force : float, N
+        Largest contact force until the separation; NaN unless launched, and unless asked for.
     """
 
     launch_range: float
@@ -69,6 +69,7 @@ class LiteralLaunch:
     velocity: float
     place: float
     outcome: Outcome
+    peak_force: float = math.nan
 
 
 def literal_world(theta: Sequence[float], terms: Sequence[tuple[Term, Sequence[float]]], constants: Constants) -> World:
@@ -90,6 +91,7 @@ def literal_launch(
     group: int = 0,
     rtol: float = 1e-12,
     most_steps: int = 400_000,
+    forces: bool = False,
 ) -> LiteralLaunch:
     """Integrate the model extended by some causes, from rest to the reading of the launch range.
 
@@ -108,6 +110,8 @@ def literal_launch(
         Bound on the last coefficients of every step's Legendre series, relative to the largest value so far.
     most_steps : int
         Steps, repeated ones included, after which the integration until separation gives up.
+    forces : bool
+        Whether to look for the peak force.
 
     Returns
     -------
@@ -118,7 +122,8 @@ def literal_launch(
     ConvergenceError
         If the integration needs more steps, or steps below the resolution of time.
     """
-    return launch_in(literal_world(theta, terms, constants), point, group=group, rtol=rtol, most_steps=most_steps)
+    world = literal_world(theta, terms, constants)
+    return launch_in(world, point, group=group, rtol=rtol, most_steps=most_steps, forces=forces)
 
 
 def energy(
@@ -142,10 +147,18 @@ def energy(
 
 
 def launch_in(
-    world: World, point: Point, *, group: int = 0, rtol: float = 1e-12, most_steps: int = 400_000
+    world: World,
+    point: Point,
+    *,
+    group: int = 0,
+    rtol: float = 1e-12,
+    most_steps: int = 400_000,
+    forces: bool = False,
 ) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
     drive = _Drive(world, point, rtol, most_steps)
+    if forces:
+        drive.clock.watch = drive.look_for_peak
     separation = drive.run()
     if separation is None:
         share = 1.0 if world.lean > 0.0 else math.sqrt(world.offset_weight)
@@ -153,7 +166,8 @@ def launch_in(
         return LiteralLaunch(reading, math.nan, math.nan, drive.highest, "no launch")
     when, speed, place = separation
     reach = swing(world, speed, place, rtol=rtol)
-    return LiteralLaunch(float(world.reading(reach, group)), when, speed, place, "launched")
+    peak = drive.peak_until_launch if forces else math.nan
+    return LiteralLaunch(float(world.reading(reach, group)), when, speed, place, "launched", peak)
 
 
 # --- the drive --------------------------------------------------------------------------------------
@@ -320,6 +334,7 @@ class _Drive:
     def __init__(self, world: World, point: Point, rtol: float, most_steps: int, *, counts_work: bool = False) -> None:
         self.world, self.counts_work = world, counts_work
         self.work = 0.0  # until the launch
+        self.peak = self.peak_until_launch = 0.0
         self.command = _Command(point, world)
         self.seat = world.M * world.g * world.lean / world.l
         self.grip = world.M * world.grip
@@ -410,10 +425,25 @@ class _Drive:
         """The ball's."""
         return float(y[_P] + (self.damper * y[_D] / self.world.M if self.contact else 0.0))
 
+    def contact_force(self, y: Sequence[float] | FloatArray) -> float:
+        force = self.raw_force(float(y[_D]), float(y[_W])) if self.contact else 0.0
+        return self.world.pull * force if self.relaxed else force
+
     def push(self, y: Sequence[float] | FloatArray) -> float:
         """Force on the ball but friction."""
-        force = self.raw_force(float(y[_D]), float(y[_W])) if self.contact else 0.0
-        return (self.world.pull * force if self.relaxed else force) - self.seat
+        return self.contact_force(y) - self.seat
+
+    def look_for_peak(self, step: Step) -> None:
+        """Largest contact force within a step: the highest place of a grid, and what lies beside it."""
+        found = [self.contact_force(step.at(theta)) for theta in GRID]
+        top = int(np.argmax(found))
+        if found[top] > 0.9 * self.peak:
+            beside = float(GRID[max(top - 1, 0)]), float(GRID[min(top + 1, len(GRID) - 1)])
+            near = minimize_scalar(
+                lambda theta: -self.contact_force(step.at(theta)),
+                bounds=beside, method="bounded", options={"xatol": 1e-9},
+            )  # fmt: skip
+            self.peak = max(self.peak, found[top], -float(near.fun))
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, size = self.world, self.clock.size
@@ -585,13 +615,16 @@ class _Drive:
                 y[k] = jump(rate, self.world.q, float(y[k]), float(y[_U]), u, self.clock.rtol)
         y[_U] = u
 
-    def run(self) -> tuple[float, float, float] | None:
-        """Time, speed and place of the last separation that counts; None without a launch."""
+    def run(self, periods: float = 3.0) -> tuple[float, float, float] | None:
+        """Time, speed and place of the last separation that counts; None without a launch.
+
+        The drive is followed for so many of its periods beyond its end.
+        """
         world, command, clock = self.world, self.command, self.clock
         if command.span == 0.0:
             return None
         y = self.start()
-        patience = command.length + MAX_PERIODS / command.frequency
+        patience = command.length + periods / command.frequency
         # A soft contact lasts many periods of a fast drive.
         hold = max(patience, min(4 * math.pi * math.sqrt(world.M / world.k_c), 100.0))
         horizon = world.cycles / command.frequency
@@ -638,6 +671,7 @@ class _Drive:
                     if speed > 0.0:
                         launch = command.time, speed, float(y[_X1] - y[_D]) - world.gap - self.rest
                         self.launched, self.work = True, float(y[_E])
+                        self.peak_until_launch = self.peak
                         if command.time >= horizon:
                             break
             if event in ("top", "rest"):

@@ -41,8 +41,9 @@ def _collocation(stages: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 _NODES, _MATRIX, _SERIES = _collocation(_STAGES)
-_GRID = np.linspace(0.0, 1.0, 25)
-_ON_GRID = legendre.legvander(2.0 * _GRID - 1.0, _STAGES) @ _SERIES
+GRID = np.linspace(0.0, 1.0, 25)
+"""Fractions of a step at which it is looked at first."""
+_ON_GRID = legendre.legvander(2.0 * GRID - 1.0, _STAGES) @ _SERIES
 
 
 class System(Protocol):
@@ -87,7 +88,7 @@ class Monitor:
     clean: bool = False
 
 
-class _Step:
+class Step:
     """One solved step: values at its start and at the nodes, and the Legendre series of the polynomial."""
 
     def __init__(self, tau: float, h: float, values: FloatArray) -> None:
@@ -99,10 +100,11 @@ class _Step:
         return np.asarray(legendre.legval(2.0 * theta - 1.0, self.series)).tolist()
 
     def watch(self, monitor: Monitor, theta: float) -> float:
+        """A monitor at a fraction of the step."""
         return monitor.value(self.tau + theta * self.h, self.at(theta))
 
 
-def _solve(system: System, tau: float, y: FloatArray, h: float, size: FloatArray) -> _Step | None:
+def _solve(system: System, tau: float, y: FloatArray, h: float, size: FloatArray) -> Step | None:
     """Solve the stages by Newton's method, with the Jacobian of each; None if it does not converge."""
     active = system.active
     n = len(active)
@@ -157,10 +159,10 @@ def _solve(system: System, tau: float, y: FloatArray, h: float, size: FloatArray
         previous = norm
     else:
         return None
-    return _Step(tau, h, np.vstack([y, stages]))
+    return Step(tau, h, np.vstack([y, stages]))
 
 
-def _badness(system: System, step: _Step, size: FloatArray, rtol: float) -> float:
+def _badness(system: System, step: Step, size: FloatArray, rtol: float) -> float:
     """Last coefficients of the series over what is allowed: acceptable up to 1."""
     scale = np.maximum(size, np.abs(step.values).max(axis=0))
     allowed = rtol * scale + system.noise(scale, step.h) + TINY
@@ -168,12 +170,12 @@ def _badness(system: System, step: _Step, size: FloatArray, rtol: float) -> floa
     return float((tail / allowed)[system.active].max())
 
 
-def _first_crossing(step: _Step, monitors: list[Monitor], fresh: bool) -> tuple[float, Monitor] | None:
+def _first_crossing(step: Step, monitors: list[Monitor], fresh: bool) -> tuple[float, Monitor] | None:
     """Fraction of the step at which the first monitor changes its sign; 0: it starts with the wrong one."""
     if not monitors:
         return None
     rows = (_ON_GRID @ step.values).tolist()
-    times = (step.tau + step.h * _GRID).tolist()
+    times = (step.tau + step.h * GRID).tolist()
     best: tuple[float, Monitor] | None = None
     for monitor in monitors:
         g = [monitor.value(t, row) for t, row in zip(times, rows, strict=True)]
@@ -191,7 +193,7 @@ def _first_crossing(step: _Step, monitors: list[Monitor], fresh: bool) -> tuple[
     return best
 
 
-def _fall(step: _Step, monitor: Monitor, g: list[float], sign: int, first: int, fresh: bool) -> float | None:
+def _fall(step: Step, monitor: Monitor, g: list[float], sign: int, first: int, fresh: bool) -> float | None:
     """First fraction of the step, from grid point `first` on, at which `g`, the monitor with its sign, falls to 0."""
 
     def at(theta: float) -> float:
@@ -206,21 +208,21 @@ def _fall(step: _Step, monitor: Monitor, g: list[float], sign: int, first: int, 
     for i in range(first, len(g)):
         if g[i] < -noise:
             if i == first:
-                return 0.0 if fresh else float(_GRID[i])
-            return zero(float(_GRID[i - 1]), float(_GRID[i]))
+                return 0.0 if fresh else float(GRID[i])
+            return zero(float(GRID[i - 1]), float(GRID[i]))
         # A dip between grid points: where the parabola through three of them falls below zero, look closely.
         if first < i < len(g) - 1 and g[i] <= g[i - 1] and g[i] <= g[i + 1]:
             bend = g[i - 1] - 2.0 * g[i] + g[i + 1]
             lean = 0.5 * (g[i + 1] - g[i - 1])
             if bend > 0.0 and g[i] - 0.6 * lean * lean / bend < -noise:
-                low, high = float(_GRID[i - 1]), float(_GRID[i + 1])
+                low, high = float(GRID[i - 1]), float(GRID[i + 1])
                 found = minimize_scalar(at, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
                 if found.fun < -noise:
                     return zero(low, float(found.x))
     return None
 
 
-def _land(system: System, step: _Step, theta: float, monitor: Monitor, size: FloatArray) -> _Step | None:
+def _land(system: System, step: Step, theta: float, monitor: Monitor, size: FloatArray) -> Step | None:
     """Solve the step anew so that it ends where the monitor is zero; None if that does not converge."""
     tau, y = step.tau, step.values[0]
     nudge = 1e-5
@@ -245,13 +247,17 @@ def _land(system: System, step: _Step, theta: float, monitor: Monitor, size: Flo
 
 @dataclass
 class Clock:
-    """What lives on from piece to piece: the step to try, the largest values so far, the steps taken and allowed."""
+    """What lives on from piece to piece: the step to try, the largest values so far, the steps taken and allowed.
+
+    `watch`, where there is one, is called with every step that is taken.
+    """
 
     step: float
     size: FloatArray
     rtol: float
     taken: int = 0
     most_steps: int = 400_000
+    watch: Callable[[Step], None] | None = None
 
 
 def advance(
@@ -287,12 +293,16 @@ def advance(
             badness = _badness(system, landed, clock.size, clock.rtol)
             if badness <= 1.0:
                 clock.size = np.maximum(clock.size, np.abs(landed.values).max(axis=0))
+                if clock.watch:
+                    clock.watch(landed)
                 return tau + landed.h, landed.values[-1].copy(), monitor.name
             h = landed.h
         if badness > 1.0:
             clock.step = h * max(0.1, 0.85 * badness ** (-1.0 / _STAGES))
             continue
         clock.size = np.maximum(clock.size, np.abs(step.values).max(axis=0))
+        if clock.watch:
+            clock.watch(step)
         tau, y, fresh = tau + h, step.values[-1].copy(), False
         grown = h * min(5.0, 0.85 * max(badness, 1e-12) ** (-1.0 / _STAGES))
         clock.step = max(grown, clock.step) if h < clock.step else grown  # a piece's last step was cut short

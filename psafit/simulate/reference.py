@@ -403,6 +403,51 @@ def _first_zero(
 # --- many digits ----------------------------------------------------------------------------------
 
 
+def _mp_motion(mp: Any, point: Point, parameters: ContactParameters, constants: Constants) -> tuple[Any, Any]:
+    """Matrix of the homogeneous system, the drive among its states, and the state it begins in."""
+    c = constants
+    sine = point.waveform == "sine"
+    k_c, c_s, c_c = map(mp.mpf, parameters)
+    stack, ball, k_s, omega = mp.mpf(c.m), mp.mpf(c.M), mp.mpf(c.k_s), 2 * mp.pi * point.frequency
+    size = 7 if sine else 6
+    a = mp.zeros(size)
+    a[_X1, _V1] = a[_D, _W] = 1
+    for column, value in ((_X1, k_s), (_V1, c_s), (_D, k_c), (_W, c_c)):
+        a[_V1, column] = -value / stack
+    a[_V1, 5] = k_s * mp.mpf(c.q) / stack
+    for column in range(size):
+        a[_W, column] = a[_V1, column]
+    a[_W, _D] -= k_c / ball
+    a[_W, _W] -= c_c / ball
+    a[_J, _D] = 1
+    if sine:
+        a[5, 6], a[6, 5] = omega, -omega
+    z = mp.zeros(size, 1)
+    z[6 if sine else 5] = mp.mpf(point.amplitude)
+    return a, z
+
+
+def _mp_zero(mp: Any, a: Any, state: Any, component: int, width: Any, digits: int) -> Any:
+    """Time after `state` at which a component that changes sign within `width` is zero."""
+    low, high = mp.mpf(0), width
+    now = mp.expm(a * width) * state
+    falling = now[component] < 0
+    dt = width
+    while high - low > width * mp.mpf(10) ** (-digits):
+        newton = dt - now[component] / (a * now)[component]
+        # Newton's method inside a bracket; a dip's two zeros may lie too close for it at first.
+        following = newton if low < newton < high else (low + high) / 2
+        if abs(following - dt) < width * mp.mpf(10) ** (-digits):
+            return following
+        dt = following
+        now = mp.expm(a * dt) * state
+        if (now[component] < 0) == falling:
+            high = dt
+        else:
+            low = dt
+    return high
+
+
 def mp_launch(
     point: Point,
     parameters: ContactParameters,
@@ -449,47 +494,10 @@ def mp_launch(
         fastest = max(float(np.abs(rates).max()), 2.0 * math.pi * point.frequency)
         step = 2.0 * math.pi / fastest / 40.0
     half = mp.mpf(1) / 2 / mp.mpf(point.frequency)
-    c = constants
-    k_c, c_s, c_c = map(mp.mpf, parameters)
-    stack, ball, k_s, omega = mp.mpf(c.m), mp.mpf(c.M), mp.mpf(c.k_s), 2 * mp.pi * point.frequency
-    size = 7 if sine else 6
-    a = mp.zeros(size)
-    a[_X1, _V1] = a[_D, _W] = 1
-    for column, value in ((_X1, k_s), (_V1, c_s), (_D, k_c), (_W, c_c)):
-        a[_V1, column] = -value / stack
-    a[_V1, 5] = k_s * mp.mpf(c.q) / stack
-    for column in range(size):
-        a[_W, column] = a[_V1, column]
-    a[_W, _D] -= k_c / ball
-    a[_W, _W] -= c_c / ball
-    a[_J, _D] = 1
-    if sine:
-        a[5, 6], a[6, 5] = omega, -omega
-    z = mp.zeros(size, 1)
-    z[6 if sine else 5] = mp.mpf(point.amplitude)
+    a, z = _mp_motion(mp, point, parameters, constants)
 
     def at(state: Any, dt: Any) -> Any:
         return mp.expm(a * dt) * state
-
-    def zero(state: Any, component: int, width: Any) -> Any:
-        """Time after `state` at which a component that changes sign within `width` is zero."""
-        low, high = mp.mpf(0), width
-        now = at(state, width)
-        falling = now[component] < 0
-        dt = width
-        while high - low > width * mp.mpf(10) ** (-digits):
-            newton = dt - now[component] / (a * now)[component]
-            # Newton's method inside a bracket; a dip's two zeros may lie too close for it at first.
-            following = newton if low < newton < high else (low + high) / 2
-            if abs(following - dt) < width * mp.mpf(10) ** (-digits):
-                return following
-            dt = following
-            now = at(state, dt)
-            if (now[component] < 0) == falling:
-                high = dt
-            else:
-                low = dt
-        return high
 
     start, switches = mp.mpf(0), 0
     while start < total:
@@ -501,12 +509,12 @@ def mp_launch(
             after = propagate * z
             width = h
             if after[_D] > 0 and z[_W] < 0 < after[_W]:
-                width = zero(z, _W, h)
+                width = _mp_zero(mp, a, z, _W, h, digits)
             lowest = after if width is h else at(z, width)
             if i + switches > 0 and lowest[_D] < 0:
-                dt = zero(z, _D, width)
-                speed = k_c * at(z, dt)[_J] / ball
-                g, length_ = mp.mpf(c.g), mp.mpf(c.l)
+                dt = _mp_zero(mp, a, z, _D, width, digits)
+                speed = mp.mpf(parameters.k_c) * at(z, dt)[_J] / mp.mpf(constants.M)
+                g, length_ = mp.mpf(constants.g), mp.mpf(constants.l)
                 high_swing = speed**2 >= 2 * g * length_
                 reach = length_ * mp.sin(2 * mp.asin(speed / (2 * mp.sqrt(g * length_))))
                 when = float(start + i * h + dt)

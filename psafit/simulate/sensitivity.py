@@ -51,13 +51,22 @@ RIGS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 REFERENCE = RIGS["study"]
 """Where effects are shown unless another place is asked for."""
 
-RELATIVE_SCATTER = 0.05
-ABSOLUTE_SCATTER = 0.3e-6  # m
-# A step of a finite difference, in the sampling coordinate, and the stepper's tolerance that leaves it its digits.
-_STEP = 1e-4
-_TOLERANCE = 1e-9
 # Part of a normal density below one standard deviation.
 _ONE_UP = 0.8413447460685429
+
+
+@dataclass(frozen=True)
+class UsualScatter:
+    """Scatter by which effects are judged where no readings state their own.
+
+    Parameters
+    ----------
+    relative : float
+    absolute_m : float, m
+    """
+
+    relative: float = 0.05
+    absolute_m: float = 0.3e-6
 
 
 def plausible(term: Term, share: float = 0.5, side: Side | None = None) -> FloatArray:
@@ -148,7 +157,7 @@ class Effect:
     @property
     def deviation(self) -> FloatArray:
         """The same in standard deviations of the scatter, (n_directions, n_points): always finite."""
-        return self.in_units_of(RELATIVE_SCATTER, ABSOLUTE_SCATTER)
+        return self.in_units_of(UsualScatter.relative, UsualScatter.absolute_m)
 
     def in_units_of(self, relative: float, absolute: float) -> FloatArray:
         """The same of a scatter of so many parts of the range and, in quadrature, so many m."""
@@ -156,7 +165,7 @@ class Effect:
 
 
 def in_scatter(
-    launch_range: ArrayLike, relative: float = RELATIVE_SCATTER, absolute: float = ABSOLUTE_SCATTER
+    launch_range: ArrayLike, relative: float = UsualScatter.relative, absolute: float = UsualScatter.absolute_m
 ) -> FloatArray:
     """Map launch ranges to the coordinate in which the scatter has standard deviation 1.
 
@@ -176,6 +185,7 @@ def effect(
     theta: ArrayLike = REFERENCE,
     values: ArrayLike | None = None,
     share: float = _ONE_UP,
+    tolerance: float = 1e-9,
 ) -> Effect:
     """The finite effect of a cause.
 
@@ -189,10 +199,12 @@ def effect(
         The cause's parameters; those of `plausible` by default.
     share : float
         Part of the latent parameter's prior below the value that a session has: one standard deviation up by default.
+    tolerance : float
+        Of the stepper.
     """
     base = np.asarray(theta, dtype=float)
     own = plausible(term) if values is None else np.asarray(values, dtype=float)
-    neutral = simulate(design, base, tolerance=_TOLERANCE).launch_range[0]
+    neutral = simulate(design, base, tolerance=tolerance).launch_range[0]
     sets = np.concatenate([base, own])[None, :]
     if term.latent:
         # A spread has no effect by itself: each session in turn lies off the latent's median.
@@ -200,7 +212,7 @@ def effect(
         n = int(design.group.max(initial=0)) + 1
         sessions = np.vstack([np.zeros(n), np.eye(n)]) * (one - usual) + usual
         sets = np.hstack([np.repeat(sets, len(sessions), axis=0), sessions])
-    found = simulate(design, sets, (term,), tolerance=_TOLERANCE).launch_range
+    found = simulate(design, sets, (term,), tolerance=tolerance).launch_range
     return Effect(term.id, own, neutral, found[1:] if term.latent else found, found[0])
 
 
@@ -230,8 +242,15 @@ def derivatives(
 
 
 def _slopes(
-    design: Design, theta: ArrayLike, terms: Sequence[Term], values: Sequence[ArrayLike], logarithmic: bool
+    design: Design,
+    theta: ArrayLike,
+    terms: Sequence[Term],
+    values: Sequence[ArrayLike],
+    logarithmic: bool,
+    step: float = 1e-4,
+    tolerance: float = 1e-9,
 ) -> FloatArray:
+    """Central differences by a `step` of the sampling coordinate, whose digits the stepper's `tolerance` leaves."""
     for term in terms:
         if term.latent:
             raise ValueError(f"{term.id} has a parameter for every session: take its effect instead")
@@ -243,15 +262,15 @@ def _slopes(
     sets, widths = [x], []
     for i, p in enumerate(parameters):
         u = float(p.to_sampling(x[i]))
-        ends = max(u - _STEP, p.sampling_bounds.lower), min(u + _STEP, p.sampling_bounds.upper)
+        ends = max(u - step, p.sampling_bounds.lower), min(u + step, p.sampling_bounds.upper)
         widths.append(ends[1] - ends[0])
         for end in ends:
             moved = x.copy()
             moved[i] = p.to_physical(end)
             sets.append(moved)
-    found = simulate(design, np.array(sets), terms, tolerance=_TOLERANCE).launch_range
+    found = simulate(design, np.array(sets), terms, tolerance=tolerance).launch_range
     slope = (found[2::2] - found[1::2]) / np.array(widths)[:, None]
-    size = found[0] if logarithmic else np.hypot(ABSOLUTE_SCATTER, RELATIVE_SCATTER * found[0])
+    size = found[0] if logarithmic else np.hypot(UsualScatter.absolute_m, UsualScatter.relative * found[0])
     return np.divide(slope, size, out=np.zeros_like(slope), where=size > 0)
 
 
@@ -311,7 +330,7 @@ def alike(
     fitted = _slopes(design, theta, (), (), logarithmic=False)
     if gain:
         size = simulate(design, theta).launch_range
-        fitted = np.vstack([fitted, size / np.hypot(ABSOLUTE_SCATTER, RELATIVE_SCATTER * size)])
+        fitted = np.vstack([fitted, size / np.hypot(UsualScatter.absolute_m, UsualScatter.relative * size)])
     known = _basis(fitted, 1e-9)
     before, after, status, left = np.empty(len(chosen)), np.empty(len(chosen)), [], []
     for i, term in enumerate(chosen):
@@ -342,16 +361,31 @@ def _basis(rows: FloatArray, floor: float, absolute: bool = False) -> FloatArray
 
 # --- symptoms ---------------------------------------------------------------------------------------
 
-# A launch range below a thousandth of the neutral one, and none at all, count as a thousandth.
-_LEAST = 1e-3
-# Effects, in ln units, below which a cause does nothing.
-_NOTHING = 1e-8
-# Both signs occur if each exceeds this, in ln units and as a part of the largest effect.
-_OTHER_SIGN = 0.01
-_OTHER_PART = 0.05
-_FLAT = 1.1
-# Of the middle third against the outer ones.
-_MONOTONE = 1.02
+
+@dataclass(frozen=True)
+class SymptomSettings:
+    """What counts as an effect, a sign and a trend.
+
+    Parameters
+    ----------
+    least : float
+        Launch ranges below this part of the neutral one, and none at all, count as this part.
+    nothing : float
+        Effects, in ln units, below which a cause does nothing.
+    other_sign, other_part : float
+        Both signs occur if each exceeds the first, in ln units, or the second, as a part of the largest effect.
+    flat : float
+        Factor within which effects agree.
+    monotone : float
+        The same of the middle third of a sweep against the outer ones.
+    """
+
+    least: float = 1e-3
+    nothing: float = 1e-8
+    other_sign: float = 0.01
+    other_part: float = 0.05
+    flat: float = 1.1
+    monotone: float = 1.02
 
 
 @dataclass(frozen=True)
@@ -365,7 +399,11 @@ class ObservedSymptom:
 
 
 def observe(
-    term: Term, constants: Constants, drives: Sequence[Drive | str] = ("sine", "square"), volts: float = 20.0
+    term: Term,
+    constants: Constants,
+    drives: Sequence[Drive | str] = ("sine", "square"),
+    volts: float = 20.0,
+    settings: SymptomSettings | None = None,
 ) -> ObservedSymptom:
     r"""Work out a cause's symptom, on every rig of `RIGS`.
 
@@ -382,6 +420,7 @@ def observe(
       sweeps, what all of them say, or "mixed". Sweeps in which the cause does nothing are not heard.
     - `waveforms`: the drives, as they are called, on which it does something, :math:`|e| > 10^{-8}`.
     """
+    how = settings or SymptomSettings()
     sides: list[Side] = [1] if term.strength.neutral == term.strength.bounds.lower else [1, -1]
     heard: dict[str, set[Trend]] = {"frequency": set(), "amplitude": set()}
     signed: list[FloatArray] = []
@@ -394,22 +433,24 @@ def observe(
             for variable, design in _sweeps(constants, drive, volts):
                 for side in sides:
                     strong = plausible(term, side=side)
-                    e = _clipped(effect(term, design, theta, strong))
+                    e = _clipped(effect(term, design, theta, strong), how)
                     weak = strong.copy()
                     p = term.strength
                     near = _neutral(p)
                     weak[0] = p.to_physical(near + 0.1 * (float(p.to_sampling(strong[0])) - near))
-                    at_rig += [side * e, side * _clipped(effect(term, design, theta, weak))]
+                    at_rig += [side * e, side * _clipped(effect(term, design, theta, weak), how)]
                     if term.latent:  # which lies below its median as often as above
-                        at_rig.append(side * _clipped(effect(term, design, theta, strong, 1 - _ONE_UP)))
+                        at_rig.append(side * _clipped(effect(term, design, theta, strong, 1 - _ONE_UP), how))
                     if e.any():
                         active.add(drive)
                         if e.size > 1:
-                            heard[variable].add(_trend(e))
-        both_signs |= _has_both_signs(np.concatenate(at_rig))
+                            heard[variable].add(_trend(e, how))
+        both_signs |= _has_both_signs(np.concatenate(at_rig), how)
         signed += at_rig
     everything = np.concatenate(signed)
-    sign = 0 if both_signs or _has_both_signs(everything) else int(np.sign(everything[np.argmax(np.abs(everything))]))
+    sign = (
+        0 if both_signs or _has_both_signs(everything, how) else int(np.sign(everything[np.argmax(np.abs(everything))]))
+    )
     trends: dict[str, Trend] = {name: said.pop() if len(said) == 1 else "mixed" for name, said in heard.items()}
     acting = dict.fromkeys(d.label for d in given if d in active)
     return ObservedSymptom(sign, trends["frequency"], trends["amplitude"], tuple(acting))
@@ -424,34 +465,34 @@ def _sweeps(constants: Constants, drive: Drive, volts: float) -> list[tuple[str,
     return sweeps + [("amplitude", Design.sweep(constants, drive, f, steps)) for f in (1200.0, 3000.0)]
 
 
-def _clipped(found: Effect) -> FloatArray:
+def _clipped(found: Effect, how: SymptomSettings) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
-        e = np.log(np.maximum(found.launch_range[0], _LEAST * found.neutral) / found.neutral)
+        e = np.log(np.maximum(found.launch_range[0], how.least * found.neutral) / found.neutral)
     e = np.where(found.neutral > 0.0, e, 0.0)  # what a rig does not launch has no symptom
-    return np.where(np.abs(e) > _NOTHING, e, 0.0)
+    return np.where(np.abs(e) > how.nothing, e, 0.0)
 
 
-def _has_both_signs(e: FloatArray) -> bool:
-    limit = min(_OTHER_SIGN, _OTHER_PART * float(np.abs(e).max()))
+def _has_both_signs(e: FloatArray, how: SymptomSettings) -> bool:
+    limit = min(how.other_sign, how.other_part * float(np.abs(e).max()))
     return bool((e > limit).any() and (e < -limit).any())
 
 
-def _trend(e: FloatArray) -> Trend:
+def _trend(e: FloatArray, how: SymptomSettings) -> Trend:
     size = np.abs(e)
-    if _has_both_signs(e):
+    if _has_both_signs(e, how):
         return "mixed"
-    if size.max() <= _FLAT * size.min():
+    if size.max() <= how.flat * size.min():
         return "flat"
     third = len(e) // 3
     low, middle, high = (float(part.mean()) for part in (size[:third], size[third:-third], size[-third:]))
-    if high > _FLAT * low and low <= _MONOTONE * middle and middle <= _MONOTONE * high:
+    if high > how.flat * low and low <= how.monotone * middle and middle <= how.monotone * high:
         return "grows"
-    if low > _FLAT * high and high <= _MONOTONE * middle and middle <= _MONOTONE * low:
+    if low > how.flat * high and high <= how.monotone * middle and middle <= how.monotone * low:
         return "falls"
     return "mixed"
 
 
 __all__ = [
-    "REFERENCE", "RIGS", "Alike", "Effect", "ObservedSymptom", "Side", "alike", "derivatives", "effect", "in_scatter",
-    "observe", "plausible", "share_above", "share_of",
+    "REFERENCE", "RIGS", "Alike", "Effect", "ObservedSymptom", "Side", "SymptomSettings", "UsualScatter", "alike",
+    "derivatives", "effect", "in_scatter", "observe", "plausible", "share_above", "share_of",
 ]  # fmt: skip

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,35 +58,57 @@ TOLERANCE = 3e-6
 _MOST_BRANCHES = 8
 _LEVELS = 96
 _FINEST = -70  # 2^-70 s
-MOST_STEPS = 20_000
-"""Steps after which a trajectory ends: contacts that last for hundreds of periods, and balls that chatter to rest."""
-_NEWTON = 10
-_WORTH_THREADS = 16
-_FIRST_RATIO, _LAST_RATIO = RATIOS[0], RATIOS[-1]
-_FIRST_NODE = float(C[0])
-
-FREE, PUSH, PULL, BOND = 0, 1, 2, 3
-# Length of the first step in units of the fastest mode's time.
-_FIRST_STEP = 6.0
 _LENGTH = 2.0 ** np.arange(_FINEST, _FINEST + _LEVELS)  # s
+_FIRST_RATIO, *_, _LAST_RATIO = RATIOS
+
 # Errors below which a step grows by a level, by another, and so on.
 _GROW = tuple(2.0 ** (-(NODES + 1.0) * (k + 0.1)) for k in range(1, 5))
-# Disagreement of law and polynomial where the contact ends, as an impulse, admitted in units of a step's error.
-_LAST_FORCE = 0.02
-# The same of the force over the time to the contact's end, below which a step may go across.
-_LAST_IMPULSE = 10.0
-# A swing about zero counts if it is this many times the step's error.
-_RESOLVED = 10.0
-# The error is scaled for this part of the usual speed, until the ball has been faster.
-_PART = 0.03
-# What Newton's method may leave of the force, as the square of its last change, in units of a step's error.
-_NEWTON_REST = 0.003
-# A ball slower than this, relative to the speed the error was scaled for, is followed again.
-_SLOW = 0.1
-# An error of a step that rounding alone makes, in units of stroke times frequency.
-_ROUNDING = 1e-15
+
+FREE, PUSH, PULL, BOND = range(4)
+# What ends a step: the contact, a change of the force's sign, the way back from a bond, the ball at rest, the ball torn
+# off, the drive's piece.
+_ENDS, _TURNS, _RETURNS, _RESTS, _TEARS, _PIECE = range(6)
 # Launched, but found to be so much slower than the error was scaled for that the run must be repeated.
 _TOO_SLOW = 9
+
+
+class StepSettings(NamedTuple):
+    """How steps are chosen, beside the error that is admitted in one.
+
+    Parameters
+    ----------
+    most_steps : int
+        After which a trajectory ends: contacts that last for hundreds of periods, and balls that chatter to rest.
+    iterations : int
+        Of Newton's method for the contact force.
+    force_error : float
+        What Newton's method may leave of the force, as the square of its last change, in units of a step's error.
+    first_step : float
+        Length of the first step in units of the fastest mode's time.
+    last_force : float
+        Disagreement of law and polynomial where the contact ends, as an impulse, admitted in units of a step's error.
+    last_impulse : float
+        The same of the force over the time to the contact's end, below which a step may go across.
+    resolved : float
+        A swing about zero counts if it is this many times the step's error.
+    usual_part : float
+        The error is scaled for this part of the usual speed, until the ball has been faster.
+    slow : float
+        A ball slower than this, relative to the speed the error was scaled for, is followed again.
+    rounding : float
+        An error of a step that rounding alone makes, in units of stroke times frequency.
+    """
+
+    most_steps: int = 20_000
+    iterations: int = 10
+    force_error: float = 0.003
+    first_step: float = 6.0
+    last_force: float = 0.02
+    last_impulse: float = 10.0
+    resolved: float = 10.0
+    usual_part: float = 0.03
+    slow: float = 0.1
+    rounding: float = 1e-15
 
 
 @compiled
@@ -244,8 +267,9 @@ def _bernstein(b, n, x):  # type: ignore[no-untyped-def]
 
 
 @compiled(inside=True)
-def _force(d, rate, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignore[no-untyped-def]
+def _force(d, rate, law):  # type: ignore[no-untyped-def]
     """Contact force and its two derivatives."""
+    k_c, c_c, law_at, law_p, theta_at, out, out_at = law
     out[0], out[1], out[2] = k_c * d, k_c, 0.0
     out[3], out[4], out[5] = c_c * rate, 0.0, c_c
     for i in range(len(law_at)):
@@ -254,11 +278,11 @@ def _force(d, rate, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ig
 
 
 @compiled(borrows=True)
-def _seat(press, k_c, c_c, law_at, law_p, theta_at, out, out_at):  # type: ignore[no-untyped-def]
+def _seat(press, law):  # type: ignore[no-untyped-def]
     """Indentation at rest under a constant press: Newton's method from above on a growing force."""
-    d = press / k_c
+    d = press / law[0]
     for _ in range(200):
-        force, slope, _ = _force(d, 0.0, k_c, c_c, law_at, law_p, theta_at, out, out_at)
+        force, slope, _ = _force(d, 0.0, law)
         if not slope > 0.0:
             break
         new = d - (force - press) / slope
@@ -292,16 +316,14 @@ def _strokes(piece, t, q, settled, theta_at, calls, mem_z, mem_u, scratch):  # t
 
 
 @compiled(inside=True)
-def _contact(F, alpha, beta, kappa, U1, U2, at, k_c, c_c, theta_at, calls, nodes, enough):  # type: ignore[no-untyped-def]
+def _contact(F, alpha, beta, kappa, U1, U2, at, law, nodes, iterations, enough):  # type: ignore[no-untyped-def]
     """Newton's method for the contact force at the nodes; returns it, and whether it was found."""
-    law_at, law_p = calls[0], calls[1]
-    out, d_node, w_node, force, Fd, Fw = nodes
-    out_at = out.ctypes.data
-    for _ in range(_NEWTON):
+    _, d_node, w_node, force, Fd, Fw = nodes
+    for _ in range(iterations):
         store(d_node, 0, alpha - times(U2, at, F) * kappa)
         store(w_node, 0, beta - times(U1, at, F) * kappa)
         for i in range(NODES):
-            force[i], Fd[i], Fw[i] = _force(d_node[i], w_node[i], k_c, c_c, law_at, law_p, theta_at, out, out_at)
+            force[i], Fd[i], Fw[i] = _force(d_node[i], w_node[i], law)
         change = solve(U2, at, load(Fd, 0) * kappa, U1, at, load(Fw, 0) * kappa, load(force, 0) - F)
         F = F + change
         moved = total(size(change)) / NODES
@@ -351,6 +373,30 @@ def _crossing(d, swing, threshold, side, fresh, slip, bern, stack):  # type: ign
 
 
 @compiled(borrows=True)
+def _highest(b, n, end, best, stack, peak=1e-10):  # type: ignore[no-untyped-def]
+    """Largest value over [0, end] of a Bernstein polynomial, or `best` where none is larger by the part `peak`."""
+    first = stack[0]
+    for i in range(n + 1):
+        first[i] = b[i]
+    for k in range(1, n + 1 if end < 1.0 else 0):  # the part before `end` (de Casteljau)
+        for i in range(n, k - 1, -1):
+            first[i] = (1.0 - end) * first[i - 1] + end * first[i]
+    depth = 0
+    while depth >= 0:
+        part = stack[depth]
+        best = max(best, part[0], part[n])
+        bound = best
+        for i in range(n + 1):
+            bound = max(bound, part[i])
+        if bound <= best * (1.0 + peak) or depth + 1 == len(stack):
+            depth -= 1
+            continue
+        _split(part, stack[depth + 1], part, n)
+        depth += 1
+    return best
+
+
+@compiled(borrows=True)
 def _is_noise(bern, n, theta, resolved):  # type: ignore[no-untyped-def]
     """Whether what begins on a zero and returns to it at `theta` does not rise above the step's error in between."""
     middle, _ = _bernstein(bern, n, 0.5 * theta)
@@ -367,268 +413,404 @@ def _top(speed, push, h, ball, bern, stack):  # type: ignore[no-untyped-def]
     return h * (theta * speed + h * total(times(A, 0, once) * push) / ball)
 
 
+@compiled(inside=True)
+def _remember(now, q, theta_at, calls, mem_z, mem_u):  # type: ignore[no-untyped-def]
+    """Let what has a memory follow the voltage to where it is now."""
+    branch_at, branch_p = calls[4], calls[5]
+    for k in range(len(branch_at)):
+        mem_z[k] = call_branch(branch_at[k], mem_z[k], mem_u[k], now, q, theta_at + branch_p[k])
+        mem_u[k] = now
+
+
+@compiled(inside=True)
+def _settled(q, idle, theta_at, calls, mem_z, mem_u):  # type: ignore[no-untyped-def]
+    """Stroke at which the stack rests: what the idle voltage, once it was reached from 0 V, has made of it."""
+    _, _, factor_at, factor_p, branch_at, branch_p = calls
+    stroke = q * idle
+    for k in range(len(factor_at)):
+        stroke *= call_stack_factor(factor_at[k], abs(idle), theta_at + factor_p[k])
+    for k in range(len(branch_at)):
+        mem_z[k], mem_u[k] = 0.0, idle
+        if idle != 0.0:
+            mem_z[k] = call_branch(branch_at[k], 0.0, 0.0, idle, q, theta_at + branch_p[k])
+            stroke -= mem_z[k]
+    return stroke
+
+
+@compiled(inside=True)
+def _at_rest(lean, gap, press, k_s, away, law):  # type: ignore[no-untyped-def]
+    """Places of tip and ball before the drive begins, the indentation, and the regime that it begins with."""
+    if lean > 0.0:
+        d = _seat(press, law)
+        x1 = -press / k_s
+        return x1, x1 - d, d, PUSH
+    return 0.0, 0.0, -gap, FREE if gap > 0.0 or away <= 0.0 else PUSH
+
+
+@compiled(inside=True)
+def _level_for(level, room, rough, w, d, F, allowed):  # type: ignore[no-untyped-def]
+    """Level of the shortest step that reaches the end of a piece, or of a shorter one."""
+    if room < math.inf:
+        while level > 0 and _LENGTH[level - 1] >= room:
+            level -= 1
+    if rough and w < 0.0 and d > 0.0 and abs(last(F) * d) > allowed * -w:
+        # Not across the contact's end before what is left of the force no longer matters.
+        level = max(min(level, math.floor(math.log2(-d / w)) - _FINEST), 0)
+    return level
+
+
+@compiled(inside=True)
+def _pressed(alpha, beta, d, w, contact, answer, step, kept, cache, law, nodes, iterations, enough):  # type: ignore[no-untyped-def]
+    """Contact force at the nodes, that of the law at the step's beginning, and whether the first was found."""
+    regime, stuck, kappa = contact
+    V1, V2 = answer
+    level, previous, carried = step
+    at = level * NODES * NODES
+    if regime == FREE:
+        return splat(0.0), 0.0, True
+    if len(law[2]) == 0:
+        # A linear law needs no iteration: f = G (k_c alpha + c_c beta).
+        G, made_linear = cache[5], cache[7]
+        which = (1 if regime == PULL else 0) + (2 if stuck else 0)
+        if not made_linear[which, level]:
+            _make_linear(G, which, level, kappa * law[0], V2, kappa * law[1], V1)
+            made_linear[which, level] = True
+        F = times(G, (which * _LEVELS + level) * NODES * NODES, alpha * law[0] + beta * law[1])
+        return F, 0.0, True
+    ratio = level - previous
+    start = 0.0
+    if carried and _FIRST_RATIO <= ratio <= _LAST_RATIO:
+        F = times(EXTRAPOLATE, (ratio - _FIRST_RATIO) * NODES * NODES, kept)
+    else:
+        start, _, _ = _force(d, w, law)
+        F = splat(start)
+    F, found = _contact(F, alpha, beta, kappa, V1, V2, at, law, nodes, iterations, enough)
+    return F, start, found
+
+
+@compiled(inside=True)
+def _unforced(stroke, x1, v1, d, w, against, k_s, c_s, wall, T1, T2, at, h):  # type: ignore[no-untyped-def]
+    """What is known of the motion without the contact force: the stack's load, the wall's, indentation and its rate."""
+    elapsed = load(C, 0) * h
+    r = (stroke - (elapsed * v1 + x1)) * k_s - c_s * v1
+    back = splat(0.0)
+    mass, stiffness, damping, xw, vw, answers = wall
+    if mass > 0.0:
+        still = elapsed * vw + xw
+        r = r + (still * k_s + c_s * vw)
+        back = still * -stiffness - (r + damping * vw)
+        r = r + times(answers, _LEVELS * NODES * NODES + at, back)
+    alpha = times(T2, at, r) + ((elapsed * (0.5 * against) + w) * elapsed + d)
+    return r, back, alpha, times(T1, at, r) + (elapsed * against + w)
+
+
+@compiled(inside=True)
+def _judged(r, F, kappa, beta, V1, S, at, h, found, stuck, opposed, v2, ball, tolerance, reference, grows):  # type: ignore[no-untyped-def]
+    """Motion under a contact force, the speed that errors are relative to, and the error.
+
+    It is what the ends of the series of ball's and stack's acceleration leave out.
+    """
+    acceleration = times(S, at, r - F * kappa)
+    w_node = beta - times(V1, at, F) * kappa
+    if not found:
+        return acceleration, w_node, F, reference, 1e6
+    push = splat(0.0) if stuck else F * kappa - opposed
+    if grows:
+        reference = max(reference, abs(v2 + h * total(load(A, (NODES - 1) * NODES) * push) / ball))
+    error = h * (_tail(F) * kappa / ball + _tail(acceleration)) / (tolerance * reference)
+    return acceleration, w_node, push, reference, error
+
+
+@compiled(inside=True)
+def _wall_moved(xw, vw, back, acceleration, answers, cut, at, h):  # type: ignore[no-untyped-def]
+    """Place and speed of the wall at the end of a step, or where it is cut."""
+    if cut > 1.0:
+        cut = 1.0
+        once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
+    else:
+        _, once = basis(cut)
+        twice = times(A, 0, once)
+    own = times(answers, at, back + times(answers, 2 * _LEVELS * NODES * NODES + at, acceleration))
+    return xw + h * (cut * vw + h * total(twice * own)), vw + h * total(once * own)
+
+
+@compiled(inside=True)
+def _moved(x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball):  # type: ignore[no-untyped-def]
+    """Places, speeds and indentation at the end of a step, or where it is cut."""
+    if cut > 1.0:
+        cut = 1.0
+        once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
+    else:
+        _, once = basis(cut)
+        twice = times(A, 0, once)
+    x1 += h * (cut * v1 + h * total(twice * acceleration))
+    x2 += h * (cut * v2 + h * total(twice * push) / ball)
+    v1 += h * total(once * acceleration)
+    v2, lost_v2 = _add(v2, lost_v2, h * total(once * push) / ball)
+    d, lost_d = _add(d, lost_d, h * total(once * w_node))
+    return x1, v1, x2, v2, lost_v2, d, lost_d
+
+
+@compiled(inside=True)
+def _told_from_noise(first, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack):  # type: ignore[no-untyped-def]
+    """Where something passes a threshold before the place `cut`, and the level of a step that shows that it does."""
+    theta, floor = _crossing(first, swing, threshold, side, fresh, slip, bern, stack)
+    if theta < cut and fresh and level > 0 and _is_noise(bern, DEGREE, theta, noise + floor):
+        level = max(level - 3, 0)
+    return theta, level
+
+
+@compiled(inside=True)
+def _agreed(theta, threshold, F, w_node, h, level, allowed, law):  # type: ignore[no-untyped-def]
+    """The level of a step across a contact's end on which law and polynomial agree there.
+
+    A law may have no derivatives where the contact ends: the polynomial, carried on past that place, must still agree
+    with the law there. If not, the place is approached in shorter steps.
+    """
+    values, _ = basis(theta)
+    at_end, w_end = total(values * F), total(values * w_node)
+    force, _, _ = _force(threshold, w_end, law)
+    if abs(force - at_end) * theta * h > allowed and level > 0:
+        return max(min(level - 1, math.floor(math.log2(max(theta, 1e-3) * h)) - _FINEST), 0)
+    return level
+
+
+@compiled(inside=True)
+def _turned(F, side, unsure, resolved, cut, level, fresh, bern, stack, scratch):  # type: ignore[no-untyped-def]
+    """Where the contact force changes its sign before `cut`, and the level of a step that shows that it does."""
+    coefficients = times(VALUES_TO_BERNSTEIN, 0, F) * side
+    store(bern, 0, coefficients)
+    scale = -least(size(coefficients) * -1.0)
+    floor = 1e-11 * scale
+    if fresh:
+        # A force that has only begun, as the fourth power of time behind a lag, is noise in its first coefficients: of
+        # what the step does not resolve no sign is taken.
+        floor = max(floor, unsure)
+        if abs(bern[0]) < 1e-5 * scale:
+            bern[0] = 0.0
+    theta = _first_root(bern, NODES - 1, floor, stack)
+    if fresh and theta < C[0]:
+        # Nor does a law without derivatives there have one before the first node, where it is known: a change that is
+        # real shows at the nodes of a shorter step.
+        store(scratch, 0, F * side)
+        if least(F * side) > 0.0:
+            theta = 2.0
+        elif scratch[0] > 0.0 and level > 0:
+            return theta, max(level - 3, 0)
+    if theta < cut and fresh and level > 0 and _is_noise(bern, NODES - 1, theta, resolved + floor):
+        level = max(level - 3, 0)
+    return theta, level
+
+
+@compiled(inside=True)
+def _torn_off(load_on_ball, grip, unsure, cut, fresh, bern, stack):  # type: ignore[no-untyped-def]
+    """Where the force exceeds the grip of friction before `cut`, and in which direction."""
+    way = 0.0
+    for side in (1.0, -1.0):
+        margin = load_on_ball * -side + grip
+        floor = 1e-11 * -least(size(margin) * -1.0)
+        if fresh:
+            floor = max(floor, unsure)
+        store(bern, 0, times(VALUES_TO_BERNSTEIN, 0, margin))
+        theta = _first_root(bern, NODES - 1, floor, stack)
+        if theta < cut:
+            cut, way = theta, side
+    return cut, way
+
+
+@compiled(inside=True)
+def _first_event(motion, d, v2, forces, errors, held, law, bern, stack, scratch):  # type: ignore[no-untyped-def]
+    """The first event within a step, which is cut there.
+
+    Returns (place, or 2 for none; which; way; level; whether law and polynomial disagree). A level below the step's
+    asks for a shorter step instead.
+    """
+    regime, stuck, way, fresh, level, h, room = motion
+    F, kappa, push, w_node, swing = forces
+    slip, noise, unsure, resolved, allowed = errors
+    press, grip, pull, release, ball = held
+    cut, event = (room / h, _PIECE) if room <= h else (2.0, -1)
+    side = -1.0 if regime == FREE else 1.0
+    threshold = release if regime == BOND else 0.0
+    theta, shorter = _told_from_noise(d, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack)
+    if shorter < level:
+        return cut, event, way, shorter, False
+    if theta < cut:
+        if regime != FREE and len(law[2]) > 0:
+            shorter = _agreed(theta, threshold, F, w_node, h, level, allowed, law)
+            if shorter < level:
+                return cut, event, way, shorter, True
+        cut, event = theta, _ENDS
+    if pull != 1.0 and regime in (PUSH, PULL):
+        side = 1.0 if regime == PUSH else -1.0
+        theta, shorter = _turned(F, side, unsure, resolved, cut, level, fresh, bern, stack, scratch)
+        if theta < cut:
+            cut, event = theta, _TURNS
+    elif pull != 1.0 and regime == BOND:
+        # Back to contact proper: only the law's exception for d >= 0 changes there.
+        theta, shorter = _told_from_noise(d, swing, 0.0, -1.0, slip, noise, cut, level, fresh, bern, stack)
+        if theta < cut:
+            cut, event = theta, _RETURNS
+    if shorter < level:
+        return cut, event, way, shorter, False
+    if grip > 0.0 and not stuck:
+        gained = times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball)
+        theta, shorter = _told_from_noise(
+            v2, gained + v2, 0.0, way, slip / h, noise / h, cut, level, fresh, bern, stack
+        )
+        if theta < cut:
+            cut, event = theta, _RESTS
+    elif grip > 0.0 and regime != FREE:
+        theta, torn = _torn_off(F * kappa - press, grip, unsure, cut, fresh, bern, stack)
+        if torn != 0.0:
+            cut, event, way = theta, _TEARS, torn
+    return cut, event, way, shorter, False
+
+
+@compiled(inside=True)
+def _regime_after(event, regime, d, w, bond, pull, release, law):  # type: ignore[no-untyped-def]
+    """The regime behind an event of the contact, and the indentation that it begins with."""
+    if event == _TURNS:
+        return PULL if regime == PUSH else PUSH, d
+    if event == _RETURNS or regime == FREE:
+        start, _, _ = _force(0.0, w, law)
+        return PULL if start < 0.0 and pull != 1.0 else PUSH, 0.0
+    if regime != BOND and bond > 0.0:
+        return BOND, 0.0
+    return FREE, release
+
+
+@compiled(inside=True)
+def _held(force, press, grip):  # type: ignore[no-untyped-def]
+    """Whether friction holds a ball against a force; else which way it moves, and against what."""
+    way = math.copysign(1.0, force - press)
+    return abs(force - press) <= grip, way, press + way * grip
+
+
+@compiled(inside=True)
+def _grown(level, error):  # type: ignore[no-untyped-def]
+    """The level that suits a step after one of this error."""
+    for limit in _GROW:
+        if error < limit:
+            level = min(level + 1, _LEVELS - 1)
+    return level
+
+
+@compiled(inside=True)
+def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no-untyped-def]
+    """Level of the first step, which resolves the fastest mode; where that does not matter the steps grow at once."""
+    rate = c_s / m + c_c * (1.0 / m + 1.0 / ball) + math.sqrt((k_s + k_c) / m + k_c / ball)
+    level = math.floor(math.log2(min(0.1 / f, first_step / rate))) - _FINEST
+    return min(max(level, 0), _LEVELS - 1)
+
+
 @compiled(borrows=True)
-def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, grows):  # type: ignore[no-untyped-def]
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced):  # type: ignore[no-untyped-def]
     """Follow one trajectory to the launch.
 
-    Returns (outcome, time, speed of the ball, its place, steps taken); the place is the highest where it is not
-    launched.
+    Returns (outcome, time, speed of the ball, its place, highest force until then, steps taken); the place is the
+    highest where it is not launched.
     """
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
     gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
     wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
-    walled = wall_mass > 0.0
-    law_at, law_p, factor_at, factor_p, branch_at, branch_p = calls
-    S, T1, T2, U1, U2, G, made, made_linear, wall = cache
+    S, T1, T2, U1, U2, _, made, _, answers = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
-    law_out, scratch = nodes[0], nodes[3]
-    out_at = law_out.ctypes.data
-    n_branch, n_factor, n_law = len(branch_at), len(factor_at), len(law_at)
-
-    split = n_branch > 0 or n_factor > 0
+    law = (k_c, c_c, calls[0], calls[1], theta_at, nodes[0], nodes[0].ctypes.data)
+    linear = len(calls[0]) == 0
+    split = len(calls[2]) > 0 or len(calls[4]) > 0
     if not _drive.first_piece(piece, rows, point, phase, lag, inverse_slew, split):
-        return NO_SEPARATION, math.nan, 0.0, 0.0, 0
-    f, idle = point[FREQUENCY], point[IDLE]
-    # Where the stack rests: what the idle voltage, once it was reached from 0 V, has made of it.
-    settled = q * idle
-    for k in range(n_factor):
-        settled *= call_stack_factor(factor_at[k], abs(idle), theta_at + factor_p[k])
-    for k in range(n_branch):
-        mem_z[k], mem_u[k] = 0.0, idle
-        if idle != 0.0:
-            mem_z[k] = call_branch(branch_at[k], 0.0, 0.0, idle, q, theta_at + branch_p[k])
-            settled -= mem_z[k]
+        return NO_SEPARATION, math.nan, 0.0, 0.0, math.nan, 0
+    f = point[FREQUENCY]
+    settled = _settled(q, point[IDLE], theta_at, calls, mem_z, mem_u)
 
-    press, grip = ball * g * lean / length, ball * hold
-    # Friction holds the ball until a force exceeds its grip; then `load` is what opposes the motion, in its direction.
+    press, grip, release = ball * g * lean / length, ball * hold, -bond / k_c
+    # Friction holds the ball until a force exceeds its grip; then `opposed` opposes the motion, in its direction.
     stuck, way, opposed = grip > 0.0, 0.0, press
-    x1 = v1 = x2 = v2 = w = xw = vw = 0.0
+    x1, x2, d, regime = _at_rest(lean, gap, press, k_s, piece[_drive.AWAY], law)
+    xw = -press / wall_k if wall_mass > 0.0 and lean > 0.0 else 0.0
+    x1, x2 = x1 + xw, x2 + xw
+    v1 = v2 = w = vw = 0.0
     lost_d = lost_v2 = 0.0  # what the sums lack of these
-    d = -gap
     t = piece[_drive.BEGIN]
-    if lean > 0.0:
-        d = _seat(press, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-        if walled:
-            xw = -press / wall_k
-        x1 = xw - press / k_s
-        x2 = x1 - d
-        regime = PUSH
-    elif gap > 0.0 or piece[_drive.AWAY] <= 0.0:
-        regime = FREE
-    else:
-        regime = PUSH
-    rest, highest = x2, 0.0
-    release = -bond / k_c
-    separated_once = False
+    rest, highest, separated_once = x2, 0.0, False
     last_time, last_speed, last_place = math.nan, 0.0, 0.0
+    peak = last_peak = 0.0
     waiting = point[LENGTH] + HORIZON_PERIODS / f
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
-    fractions = load(C, 0)
-    F = kept = back = splat(0.0)
-
-    # The first step resolves the fastest mode; where that does not matter the steps grow at once.
-    rate = c_s / m + c_c * (1.0 / m + 1.0 / ball) + math.sqrt((k_s + k_c) / m + k_c / ball)
-    level = math.floor(math.log2(min(0.1 / f, _FIRST_STEP / rate))) - _FINEST
-    level = min(max(level, 0), _LEVELS - 1)
+    F = kept = splat(0.0)
+    level = previous = first_level = _first_level(c_s, c_c, m, ball, k_s, k_c, f, how.first_step)
     rough = False  # whether the law has spoilt a step across the end of the contact
     carried = False  # whether `kept` holds the force of the step before, ready to be carried on
-    previous = level
-    new_piece = True
-    begun, first_level = True, level  # whether the next step is a piece's first; the length that suited the last such
+    new_piece = begun = True  # whether the next step is a piece's first; `first_level` suited the last such
     fresh = True  # first step after the regime changed
 
-    for step in range(MOST_STEPS):  # noqa: B007
+    for step in range(how.most_steps):  # noqa: B007
         if new_piece:
-            new_piece = False
-            now = _drive.voltage(piece, t)
-            for k in range(n_branch):
-                mem_z[k] = call_branch(branch_at[k], mem_z[k], mem_u[k], now, q, theta_at + branch_p[k])
-                mem_u[k] = now
-            carried = False
-            begun = True
+            new_piece, carried, begun = False, False, True
+            _remember(_drive.voltage(piece, t), q, theta_at, calls, mem_z, mem_u)
             level = min(level, first_level)
         room = piece[_drive.END] - t
-        if room < math.inf:
-            # The shortest step that reaches the piece's end, or shorter.
-            while level > 0 and _LENGTH[level - 1] >= room:
-                level -= 1
-        if rough and w < 0.0 and d > 0.0 and abs(last(F) * d) > _LAST_IMPULSE * tolerance * ball * reference * -w:
-            # Not across the contact's end before what is left of the force no longer matters.
-            level = max(min(level, math.floor(math.log2(-d / w)) - _FINEST), 0)
+        level = _level_for(level, room, rough, w, d, F, how.last_impulse * tolerance * ball * reference)
         if not made[level]:
-            _make_level(level, m, ball, c_s, k_s, wall_mass, wall_c, wall_k, S, T1, T2, U1, U2, wall)
+            _make_level(level, m, ball, c_s, k_s, wall_mass, wall_c, wall_k, S, T1, T2, U1, U2, answers)
             made[level] = True
         h = _LENGTH[level]
         at = level * NODES * NODES
 
-        # What is known of the motion without the contact force.
-        elapsed = fractions * h
-        stroke = _strokes(piece, elapsed + t, q, settled, theta_at, calls, mem_z, mem_u, scratch)
-        r = (stroke - (elapsed * v1 + x1)) * k_s - c_s * v1
-        if walled:
-            still = elapsed * vw + xw
-            r = r + (still * k_s + c_s * vw)
-            back = still * -wall_k - (r + wall_c * vw)
-            r = r + times(wall, (_LEVELS + level) * NODES * NODES, back)
         # A ball that is held does not answer the force.
         V1, V2 = (T1, T2) if stuck else (U1, U2)
-        against = 0.0 if stuck else opposed / ball
-        alpha = times(T2, at, r) + ((elapsed * (0.5 * against) + w) * elapsed + d)
-        beta = times(T1, at, r) + (elapsed * against + w)
+        stroke = _strokes(piece, load(C, 0) * h + t, q, settled, theta_at, calls, mem_z, mem_u, nodes[3])
+        against, wall = 0.0 if stuck else opposed / ball, (wall_mass, wall_k, wall_c, xw, vw, answers)
+        r, back, alpha, beta = _unforced(stroke, x1, v1, d, w, against, k_s, c_s, wall, T1, T2, at, h)
+        kappa = 0.0 if regime == FREE else pull if regime == PULL else 1.0
+        F, start, found = _pressed(
+            alpha, beta, d, w, (regime, stuck, kappa), (V1, V2), (level, previous, carried), kept, cache, law, nodes,
+            how.iterations, how.force_error * tolerance * ball * reference / h,
+        )  # fmt: skip
+        allowed = how.last_force * tolerance * ball * reference
+        # Where a contact begins, a law may have no derivatives either.
+        unlike = found and not linear and regime != FREE and abs(start - total(load(AT_BEGIN, 0) * F)) * h > allowed
+        if fresh and unlike and level > 0:
+            level = max(level - 2, 0)
+            continue
 
-        failed = False
-        kappa = pull if regime == PULL else 1.0
-        if regime == FREE:
-            F, kappa = splat(0.0), 0.0
-        elif n_law == 0:
-            # A linear law needs no iteration: f = G (k_c alpha + c_c beta).
-            which = (1 if regime == PULL else 0) + (2 if stuck else 0)
-            if not made_linear[which, level]:
-                _make_linear(G, which, level, kappa * k_c, V2, kappa * c_c, V1)
-                made_linear[which, level] = True
-            F = times(G, (which * _LEVELS + level) * NODES * NODES, alpha * k_c + beta * c_c)
-        else:
-            ratio = level - previous
-            if carried and _FIRST_RATIO <= ratio <= _LAST_RATIO:
-                F = times(EXTRAPOLATE, (ratio - _FIRST_RATIO) * NODES * NODES, kept)
-            else:
-                start, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-                F = splat(start)
-            F, found = _contact(
-                F, alpha, beta, kappa, V1, V2, at, k_c, c_c, theta_at, calls, nodes,
-                _NEWTON_REST * tolerance * ball * reference / h,
-            )  # fmt: skip
-            failed = not found
-        if fresh and n_law > 0 and regime != FREE and not failed and level > 0:
-            # The same at the beginning of a contact, where a law may have no derivatives either.
-            at_begin = total(load(AT_BEGIN, 0) * F)
-            law, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-            if abs(law - at_begin) * h > _LAST_FORCE * tolerance * ball * reference:
-                level = max(level - 2, 0)
-                continue
-        push = F
-        reached = reference
-        # Error: what the ends of the series of ball's and stack's acceleration leave out.
-        acceleration = times(S, at, r - F * kappa)
-        w_node = beta - times(V1, at, F) * kappa
+        acceleration, w_node, push, reached, error = _judged(
+            r, F, kappa, beta, V1, S, at, h, found, stuck, opposed, v2, ball, tolerance, reference, grows
+        )
         swing = times(ONCE_TO_BERNSTEIN, 0, w_node) * h + d
-        error = 1e6
-        if not failed:
-            push = splat(0.0) if stuck else F * kappa - opposed
-            if grows:
-                reached = max(reference, abs(v2 + h * total(load(A, (NODES - 1) * NODES) * push) / ball))
-            error = h * (_tail(F) * kappa / ball + _tail(acceleration)) / (tolerance * reached)
         if error > 1.0 and level > 0:
             down = math.ceil(math.log2(error) / (NODES + 1.0) + 0.1)
             level = max(level - min(max(down, 1), 8), 0)
             carried = False
-            rough = rough or (n_law > 0 and regime != FREE and w < 0.0 and not failed and last(swing) < 0.0)
+            rough = rough or (not linear and regime != FREE and w < 0.0 and found and last(swing) < 0.0)
             continue
 
-        # Events: the first of them cuts the step.
-        cut = 2.0
-        event = -1
-        if room <= h:
-            cut = room / h
-            event = 9
-        side = -1.0 if regime == FREE else 1.0
-        threshold = release if regime == BOND else 0.0
-        slip = error * tolerance * reached * h
-        theta, floor = _crossing(d, swing, threshold, side, fresh, slip, bern, stack)
-        if theta < cut:
-            if fresh and level > 0 and _is_noise(bern, DEGREE, theta, _RESOLVED * slip + floor):
-                level = max(level - 3, 0)
-                continue
-            if regime != FREE and n_law > 0:
-                # A law may have no derivatives where the contact ends: the polynomial, carried on past that place, must
-                # still agree with the law there. If not, the place is approached in shorter steps.
-                values, _ = basis(theta)
-                at_end, w_end = total(values * F), total(values * w_node)
-                law, _, _ = _force(threshold, w_end, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-                if abs(law - at_end) * theta * h > _LAST_FORCE * tolerance * ball * reference and level > 0:
-                    level = max(min(level - 1, math.floor(math.log2(max(theta, 1e-3) * h)) - _FINEST), 0)
-                    carried = False
-                    continue
-            cut, event = theta, 0
-        if pull != 1.0 and regime in (PUSH, PULL):
-            side = 1.0 if regime == PUSH else -1.0
-            coefficients = times(VALUES_TO_BERNSTEIN, 0, F) * side
-            store(bern, 0, coefficients)
-            scale = -least(size(coefficients) * -1.0)
-            floor = 1e-11 * scale
-            if fresh:
-                # A force that has only begun, as the fourth power of time behind a lag, is noise in its first
-                # coefficients: of what the step does not resolve no sign is taken.
-                floor = max(floor, _RESOLVED * error * tolerance * reached * ball / h)
-                if abs(bern[0]) < 1e-5 * scale:
-                    bern[0] = 0.0
-            theta = _first_root(bern, NODES - 1, floor, stack)
-            if fresh and theta < _FIRST_NODE:
-                # Nor does a law without derivatives there have one before the first node, where it is known: a change
-                # that is real shows at the nodes of a shorter step.
-                store(scratch, 0, F * side)
-                if least(F * side) > 0.0:
-                    theta = 2.0
-                elif scratch[0] > 0.0 and level > 0:
-                    level = max(level - 3, 0)
-                    continue
-            if theta < cut:
-                resolved = _RESOLVED * error * tolerance * reference * ball / h
-                if fresh and level > 0 and _is_noise(bern, NODES - 1, theta, resolved + floor):
-                    level = max(level - 3, 0)
-                    continue
-                cut, event = theta, 1
-        if regime == BOND and pull != 1.0:
-            # Back to contact proper: only the law's exception for d >= 0 changes there.
-            theta, floor = _crossing(d, swing, 0.0, -1.0, fresh, slip, bern, stack)
-            if theta < cut:
-                if fresh and level > 0 and _is_noise(bern, DEGREE, theta, _RESOLVED * slip + floor):
-                    level = max(level - 3, 0)
-                    continue
-                cut, event = theta, 2
-
-        if grip > 0.0 and not stuck:
-            # The ball comes to rest.
-            gained = times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball)
-            theta, floor = _crossing(v2, gained + v2, 0.0, way, fresh, slip / h, bern, stack)
-            if theta < cut:
-                if fresh and level > 0 and _is_noise(bern, DEGREE, theta, _RESOLVED * slip / h + floor):
-                    level = max(level - 3, 0)
-                    continue
-                cut, event = theta, 3
-        elif grip > 0.0 and regime != FREE:
-            # The force tears it off.
-            for side in (1.0, -1.0):
-                margin = (F * kappa - press) * -side + grip
-                floor = 1e-11 * -least(size(margin) * -1.0)
-                if fresh:
-                    floor = max(floor, _RESOLVED * error * tolerance * reached * ball / h)
-                store(bern, 0, times(VALUES_TO_BERNSTEIN, 0, margin))
-                theta = _first_root(bern, NODES - 1, floor, stack)
-                if theta < cut:
-                    cut, event, way = theta, 4, side
+        slip, unsure = error * tolerance * reached * h, how.resolved * error * tolerance
+        cut, event, new_way, shorter, disagreed = _first_event(
+            (regime, stuck, way, fresh, level, h, room), d, v2, (F, kappa, push, w_node, swing),
+            (slip, how.resolved * slip, unsure * reached * ball / h, unsure * reference * ball / h, allowed),
+            (press, grip, pull, release, ball), law, bern, stack, nodes[3],
+        )  # fmt: skip
+        if shorter < level:
+            level = shorter
+            carried = carried and not disagreed
+            continue
+        way = new_way
 
         # Advance to the end of the step or to the cut.
-        whole = cut > 1.0
-        if whole:
-            cut = 1.0
-            once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
-        else:
-            _, once = basis(cut)
-            twice = times(A, 0, once)
-        before, x2_before = v2, x2
-        x1 += h * (cut * v1 + h * total(twice * acceleration))
-        x2 += h * (cut * v2 + h * total(twice * push) / ball)
-        v1 += h * total(once * acceleration)
-        if walled:
-            back = back + times(wall, (2 * _LEVELS + level) * NODES * NODES, acceleration)
-            back = times(wall, at, back)
-            xw += h * (cut * vw + h * total(twice * back))
-            vw += h * total(once * back)
-        v2, lost_v2 = _add(v2, lost_v2, h * total(once * push) / ball)
-        d, lost_d = _add(d, lost_d, h * total(once * w_node))
+        whole, before, x2_before = cut > 1.0, v2, x2
+        if forced and regime != FREE:
+            store(bern, 0, times(VALUES_TO_BERNSTEIN, 0, F) * kappa)
+            peak = _highest(bern, NODES - 1, min(cut, 1.0), peak, stack)
+        x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
+            x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
+        )
+        if wall_mass > 0.0:
+            xw, vw = _wall_moved(xw, vw, back, acceleration, answers, cut, at, h)
+        cut = min(cut, 1.0)
         if grows:
             reference = max(reference, abs(v2))
         if before > 0.0 >= v2 and not separated_once:
@@ -637,83 +819,51 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, g
         t = t + cut * h
         if t > (waiting if regime == FREE else horizon):
             break  # what the step met was beyond
-        fresh = False
-        if whole or event == 9:
-            previous = level
-            kept = F
+        if whole or event == _PIECE:
+            fresh = False
+            previous, kept = level, F
             carried = whole and regime != FREE
-            for limit in _GROW:
-                if error < limit:
-                    level = min(level + 1, _LEVELS - 1)
-            if begun:
-                begun = False
-                first_level = level
-            if event == 9:
+            level = _grown(level, error)
+            begun, first_level = False, level if begun else first_level
+            if event == _PIECE:
                 now = _drive.voltage(piece, piece[_drive.END])
-                for k in range(n_branch):
-                    mem_z[k] = call_branch(branch_at[k], mem_z[k], mem_u[k], now, q, theta_at + branch_p[k])
-                    mem_u[k] = now
+                _remember(now, q, theta_at, calls, mem_z, mem_u)
                 t = piece[_drive.END]
                 _drive.next_piece(piece, now, rows, point, phase, lag, inverse_slew, split)
                 new_piece = True
         else:
-            carried = False
-            fresh = True
-            lost_d = 0.0
-            if event == 3:
+            carried, fresh, lost_d = False, True, 0.0
+            if event == _RESTS:
                 if not separated_once:
                     highest = max(highest, x2 - rest)
                 if separated_once and regime == FREE:
                     break  # the hop is over
                 v2 = lost_v2 = 0.0
-                force = 0.0
-                if regime != FREE:
-                    values, _ = basis(cut)
-                    force = kappa * total(values * F)
                 w = v1
-                stuck = abs(force - press) <= grip
-                way = math.copysign(1.0, force - press)
-                opposed = press + way * grip
-            elif event == 4:
+                values, _ = basis(cut)
+                stuck, way, opposed = _held(0.0 if regime == FREE else kappa * total(values * F), press, grip)
+            elif event == _TEARS:
                 stuck = False
                 opposed = press + way * grip
-            elif event == 0 and regime == FREE:
-                if separated_once and t > window:
+            else:
+                if event == _ENDS and regime == FREE and separated_once and t > window:
                     break
-                d = 0.0
-                regime = PUSH
-                start, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-                if start < 0.0 and pull != 1.0:
-                    regime = PULL
-            elif event == 0 and regime != BOND and bond > 0.0:
-                d = 0.0
-                regime = BOND
-            elif event == 0:
-                d = release
-                regime = FREE
-                if v2 > 0.0:
+                regime, d = _regime_after(event, regime, d, w, bond, pull, release, law)
+                if regime == FREE and v2 > 0.0:
                     separated_once = True
-                    last_time, last_speed, last_place = t, v2, x2 - rest
+                    last_time, last_speed, last_place, last_peak = t, v2, x2 - rest, peak
                     if cycles == 0.0:
                         break
                     # Beyond the apex the hop is over: what strikes the ball then is another launch.
                     window = cycles / f if opposed <= 0.0 else min(cycles / f, t + v2 * ball / opposed)
-            elif event == 1:
-                regime = PULL if regime == PUSH else PUSH
-            else:
-                d = 0.0
-                start, _, _ = _force(d, w, k_c, c_c, law_at, law_p, theta_at, law_out, out_at)
-                regime = PULL if start < 0.0 else PUSH
-        if separated_once and regime == FREE and t > window:
-            break
-        if t > (waiting if regime == FREE else horizon):
+        if (separated_once and regime == FREE and t > window) or t > (waiting if regime == FREE else horizon):
             break
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
-        slow = last_speed < _SLOW * reference and tolerance * reference > _ROUNDING * q * point[REACH] * f
-        outcome = _TOO_SLOW if slow and step < MOST_STEPS - 1 else LAUNCHED
-        return outcome, last_time, last_speed, last_place, step
-    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), step
+        slow = last_speed < how.slow * reference and tolerance * reference > how.rounding * q * point[REACH] * f
+        outcome = _TOO_SLOW if slow and step < how.most_steps - 1 else LAUNCHED
+        return outcome, last_time, last_speed, last_place, last_peak, step
+    return NO_SEPARATION, math.nan, 0.0, max(highest, x2 - rest), math.nan, step
 
 
 @compiled(borrows=True)
@@ -721,7 +871,7 @@ def _usual_speed(rig, theta_at, point, calls, out):  # type: ignore[no-untyped-d
     """About the speed of the ball that one period of a simple contact, as stiff as the stroke makes it, launches."""
     k_c, c_c, ball, k_s, q = rig[0], rig[2], rig[4], rig[5], rig[6]
     f, volt = point[FREQUENCY], point[REACH]
-    force, _, _ = _force(q * volt, 0.0, k_c, c_c, calls[0], calls[1], theta_at, out, out.ctypes.data)
+    force, _, _ = _force(q * volt, 0.0, (k_c, c_c, calls[0], calls[1], theta_at, out, out.ctypes.data))
     stiffness = max(force / (q * volt), 1e-12 * k_c)
     stiffness *= k_s / (stiffness + k_s)
     w = 2.0 * math.pi * f
@@ -731,7 +881,9 @@ def _usual_speed(rig, theta_at, point, calls, out):  # type: ignore[no-untyped-d
 
 
 @compiled
-def _one_set(rig, theta_at, wanted, rows, points, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _one_set(  # type: ignore[no-untyped-def]
+    rig, theta_at, wanted, rows, points, calls, tolerance, how, forced, when, speed, place, status, peak, steps
+):  # fmt: skip
     n = NODES
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
@@ -747,26 +899,30 @@ def _one_set(rig, theta_at, wanted, rows, points, calls, tolerance, when, speed,
     for j in range(len(points)):
         driven(points[j], rig[19], rig[20], point)
         if point[REACH] == 0.0 or not wanted[j]:
-            when[j], speed[j], place[j], status[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, 0
+            when[j], speed[j], place[j], status[j], peak[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, math.nan, 0
             continue
-        reference = _PART * _usual_speed(rig, theta_at, point, calls, nodes[0])
+        reference = how.usual_part * _usual_speed(rig, theta_at, point, calls, nodes[0])
         total_steps = 0
         for k in range(12):
-            outcome, t, v, x, count = _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, reference, k == 0)
+            outcome, t, v, x, top, count = _fly(
+                rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, k == 0, forced
+            )
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
-            reference = max(v, _ROUNDING * rig[6] * point[REACH] * point[FREQUENCY] / tolerance)
-        when[j], speed[j], place[j], status[j], steps[j] = t, v, x, outcome, total_steps
+            reference = max(v, how.rounding * rig[6] * point[REACH] * point[FREQUENCY] / tolerance)
+        when[j], speed[j], place[j], status[j], peak[j], steps[j] = t, v, x, outcome, top, total_steps
 
 
-def _all_sets(rigs, theta, wanted, rows, points, calls, tolerance, when, speed, place, status, steps):  # type: ignore[no-untyped-def]
+def _all_sets(  # type: ignore[no-untyped-def]
+    rigs, theta, wanted, rows, points, calls, tolerance, how, forced, when, speed, place, status, peak, steps
+):  # fmt: skip
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
     for i in prange(len(theta)):
         _one_set(
-            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance,
-            when[i], speed[i], place[i], status[i], steps[i],
+            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance, how, forced,
+            when[i], speed[i], place[i], status[i], peak[i], steps[i],
         )  # fmt: skip
 
 
@@ -795,8 +951,13 @@ def separation(
     calls: Calls,
     tolerance: float = TOLERANCE,
     wanted: NDArray[np.bool_] | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], NDArray[np.int64]]:
-    """Time (s), ball speed (m/s) and place (m) at the launch, what happened, and steps taken; (n_sets, n_points).
+    settings: StepSettings | None = None,
+    threads_from: int = 16,
+    forced: bool = False,
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], FloatArray, NDArray[np.int64]]:
+    """Time (s), ball speed (m/s) and place (m) at the launch, what happened, highest force (N) until then, steps taken.
+
+    Each is (n_sets, n_points).
 
     Places count from the ball's rest. Without a launch it is the highest place to which the tip carried the ball.
 
@@ -813,14 +974,19 @@ def separation(
         Error admitted in one step, relative to the ball's speed.
     wanted : (n_sets, n_points) bool array, optional
         Which trajectories to follow; all of them by default.
+    settings : StepSettings, optional
+    threads_from : int
+        Trajectories above which it is worth waking threads.
+    forced : bool
+        Whether the contact's highest force is needed; it is meaningless otherwise.
     """
     shape = (len(theta), design.n_points)
-    found = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, np.int64))
+    found = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float, np.int64))
     if len(calls.branch) > _MOST_BRANCHES:
         raise ValueError(f"{len(calls.branch)} causes with a memory; at most {_MOST_BRANCHES}")
-    run = _parallel if len(theta) > 1 and found[0].size > _WORTH_THREADS else _serial
+    run = _parallel if len(theta) > 1 and found[0].size > threads_from else _serial
     run(
         rig.stack(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
-        *design.commands, calls.arrays(), tolerance, *found,
+        *design.commands, calls.arrays(), tolerance, settings or StepSettings(), forced, *found,
     )  # fmt: skip
     return found  # type: ignore[return-value]

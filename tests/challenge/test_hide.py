@@ -14,7 +14,7 @@ from rigs import measure
 
 from psafit.challenge import hide
 from psafit.challenge.answer import unseal
-from psafit.challenge.hide import Outside, make, simulate_literally
+from psafit.challenge.hide import HideSettings, Outside, make, simulate_literally
 from psafit.challenge.oracle import consult
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
@@ -111,7 +111,9 @@ def test_a_weak_truth_that_hardly_launches_is_tried_once(
 
     monkeypatch.setattr(hide, "_draw", weak)
     monkeypatch.setattr(hide, "simulate_literally", ranges)
-    answer = make(1, tmp_path / "a", design_of=known, terms=["swing_drag"], strength=500.0, patience=3).answer
+    answer = make(
+        1, tmp_path / "a", design_of=known, terms=["swing_drag"], strength=500.0, settings=HideSettings(patience=3)
+    ).answer
     assert (answer.expected_nats, answer.redraws) == ({"swing_drag": 98.0}, 3)
 
 
@@ -149,7 +151,9 @@ def test_a_request_that_contradicts_itself_is_refused(
 def test_a_drive_that_launches_nothing_is_told(known: Experiment, tmp_path: Path) -> None:
     still = tuple(replace(g, amplitude_v=np.full(g.n_points, 1e-6)) for g in known.groups)
     with pytest.raises(InputError, match="nothing launches at these conditions"):
-        make(5, tmp_path / "x", design_of=replace(known, groups=still), kind="nothing", redraws=5)
+        make(
+            5, tmp_path / "x", design_of=replace(known, groups=still), kind="nothing", settings=HideSettings(redraws=5)
+        )
     assert not (tmp_path / "x").exists()
 
 
@@ -165,7 +169,7 @@ def test_the_least_weak_of_few_truths_will_do(known: Experiment, tmp_path: Path,
         return truth and replace(truth, reached=False)
 
     monkeypatch.setattr(hide, "_draw", rarely)
-    made = make(5, tmp_path, design_of=known, terms=["gap"], strength=20.0, redraws=7)
+    made = make(5, tmp_path, design_of=known, terms=["gap"], strength=20.0, settings=HideSettings(redraws=7))
     assert made.answer.terms == ["gap"] and not made.answer.reached and len(calls) == 7
 
 

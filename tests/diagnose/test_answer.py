@@ -9,10 +9,12 @@ import pytest
 from diagnoses_by_hand import make_experiment, make_record
 
 from psafit.diagnose.answer import ByChance, Furthest, Gained, Judged, Named, Searched, answer, sentences
+from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.ladder import LookedAt
+from psafit.report.diagnosis_answer import kind
 
 
 def record() -> Diagnosis:
@@ -75,6 +77,30 @@ def test_heavy_tails_are_told_with_the_readings_that_they_take_up() -> None:
         assert ("heavy tails (nu 2.1 to 3.4, 90 %)" in furthest.say(PLAIN)) == told
 
 
+def test_why_tests_that_pass_do_not_make_a_baseline_adequate() -> None:
+    d = record()
+    pair = Coincidence("frequency", ((1, 3), (2, 3)), 200.0, 200.0, 0.2, 3.0, 0.01)
+    for change, adequate, said in (
+        ({"usual_tails": 0.005}, "tails", "only because heavy tails take up what stands out; without: of 999"),
+        ({"coincidences": [pair]}, "together", "readings of several groups stand out together."),
+        ({"usual_tails": 0.5}, "improbable", "it is improbable beside"),
+    ):
+        passed = replace(d.misfit, p_value=0.4, baseline=replace(d.misfit.baseline, p_value=0.4, **change))
+        (judged,) = of(replace(d, verdict="unexplained", named=[], misfit=passed), Judged)
+        assert judged.adequate == adequate and said in judged.say(PLAIN)
+
+
+def test_what_fits_at_implausible_values_is_not_said_to_explain() -> None:
+    d = replace(record(), verdict="explained", alternatives=[])
+    (named,) = of(d, Named)
+    assert named.strange and "explains" not in named.say(PLAIN) and "implausible" in named.say(PLAIN)
+    assert d.headline == "verdict: explained: hysteresis (at implausible values)" and kind(d) == "warn"
+    usual = replace(d, causes=[replace(d.causes[0], implausible=["sigma_abs"]), *d.causes[1:]])
+    (named,) = of(usual, Named)
+    assert "hysteresis (probability 61 %) explains the misfit" in named.say(PLAIN)
+    assert usual.headline == "verdict: explained: hysteresis" and kind(usual) == "good"
+
+
 def test_groups_that_are_predicted_worse_are_named() -> None:
     """Beyond chance, and where a reading can tell."""
     strict = record().gain["strict"]
@@ -95,7 +121,7 @@ def test_how_often_chance_finds_as_much() -> None:
         return ByChance(replace(Significance(9.2, [-1.0, 2.4], 1 / 3), **options)).say(PLAIN)
 
     assert said() == (
-        "Of 2 searches on simulated baselines none led by more than 2 nats; this one leads by 9 (p <= 0.33)."
+        "Of 2 searches on simulated baselines none led by more than 2.4 nats; this one leads by 9 (p <= 0.33)."
     )
     assert "none put a model with causes first; this one leads by 9" in said(null=[-1.0, -2.4])
     where = "designs of 56 to 150 readings with nothing hidden (stored table, this catalogue)"

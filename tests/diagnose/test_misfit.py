@@ -10,7 +10,7 @@ from rigs import RIG
 from truths import FEW, TRUTH, bump, experiment, few, narrow, problem, slip, unit
 
 from psafit.diagnose.leftover import leftover
-from psafit.diagnose.misfit import ALPHA, Statistic, _both, _character, _together, examine, shared
+from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, _both, _character, _together, examine, shared
 from psafit.experiment import Group, fingerprint
 from psafit.inference.candidate import fit
 from psafit.physics import terms
@@ -70,7 +70,7 @@ def test_what_is_spoilt_is_found_where_it_is(spoil, characters, group):
 def test_the_kind_of_what_is_wrong_is_that_of_what_stands_out(sound, kinds, odd, character):
     beyond = [Statistic(kind, kind, None, 9.0, 3.0, 0.001, True) for kind in kinds]
     within = Statistic("mean", "mean", None, 1.0, 0.5, 0.3, False)
-    assert _character(sound, FEW, [*beyond, within], 1, False, odd) == (character, ())
+    assert _character(sound, FEW, [*beyond, within], 1, odd, None) == (character, ())
 
 
 def test_readings_of_two_sweeps_that_are_odd_at_one_frequency_are_seen():
@@ -81,6 +81,31 @@ def test_readings_of_two_sweeps_that_are_odd_at_one_frequency_are_seen():
     (pair,) = found.coincidences
     assert pair.readings == (("a", 9), ("c", 9)) and pair.log_bias < -0.2
     assert pair.lower == pair.upper == pytest.approx(e.group("a").frequency_hz[9])
+
+
+def test_tails_that_were_needed_to_pass_are_told(sound):
+    """Two readings of a hundred are off, not together: Student's law passes them, a usual one does not."""
+    assert sound.noise[0, 2] > 10 and examine(sound, FEW, seed=1, n_simulated=99).usual_tails is None
+
+    def off(name, y):
+        z = y.copy()
+        z[9] *= {"a": 1.3, "b": 1.0, "c": 0.77}[name]
+        return z
+
+    e = experiment(spoil=off, n=36)
+    one = fit(problem(e), (), seed=1, draws=512, most=8)
+    found = examine(one, FEW, seed=1, n_simulated=199)
+    assert one.noise[0, 2] < 10 and not found.wrong and not found.coincidences
+    assert found.usual_tails < ALPHA and not found.sound
+
+
+def test_a_fit_is_sound_only_where_nothing_is_wrong(sound):
+    good = replace(examine(sound, FEW, seed=1, n_simulated=99), coincidences=())
+    assert not good.wrong and good.sound
+    pair = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
+    for change in ({"p_value": ALPHA / 2}, {"coincidences": (pair,)}, {"usual_tails": ALPHA / 2}):
+        assert not replace(good, **change).sound
+    assert replace(good, usual_tails=2 * ALPHA).sound
 
 
 def test_where_sweeps_meet(sound):

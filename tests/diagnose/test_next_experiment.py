@@ -10,7 +10,15 @@ from rigs import RIG
 from truths import experiment
 
 from psafit.diagnose import next_experiment
-from psafit.diagnose.next_experiment import Proposal, determine, planned, proposals, proposed, tell_apart
+from psafit.diagnose.next_experiment import (
+    Proposal,
+    ProposalSettings,
+    determine,
+    planned,
+    proposals,
+    proposed,
+    tell_apart,
+)
 from psafit.drives import Drive, Table
 from psafit.experiment import read_experiment, read_plan, write_experiment
 from psafit.inference.evidence import weigh
@@ -58,7 +66,7 @@ def test_nothing_is_built_for_hardly_more():
         a = next_experiment.Proposal("as it is", "sine", [1.0], [1.0], {}, here, None, error)
         b = replace(a, text="changed", constants={"l": 0.2}, separation=changed)
         c = replace(b, text="less", separation=0.5 * changed)
-        found = next_experiment._worth_building([b, c, a])
+        found = next_experiment._worth_building([b, c, a], ProposalSettings.changed_rig)
         assert sorted(p.text for p in found) == ["as it is", "changed", "less"]
         return found[0].text
 
@@ -93,13 +101,13 @@ def test_copies_of_a_draw_do_not_judge_what_it_made():
     few = np.repeat(rng.normal(100.0, 30.0, size=(12, 1)), 16, axis=1)
     weight = rng.dirichlet(np.ones(12))
     twin = next_experiment._Forecast(few, np.tile([0.05, 0.1, 30.0], (12, 1)), weight)
-    (separation, success, error), _ = next_experiment._apart([twin, replace(twin)], rng)
+    (separation, success, error), _ = next_experiment._apart([twin, replace(twin)], rng, ProposalSettings())
     assert separation < 2 * error and success < 0.1
     # What readings state for themselves is part of their scatter.
     known = replace(twin, known=np.array([200.0]))
     other = replace(known, ranges=few + 20.0)
-    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng)
-    assert next_experiment._apart([known, other], rng)[0][0] < 0.5 < clear[0]
+    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng, ProposalSettings())
+    assert next_experiment._apart([known, other], rng, ProposalSettings())[0][0] < 0.5 < clear[0]
 
 
 def test_a_measurement_that_settles_one_question_of_two_is_told_so():
@@ -108,7 +116,7 @@ def test_a_measurement_that_settles_one_question_of_two_is_told_so():
     near = np.repeat(rng.normal(100.0, 1.0, size=(40, 1)), 16, axis=1)
     scatter, weight = np.tile([0.05, 0.1, 30.0], (40, 1)), np.full(40, 1 / 40)
     one, far = (next_experiment._Forecast(x, scatter, weight) for x in (near, near + 100.0))
-    (separation, success, error), pairs = next_experiment._apart([one, replace(one), far], rng)
+    (separation, success, error), pairs = next_experiment._apart([one, replace(one), far], rng, ProposalSettings())
     assert separation == pytest.approx(np.log(2), abs=3 * error + 0.02) and success < 0.1
     assert abs(pairs[0, 1]) < 0.1 and pairs[0, 2] > 40 and pairs[1, 2] > 40 and (pairs == pairs.T).all()
 
@@ -138,7 +146,9 @@ def test_one_proposal_leaves_the_rig_as_it_is(sound):
     rng = np.random.default_rng(1)
     e = sound.problem.experiment
     possible = proposals(e.constants, e.groups, e.limits)
-    kept = next_experiment._best(possible, [bool(p.changed) + rng.random() / 2 for p in possible])
+    kept = next_experiment._best(
+        possible, [bool(p.changed) + rng.random() / 2 for p in possible], ProposalSettings.closer
+    )
     assert [not possible[k].changed for k in kept] == [False] * 11 + [True]
 
 

@@ -10,7 +10,8 @@ from truths import FEW, experiment, narrow, problem
 
 from psafit.diagnose.leftover import leftover
 from psafit.diagnose.misfit import examine
-from psafit.diagnose.record import NEAREST, UNSEEN
+from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN
+from psafit.diagnose.room import Room
 from psafit.diagnose.screening import VISIBLE, screen
 from psafit.diagnose.told import _cause, _word, misfit_of
 from psafit.inference.sample import sample
@@ -20,20 +21,22 @@ from psafit.physics import terms
 
 
 def test_the_word_for_a_cause(hidden):
-    """What is named, tied, good for a part, absent, or could not have been seen."""
+    """What is named, tied, good for a part, absent, not excluded, or could not have been seen."""
     found = {s.term.id: s for s in screen(hidden.baseline, FEW)}
     seen, unseen = (replace(found["flight_friction"], visible=v, chance=1.0) for v in (2 * VISIBLE, 0.5 * VISIBLE))
     calm = SimpleNamespace(verdict="explained", named=("gap",), alternatives=(), inclusion={"flight_friction": 0.1})
     weak, strong = SimpleNamespace(gain=lambda ids: 0.5), SimpleNamespace(gain=lambda ids: 9.0)
-    assert _word(seen, weak, calm) == "not present"
-    assert _word(unseen, weak, calm) == UNSEEN
-    assert _word(unseen, strong, calm) == "explains part alone"
+    little, much = (Room(0.01, size) for size in (0.9 * VISIBLE, 1.1 * VISIBLE))
+    assert _word(seen, weak, calm, little) == "not present"
+    assert _word(seen, weak, calm, much) == _word(seen, weak, calm, None) == NOT_EXCLUDED
+    assert _word(unseen, weak, calm, little) == UNSEEN
+    assert _word(unseen, strong, calm, little) == "explains part alone"
     tied = SimpleNamespace(**vars(calm) | {"alternatives": (("flight_friction", "gap"),)})
-    assert _word(unseen, weak, tied) == "as good"
+    assert _word(unseen, weak, tied, little) == "as good"
     named = SimpleNamespace(**vars(calm) | {"inclusion": {"flight_friction": 0.9}})
-    assert _word(unseen, weak, named) == "present"
+    assert _word(unseen, weak, named, None) == "present"
     named.verdict = "unexplained"
-    assert _word(unseen, weak, named) == NEAREST
+    assert _word(unseen, weak, named, None) == NEAREST
 
 
 @pytest.mark.slow

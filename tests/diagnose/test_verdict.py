@@ -9,7 +9,7 @@ import pytest
 from truths import FEW, experiment, problem
 
 from psafit.diagnose.leftover import leftover
-from psafit.diagnose.misfit import ALPHA, examine
+from psafit.diagnose.misfit import ALPHA, Coincidence, examine
 from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
 from psafit.model_search import search_models
@@ -76,5 +76,11 @@ def test_verdicts(hidden, sound):
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
     # Nothing hidden.
     plain = search_models(sound.problem, FEW, seed=1)
-    quiet = examine(plain.baseline, FEW, seed=1, n_simulated=199)
-    assert conclude(plain, quiet, None, leftover(sound), leftover(sound)).verdict == "adequate"
+    quiet = replace(examine(plain.baseline, FEW, seed=1, n_simulated=199), coincidences=())
+    nothing = leftover(sound)
+    assert conclude(plain, quiet, None, nothing, nothing).verdict == "adequate"
+    # Nor is it adequate where readings stand out together, or only for heavy tails.
+    pair = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
+    for change in ({"coincidences": (pair,)}, {"usual_tails": ALPHA / 2}):
+        doubted = conclude(plain, replace(quiet, **change), None, nothing, nothing)
+        assert (doubted.verdict, doubted.named) == ("unexplained", ())

@@ -122,7 +122,7 @@ def test_high_frequency_contact_nearly_touches_zero_many_times() -> None:
     """A fast sine makes the indentation almost vanish once a cycle; the first zero is still the first."""
     theta = np.array([1.0e4, 5.0, 0.05])
     for frequency in (2e4, 5e4, 2e5):
-        when, _, _, status = closed_form.separation(point("sine", frequency), Setup.of(RIG, theta[None, :]))
+        when, _, _, status, _ = closed_form.separation(point("sine", frequency), Setup.of(RIG, theta[None, :]))
         assert status[0, 0] == closed_form.LAUNCHED
         seen = contact(point("sine", frequency), theta, n_times=20001)[0]
         assert (seen.indentation[1:-1] > 0).all()
@@ -137,7 +137,7 @@ def test_no_voltage_no_launch() -> None:
 def test_a_pressed_ball_that_never_separates_ends_the_search() -> None:
     rig = Setup.of(RIG, PUBLISHED[None, :]).change(lean=np.array([4e-3]))
     for waveform in ("sine", "square"):
-        when, speed, _, status = closed_form.separation(point(waveform, 100.0, 0.01), rig)
+        when, speed, _, status, _ = closed_form.separation(point(waveform, 100.0, 0.01), rig)
         assert np.isnan(when[0, 0]) and speed[0, 0] == 0.0 and status[0, 0] == closed_form.NO_SEPARATION
 
 

@@ -12,8 +12,6 @@ from psafit.arrays import FloatArray
 from psafit.report.figures.sweep import Sweep
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# A logarithmic axis with fewer decades has too few powers of ten to be read.
-_FEW_DECADES = 0.8
 
 
 def power_of_ten(exponent: int) -> str:
@@ -40,7 +38,9 @@ def widened(low: float, high: float, share: float, *, log: bool) -> tuple[float,
     return (low / margin, high * margin) if log else (low - margin, high + margin)
 
 
-def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool, few: bool = False) -> None:
+def scale_axis(
+    axes: Axes, which: str, low: float, high: float, *, log: bool, few: bool = False, decades: float = 0.8
+) -> None:
     """Scale the x or y axis from `low` to `high` with plain numbers at its ticks.
 
     Parameters
@@ -52,6 +52,8 @@ def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool, fe
     log : bool
     few : bool
         Whether there is room for half as many labels only.
+    decades : float
+        A logarithmic axis with fewer has too few powers of ten to be read.
     """
     axis = axes.xaxis if which == "x" else axes.yaxis
     count = (5 if which == "x" else 4) - 2 * few
@@ -59,8 +61,8 @@ def scale_axis(axes: Axes, which: str, low: float, high: float, *, log: bool, fe
         low, high = (low / 1.1, high * 1.1) if log and low > 0 else (low - 0.5, high + 0.5)
     (axes.set_xscale if which == "x" else axes.set_yscale)("log" if log else "linear")
     (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
-    decades = math.log10(high / low) if log else 0.0
-    if not log or decades < _FEW_DECADES:
+    shown = math.log10(high / low) if log else 0.0
+    if not log or shown < decades:
         ticks = MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
         axis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
         axis.set_minor_locator(NullLocator())

@@ -19,11 +19,6 @@ from psafit.records import ParameterEntry, ProfilePoint
 from psafit.report.figures.axes import label, scale_axis, widened
 from psafit.report.style import PALETTE, WIDTH, figure_style, new_figure
 
-# Fewer draws than this make a scatter plot, not contours.
-_ENOUGH_FOR_CONTOURS = 1000
-_SHOWN_WALKERS = 16
-_SHOWN_STEPS = 600
-
 
 @dataclass(frozen=True)
 class Marginal:
@@ -100,7 +95,7 @@ def _inner_ticks(span: tuple[float, float]) -> FixedLocator:
     return FixedLocator(ticks[:: max(1, len(ticks) - 1)])
 
 
-def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figure:
+def corner_figure(marginals: Sequence[Marginal], best: Sequence[float], *, contours_from: int = 1000) -> Figure:
     """Posterior of several parameters, singly and in pairs.
 
     Parameters
@@ -108,6 +103,8 @@ def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figur
     marginals : sequence of Marginal
     best : sequence of float
         The best optimum, in the parameters' units.
+    contours_from : int
+        Fewer draws than this make a scatter plot, not contours.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # importing corner imports ArviZ, which announces its next version
@@ -117,7 +114,7 @@ def corner_figure(marginals: Sequence[Marginal], best: Sequence[float]) -> Figur
     draws = np.column_stack([m.coordinate(m.draws) for m in marginals])
     spans = [_span(column) for column in draws.T]
     labels = [m.label if not m.log else rf"$\log_{{10}}$ {m.label}" for m in marginals]
-    many = len(draws) >= _ENOUGH_FOR_CONTOURS
+    many = len(draws) >= contours_from
     size = max(WIDTH, 1.32 * n + 0.5)
     with figure_style():
         mpl.rcParams["figure.constrained_layout.use"] = False  # corner places its panels itself
@@ -192,7 +189,9 @@ def estimates_figure(
     return figure
 
 
-def trace_figure(m: Marginal, values: FloatArray, thinning: int) -> Figure:
+def trace_figure(
+    m: Marginal, values: FloatArray, thinning: int, *, most_walkers: int = 16, most_steps: int = 600
+) -> Figure:
     """Chains of one parameter; of many walkers those whose medians lie furthest out, where a stuck one would be.
 
     Parameters
@@ -202,11 +201,13 @@ def trace_figure(m: Marginal, values: FloatArray, thinning: int) -> Figure:
         In the parameter's unit.
     thinning : int
         Steps between draws.
+    most_walkers, most_steps : int
+        That are drawn.
     """
     medians = np.median(m.coordinate(values), axis=1)
     furthest = np.argsort(-np.abs(medians - np.median(medians)), kind="stable")
-    walkers = values[furthest[:_SHOWN_WALKERS]]
-    stride = max(1, math.ceil(values.shape[1] / _SHOWN_STEPS))
+    walkers = values[furthest[:most_walkers]]
+    stride = max(1, math.ceil(values.shape[1] / most_steps))
     step = np.arange(0, values.shape[1], stride) * thinning
     with figure_style():
         figure, axes = new_figure(height=2.0)

@@ -14,8 +14,6 @@ Variable = Literal["frequency", "amplitude", "order"]
 
 SWEPT: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude"}
 AXIS: Final = {"frequency": "Drive frequency (Hz)", "amplitude": "Drive amplitude (V)"}
-# Smallest part of the largest value from which on a logarithmic axis is of use.
-_DECADES = 1e-12
 NBSP = "\N{NO-BREAK SPACE}"
 
 
@@ -60,8 +58,11 @@ def _extent(low: str, high: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def sweep_of(group: Conditions) -> Sweep:
-    """Decide from the data which variable a group sweeps."""
+def sweep_of(group: Conditions, least: float = 1e-12) -> Sweep:
+    """Decide from the data which variable a group sweeps.
+
+    A logarithmic axis is of no use for voltages below this part of the largest.
+    """
     f, v = group.frequency_hz, group.amplitude_v
     f_text = _extent(frequency_text(float(f.min())), frequency_text(float(f.max())))
     v_text = _extent(_volts(float(v.min())), _volts(float(v.max())))
@@ -72,7 +73,7 @@ def sweep_of(group: Conditions) -> Sweep:
         held = _volts(float(np.median(v)))
         return Sweep("frequency", f, AXIS["frequency"], log, f"{group.drive.label}, {held}{rig}", f_text)
     if group.varied == ("amplitude",):
-        log = bool(v.min() > _DECADES * v.max() and v.max() >= 5 * v.min())
+        log = bool(v.min() > least * v.max() and v.max() >= 5 * v.min())
         held = frequency_text(float(np.median(f)))
         return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.drive.label}, {held}{rig}", v_text)
     order = np.arange(1.0, group.n_points + 1)

@@ -1,0 +1,102 @@
+r"""Which readings a cause lives on, and which readings the adopted model leans on.
+
+Of a reading :math:`y_i` that is left out, a model with draws :math:`\theta_s` of its posterior expects
+
+.. math:: \ln p(y_i | y_{-i}) \approx \ln \sum_s w_{is}\, p(y_i | \theta_s), \qquad w_{is} \propto 1/p(y_i|\theta_s),
+
+with weights smoothed by Pareto's law (PSIS; A. Vehtari, A. Gelman and J. Gabry, Stat. Comput. 27 (2017) 1413). What the
+adopted model expects more of a reading than the same model without a cause does, is what that reading gives the cause.
+The shape of the weights' tail says how far a reading alone moves the posterior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from psafit.arrays import FloatArray
+from psafit.experiment import GroupId
+from psafit.inference.store import smoothed
+from psafit.model_search import Ids, Ladder
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What readings give a cause.
+
+    Parameters
+    ----------
+    cause : str
+    nats : list of float
+        By reading, one group after the other: of the expected log predictive density.
+    total : float, nats
+    half : int
+        Readings that give most, so many that half of what speaks for the cause is theirs.
+    groups : list of (group id, float)
+        Nats by group, the most first.
+    """
+
+    cause: str
+    nats: list[float]
+    total: float
+    half: int
+    groups: list[tuple[GroupId, float]]
+
+
+@dataclass(frozen=True)
+class Influence:
+    """Which readings an answer rests on.
+
+    Parameters
+    ----------
+    causes : list of Carried
+        Of what is named.
+    tail : list of float
+        By reading: shape of the weights' tail (Pareto k) beside the adopted model. Above 0.7 this reading alone moves
+        the posterior far, and its nats are not to be trusted.
+    """
+
+    causes: list[Carried]
+    tail: list[float]
+
+
+def influence(ladder: Ladder, named: Ids, *, seed: int, draws: int = 400) -> Influence:
+    """Ask which readings the causes of the leader live on.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    named : tuple of str
+        Causes of the leader, in the order in which they are told.
+    seed : int
+    draws : int
+        Of each model's posterior.
+    """
+    expected, tail = _left_out(ladder, ladder.leader.ids, seed, draws)
+    problem = ladder.leader.problem
+    found = []
+    for id in named:
+        rest = tuple(other for other in ladder.leader.ids if other != id)
+        if rest in ladder.log_evidence:
+            nats = expected - _left_out(ladder, rest, seed, draws)[0]
+            each = [(g, float(nats[problem.design.group == k].sum())) for k, g in enumerate(problem.group_ids)]
+            groups = sorted(each, key=lambda told: -told[1])
+            found.append(Carried(id, nats.tolist(), float(nats.sum()), carrying_half(nats), groups))
+    return Influence(found, tail.tolist())
+
+
+def carrying_half(nats: Sequence[float] | FloatArray) -> int:
+    """Fewest readings that give half of what speaks for a cause."""
+    gains = np.sort(np.maximum(np.asarray(nats), 0.0))[::-1]
+    return int(np.searchsorted(np.cumsum(gains), 0.5 * gains.sum())) + 1 if gains.any() else 0
+
+
+def _left_out(ladder: Ladder, ids: Ids, seed: int, draws: int) -> tuple[FloatArray, FloatArray]:
+    """Log density that a model expects of each reading without it, and the tails of the weights; (n_points,) each."""
+    problem = ladder.of(ids).problem
+    each = problem.pointwise_log_likelihood(ladder.draws(ids, seed).resampled(draws)).T
+    weights, tail = smoothed(-each)
+    return np.asarray(logsumexp(weights + each, axis=1)), tail

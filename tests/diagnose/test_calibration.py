@@ -1,0 +1,127 @@
+"""Data sets drawn from an answer and diagnosed again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnoses_by_hand import build, make_experiment, make_record
+from truths import FEW, experiment, problem
+
+from psafit.diagnose import calibration, diagnose
+from psafit.diagnose.answer import Calibrated, answer
+from psafit.diagnose.calibration import calibrate, drawn
+from psafit.diagnose.record import RESULT, Diagnosis
+from psafit.diagnose.settings import Settings
+from psafit.diagnose.trials import Rate, Trial, VerdictWord, summed
+from psafit.diagnose.words import PLAIN
+from psafit.inference.memory import Memory
+from psafit.model_search import search_models
+from psafit.records import read_json, write_json
+
+LAG = FEW[:1]
+LITTLE = Settings(simulated=29)
+
+
+def trial(
+    truth: str, verdict: VerdictWord, named: str, *others: str, printed: float | None = 0.9, held: int = 4
+) -> Trial:
+    return Trial(truth.split(), verdict, named.split(), [ids.split() for ids in others], printed, held, 4)
+
+
+TRIALS = [
+    trial("gap", "explained", "gap", printed=0.97),
+    trial("gap", "ambiguous", "preload", "gap", printed=0.6, held=3),
+    trial("gap preload", "unexplained", "preload gap", printed=None, held=0),
+    trial("", "adequate", "", printed=0.99),
+    trial("gap", "adequate", "", printed=0.7),
+    trial("", "unexplained", "", printed=None),
+]
+
+
+def test_what_is_counted() -> None:
+    found = summed(TRIALS)
+    # An unexplained one names its best extension as no explanation, but reports it.
+    assert (found.exact.n, found.reported.n, found.exact.of) == (2, 4, 6)
+    assert (found.right.n, found.right.of) == (2, 4) and found.printed == pytest.approx((0.97 + 0.6 + 0.99 + 0.7) / 4)
+    assert (found.held, found.intervals) == (4 + 3 + 0 + 4 + 4 + 4, 24)
+    assert [(r.lower, r.upper, r.right.n, r.right.of) for r in found.reliability] == [
+        (0.5, 0.8, 0, 2),
+        (0.95, 1.0, 2, 2),
+    ]
+    assert [(one.truth, one.exact.n, one.exact.of) for one in found.truths] == [
+        (["gap"], 1, 3), ([], 1, 2), (["gap", "preload"], 0, 1),
+    ]  # fmt: skip
+
+
+def test_a_rate_knows_how_little_a_few_data_sets_say() -> None:
+    assert Rate.counted([]) == Rate(0, 0, 0.0, 1.0)
+    few, many = Rate.counted([True] * 4), Rate.counted([True] * 40)
+    assert few.upper == many.upper == 1.0
+    assert few.lower == pytest.approx(0.05 ** (1 / 4)) and many.lower == pytest.approx(0.05 ** (1 / 40))
+
+
+def test_data_sets_are_drawn_from_models_and_their_posteriors(hidden) -> None:
+    lag, friction = ("amplifier_lag",), ("flight_friction",)
+    even = replace(hidden, probability=dict.fromkeys(hidden.probability, 0.0) | {lag: 0.5, friction: 0.5})
+    found = drawn(even, 40, seed=1)
+    assert {one.ids for one in found} == {lag, friction} and 8 <= sum(one.ids == lag for one in found) <= 32
+    again = drawn(even, 5, seed=1)
+    assert all((a.readings == b.readings).all() for a, b in zip(again, found[:5], strict=True))
+    assert not (drawn(even, 1, seed=2)[0].readings == found[0].readings).all()
+    # Values are of the posterior, and readings scatter about what these values predict.
+    own = [one for one in found if one.ids == lag]
+    tau = [one.values["amplifier_lag_tau"] for one in own]
+    model, weighed = even.of(lag).problem, even.draws(lag, 1)
+    k = model.names.index("amplifier_lag_tau")
+    ends = weighed.quantiles(model.to_physical(weighed.draws)[:, k], (0.02, 0.25, 0.75, 0.98))
+    assert ends[1] < np.median(tau) < ends[2]
+    assert np.mean((ends[0] < np.array(tau)) & (np.array(tau) < ends[3])) > 0.8 and len(set(tau)) > 0.7 * len(tau)
+    u = model.to_sampling(np.array([[one.values[name] for name in model.names] for one in own]))
+    sigma = np.hypot(model.to_physical(u)[:, [-3]] * model.predict(u), model.to_physical(u)[:, [-2]])
+    z = (np.array([one.readings for one in own]) - model.predict(u)) / sigma
+    assert abs(np.median(z)) < 0.2 and 0.5 < np.median(np.abs(z)) < 0.9
+
+
+def test_a_calibration_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
+    ladder = search_models(problem(experiment(["amplifier_lag"], [4e-5], n=6)), LAG, seed=1)
+    memory, seen = Memory(tmp_path), []
+
+    def run(n: int) -> list[Trial]:
+        asked = {"seed": 1, "memory": memory, "settings": LITTLE, "progress": lambda k, n: seen.append((k, n))}
+        return calibrate(ladder, LAG, n, **asked).trials
+
+    one = run(1)
+    both = run(2)
+    assert both[:1] == one and seen[-1] == (2, 2)
+    assert all(t.intervals >= 3 and 0 <= t.held <= t.intervals for t in both)
+    monkeypatch.setattr(calibration, "_tried", None)  # nothing is worked out again
+    assert run(2) == both
+
+
+@pytest.mark.slow
+def test_a_calibrated_diagnosis_is_the_same_for_any_number_of_workers(tmp_path) -> None:
+    e = experiment(["amplifier_lag"], [4e-5], n=12)
+    asked = {"quick": True, "catalogue": FEW, "settings": LITTLE, "calibrate": 4}
+    found = [diagnose(e, ["a"], tmp_path / str(jobs), jobs=jobs, **asked) for jobs in (1, 2)]
+    assert found[0].calibration == found[1].calibration
+    assert found[0].calibration.exact.of == 4 and found[0].calibration.reported.n >= 2
+    assert read_json(tmp_path / "1" / RESULT, Diagnosis, sealed=True) == found[0]
+    assert any(isinstance(s, Calibrated) for s in answer(found[0]))
+
+
+def test_what_is_said_of_it(tmp_path) -> None:
+    e = make_experiment()
+    record = replace(make_record(e), calibration=summed(TRIALS))
+    (said,) = [s.say(PLAIN) for s in answer(record) if isinstance(s, Calibrated)]
+    assert said == (
+        "Of 6 data sets drawn from this answer and diagnosed again, the set that made it was named in 2"
+        " (6 % to 73 %, 90 %) and reported in 4. What was named had a probability of 82 % on average, and was right in"
+        " 2 of 4. 90 % intervals held 19 of the 24 true values (79 %)."
+    )
+    page = build(record, e, tmp_path)
+    assert "How often is such a verdict right here?" in page.first_screen and "Calibration" in page.headings
+    assert "gap at rest 3 1 2" in page.text
+    write_json(tmp_path / RESULT, record, sealed=True)
+    assert read_json(tmp_path / RESULT, Diagnosis, sealed=True).calibration == record.calibration
