@@ -26,8 +26,8 @@ from psafit.challenge.campaign import Spec, plan
 from psafit.challenge.hide import make
 from psafit.challenge.oracle import truth_of
 from psafit.experiment import read_experiment
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import fit
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.inference.sample import sample
 from psafit.physics import terms
@@ -51,7 +51,7 @@ def heights(spec: Spec) -> tuple[str, float, float, float]:
     begun = time.perf_counter()
     found = sample(problem, [climbed], seed=1)[0]
     seconds = time.perf_counter() - begun
-    top = float(ascend(problem, truth_of(problem, made.answer)[None]).height[0])
+    top = float(maximise(problem, truth_of(problem, made.answer)[None]).height[0])
     return spec.id, found.height - climbed.height, top - climbed.height, seconds
 
 

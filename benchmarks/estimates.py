@@ -85,7 +85,7 @@ def measure(number: int, seed: int, rig: str) -> dict[str, Any]:
         "short_top_below": tops[1] - tops[0],
         "second_top_above": tops[2] - tops[1],
         "evidences_differ": two.log_evidence - one.log_evidence,
-        "stated_error": one.content.draws.doubt if one.content.draws else None,
+        "stated_error": one.content.draws.standard_error if one.content.draws else None,
         "part_s": round(begun_short - begun, 2),
         "short_s": round(begun_sample - begun_short, 2),
         "sample_s": round(0.5 * (ended - begun_sample), 2),

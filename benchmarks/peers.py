@@ -285,11 +285,20 @@ class Diffrax:
             _, y, launched = integrate(a, y, rtol, True)
             return jnp.where(launched, y[4], jnp.nan)
 
+        self.order, self.args = self._arguments(rig, many, solver)
+        run = jax.jit(lambda a, rtol: jax.lax.map(lambda one: launch(one, rtol), a, batch_size=lanes))
+        self.run = lambda rtol: run(self.args, rtol).block_until_ready()
+
+    @staticmethod
+    def _arguments(rig: Constants, many: list[Trajectory], solver: str) -> tuple[np.ndarray, dict[str, Any]]:
+        """What the trajectories differ by, those of like effort side by side; and in which order they are."""
+        import jax.numpy as jnp
+
         most = max(len(t.pieces) for t in many)
         # What an explicit method's steps number, and an implicit one's.
         effort = [t.pieces[-1].end / _first_step(rig, t) if solver == "Tsit5" else len(t.pieces) for t in many]
-        self.order = np.argsort(effort, kind="stable")
-        some = [many[k] for k in self.order]
+        order = np.argsort(effort, kind="stable")
+        some = [many[k] for k in order]
         table = np.zeros((len(some), most, 6))
         ends = np.full((len(some), most), np.inf)
         for k, one in enumerate(some):
@@ -302,13 +311,11 @@ class Diffrax:
             for name in ("k_c", "c_s", "c_c", "exponent", "lam", "strength", "memory", "gap", "pull")
         }
         args |= {
-            "pieces": jnp.array(table), "jumps": jnp.array(ends), "stroke": jnp.array([q * t.volt for t in some]),
+            "pieces": jnp.array(table), "jumps": jnp.array(ends), "stroke": jnp.array([rig.q * t.volt for t in some]),
             "until": jnp.array([t.pieces[-1].end for t in some]),
             "begin": jnp.zeros(len(some)), "first": jnp.array([_first_step(rig, t) for t in some]),
         }  # fmt: skip
-        self.args = args
-        run = jax.jit(lambda a, rtol: jax.lax.map(lambda one: launch(one, rtol), a, batch_size=lanes))
-        self.run = lambda rtol: run(self.args, rtol).block_until_ready()
+        return order, args
 
     def __call__(self, rtol: float) -> np.ndarray:
         """Speeds at the separation, in the order of the trajectories given."""

@@ -55,11 +55,11 @@ from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
 from psafit.files import digest, sha256, sole
 from psafit.inference import noise
-from psafit.inference.ascent import ascend, expansion, slopes
 from psafit.inference.candidate import Candidate, FitSettings, built_up, separate_modes, within_bounds
-from psafit.inference.evidence import Weighed, quantiles
+from psafit.inference.evidence import ImportanceSample, quantiles
 from psafit.inference.memory import Memory, code
 from psafit.inference.mixture import StudentMixture
+from psafit.inference.optimiser import expansion, maximise, slopes
 from psafit.inference.problem import Problem
 from psafit.inference.sample import sample
 from psafit.inference.samplers import USUAL, sampler
@@ -202,7 +202,7 @@ def truth(plan: Plan, number: int) -> tuple[Problem, FloatArray, int]:
     return replace(problem, experiment=experiment.with_readings(np.abs(read)), readings=read), u[0], redrawn
 
 
-def diagnosed(problem: Problem, seed: int) -> tuple[Candidate, Weighed]:
+def diagnosed(problem: Problem, seed: int) -> tuple[Candidate, ImportanceSample]:
     """Modes and draws as a diagnosis makes them: short fits from the best of the parts, then a sample."""
     fitter = ProblemFitter(replace(problem, terms=()), TERMS, SearchSettings(), seed, Memory(None))
     (best,) = fitter.short([()], {})
@@ -214,7 +214,7 @@ def diagnosed(problem: Problem, seed: int) -> tuple[Candidate, Weighed]:
     return found.candidate, found.draws
 
 
-def fitted(problem: Problem, seed: int, steps: int) -> tuple[Candidate, Weighed]:
+def fitted(problem: Problem, seed: int, steps: int) -> tuple[Candidate, ImportanceSample]:
     """Modes and draws as `psafit fit` makes them; Pareto's k is infinite where the chain has not converged."""
     known, own = [built_up(problem, seed=seed)] if problem.terms else [], sampler(USUAL)
     found, draws = sample(problem, known, seed=seed)
@@ -226,7 +226,7 @@ def fitted(problem: Problem, seed: int, steps: int) -> tuple[Candidate, Weighed]
     top = int(np.argmax(height))
     k = 0.0 if chain.converged else math.inf
     same = np.full(len(flat), 1 / len(flat))
-    return found, Weighed(flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(height[top]))
+    return found, ImportanceSample(flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(height[top]))
 
 
 def below(values: FloatArray, weights: FloatArray, true: FloatArray) -> FloatArray:
@@ -234,7 +234,9 @@ def below(values: FloatArray, weights: FloatArray, true: FloatArray) -> FloatArr
     return np.asarray(weights @ (values < true))
 
 
-def ranked(problem: Problem, found: Candidate, draws: Weighed, u: FloatArray, random: float) -> dict[str, float]:
+def ranked(
+    problem: Problem, found: Candidate, draws: ImportanceSample, u: FloatArray, random: float
+) -> dict[str, float]:
     """Ranks of a truth; `random`, between 0 and 1, is its place on its mode."""
     ranks = dict(zip(problem.names, below(draws.draws, draws.weights, u).tolist(), strict=True))
     rows = np.vstack([u, draws.draws])
@@ -278,7 +280,7 @@ def chain_from(problem: Problem, u: FloatArray, walkers: int, steps: int, seed: 
     return np.asarray(sampler.get_chain(discard=steps // 2, thin=5, flat=True))
 
 
-def compared(chain: FloatArray, draws: Weighed) -> tuple[float, float]:
+def compared(chain: FloatArray, draws: ImportanceSample) -> tuple[float, float]:
     """`Result.away` and `Result.differs`.
 
     A place holds no draws if it is further from the nearest one than 99 % of the draws are from each other, in
@@ -317,7 +319,7 @@ def solve(plan: Plan, number: int) -> Result:
         away=away,
         level=float(level),
         differs=differs,
-        rise=float(ascend(problem, u[None]).height[0]) - max(draws.height, found.height),
+        rise=float(maximise(problem, u[None]).height[0]) - max(draws.height, found.height),
         effective=draws.effective,
         pareto_k=draws.pareto_k,
         cpu_s=round(seconds, 2),

@@ -48,10 +48,10 @@ from search_sets import GROUPS, DataSet, get, wanted
 from psafit.diagnose.searching import searched
 from psafit.experiment import write_experiment
 from psafit.files import write_atomically
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, candidate_at, candidate_of, fit
-from psafit.inference.evidence import weigh
+from psafit.inference.evidence import importance_sample
 from psafit.inference.memory import code
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.model_search import SearchSettings, ladder
 from psafit.physics import TERMS, terms
@@ -111,14 +111,14 @@ def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float
 
     It is fitted again from the best draw while that is higher than the best mode.
     """
-    sampled = weigh(candidate, seed=seed)
+    sampled = importance_sample(candidate, seed=seed)
     for _ in range(rounds):
         if sampled.height < candidate.height + 0.5:
             break
         problem = candidate.problem
-        candidate = candidate_of(problem, ascend(problem, np.vstack([candidate.modes, sampled.top])))
-        sampled = weigh(candidate, seed=seed)
-    return sampled.log_evidence, sampled.doubt, candidate
+        candidate = candidate_of(problem, maximise(problem, np.vstack([candidate.modes, sampled.top])))
+        sampled = importance_sample(candidate, seed=seed)
+    return sampled.log_evidence, sampled.standard_error, candidate
 
 
 def from_scratch(problem: Problem, seeds: Sequence[int]) -> tuple[Candidate, list[float]]:
@@ -153,6 +153,19 @@ def counted() -> Iterator[dict[str, int]]:
 
 
 # --- one data set ---------------------------------------------------------------------------------------------------
+
+
+def _leading(found: Found, n: int) -> list[dict[str, Any]]:
+    """The best models of a search, for the record."""
+    best = sorted(found.log_posterior, key=lambda ids: -found.log_posterior[ids])[:n]
+    return [
+        {
+            "causes": list(ids),
+            "log_posterior": round(found.log_posterior[ids], 3),
+            "probability": float(f"{found.probability.get(ids, 0.0):.3g}"),
+        }
+        for ids in best
+    ]
 
 
 def measure(
@@ -199,7 +212,6 @@ def measure(
     progress("the truth alone", 0, 1)
     alone = dict(known) if known else truth_alone(data, problem)
     log_posterior = evidence + log_prior(best)
-    leading = sorted(found.log_posterior, key=lambda ids: -found.log_posterior[ids])[:shown]
     return {
         "id": data.id,
         "group": data.group,
@@ -223,14 +235,7 @@ def measure(
             "probability": found.probability.get(best, 0.0),
         },
         "reported": [list(ids) for ids in found.reported],
-        "leading": [
-            {
-                "causes": list(ids),
-                "log_posterior": round(found.log_posterior[ids], 3),
-                "probability": float(f"{found.probability.get(ids, 0.0):.3g}"),
-            }
-            for ids in leading
-        ],
+        "leading": _leading(found, shown),
         "nothing": found.log_posterior.get(()),
         "n_fitted": len(found.log_posterior),
         "trajectories": trajectories,

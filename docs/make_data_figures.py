@@ -179,12 +179,8 @@ def ratio_20_15(groups: dict[int, Group]) -> tuple[Array, Array]:
     return f, groups[1].reading[one] / groups[2].reading[two]
 
 
-def numbers(groups: dict[int, Group]) -> dict[str, Any]:
-    """Everything docs/data.md quotes."""
-    pairs = shared_conditions(groups)
-    differing = [p for p in pairs if p["ratio"] != 1]
-    f, ratio = ratio_20_15(groups)
-    excess = np.log(ratio / (20 / 15))
+def group_numbers(groups: dict[int, Group]) -> dict[int, dict[str, Any]]:
+    """What the page quotes of each group."""
     per_group: dict[int, dict[str, Any]] = {}
     for i, group in groups.items():
         _, line = scatter(group, 1)
@@ -217,6 +213,34 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
             "multiples_of_0.2_from_20um": share_on_grid(values[values >= 20], 0.2),
             "multiples_of_0.04_below_5um": share_on_grid(values[values < 5], 0.04),
         }
+    return per_group
+
+
+def ratio_numbers(groups: dict[int, Group]) -> dict[str, Any]:
+    """What it quotes of the ratio of readings at 20 V and 15 V."""
+    f, ratio = ratio_20_15(groups)
+    excess = np.log(ratio / (20 / 15))
+    return {
+        "n": int(f.size),
+        "median": float(np.median(ratio)),
+        "least": [float(f[ratio.argmin()]), float(ratio.min())],
+        "second_least": float(np.sort(ratio)[1]),
+        "greatest": [float(f[ratio.argmax()]), float(ratio.max())],
+        "median_exponent": float(np.log(np.median(ratio)) / np.log(20 / 15)),
+        "median_100_to_1000Hz": float(np.median(ratio[f <= 1000])),
+        "median_from_10kHz": float(np.median(ratio[f >= 10000])),
+        "proportional_unseen_group_log_rmse": rms(excess),
+        "proportional_both_groups_log_rmse": rms(excess / 2),
+        "from_group_3_at_1200Hz": at(groups[3], 20) / at(groups[3], 15),
+        "from_groups_1_2_at_1200Hz": at(groups[1], 1200) / at(groups[2], 1200),
+        "from_group_4_at_3000Hz": at(groups[4], 20) / at(groups[4], 15),
+        "from_groups_1_2_at_3000Hz": at(groups[1], 3000) / at(groups[2], 3000),
+        "square_group_5_at_1200Hz": at(groups[5], 20) / at(groups[5], 15),
+    }
+
+
+def text_numbers(groups: dict[int, Group]) -> dict[str, Any]:
+    """Single numbers of its text."""
     plateau = groups[6]
     square_over_sine = {
         "amplitude_1200Hz": [
@@ -230,6 +254,54 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
             if at(groups[6], x) <= at(groups[1], x)
         ],
     }
+    return {
+        "range_at_2kHz_over_peak": {i: at(groups[i], 2000) / float(groups[i].reading.max()) for i in (1, 2)},
+        "first_frequency_below_5_percent_of_peak_hz": {
+            i: float(
+                groups[i]
+                .frequency_hz[(groups[i].frequency_hz > 1200) & (groups[i].reading < 0.05 * groups[i].reading.max())]
+                .min()
+            )
+            for i in (1, 2)
+        },
+        "square_below_3kHz_um": [
+            float(plateau.reading[plateau.frequency_hz < 3000].min()),
+            float(plateau.reading[plateau.frequency_hz < 3000].max()),
+        ],
+        "square_up_to_20Hz_mean_um": float(plateau.reading[plateau.frequency_hz <= 20].mean()),
+        "square_50Hz_to_2500Hz_mean_um": float(
+            plateau.reading[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].mean()
+        ),
+        "square_50Hz_to_2500Hz_sd_um": float(
+            plateau.reading[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].std(ddof=1)
+        ),
+        "square_not_above_sine": square_over_sine,
+        "least_1200Hz_over_3000Hz": min(
+            at(groups[3], v) / at(groups[4], v) for v in np.intersect1d(groups[3].amplitude_v, groups[4].amplitude_v)
+        ),
+    }
+
+
+def table_numbers(groups: dict[int, Group]) -> dict[str, Any]:
+    """What it quotes beside the study's Table 4."""
+    return {
+        "measured_equals_appendix": all(
+            at(groups[3], v) == row[1] and at(groups[4], v) == row[3] for v, row in TABLE_4.items()
+        ),
+        "theory_um_per_v_1200Hz": {v: row[0] / v for v, row in TABLE_4.items()},
+        "theory_um_per_v_3000Hz": {v: row[2] / v for v, row in TABLE_4.items()},
+        "theory_17V_3000Hz_if_proportional": 17 * float(np.mean([row[2] / v for v, row in TABLE_4.items() if v != 17])),
+        "measured_um_per_v_1200Hz": {v: row[1] / v for v, row in TABLE_4.items()},
+        "theory_19V_if_proportional": 19 * float(np.mean([row[0] / v for v, row in TABLE_4.items() if v != 19])),
+    }
+
+
+def numbers(groups: dict[int, Group]) -> dict[str, Any]:
+    """Everything docs/data.md quotes."""
+    pairs = shared_conditions(groups)
+    differing = [p for p in pairs if p["ratio"] != 1]
+    f, ratio = ratio_20_15(groups)
+    per_group = group_numbers(groups)
     weights = np.array([d["n_points"] for d in per_group.values()])
     return {
         "n_points": int(weights.sum()),
@@ -243,23 +315,7 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
         "shared_conditions": pairs,
         "session_all_pairs": session_scatter(pairs),
         "session_differing_pairs": session_scatter(differing),
-        "ratio_20_15": {
-            "n": int(f.size),
-            "median": float(np.median(ratio)),
-            "least": [float(f[ratio.argmin()]), float(ratio.min())],
-            "second_least": float(np.sort(ratio)[1]),
-            "greatest": [float(f[ratio.argmax()]), float(ratio.max())],
-            "median_exponent": float(np.log(np.median(ratio)) / np.log(20 / 15)),
-            "median_100_to_1000Hz": float(np.median(ratio[f <= 1000])),
-            "median_from_10kHz": float(np.median(ratio[f >= 10000])),
-            "proportional_unseen_group_log_rmse": rms(excess),
-            "proportional_both_groups_log_rmse": rms(excess / 2),
-            "from_group_3_at_1200Hz": at(groups[3], 20) / at(groups[3], 15),
-            "from_groups_1_2_at_1200Hz": at(groups[1], 1200) / at(groups[2], 1200),
-            "from_group_4_at_3000Hz": at(groups[4], 20) / at(groups[4], 15),
-            "from_groups_1_2_at_3000Hz": at(groups[1], 3000) / at(groups[2], 3000),
-            "square_group_5_at_1200Hz": at(groups[5], 20) / at(groups[5], 15),
-        },
+        "ratio_20_15": ratio_numbers(groups),
         "proportional": {i: best_proportional(groups[i]) for i in (3, 4, 5)},
         "exponent_from_5V": {i: power_law(groups[i], 5) for i in (3, 4, 5)},
         # Group 2 at 300 Hz times the mean 20 V/15 V ratio of the neighbours, 200 and 400 Hz.
@@ -275,46 +331,8 @@ def numbers(groups: dict[int, Group]) -> dict[str, Any]:
             "2 falling from 1.2 kHz": reversals(groups[2], False, 1200, 1e9),
             "6 falling from 3 kHz": reversals(groups[6], False, 3000, 1e9),
         },
-        "text": {
-            "range_at_2kHz_over_peak": {i: at(groups[i], 2000) / float(groups[i].reading.max()) for i in (1, 2)},
-            "first_frequency_below_5_percent_of_peak_hz": {
-                i: float(
-                    groups[i]
-                    .frequency_hz[
-                        (groups[i].frequency_hz > 1200) & (groups[i].reading < 0.05 * groups[i].reading.max())
-                    ]
-                    .min()
-                )
-                for i in (1, 2)
-            },
-            "square_below_3kHz_um": [
-                float(plateau.reading[plateau.frequency_hz < 3000].min()),
-                float(plateau.reading[plateau.frequency_hz < 3000].max()),
-            ],
-            "square_up_to_20Hz_mean_um": float(plateau.reading[plateau.frequency_hz <= 20].mean()),
-            "square_50Hz_to_2500Hz_mean_um": float(
-                plateau.reading[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].mean()
-            ),
-            "square_50Hz_to_2500Hz_sd_um": float(
-                plateau.reading[(plateau.frequency_hz >= 50) & (plateau.frequency_hz < 3000)].std(ddof=1)
-            ),
-            "square_not_above_sine": square_over_sine,
-            "least_1200Hz_over_3000Hz": min(
-                at(groups[3], v) / at(groups[4], v)
-                for v in np.intersect1d(groups[3].amplitude_v, groups[4].amplitude_v)
-            ),
-        },
-        "table_4": {
-            "measured_equals_appendix": all(
-                at(groups[3], v) == row[1] and at(groups[4], v) == row[3] for v, row in TABLE_4.items()
-            ),
-            "theory_um_per_v_1200Hz": {v: row[0] / v for v, row in TABLE_4.items()},
-            "theory_um_per_v_3000Hz": {v: row[2] / v for v, row in TABLE_4.items()},
-            "theory_17V_3000Hz_if_proportional": 17
-            * float(np.mean([row[2] / v for v, row in TABLE_4.items() if v != 17])),
-            "measured_um_per_v_1200Hz": {v: row[1] / v for v, row in TABLE_4.items()},
-            "theory_19V_if_proportional": 19 * float(np.mean([row[0] / v for v, row in TABLE_4.items() if v != 19])),
-        },
+        "text": text_numbers(groups),
+        "table_4": table_numbers(groups),
         "bumps": {
             "1 at 10, 11, 12, 13 kHz": [at(groups[1], x) for x in (1e4, 1.1e4, 1.2e4, 1.3e4)],
             "2 at 10, 11, 12, 13 kHz": [at(groups[2], x) for x in (1e4, 1.1e4, 1.2e4, 1.3e4)],

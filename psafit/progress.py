@@ -17,7 +17,7 @@ TITLES = {
     "search": "search for minima (lmfit)",
     "weigh": "sample the posterior by importance",
     "sample": "sample the posterior",
-    "climb": "climb to a minimum that the search missed (lmfit)",
+    "climb": "optimisation to a minimum that the search missed (lmfit)",
     "profile": "profile the likelihood",
     "validate": "validate on all groups",
     "reproduce": "recompute the study",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Literal
 
@@ -19,6 +19,7 @@ from psafit.files import in_use
 from psafit.inference.forecast import Progress, progress_of
 from psafit.inference.run import MARKER
 from psafit.inference.samplers import sampler
+from psafit.inference.sampling import Convergence
 from psafit.inference.store import REBUILD
 from psafit.records import Fit, PosteriorSummary, read_json
 
@@ -28,23 +29,15 @@ _FOREIGN = "give a folder that psafit fit or psafit diagnose writes to"
 
 
 @dataclass(frozen=True)
-class State:
-    """A run as its folder shows it; None where there is nothing to tell yet.
+class State(Convergence):
+    """A run as its folder shows it, beside the `Convergence` of its chains; None where there is nothing to say yet.
 
     Parameters
     ----------
     stage : {"search", "sample", "profile", "done", "gave up"}
-    steps, walkers : int, optional
-    acceptance : float, optional
-        Share of the moves that were accepted.
-    autocorrelation_time : float, optional
-        Of the slowest parameter, steps.
-    autocorrelation_times, wanted_times : float, optional
-        How many of them the chain holds after burn-in, and should.
-    r_hat, wanted_r_hat : float, optional
-        The largest.
-    log_posterior, best_minimum : float, optional
-        The highest of the chain and of the search.
+    steps : int, optional
+    best_minimum : float, optional
+        The highest log posterior of the search.
     seconds_per_step, seconds_left : float, optional
         Pace, and a rough estimate of what is left.
     written : float, optional
@@ -59,14 +52,6 @@ class State:
 
     stage: Stage
     steps: int | None = None
-    walkers: int | None = None
-    acceptance: float | None = None
-    autocorrelation_time: float | None = None
-    autocorrelation_times: float | None = None
-    wanted_times: float | None = None
-    r_hat: float | None = None
-    wanted_r_hat: float | None = None
-    log_posterior: float | None = None
     best_minimum: float | None = None
     seconds_per_step: float | None = None
     seconds_left: float | None = None
@@ -246,14 +231,7 @@ def _sampling(record: Fit, begun: Path, path: Path, before: State | None, values
     return State(
         "profile" if found.converged else "sample",
         steps=found.steps,
-        walkers=found.walkers,
-        acceptance=found.acceptance,
-        autocorrelation_time=found.autocorrelation_time,
-        autocorrelation_times=found.autocorrelation_times,
-        wanted_times=found.wanted_times,
-        r_hat=found.r_hat,
-        wanted_r_hat=found.wanted_r_hat,
-        log_posterior=found.log_posterior,
+        **{f.name: getattr(found, f.name) for f in fields(Convergence)},
         best_minimum=record.minima[0].log_posterior,
         seconds_per_step=pace,
         seconds_left=None if found.converged else pace * found.steps_left,

@@ -92,6 +92,93 @@ INTERNAL = [i for i in IMPORTS if i.target.split(".")[0] == "psafit"]
 EXTERNAL = [i for i in IMPORTS if i.target.split(".")[0] not in {"psafit", *sys.stdlib_module_names}]
 
 
+LINES = {path: path.read_text("utf-8") for path in MODULES}
+
+
+def holds_numbers(value: ast.expr) -> bool:
+    """Whether a value is a number, or made of some; neither an enumeration, nor a record or an option that has some."""
+    if isinstance(value, ast.Call):
+        name = ast.unparse(value.func).split(".")[-1]
+        if name[0].isupper() or name in ("option", "range"):
+            return False
+    return any(isinstance(n, ast.Constant) and type(n.value) in (int, float, complex) for n in ast.walk(value))
+
+
+def numeric_constants(text: str) -> list[str]:
+    """Names in capitals, of a module or a class, that stand for numbers."""
+    tree = ast.parse(text)
+    found = []
+    for body in (tree, *(n for n in ast.walk(tree) if isinstance(n, ast.ClassDef))):
+        for line in body.body:
+            if isinstance(line, ast.Assign | ast.AnnAssign) and line.value is not None and holds_numbers(line.value):
+                targets = line.targets if isinstance(line, ast.Assign) else [line.target]
+                names = [n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)]
+                found += [name for name in names if re.fullmatch(r"_*[A-Z][A-Z0-9_]*", name)]
+    return found
+
+
+def test_numbers_are_options() -> None:
+    """What can be set has a name, a meaning and a default; capitals are for facts of mathematics and of formats."""
+    assert numeric_constants("A, _B = 1, 2.0\nC = range(3)\nD = Term(p=0.1)\nE = {'m': -1}\nf = 2\n") == [
+        "A",
+        "_B",
+        "E",
+    ]
+    found = [f"{path.relative_to(ROOT)}: {name}" for path, text in LINES.items() for name in numeric_constants(text)]
+    thousands = sum(len(text.splitlines()) for text in LINES.values()) / 1000
+    assert len(found) <= 3 * thousands, "\n" + "\n".join(found)
+
+
+def lengths(text: str) -> dict[str, tuple[int, bool]]:
+    """Lines of every function, by its name, and whether it is a compiled kernel."""
+    return {
+        n.name: (n.end_lineno - n.lineno + 1, any("compiled" in ast.unparse(d) for d in n.decorator_list))
+        for n in ast.walk(ast.parse(text))
+        if isinstance(n, ast.FunctionDef) and n.end_lineno is not None
+    }
+
+
+def test_functions_are_short() -> None:
+    """None is over 80 lines, with its docstring; compiled kernels, which keep their state at hand, may have 150."""
+    assert lengths("@compiled(borrows=True)\ndef f(x):\n    return x\n") == {"f": (2, True)}
+    files = [p for part in ("psafit", "benchmarks", "docs", "tests") for p in sorted((ROOT / part).rglob("*.py"))]
+    long = [
+        f"{path.relative_to(ROOT)}: {name} has {n} lines"
+        for path in files
+        for name, (n, kernel) in lengths(path.read_text("utf-8")).items()
+        if n > (150 if kernel else 80)
+    ]
+    assert not long, "\n" + "\n".join(long)
+
+
+def repeated(texts: dict[Path, str], n: int = 8) -> list[str]:
+    """Places where as many lines stand again as somewhere else; imports and comments apart."""
+    seen: dict[tuple[str, ...], str] = {}
+    found = []
+    for path, text in texts.items():
+        rows = [(k, line.strip()) for k, line in enumerate(text.splitlines(), 1)]
+        imported = {
+            k
+            for node in ast.parse(text).body
+            if isinstance(node, ast.Import | ast.ImportFrom)
+            for k in range(node.lineno, (node.end_lineno or 0) + 1)
+        }
+        rows = [(k, line) for k, line in rows if line and not line.startswith("#") and k not in imported]
+        for i in range(len(rows) - n + 1):
+            place = seen.setdefault(tuple(line for _, line in rows[i : i + n]), f"{path.name}:{rows[i][0]}")
+            if place != f"{path.name}:{rows[i][0]}":
+                found.append(f"{path.name}:{rows[i][0]} is {place}")
+    return found
+
+
+def test_nothing_stands_twice() -> None:
+    eight = "".join(f"a{k} = {k}\n" for k in range(8))
+    assert repeated({Path("x.py"): eight, Path("y.py"): "b = 1\n" + eight}) == ["y.py:2 is x.py:1"]
+    files = [p for part in ("psafit", "benchmarks", "docs", "tests") for p in sorted((ROOT / part).rglob("*.py"))]
+    twice = repeated({path.relative_to(ROOT): path.read_text("utf-8") for path in files})
+    assert not twice, "\n" + "\n".join(twice)
+
+
 def listed(imports: list[Import]) -> str:
     return "\n" + "\n".join(f"{i.place}: {i.module} imports {i.target}" for i in imports)
 

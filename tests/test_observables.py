@@ -13,8 +13,8 @@ from folders import write
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, describe, fingerprint, read_experiment, write_experiment
 from psafit.inference import noise
-from psafit.inference.ascent import expansion, slopes
 from psafit.inference.optimise import gradient
+from psafit.inference.optimiser import expansion, slopes
 from psafit.inference.problem import Problem
 from psafit.observables import CONTACT_TIME, LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES
 from psafit.simulate import Design, simulate

@@ -14,7 +14,7 @@ import pytest
 from scipy.stats import norm
 
 from psafit.errors import ConvergenceError
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.records import read_json
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -32,9 +32,9 @@ def calibrated(n: int = 300, narrower: float = 1.0, sets: int = 2) -> list[Any]:
     ]
 
 
-def drawn(u: np.ndarray) -> Weighed:
+def drawn(u: np.ndarray) -> ImportanceSample:
     n = len(u)
-    return Weighed(u, np.full(n, 1 / n), 0.0, 0.1, float(n), 0.1, u[0], 0.0)
+    return ImportanceSample(u, np.full(n, 1 / n), 0.0, 0.1, float(n), 0.1, u[0], 0.0)
 
 
 def test_sound_posteriors_pass() -> None:

@@ -16,7 +16,7 @@ from psafit.diagnose.misfit import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running
-from psafit.inference.ascent import heights
+from psafit.inference.optimiser import heights
 from psafit.inference.problem import Problem
 from psafit.inference.samplers.emcee import Settings
 from psafit.physics import terms
@@ -72,8 +72,8 @@ def test_log_density_is_a_mean_over_draws(checked) -> None:  # type: ignore[no-u
 
 
 def test_stated_errors_reach_fit_and_bands(known: Experiment) -> None:
-    """Readings of groups 1 and 3 state theirs: likelihood, climbs, scores, bands and densities are Student's of all
-    parts of the scatter."""
+    """Readings of groups 1 and 3 state theirs: likelihood, optimisations, scores, bands and densities are Student's of
+    all parts of the scatter."""
     sigma = {1: 3.0, 2: 0.0, 3: 5.0}
     groups = (replace(g, sigma=np.full(g.n_points, sigma[int(g.id)]) if g.id != 2 else None) for g in known.groups)
     problem = Problem(replace(known, groups=tuple(groups)), (1, 2))

@@ -19,7 +19,7 @@ def test_errors_come_back_from_a_process_as_they_were_raised(tmp_path):
     for error in (
         PsafitError("a word"),
         InputError("is wrong", "mend it", file=tmp_path / "it.csv", line=3),
-        ConvergenceError("a climb", reached=1.0, required=2.0),
+        ConvergenceError("an optimisation", reached=1.0, required=2.0),
     ):
         back = pickle.loads(pickle.dumps(error))
         assert type(back) is type(error) and str(back) == str(error) and vars(back) == vars(error)

@@ -18,6 +18,7 @@ from psafit.diagnose import next_experiment, told
 from psafit.diagnose.answer import sentences
 from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
+from psafit.diagnose.draft import drafted
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
 from psafit.diagnose.judging import Judgement, judge
@@ -45,10 +46,10 @@ from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, si
 from psafit.diagnose.trials import Calibration
 from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
-from psafit.experiment import Experiment, GroupId, write_experiment
+from psafit.experiment import Experiment, Group, GroupId, write_experiment
 from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.memory import Memory, code, lent
 from psafit.inference.problem import Problem, refuse_still
@@ -123,17 +124,11 @@ def diagnose(
         Also written as `diagnosis.json`.
     """
     training = _training(experiment, group_ids)
-    refuse_still(experiment.groups if quick else experiment.select(training))
-    check_seed(seed)
-    if nautilus:
-        require()
-    if scheduler is not None:
-        reach(scheduler)
+    _check(experiment.groups if quick else experiment.select(training), seed, nautilus, scheduler)
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
     settings = settings or Settings.usual(quick)
-    looked_at = {t.id for t in catalogue}
-    left_out = [t.id for t in TERMS if t.id not in looked_at]
+    left_out = [t.id for t in TERMS if t.id not in everything.ids]
     asked = [training, seed, quick, searches, nautilus, calibrate, asdict(settings), left_out]
     identity = _identity(everything, asked)
     with sole(folder):
@@ -150,6 +145,16 @@ def diagnose(
                 # What did not converge is drawn on by the command after a finished one, not by one that resumes.
                 drawing=held is not None, settings=settings, left_out=left_out, scheduler=scheduler,
             ).all(quick, repeats, nautilus, identity, calibrate)  # fmt: skip
+
+
+def _check(groups: Sequence[Group], seed: int, nautilus: bool, scheduler: str | None) -> None:
+    """Refuse what would fail after hours of work."""
+    refuse_still(groups)
+    check_seed(seed)
+    if nautilus:
+        require()
+    if scheduler is not None:
+        reach(scheduler)
 
 
 def _training(experiment: Experiment, group_ids: Sequence[GroupId]) -> tuple[GroupId, ...]:
@@ -294,9 +299,8 @@ class _Work:
             verdict, adopted = judgement.verdict, judgement.adopted
             misfit, laws = self._tested(judgement)
         draws = ladder.draws(adopted.ids, self.seed)
-        if not self.drawing:  # the tables that follow belong to another answer, which has no record yet
-            for name in (RESULT, PAGE):
-                (self.folder / name).unlink(missing_ok=True)
+        if not self.drawing:
+            self._forget()
         numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
         write_predictions(
             self.folder / PREDICTIONS, predictive(adopted.problem, draws.resampled(self.settings.draws), self.seed)
@@ -320,10 +324,6 @@ class _Work:
                 causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
         screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
-        calibration = self._calibration(ladder, drawn) if drawn else None
-        lives_on = (
-            influence(ladder, verdict.named, seed=self.seed, draws=self.settings.draws) if verdict.named else None
-        )
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -358,12 +358,18 @@ class _Work:
             identity=identity,
             left_out=list(self.left_out),
             settings=self.settings,
-            calibration=calibration,
-            influence=lives_on,
+            calibration=self._calibration(ladder, drawn),
+            influence=influence(ladder, verdict.named, seed=self.seed, draws=self.settings.draws),
+            draft=drafted(judgement, self.folder),
         )
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
+
+    def _forget(self) -> None:
+        """Remove record and page: the tables that follow belong to another answer, which has no record yet."""
+        for name in (RESULT, PAGE):
+            (self.folder / name).unlink(missing_ok=True)
 
     def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
         """What the tests say of the baseline and the best model, and the laws that reported models break."""
@@ -424,7 +430,7 @@ class _Work:
             self.watcher.update(done, total, which + what)
 
         if (groups, starts) not in self._ladders:
-            self._ladders[groups, starts] = _climbed(
+            self._ladders[groups, starts] = _ladder_of(
                 self._memory, *self._common, groups, starts, self.jobs, self.scheduler, progress
             )
         return self._ladders[groups, starts]
@@ -441,7 +447,7 @@ class _Work:
         what is said rests on the groups that were seen alone. One is repeated from nothing, to see what that changes.
         """
         protocols = _protocols(self.experiment, self.training)
-        sampled = tuple(c for c in whole.candidates if c.ids and c.ids in whole.weighed)
+        sampled = tuple(c for c in whole.candidates if c.ids and c.ids in whole.samples)
         starts: dict[str, tuple[Candidate, ...]] = {"strict": (), "nested": sampled}
         splits_of = [(seen, starts[name]) for name, splits in protocols.items() for seen, _ in splits]
         audited = protocols["nested"][0] if protocols["nested"] and sampled else None
@@ -449,7 +455,7 @@ class _Work:
         found = {}
         with self._stage("parts"):
             self._memory.begin()
-            calls = [(_climbed, self._memory, *self._common, *one) for one in wanted]
+            calls = [(_ladder_of, self._memory, *self._common, *one) for one in wanted]
             ahead(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
                 found[one] = self._search(*one)
@@ -480,8 +486,10 @@ class _Work:
                 progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
             )  # fmt: skip
 
-    def _calibration(self, ladder: Ladder, drawn: int) -> Calibration:
-        """How often such a verdict is right here."""
+    def _calibration(self, ladder: Ladder, drawn: int) -> Calibration | None:
+        """How often such a verdict is right here, where that is asked for."""
+        if not drawn:
+            return None
         with self._stage("calibration"):
             return calibrated(
                 ladder, self.catalogue, drawn, seed=self.seed, memory=self._memory, settings=self.settings,
@@ -554,7 +562,7 @@ def _apart(other: ImportanceSummary) -> Apart:
     return Apart(worst.name, worst.apart, other.by_chance, other.effective)
 
 
-def _climbed(
+def _ladder_of(
     memory: Memory,
     experiment: Experiment,
     catalogue: Sequence[Term],
@@ -604,7 +612,7 @@ def _protocols(
 # --- the record -----------------------------------------------------------------------------------------------------
 
 
-def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, Weighed]]:
+def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:
     """What is adopted and what does as well, with draws of their posteriors.
 
     Beside an adequate baseline that is the cause that it excludes least, if one keeps a twentieth.

@@ -216,7 +216,7 @@ def split(
     }
     total = sum(shares.values())
     mixture = {ids: p / total for ids, p in shares.items()}
-    # Once for all groups: a model that the search did not weigh is weighed here.
+    # Once for all groups: a model without an importance sample of the search gets one here.
     draws = {ids: ladder.draws(ids, seed) for ids in {(): 0.0, **mixture}}
     before: dict[Ids, FloatArray] = {(): draws[()].resampled(n_draws)}
     after = {ids: draws[ids].resampled(max(round(n_draws * p), 16)) for ids, p in mixture.items()}

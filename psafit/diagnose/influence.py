@@ -63,8 +63,8 @@ class Influence:
     tail: list[float]
 
 
-def influence(ladder: Ladder, named: Ids, *, seed: int, draws: int = 400) -> Influence:
-    """Ask which readings the causes of the leader live on.
+def influence(ladder: Ladder, named: Ids, *, seed: int, draws: int = 400) -> Influence | None:
+    """Ask which readings the causes of the leader live on; None where none are named.
 
     Parameters
     ----------
@@ -75,6 +75,8 @@ def influence(ladder: Ladder, named: Ids, *, seed: int, draws: int = 400) -> Inf
     draws : int
         Of each model's posterior.
     """
+    if not named:
+        return None
     expected, tail = _left_out(ladder, ladder.leader.ids, seed, draws)
     problem = ladder.leader.problem
     found = []

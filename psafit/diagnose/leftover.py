@@ -132,7 +132,7 @@ def leftover(
     priors = settings.priors
     around = _Expansion.of(candidate, stretch(candidate) if outlying is None else outlying, priors)
     without = around.fitted(around.scatter, with_it=False)
-    # A scatter that had to stand for the discrepancy, too, may be either of its parts: there are several hills.
+    # A scatter that had to stand for the discrepancy, too, may be either of its parts: there are several modes.
     low = [p.sampling_bounds.lower for p in around.parameters]
     usual = np.minimum(around.scatter, [float(p.prior_quantile(0.5)) for p in around.parameters])
     starts = (
@@ -273,7 +273,7 @@ class _Expansion:
         return 0.5 * found.squares + found.log_size - density
 
     def fitted(self, start: FloatArray, *, with_it: bool) -> _Fitted:
-        """Climb, and integrate by Laplace's method."""
+        """Optimise, and integrate by Laplace's method."""
         bounds = [(p.sampling_bounds.lower, p.sampling_bounds.upper) for p in self.parameters]
         bounds += [(m - 4 * sd, m + 4 * sd) for m, sd in self.priors] if with_it else []
         end = minimize(self.loss, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})

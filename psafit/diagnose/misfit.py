@@ -33,8 +33,8 @@ from psafit.arrays import FloatArray
 from psafit.diagnose.screening import extended
 from psafit.experiment import GroupId
 from psafit.inference import noise
-from psafit.inference.ascent import ascend, ascend_linearly
-from psafit.inference.candidate import Candidate, climbed, refitted
+from psafit.inference.candidate import Candidate, optimised, refitted
+from psafit.inference.optimiser import maximise, maximise_linearly
 from psafit.inference.problem import Problem
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics.term import Term
@@ -364,7 +364,7 @@ def _with_usual_tails(candidate: Candidate) -> Candidate | None:
     """The model refitted with no heavier tails than usual; None where its scatter has none."""
     held = replace(candidate.problem, usual_tails=True)
     start = np.clip(candidate.modes[:1], *held.bounds.T)
-    return None if (start == candidate.modes[:1]).all() else climbed(held, start)
+    return None if (start == candidate.modes[:1]).all() else optimised(held, start)
 
 
 def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, settings: MisfitSettings) -> FloatArray:
@@ -375,9 +375,11 @@ def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, s
     # An instrument does not show ranges below zero.
     fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
     starts = np.repeat(candidate.modes[:1], n_simulated, axis=0)
-    refit = ascend_linearly(problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8)
+    refit = maximise_linearly(
+        problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8
+    )
     if exact:
-        refit = ascend(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
+        refit = maximise(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
     return normal_scores(problem, refit.u, refit.predicted, fake, settings.clip)
 
 

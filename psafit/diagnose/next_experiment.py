@@ -29,7 +29,7 @@ from psafit.drives import TABLE, Drive
 from psafit.experiment import Conditions, Constants, Experiment, GroupId, changes_text
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 from psafit.records import ABSENT
@@ -363,7 +363,7 @@ def _say(value: float) -> str:
 
 
 def tell_apart(
-    tied: Sequence[tuple[Candidate, Weighed]], *, seed: int, settings: ProposalSettings | None = None
+    tied: Sequence[tuple[Candidate, ImportanceSample]], *, seed: int, settings: ProposalSettings | None = None
 ) -> list[Proposal]:
     """Measurements by how well they would separate two models or more; best first."""
     settings = settings or ProposalSettings()
@@ -387,7 +387,7 @@ def tell_apart(
 
 
 def determine(
-    leader: Candidate, draws: Weighed, *, seed: int, settings: ProposalSettings | None = None
+    leader: Candidate, draws: ImportanceSample, *, seed: int, settings: ProposalSettings | None = None
 ) -> tuple[str, list[Proposal]]:
     """Measurements by how much they would narrow a weakly determined parameter, and which one that is; best first.
 
@@ -439,7 +439,7 @@ def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) 
     return best
 
 
-def weakly_determined(leader: Candidate, draws: Weighed, *, share: float = 0.5) -> list[int]:
+def weakly_determined(leader: Candidate, draws: ImportanceSample, *, share: float = 0.5) -> list[int]:
     """Indices of the physical parameters that the readings leave a `share` as wide as the prior, or wider.
 
     If there is none, of the widest. Spreads of sessions are left aside: more sessions tell of those, not more readings.
@@ -448,12 +448,12 @@ def weakly_determined(leader: Candidate, draws: Weighed, *, share: float = 0.5) 
     return np.flatnonzero(ratio >= min(share, ratio.max())).tolist()
 
 
-def is_weak(leader: Candidate, draws: Weighed, name: str, *, share: float = 0.5) -> bool:
+def is_weak(leader: Candidate, draws: ImportanceSample, name: str, *, share: float = 0.5) -> bool:
     """Whether the readings leave a physical parameter a `share` as wide as its prior, or wider."""
     return bool(_width_left(leader, draws)[leader.problem.names.index(name)] >= share)
 
 
-def _width_left(leader: Candidate, draws: Weighed, n_draws: int = ProposalSettings.draws) -> FloatArray:
+def _width_left(leader: Candidate, draws: ImportanceSample, n_draws: int = ProposalSettings.draws) -> FloatArray:
     """What the readings leave of the priors' widths, (n_physical,); less than nothing for spreads of sessions."""
     problem = leader.problem
     u = draws.resampled(n_draws)[:, : problem.n_physical]

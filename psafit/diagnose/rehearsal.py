@@ -20,9 +20,9 @@ from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Proposal, Rehearsal, proposed
 from psafit.experiment import Group
 from psafit.inference import noise
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.simulate import Design, readings
 
@@ -48,9 +48,9 @@ class RehearsalSettings:
     schedule: tuple[tuple[int, int], ...] = ((6, 12), (24, 3))
 
 
-Tied = Sequence[tuple[Candidate, Weighed]]
+Tied = Sequence[tuple[Candidate, ImportanceSample]]
 # Measures, with one model as the truth: says which readings any model is then fitted to.
-_Measure = Callable[[Candidate, Weighed, np.random.Generator], Callable[[Problem], Problem]]
+_Measure = Callable[[Candidate, ImportanceSample, np.random.Generator], Callable[[Problem], Problem]]
 
 
 def repeat(
@@ -63,7 +63,7 @@ def repeat(
 ) -> Rehearsal:
     """Measure the same conditions again in simulation, with each of some models as the truth; see `rehearse`."""
 
-    def measure(truth: Candidate, draws: Weighed, rng: np.random.Generator) -> Callable[[Problem], Problem]:
+    def measure(truth: Candidate, draws: ImportanceSample, rng: np.random.Generator) -> Callable[[Problem], Problem]:
         problem, u = truth.problem, _drawn(draws, 1, rng)
         made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
         again = problem.experiment.with_readings(np.maximum(made, 0.0))
@@ -87,7 +87,7 @@ def rehearse(
 
     Parameters
     ----------
-    tied : sequence of (Candidate, Weighed)
+    tied : sequence of (Candidate, ImportanceSample)
         The models and their posteriors, given the same readings.
     log_prior : sequence of float
         Log prior probability of each.
@@ -102,7 +102,7 @@ def rehearse(
     Rehearsal
     """
 
-    def measure(truth: Candidate, draws: Weighed, rng: np.random.Generator) -> Callable[[Problem], Problem]:
+    def measure(truth: Candidate, draws: ImportanceSample, rng: np.random.Generator) -> Callable[[Problem], Problem]:
         new = _measured(truth.problem, _drawn(draws, 1, rng), proposal, rng)
 
         def with_it(model: Problem) -> Problem:
@@ -135,7 +135,10 @@ def _judged(
             measured = measure(candidate, own, rng)
             # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
             height = [
-                d.log_evidence + _climbed(measured(c.problem), c, d, rng, settings).laplace_apart - c.laplace_apart + p
+                d.log_evidence
+                + _optimised(measured(c.problem), c, d, rng, settings).laplace_apart
+                - c.laplace_apart
+                + p
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))
@@ -144,7 +147,7 @@ def _judged(
     return Rehearsal(what, truth, np.repeat(before, settings.trials).tolist(), after, first)
 
 
-def _drawn(draws: Weighed, n: int, rng: np.random.Generator) -> FloatArray:
+def _drawn(draws: ImportanceSample, n: int, rng: np.random.Generator) -> FloatArray:
     return np.asarray(draws.draws[rng.choice(len(draws.draws), n, p=draws.weights)])
 
 
@@ -162,13 +165,17 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     return Group(NEW, drive, "", frequency, voltage, read, changed=changed, sigma=known, measured=measured)
 
 
-def _climbed(
-    problem: Problem, candidate: Candidate, draws: Weighed, rng: np.random.Generator, settings: RehearsalSettings
+def _optimised(
+    problem: Problem,
+    candidate: Candidate,
+    draws: ImportanceSample,
+    rng: np.random.Generator,
+    settings: RehearsalSettings,
 ) -> Candidate:
     """A model fitted to other readings, from its optima and draws of its posterior."""
     known = np.vstack([candidate.modes, _drawn(draws, settings.starts, rng)])
     at, shared = candidate.within(problem)
     starts = np.tile(at, (len(known), 1))
     starts[:, shared] = known
-    found = ascend(problem, starts, schedule=settings.schedule, still_below=FitSettings.enough, unite=True)
+    found = maximise(problem, starts, schedule=settings.schedule, still_below=FitSettings.enough, unite=True)
     return candidate_of(problem, found)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from psafit.inference.ascent import heights
 from psafit.inference.evidence import laplace_mixture, quantiles
+from psafit.inference.optimiser import heights
 from psafit.model_search import Ids, Ladder
 from psafit.physics.term import Term
 from psafit.validate import OFFSET_UM
@@ -47,7 +47,7 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
         A cause that is not among them.
     seed : int
     draws : int
-        From Student densities at the modes, weighed by the posterior.
+        From Student densities at the modes, weighted by the posterior.
     limit : float
         Quantile of the posterior.
 

@@ -29,8 +29,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import ascend_linearly
 from psafit.inference.candidate import Candidate
+from psafit.inference.optimiser import maximise_linearly
 from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics.term import Term
@@ -117,7 +117,7 @@ def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSett
     """Screen the causes that a fitted model does not have yet, in the catalogue's order."""
     settings = settings or ScreenSettings()
     # An optimum at the edge of a jump is none of its expansion, which goes on uphill with any cause or none.
-    alone = ascend_linearly(
+    alone = maximise_linearly(
         candidate.problem, candidate.modes[:1], candidate.predicted[None], candidate.relative_slope,
         iterations=settings.iterations,
     )  # fmt: skip
@@ -159,7 +159,7 @@ def _screen(
             slope[:, i] = (found[k] - found[0]) / (0.1 * found[0])
         moved = [candidate.beside((found[k] - found[0]) / 0.1) for k in range(1, 1 + len(latent))]
         np.maximum(luck, _luck(candidate.beside(found[0] - candidate.predicted), moved, nothing), out=luck)
-        end = ascend_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)
+        end = maximise_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
         gain = end.height - prior - neutral - top

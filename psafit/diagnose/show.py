@@ -259,7 +259,7 @@ def corners(candidate: Candidate, settings: CornerSettings | None = None) -> lis
     s = settings or CornerSettings()
     result = []
     for group_id, variable, x, y, p, relative in _logarithms(candidate):
-        # By its neighbours, since a reading weighed by itself counts more where it errs upwards.
+        # By its neighbours, since a reading weighted by itself counts more where it errs upwards.
         usual = median_filter(y, s.neighbours, mode="nearest")
         relative = relative * np.exp(y - usual)
         clear = noise.columns(candidate.noise)[1][0, 0] < s.clear * np.exp(usual)

@@ -32,7 +32,7 @@ from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
 from psafit.diagnose.verdict import Verdict
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.model_search.ladder import Ladder
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.parameters import broadened
@@ -61,7 +61,7 @@ def causes_of(ladder: Ladder, verdict: Verdict) -> list[CauseResult]:
 
 def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResult:
     problem = candidate.problem
-    found = ladder.weighed.get(candidate.ids)
+    found = ladder.samples.get(candidate.ids)
     parameters: dict[str, ParameterResult] = {}
     values = problem.to_physical(found.draws) if found else problem.to_physical(candidate.modes[:1])
     quantiles = found.quantiles(values, (0.05, 0.5, 0.95)) if found else None
@@ -82,7 +82,7 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     )
     if found:
         evidence = replace(
-            evidence, error=found.doubt, effective_draws=found.effective, pareto_k=found.pareto_k,
+            evidence, error=found.standard_error, effective_draws=found.effective, pareto_k=found.pareto_k,
             prior_width=_sensitivity(candidate, found),
         )  # fmt: skip
     ids = verdict.named if set(candidate.ids) == set(verdict.named) else candidate.ids
@@ -92,7 +92,7 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
     )
 
 
-def _sensitivity(candidate: Candidate, found: Weighed) -> dict[str, float]:
+def _sensitivity(candidate: Candidate, found: ImportanceSample) -> dict[str, float]:
     """Change of the log evidence when the priors of the causes' parameters are half and twice as wide.
 
     Nothing where all of them are uniform: what is possible is not what is thought plausible.

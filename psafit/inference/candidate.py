@@ -15,9 +15,9 @@ from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
-from psafit.inference.ascent import Ascent, Effort, ascend, expansion, heights, slopes
 from psafit.inference.evolution import evolved
 from psafit.inference.optimise import joined_values, starts_of, widened
+from psafit.inference.optimiser import Effort, Optima, expansion, heights, maximise, slopes
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
@@ -26,29 +26,29 @@ Schedule = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a fit divides its work between climbs.
+    """How a fit divides its work between optimisations.
 
-    A schedule is a tuple of (iterations, how many of the highest climbs go on after them).
+    A schedule is a tuple of (iterations, how many of the highest optimisations go on after them).
 
     Parameters
     ----------
     trial, fresh : tuple of (int, int)
-        On some of the readings: climbs from what is known, and climbs from draws of the prior.
+        On some of the readings: optimisations from what is known, and optimisations from draws of the prior.
     full : tuple of (int, int)
         On all readings.
     thorough : tuple of (int, int)
         Of a model of which nothing is known, on all readings.
     enough : float, nats
-        Gain of a climb below which it ends: well within the error of Laplace's evidence.
+        Gain of an optimisation below which it ends: well within the error of Laplace's evidence.
     hopeless : float, nats
-        A climb whose trial ends this far below the best is given up.
+        An optimisation whose trial ends this far below the best is given up.
     taken : int
-        Of what is known beforehand, so many of the best join the climbs on all readings; so many climb from each
-        plateau's neighbours.
+        Of what is known beforehand, so many of the best join the optimisations on all readings; so many are optimised
+        from each plateau's neighbours.
     crossings : int
         Times that a fit goes on from where a parameter without a slope was moved.
     across : tuple of (int, int)
-        Climbs from there.
+        Optimisations from there.
     many, every : int
         Readings from which on a part of them is looked at first, and that part: one in `every`.
     rough : float
@@ -89,7 +89,7 @@ class Candidate:
     mass : (n_modes,) array
         Logarithm of what each mode holds by Laplace's approximation, bounds respected.
     starts : (n_modes,) array of int
-        Starts of climbs that ended at each.
+        Starts of optimisations that ended at each.
     effort : Effort
         What finding them has taken, starts that ended elsewhere included.
     """
@@ -119,10 +119,10 @@ class Candidate:
 
     @property
     def laplace_apart(self) -> float:
-        """The same, what modes on one hill have in common counted once.
+        """The same, what ends of one mode have in common counted once.
 
-        Climbs that end in different places of one hill are as many modes. Each is counted in the part in which its
-        normal is above the others' at its own top.
+        Optimisations that end in different places of one mode are listed one by one. Each is counted in the part in
+        which its normal is above the others' at its own top.
         """
         away = self.modes[:, None] - self.modes[None]  # (n_at, n_of, n_dim)
         height = self.heights - 0.5 * np.einsum("kmi,mij,kmj->km", away, self.curvature, away)
@@ -255,7 +255,7 @@ def fit(
         Draws of the prior that are looked at for starts, and starts taken from them, at least two; a model with nothing
         nested in it has no others.
     fresh : bool
-        Whether climbs begin at draws of the prior by themselves, too, and not only crossed with what is known.
+        Whether optimisations begin at draws of the prior by themselves, too, and not only crossed with what is known.
     settings : FitSettings, optional
 
     Returns
@@ -267,9 +267,10 @@ def fit(
     s = settings or FitSettings()
     trial = subsampled(problem, s)
     if not nested:
-        # One climb on each hill goes on: six on the highest would lose a second that holds half of the posterior.
+        # One optimisation of each mode goes on: six of the highest would lose a second that holds half of the
+        # posterior.
         starts, n_drawn = starts_of(trial, seed, most, draws)
-        end = ascend(problem, starts, schedule=s.thorough, unite=True)
+        end = maximise(problem, starts, schedule=s.thorough, unite=True)
         return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
     rows = [r for c in nested for r in c.widened(trial, 2)]
     if extra is not None and len(extra):
@@ -279,20 +280,23 @@ def fit(
     crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
     races: list[tuple[FloatArray, Schedule]] = [(np.vstack([known, crossed]), s.trial)]
     if fresh:
-        # Climbs from far away begin lower than those from what is known, and may end higher: they have their own race.
+        # Optimisations from far away begin lower than those from what is known, and may end higher: they have their own
+        # race.
         begun, n_fresh = starts_of(trial, seed, most, draws)
         races.append((begun, s.fresh))
         n_drawn += n_fresh
     # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
-    # best go on. (They hold the smaller models' optima: no climb ends below those.)
+    # best go on. (They hold the smaller models' optima: no optimisation ends below those.)
     there = problem.log_posterior(known)
-    trials = [ascend(trial, starts, schedule=schedule, still_below=s.enough, unite=True) for starts, schedule in races]
+    trials = [
+        maximise(trial, starts, schedule=schedule, still_below=s.enough, unite=True) for starts, schedule in races
+    ]
     tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
     best_known = known[np.argsort(-there, kind="stable")[: s.taken]]
     hopeful = height > height.max() - s.hopeless
     counts = np.concatenate([np.concatenate([t.starts for t in trials])[hopeful], np.ones(len(best_known), np.intp)])
     tried = np.vstack([tried[hopeful], best_known])
-    end = ascend(problem, tried, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
+    end = maximise(problem, tried, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
     effort = sum((t.effort for t in trials), Effort(len(best_known), 0, n_drawn + len(known) + end.effort.n_sets))
     return candidate_of(problem, replace(_across_steps(problem, end, s), effort=effort))
 
@@ -327,30 +331,30 @@ def built_up(
 
 
 def refitted(problem: Problem, like: Candidate) -> Candidate:
-    """The same model on fewer groups, climbed from where it was."""
-    return climbed(problem, like.placed(problem))
+    """The same model on fewer groups, optimised from where it was."""
+    return optimised(problem, like.placed(problem))
 
 
-def climbed(problem: Problem, starts: FloatArray) -> Candidate:
+def optimised(problem: Problem, starts: FloatArray) -> Candidate:
     """A model optimised from some starts, (n, n_dim) in sampling coordinates."""
-    return candidate_of(problem, ascend(problem, starts, still_below=FitSettings.enough))
+    return candidate_of(problem, maximise(problem, starts, still_below=FitSettings.enough))
 
 
-def _across_steps(problem: Problem, end: Ascent, s: FitSettings) -> Ascent:
+def _across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
     """Go on where a parameter has no slope: what acts by thresholds is better a step away, or not, but never uphill."""
     for _ in range(s.crossings):
         here, height = end.predicted[end.best], float(end.height[end.best])
         rows = _steps_away(problem, end.u[end.best], here)
         found = problem.predict(rows) if len(rows) else np.empty((0, here.size))
         value = heights(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
-        # One row of each step, the highest first; none of that on which the climbs have ended.
+        # One row of each step, the highest first; none of that on which the optimisations have ended.
         steps = {here.tobytes(): -1}
         for k in np.argsort(-value, kind="stable"):
             steps.setdefault(found[k].tobytes(), int(k))
         starts = [k for k in list(steps.values())[1 : 1 + s.taken] if value[k] > height - s.hopeless]
         if not starts:
             break
-        moved = ascend(problem, rows[starts], schedule=s.across, still_below=s.enough, unite=True).uncounted
+        moved = maximise(problem, rows[starts], schedule=s.across, still_below=s.enough, unite=True).uncounted
         end = end.joined(moved)
         if moved.height.max() < height + s.enough:
             break
@@ -371,16 +375,16 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> Float
 
 
 def candidate_of(
-    problem: Problem, end: Ascent, before: Effort | None = None, *, forgotten: float = 12.0, same: float = 0.1
+    problem: Problem, end: Optima, before: Effort | None = None, *, forgotten: float = 12.0, same: float = 0.1
 ) -> Candidate:
-    """Turn the ends of climbs into a candidate; `ConvergenceError` where no posterior there is finite.
+    """Turn the ends of optimisations into a candidate; `ConvergenceError` where no posterior there is finite.
 
     Parameters
     ----------
     problem : Problem
-    end : Ascent
+    end : Optima
     before : Effort, optional
-        What went before the climbs.
+        What went before the optimisations.
     forgotten : float, nats
         Modes this far below the best are left out.
     same : float
@@ -425,7 +429,7 @@ def candidate_at(
     """
     predicted, starts = problem.predict(modes), np.zeros(len(modes), np.intp) if starts is None else starts
     height = heights(problem, modes, predicted, problem.observed)
-    return candidate_of(problem, Ascent(modes, height, predicted, starts, effort or Effort()))
+    return candidate_of(problem, Optima(modes, height, predicted, starts, effort or Effort()))
 
 
 def united(first: Candidate, second: Candidate) -> Candidate:
@@ -450,7 +454,7 @@ def _weighty(candidate: Candidate, minor: float = 5.0) -> NDArray[np.intp]:
 
 
 def separate_modes(candidate: Candidate, *, apart: float = 4.0, valley: float = 2.0, points: int = 7) -> list[int]:
-    """Modes that lie on separate hills of the posterior, the best of each: where other parameters fit as well.
+    """Separate modes of the posterior, the best place of each: where other parameters fit as well.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ def cost(
     problem: Problem,
     *,
     drawn: int = 32_000,
-    climbed: int = 12_000,
+    optimised: int = 12_000,
     judged: int = 1024,
     sample: int = 500,
     draws: int = 64,
@@ -44,15 +44,16 @@ def cost(
     """Estimate what a fit takes: both grow in proportion to the readings, and some of them are enough to measure it.
 
     The likelihood is timed where the sampler will be: at the best of some draws of the prior, in small batches. It is
-    evaluated at every draw, and by the climbs of the search. Memory is largest where the search judges its draws.
+    evaluated at every draw, and by the optimisations of the search. Memory is largest where the search judges its
+    draws.
 
     Parameters
     ----------
     problem : Problem
     drawn : int
         Parameter sets that the sampler simulates until it has converged: 25,600 to 40,000 of the baseline, as a rule.
-    climbed : int
-        Parameter sets that climbs, population and profiles simulate: 8000 to 16,000 of the baseline, as a rule.
+    optimised : int
+        Parameter sets that optimisations, population and profiles simulate: 8000 to 16,000 of the baseline, as a rule.
     judged : int
         Draws of the prior that the search judges at once.
     sample : int
@@ -76,7 +77,7 @@ def cost(
         peak = tracemalloc.get_traced_memory()[1] / draws
     finally:
         tracemalloc.stop()
-    return Cost(more * (each * (drawn + climbed) + search * judged), more * peak * judged)
+    return Cost(more * (each * (drawn + optimised) + search * judged), more * peak * judged)
 
 
 def machine_memory() -> float:

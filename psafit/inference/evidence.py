@@ -23,9 +23,9 @@ from scipy.special import logsumexp
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import store
-from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate, candidate_at, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
+from psafit.inference.optimiser import heights
 from psafit.physics import baseline
 
 TRUSTED = 0.7
@@ -89,7 +89,7 @@ class EmulatorSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class ImportanceSample:
     """Weighted draws of a posterior, and the evidence they give.
 
     Parameters
@@ -120,11 +120,11 @@ class Weighed:
     height: float
 
     @property
-    def doubt(self) -> float:
+    def standard_error(self) -> float:
         """Standard error of the log evidence; nats where the weights' tail makes that error meaningless."""
-        return self.standard_error()
+        return self.judged_error()
 
-    def standard_error(self, *, few: float = 30.0, begun: float = 2.0, hardly: float = 5.0) -> float:
+    def judged_error(self, *, few: float = 30.0, begun: float = 2.0, hardly: float = 5.0) -> float:
         """Standard error of the log evidence, nats.
 
         Parameters
@@ -177,12 +177,12 @@ def systematic(weights: FloatArray, n: int, first: float = 0.5) -> NDArray[np.in
     return np.minimum(np.searchsorted(np.cumsum(weights), positions), len(weights) - 1)
 
 
-def weigh(
+def importance_sample(
     candidate: Candidate, *, seed: int, rounds: int = RoundSettings.most, effective: float = RoundSettings.effective
-) -> Weighed:
+) -> ImportanceSample:
     """Evidence and posterior of a fitted model.
 
-    Hills of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
+    Modes of the posterior that lie apart are sampled one by one, each where it is the nearest, and added: no polynomial
     emulates two.
 
     Parameters
@@ -190,21 +190,21 @@ def weigh(
     candidate : Candidate
     seed : int
     rounds : int
-        At most so many on each hill, of 256 simulated draws each.
+        At most so many on each mode, of 256 simulated draws each.
     effective : float
         Effective draws at which it is enough.
     """
     random, how = np.random.default_rng([seed, 5]), RoundSettings(most=rounds, effective=effective)
     parts, nearest = separated(candidate)
     pools = [
-        _importance(on_plateaus(hill), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
-        for k, hill in enumerate(parts)
+        _importance(on_plateaus(mode), random, how, lambda u, k=k: nearest(u) == k)[0]  # type: ignore[misc]
+        for k, mode in enumerate(parts)
     ]
-    return Pool.together(pools).weighed()
+    return Pool.together(pools).sample()
 
 
 def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArray], NDArray[np.intp]]]:
-    """The model on each of its hills, and which of them is nearest to rows of coordinates.
+    """The model on each of its modes, and which of them is nearest to rows of coordinates.
 
     Nearest is the one whose density is the highest. Whatever these regions are worth, they leave out nothing and count
     nothing twice.
@@ -228,7 +228,7 @@ def _importance(
     rounds: RoundSettings,
     region: Region,
 ) -> tuple[Pool, FloatArray]:
-    """Simulated draws with their weights, and their launch ranges; what lies outside the region weighs nothing."""
+    """Simulated draws with their weights, and their launch ranges; what lies outside the region has no weight."""
     problem = candidate.problem
     simulated: list[FloatArray] = []
 
@@ -248,8 +248,8 @@ def _importance(
 def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0, away: float = 4.0) -> Candidate:
     """The same with its best mode in the middle of where a parameter may lie, if that is wider than its curvature says.
 
-    What acts by thresholds changes nothing between two of them. A climb ends anywhere there, often at an edge, and
-    draws around that place shrink to the few that are right.
+    What acts by thresholds changes nothing between two of them. An optimisation ends anywhere there, often at an edge,
+    and draws around that place shrink to the few that are right.
 
     Parameters
     ----------
@@ -341,15 +341,15 @@ class Pool:
         """Effective number of draws."""
         return float(1 / np.sum(self.weights**2))
 
-    def weighed(self) -> Weighed:
-        """The draws that weigh anything, and the evidence."""
+    def sample(self) -> ImportanceSample:
+        """The draws of any weight, and the evidence."""
         weights, count = self.weights, self.effective
         finite = np.isfinite(self.log_weight)
         k_hat = store.pareto_k(self.log_weight[finite]) if finite.sum() > 25 else math.inf
         error = float(np.sqrt(max(1 / count - 1 / self.n, 0.0)))
         kept = weights > 0
         best = int(np.argmax(self.height))
-        return Weighed(
+        return ImportanceSample(
             self.u[kept], weights[kept], self.log_evidence, error, count, k_hat, self.u[best], float(self.height[best])
         )  # fmt: skip
 

@@ -1,8 +1,8 @@
 """The top of a posterior whose readings jump, by differential evolution.
 
-A contact that ends a half wave later makes a range jump, so that a hardly damped rig's posterior is cut by cliffs.
-Climbs stop at them; a population steps across (R. Storn and K. Price, J. Global Optim. 11 (1997) 341). It costs more
-than climbs and finds one top alone: it comes after them.
+A contact that ends a half wave later makes a range jump, so that a hardly damped rig's posterior has discontinuities.
+Optimisations stop at them; a population steps across (R. Storn and K. Price, J. Global Optim. 11 (1997) 341). It costs
+more than optimisations and finds one top alone: it comes after them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import Ascent, Effort, ascend
+from psafit.inference.optimiser import Effort, Optima, maximise
 from psafit.inference.problem import Problem
 
 
@@ -32,7 +32,7 @@ class EvolutionSettings:
     generations : int
         At most.
     gathered : float, nats
-        Spread of the members' heights at which the rest is a climb's.
+        Spread of the members' heights at which the rest is an optimisation's.
     factor : tuple of float
         Range of the factor on differences, drawn anew for each generation.
     crossed : float
@@ -53,26 +53,26 @@ class EvolutionSettings:
     nowhere: float = -1e12
 
 
-def evolved(problem: Problem, known: FloatArray, *, seed: int, settings: EvolutionSettings | None = None) -> Ascent:
-    """Look for a higher top than climbs have found.
+def evolved(problem: Problem, known: FloatArray, *, seed: int, settings: EvolutionSettings | None = None) -> Optima:
+    """Look for a higher top than optimisations have found.
 
     Parameters
     ----------
     problem : Problem
     known : (n, n_dim) array
-        Optima that climbs have found, in sampling coordinates.
+        Optima that optimisations have found, in sampling coordinates.
     seed : int
     settings : EvolutionSettings, optional
 
     Returns
     -------
-    Ascent
-        The climb from the best member, no start, the population's sets counted; nothing, of a model with more causes
-        than that.
+    Optima
+        The optimisation from the best member, no start, the population's sets counted; nothing, of a model with more
+        causes than that.
     """
     s = settings or EvolutionSettings()
     if not len(known) or len(problem.terms) > s.most_causes:
-        return ascend(problem, np.empty((0, problem.n_dim)))
+        return maximise(problem, np.empty((0, problem.n_dim)))
     rng = np.random.default_rng(seed)
     low, high = problem.bounds.T
     drawn = problem.prior_transform(rng.uniform(size=(s.drawn, problem.n_dim)))
@@ -103,5 +103,5 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int, settings: Evoluti
         if error.__cause__ is None:
             raise
         raise error.__cause__ from None  # SciPy blames itself for what the model has raised
-    end = ascend(problem, found.x[None]).uncounted
+    end = maximise(problem, found.x[None]).uncounted
     return replace(end, effort=end.effort + Effort(n_sets=s.members * found.nfev))

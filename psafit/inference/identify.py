@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import Ascent, ascend, expansion, slopes
+from psafit.inference.optimiser import Optima, expansion, maximise, slopes
 from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline
@@ -66,8 +66,8 @@ class _Likelihood(Problem):
         found[:, own] = super()._shapes[:, own]
         return found
 
-    def height(self, ends: Ascent, columns: Sequence[int]) -> FloatArray:
-        """Where climbs ended, each without the prior of the column that it is to profile; (n,)."""
+    def height(self, ends: Optima, columns: Sequence[int]) -> FloatArray:
+        """Where optimisations ended, each without the prior of the column that it is to profile; (n,)."""
         priors = [
             float(self.parameters[k].log_prior(u[k])) if len(baseline.PARAMETERS) <= k < self.n_model else 0.0
             for k, u in zip(columns, ends.u, strict=True)
@@ -143,24 +143,24 @@ def profiles(
     -------
     list of list of ProfilePoint
         One list a column, ascending in the value; `drop` is zero at the highest of its points. All else is found anew
-        at every point; the other parameters of causes, and what each session has for itself, weighed by their priors.
+        at every point; the other parameters of causes, and what each session has for itself, weighted by their priors.
     """
     how = settings or ProfileSettings()
     likelihood = _Likelihood(**{f.name: getattr(problem, f.name) for f in fields(problem)})
     columns = range(problem.n_physical) if columns is None else columns
     low, high = likelihood.bounds.T
 
-    def climb(starts: Sequence[tuple[_Walk, FloatArray]]) -> None:
+    def optimise(starts: Sequence[tuple[_Walk, FloatArray]]) -> None:
         rows = np.array([start for _, start in starts])
         held = np.zeros(rows.shape, bool)
         held[np.arange(len(rows)), [walk.index for walk, _ in starts]] = True
-        end = ascend(likelihood, rows, frozen=held)
+        end = maximise(likelihood, rows, frozen=held)
         heights = likelihood.height(end, [walk.index for walk, _ in starts])
         for (walk, _), u, height in zip(starts, end.u, heights, strict=True):
             walk.points.append((u, float(height)))
             walk.points.sort(key=lambda point: (float(point[0][walk.index]), point[1]))
 
-    peak = ascend(likelihood, np.clip(top, low, high))
+    peak = maximise(likelihood, np.clip(top, low, high))
     slope = slopes(likelihood, peak.u, peak.predicted)
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
     spread = np.linalg.pinv(curvature[0] + how.flattest * np.eye(likelihood.n_dim))
@@ -173,7 +173,7 @@ def profiles(
             start = np.clip(peak.u[0] + side * how.first * width[k] * spread[k] / spread[k, k], low, high)
             if start[k] != peak.u[0, k]:
                 first.append((walk, start))
-    climb(first)
+    optimise(first)
     while True:
         asked = [
             (walk, np.clip(start, low, high))
@@ -185,7 +185,7 @@ def profiles(
         going = asked or [(walk, start) for walk in walks for start in walk.gaps()]
         if not going:
             break
-        climb(going)
+        optimise(going)
         busy = {walk.index for walk, _ in going}
         progress(len(walks) - len(busy), len(walks))
     progress(len(walks), len(walks))

@@ -1,8 +1,8 @@
-"""Starts of climbs, and lmfit's part: the polish of the modes that they lead to.
+"""Starts of optimisations, and lmfit's part: the polish of the modes that they lead to.
 
 Quasi-random draws of the prior are simulated, and each is judged by its posterior density at the best scatter for it;
-the best that lie apart are starts (`psafit.inference.candidate.fit` climbs from them). Each mode found is polished by
-lmfit: a gradient's climb, and a simplex where a kink has stopped it.
+the best that lie apart are starts (`psafit.inference.candidate.fit` goes on from them). Each mode found is polished by
+lmfit: a gradient method, and a simplex where a kink has stopped it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
 from psafit.inference import noise
-from psafit.inference.ascent import heights
+from psafit.inference.optimiser import heights
 from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline
@@ -116,8 +116,8 @@ def _scatter(
     predicted : (n_sets, n_points) array, um
     quantiles, tails : sequence of float
         The grid: quantiles of the priors of both widths, and of the degrees of freedom. The last width is for a model
-        that misses the readings by far: it may fit best where they are nothing but scatter, and no climb from a small
-        one comes there.
+        that misses the readings by far: it may fit best where they are nothing but scatter, and no optimisation from a
+        small one comes there.
 
     Returns
     -------
@@ -365,14 +365,14 @@ def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfi
 
 
 def report(result: lmfit.minimizer.MinimizerResult, top: FloatArray, covariance: FloatArray) -> str:
-    """How lmfit's climb ended, and its table of the parameters.
+    """How lmfit's optimisation ended, and its table of the parameters.
 
     Parameters
     ----------
     result : MinimizerResult
         Of `polish`.
     top : (n_dim,) array
-        Where the climb went on to from where lmfit's part of it ended.
+        Where the optimisation went on to from where lmfit's part of it ended.
     covariance : (n_dim, n_dim) array
         Of the sampling coordinates there, for the standard errors.
     """

@@ -37,7 +37,7 @@ from psafit.files import (
 )
 from psafit.inference import identify, noise, store
 from psafit.inference.candidate import Candidate, built_up, candidate_at, principal
-from psafit.inference.evidence import Weighed, weigh
+from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
 from psafit.inference.memory import Memory
 from psafit.inference.optimise import polish, report
@@ -291,15 +291,15 @@ class _Work:
             found = _found(self.asked.problem, record)
             more = record.n_missed < self.how.restarts
             ceiling = record.minima[0].log_posterior + self.how.missed if more else math.inf
-            weighed = self._weighed(found)
-            chain = self._drawn(found, weighed, limit, ceiling)
+            importance = self._importance_sample(found)
+            chain = self._drawn(found, importance, limit, ceiling)
             # The summary goes first and comes last: it must never describe other draws than those beside it.
             (folder / "posterior.json").unlink(missing_ok=True)
             if chain.height <= ceiling:
                 break
             record = self._improved(record, found, chain)
             limit = settings.max_steps
-        return self._described(record, weighed, chain)
+        return self._described(record, importance, chain)
 
     def _search(self) -> Fit:
         """Look for modes, and let lmfit polish them."""
@@ -309,7 +309,7 @@ class _Work:
             places = problem.to_sampling(np.array([list(at.values()) for at in asked.known]))
             known = [candidate_at(problem, np.clip(places, *problem.bounds.T))]
         elif problem.terms:
-            # From scratch, a search among causes that hold each other in place ends on whatever hill is near.
+            # From scratch, a search among causes that hold each other in place ends on whatever mode is near.
             known = [
                 built_up(
                     problem,
@@ -361,23 +361,25 @@ class _Work:
             known=asked.known,
         )  # fmt: skip
 
-    def _weighed(self, found: Candidate) -> Weighed:
+    def _importance_sample(self, found: Candidate) -> ImportanceSample:
         """Draws by importance sampling, kept in the folder."""
 
         def make() -> dict[str, FloatArray]:
-            return {name: np.asarray(a, float) for name, a in vars(weigh(found, seed=self.asked.seed)).items()}
+            return {
+                name: np.asarray(a, float) for name, a in vars(importance_sample(found, seed=self.asked.seed)).items()
+            }
 
         self.watcher.stage("weigh")
         about = [self.asked.seed, found.modes.tolist()]
         kept = Memory(self.folder / "importance").recall("draws", found.problem, about, make)
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items()}
-        return Weighed(**values)
+        return ImportanceSample(**values)
 
-    def _drawn(self, found: Candidate, weighed: Weighed, limit: int, ceiling: float) -> Chain:
+    def _drawn(self, found: Candidate, importance: ImportanceSample, limit: int, ceiling: float) -> Chain:
         """Draws of the posterior by the sampler."""
         asked = self.asked
         self.watcher.stage("sample")
-        target = Target(found, weighed, asked.seed, self.folder / "chain.h5", asked.identity, ceiling)
+        target = Target(found, importance, asked.seed, self.folder / "chain.h5", asked.identity, ceiling)
         settings = replace(asked.settings, max_steps=limit)
         return sampler(asked.sampled_by).draw(target, settings, _teller(self.watcher, limit))
 
@@ -403,7 +405,7 @@ class _Work:
         write_json(self.folder / "fit.json", record, sealed=True)
         return record
 
-    def _described(self, record: Fit, weighed: Weighed, chain: Chain) -> Run:
+    def _described(self, record: Fit, importance: ImportanceSample, chain: Chain) -> Run:
         """Keep the draws, walk the profiles, and say what the data determine."""
         folder, problem, settings = self.folder, self.asked.problem, self.asked.settings
         thin = max(1, int(self.how.thin * chain.autocorrelation_time.min()))
@@ -419,7 +421,7 @@ class _Work:
         top = flat[np.argmax(draws.log_posterior)]
         profiles = identify.profiles(problem, top, lambda k, n: self.watcher.update(k, n, "profiles"))
         files = {name: sha256(folder / name) for name in _SIGNED}
-        summary = _summarise(problem, chain, draws, weighed, thin, profiles, record, files)
+        summary = _summarise(problem, chain, draws, importance, thin, profiles, record, files)
         write_json(folder / "posterior.json", summary, sealed=True)
         return Run(folder, problem, record, summary, draws)
 
@@ -546,7 +548,7 @@ def _summarise(
     problem: Problem,
     chain: Chain,
     draws: store.Draws,
-    weighed: Weighed,
+    importance: ImportanceSample,
     thin: int,
     profiles: list[list[ProfilePoint]],
     record: Fit,
@@ -609,29 +611,31 @@ def _summarise(
         acceptance=chain.acceptance,
         autocorrelation_times=reached,
         parameters=entries,
-        importance=_compared(problem, sampled, weighed, float(min(health["ess_tail"]))),
+        importance=_compared(problem, sampled, importance, float(min(health["ess_tail"]))),
         files=files,
     )
 
 
-def _compared(problem: Problem, sampled: FloatArray, weighed: Weighed, effective: float) -> ImportanceSummary:
+def _compared(
+    problem: Problem, sampled: FloatArray, importance: ImportanceSample, effective: float
+) -> ImportanceSummary:
     """Importance draws beside those of the sampler, (n, n_dim) in the sampling coordinate.
 
     `effective` is what the latter are worth.
     """
     q = [0.05, 0.5, 0.95]
-    own, other = np.quantile(sampled, q, axis=0), weighed.quantiles(weighed.draws, q)
+    own, other = np.quantile(sampled, q, axis=0), importance.quantiles(importance.draws, q)
     width = np.maximum(own[2] - own[0], 1e-12)
     apart = (np.abs(other - own) / width).max(axis=0)
     # Standard error of a limit of a normal distribution, in widths of its interval, times the root of the draws.
     one = math.sqrt(q[0] * q[2]) / norm.pdf(norm.ppf(q[0])) / (norm.ppf(q[2]) - norm.ppf(q[0]))
     values = problem.to_physical(other)
     return ImportanceSummary(
-        log_evidence=weighed.log_evidence,
-        standard_error=weighed.doubt,
-        effective=weighed.effective,
-        pareto_k=weighed.pareto_k,
-        by_chance=2 * float(one) * math.hypot(weighed.effective**-0.5, effective**-0.5),
+        log_evidence=importance.log_evidence,
+        standard_error=importance.standard_error,
+        effective=importance.effective,
+        pareto_k=importance.pareto_k,
+        by_chance=2 * float(one) * math.hypot(importance.effective**-0.5, effective**-0.5),
         parameters=[
             ImportanceEntry(name, float(values[1, k]), float(values[0, k]), float(values[2, k]), float(apart[k]))
             for k, name in enumerate(problem.names)

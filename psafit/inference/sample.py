@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, candidate_at, fit, principal, united
-from psafit.inference.evidence import RoundSettings, Weighed, weigh
+from psafit.inference.evidence import ImportanceSample, RoundSettings, importance_sample
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 
 
@@ -29,7 +29,7 @@ class SampleSettings:
     better : float, nats
         Rise of a log posterior by which a fit counts as another mode.
     rounds, effective : int, float
-        Rounds of importance sampling at most on each hill, and effective draws at which it is enough.
+        Rounds of importance sampling at most on each mode, and effective draws at which it is enough.
     """
 
     draws: int = 256
@@ -47,7 +47,7 @@ def sample(
     seed: int,
     settings: SampleSettings | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
-) -> tuple[Candidate, Weighed]:
+) -> tuple[Candidate, ImportanceSample]:
     """Fit a model, look for its other modes, and draw from its posterior.
 
     Two fits look for modes: one from what is known, the other from draws of the prior alone (of a model with many
@@ -67,7 +67,7 @@ def sample(
 
     Returns
     -------
-    Candidate and Weighed
+    Candidate and ImportanceSample
         The candidate counts the starts of both fits. The standard error of the log evidence holds what the second fit
         has added.
     """
@@ -91,21 +91,23 @@ def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings:
     return fit(problem, again, seed=seed + 1, draws=settings.draws, most=settings.starts)
 
 
-def joined(one: Candidate, other: Candidate, *, seed: int, settings: SampleSettings) -> tuple[Candidate, Weighed]:
+def joined(
+    one: Candidate, other: Candidate, *, seed: int, settings: SampleSettings
+) -> tuple[Candidate, ImportanceSample]:
     """Put two looks for modes together, and draw from the posterior; see `sample`."""
     s, found = settings, principal(united(one, other))
     added = min(max(found.laplace_apart - one.laplace_apart, 0.0), math.log(2.0))
-    draws = weigh(found, seed=seed, rounds=s.rounds, effective=s.effective)
+    draws = importance_sample(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.height > found.height + s.better:
-        higher = principal(_climbed(found, draws.top))
+        higher = principal(_optimised(found, draws.top))
         if higher.height <= found.height + s.better:
-            added = math.log(2.0)  # that draw is of a mode that cannot be climbed
+            added = math.log(2.0)  # that draw is of a mode that cannot be reached
             break
-        found, draws = higher, weigh(higher, seed=seed, rounds=s.rounds, effective=s.effective)
+        found, draws = higher, importance_sample(higher, seed=seed, rounds=s.rounds, effective=s.effective)
     return found, replace(draws, error=math.hypot(draws.error, added))
 
 
-def _climbed(found: Candidate, top: FloatArray) -> Candidate:
-    """The same model, climbed on from its modes and from a draw."""
-    end = ascend(found.problem, np.vstack([found.modes, top[None]]))
+def _optimised(found: Candidate, top: FloatArray) -> Candidate:
+    """The same model, optimised on from its modes and from a draw."""
+    end = maximise(found.problem, np.vstack([found.modes, top[None]]))
     return candidate_at(found.problem, end.u, np.append(found.starts, 0), found.effort + end.uncounted.effort)

@@ -12,7 +12,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 
 
@@ -46,7 +46,7 @@ class Target:
     ----------
     found : Candidate
         The model, and its modes.
-    draws : Weighed
+    draws : ImportanceSample
         Of its posterior, by importance sampling.
     seed : int
         Same seed, same draws.
@@ -59,7 +59,7 @@ class Target:
     """
 
     found: Candidate
-    draws: Weighed
+    draws: ImportanceSample
     seed: int
     path: Path
     identity: str
@@ -106,22 +106,16 @@ class Chain:
     height: float
 
 
-@dataclass(frozen=True)
-class Progress:
-    """State of a running sampler, for whoever shows it; None where it has no such thing.
+@dataclass(frozen=True, kw_only=True)
+class Convergence:
+    """How far chains have come; None where a sampler has no such thing, or has not told it yet.
 
     Parameters
     ----------
-    steps : int
-        Done.
-    steps_left : int
-        What it would take if nothing changed.
-    chunk : int
-        Steps between checkpoints.
-    converged : bool
     walkers : int, optional
         That take each step.
     acceptance : float, optional
+        Share of the moves that were accepted.
     autocorrelation_time : float, optional
         Of the slowest parameter, steps.
     autocorrelation_times, wanted_times : float, optional
@@ -132,10 +126,6 @@ class Progress:
         The highest.
     """
 
-    steps: int
-    steps_left: int
-    chunk: int
-    converged: bool
     walkers: int | None = None
     acceptance: float | None = None
     autocorrelation_time: float | None = None
@@ -144,6 +134,27 @@ class Progress:
     r_hat: float | None = None
     wanted_r_hat: float | None = None
     log_posterior: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress(Convergence):
+    """State of a running sampler, for whoever shows it, beside its `Convergence`.
+
+    Parameters
+    ----------
+    steps : int
+        Done.
+    steps_left : int
+        What it would take if nothing changed.
+    chunk : int
+        Steps between checkpoints.
+    converged : bool
+    """
+
+    steps: int
+    steps_left: int
+    chunk: int
+    converged: bool
 
 
 class Sampler(Protocol):

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
-from psafit.inference.ascent import heights
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Emulated, Pool, laplace_mixture, on_plateaus, separated
 from psafit.inference.mixture import StudentMixture
+from psafit.inference.optimiser import heights
 
 
 class Surrogate:
-    """The posterior of a model, emulated on each of its hills from the draws that lie there.
+    """The posterior of a model, emulated on each of its modes from the draws that lie there.
 
     Parameters
     ----------
@@ -52,17 +52,17 @@ class Surrogate:
     ) -> None:
         self._strides, self._caution, problem = tuple(strides), caution, candidate.problem
         random = np.random.default_rng([seed, 6])
-        hills, self._nearest = separated(candidate)
+        modes, self._nearest = separated(candidate)
         of, predicted = self._nearest(draws), problem.predict(draws)
         height = heights(problem, draws, predicted, problem.observed)
         self._parts: dict[int, Emulated] = {}
         self._mixtures: dict[int, StudentMixture] = {}
-        for k, hill in enumerate(hills):
+        for k, mode in enumerate(modes):
             own = of == k
             if weights[own].any():  # else nothing of the posterior is there
                 with np.errstate(divide="ignore"):
                     pool = Pool(draws[own], height[own], np.log(weights[own]), int(own.sum()))
-                plateau = on_plateaus(hill)
+                plateau = on_plateaus(mode)
                 before = laplace_mixture(plateau).around(pool.u, pool.weights, problem.widths)
                 self._parts[k] = part = Emulated(plateau, pool, predicted[own], before, random)
                 self._mixtures[k] = StudentMixture.joined([before, part.mixture], np.ones(2))
@@ -70,7 +70,7 @@ class Surrogate:
 
     @cached_property
     def mixture(self) -> StudentMixture:
-        """Student densities that resemble it: those of each hill, by what the hill holds."""
+        """Student densities that resemble it: those of each mode, by what the mode holds."""
         log_mass = np.array([part.log_evidence for part in self._parts.values()])
         return StudentMixture.joined(list(self._mixtures.values()), np.exp(log_mass - log_mass.max()))
 
@@ -92,18 +92,18 @@ class Surrogate:
         (n, n_dim) array and (n,) array
             Where the steps end, and ``ln q(u) - ln q(u')``.
         """
-        here, hill = u, self._nearest(u)
-        height = self._height(u, hill)
+        here, mode = u, self._nearest(u)
+        height = self._height(u, mode)
         begun = height
         # Half of the time all steps are near: from where the emulated density is far too low, no far end is accepted.
         near = 1.0 if random.uniform() < 0.5 else 0.5
         for _ in range(random.choice(self._strides)):
             # One kind of step for all, chosen by chance: a fixed order of kinds would not be reversible.
             if random.uniform() < near:
-                there = here + self._jumps(hill, random.standard_normal(u.shape))
+                there = here + self._jumps(mode, random.standard_normal(u.shape))
                 on = self._nearest(there)
-                # Another hill has other widths: no step of this kind leads back.
-                ratio = np.where(on == hill, 0.0, -np.inf)
+                # Another mode has other widths: no step of this kind leads back.
+                ratio = np.where(on == mode, 0.0, -np.inf)
             else:
                 there = self.mixture.scatter(len(u), random)
                 on = self._nearest(there)
@@ -112,23 +112,23 @@ class Surrogate:
             with np.errstate(invalid="ignore"):
                 accepted = np.log(random.uniform(size=len(u))) < found - height + ratio
             here, height = np.where(accepted[:, None], there, here), np.where(accepted, found, height)
-            hill = np.where(accepted, on, hill)
+            mode = np.where(accepted, on, mode)
         with np.errstate(invalid="ignore"):
             gone = begun - height
         return here, np.where(np.isnan(gone), -np.inf, gone)
 
-    def _jumps(self, hill: NDArray[np.intp], normal: FloatArray) -> FloatArray:
-        """Steps with each hill's own widths; none where no emulator is."""
+    def _jumps(self, mode: NDArray[np.intp], normal: FloatArray) -> FloatArray:
+        """Steps with each mode's own widths; none where no emulator is."""
         steps = np.zeros_like(normal)
         for k, part in self._parts.items():
-            steps[hill == k] = self._length * normal[hill == k] @ part.root.T
+            steps[mode == k] = self._length * normal[mode == k] @ part.root.T
         return steps
 
-    def _height(self, u: FloatArray, hill: NDArray[np.intp]) -> FloatArray:
-        """Its log density, not normalised: emulator and Student densities of the hill that each row is on."""
+    def _height(self, u: FloatArray, mode: NDArray[np.intp]) -> FloatArray:
+        """Its log density, not normalised: emulator and Student densities of the mode that each row is on."""
         result = np.full(len(u), -np.inf)
         for k, part in self._parts.items():
-            own = hill == k
+            own = mode == k
             if own.any():
                 wide = part.log_evidence + self._mixtures[k].log_density(u[own])
                 emulated = math.log1p(-self._caution) + part.height(u[own])

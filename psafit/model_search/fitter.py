@@ -14,11 +14,11 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import PsafitError
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit
-from psafit.inference.evidence import Weighed
+from psafit.inference.evidence import ImportanceSample
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import joined_values, widened
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.inference.sample import first, joined, second
 from psafit.model_search.loop import Foreseen, Ids, Model
@@ -34,14 +34,14 @@ class Fitted:
     Parameters
     ----------
     candidate : Candidate
-    draws : Weighed, optional
+    draws : ImportanceSample, optional
         Of its posterior, if it was sampled.
     top : float
         The highest log posterior that was ever seen of it: what does not exceed that is no news.
     """
 
     candidate: Candidate
-    draws: Weighed | None = None
+    draws: ImportanceSample | None = None
     top: float = -math.inf
 
 
@@ -90,7 +90,7 @@ class ProblemFitter:
     def again(self, known: Sequence[Known], origin: Known) -> list[Known]:
         """Optimise models from where a neighbour has its optimum; only those that rise come back."""
         own = [model.content.candidate for model in known]
-        tasks = [self._climb(c.problem, (c, origin.content.candidate)) for c in own]
+        tasks = [self._optimise(c.problem, (c, origin.content.candidate)) for c in own]
         risen = []
         for model, end in zip(known, self._done(tasks), strict=True):
             before = model.content.candidate
@@ -111,7 +111,7 @@ class ProblemFitter:
         (kept,) = self._done([self._joined(model, one, other)], self._ahead(ahead))
         modes = kept["modes"]
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
-        draws, found = Weighed(**values), candidate_at(problem, modes)
+        draws, found = ImportanceSample(**values), candidate_at(problem, modes)
         top = max(model.content.top, short.height, found.height)
         off = found.laplace_apart - draws.log_evidence
         return Model(short.ids, draws.log_evidence, found.height, True, Fitted(found, draws, top), off)
@@ -145,24 +145,24 @@ class ProblemFitter:
             yield self._task("short", problem, about, _short, best, extra, s, self.seed)
 
     def _carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
-        """Climbs from the highest part, and from the model that has most of what it lacks, and then of the rest."""
+        """Optimise from the highest part, and from the model that has most of what it lacks, and then of the rest."""
         fitted = _highest_first(known)
         for ids in wanted:
             problem, (part,) = self._shortly(ids), _part(ids, fitted)
             lacking = {*ids} - {*part.ids}
             shared = [(len(lacking & {*c.ids}), len({*ids} & {*c.ids})) for c in fitted]
             nearest = fitted[shared.index(max(shared))]
-            yield self._climb(problem, (part, nearest), (nearest, part))
+            yield self._optimise(problem, (part, nearest), (nearest, part))
 
     def _shortly(self, ids: Ids) -> Problem:
         terms = tuple(t for t in self.catalogue if t.id in ids)
         return replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
 
-    def _climb(self, problem: Problem, *pairs: tuple[Candidate, Candidate]) -> _Task:
-        """Climbs of a short fit's length from where both of two models have their optima, the second's first of all."""
+    def _optimise(self, problem: Problem, *pairs: tuple[Candidate, Candidate]) -> _Task:
+        """Optimise as long as a short fit does from the optima of both of two models, the second's first of all."""
         schedule, begun = self.settings.carried_climbs, [[c.modes[0].tolist() for c in pair] for pair in pairs]
         about = [schedule, [[c.ids for c in pair] for pair in pairs], begun]
-        return self._task("climb", problem, about, _climbed, pairs, schedule)
+        return self._task("climb", problem, about, _optimised, pairs, schedule)
 
     def _looks(self, model: Known) -> list[_Task]:
         """Both looks for the modes of a model that is to be sampled."""
@@ -272,15 +272,15 @@ def _short(
     return _arrays(fit(problem, parts, seed=seed, extra=extra, settings=FitSettings(full=s.short_climbs), **how))
 
 
-def _climbed(
+def _optimised(
     problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], schedule: tuple[tuple[int, int], ...]
 ) -> Arrays:
-    """Where climbs end; a strength that only the first of a pair knows is scanned beside the second, too."""
+    """Where optimisations end; a strength that only the first of a pair knows is scanned beside the second, too."""
     starts = [
         widened(problem, _merged(problem, *pair), [t for t in problem.terms if t.id not in pair[1].ids])
         for pair in pairs
     ]
-    end = ascend(problem, np.vstack(starts), schedule=schedule, still_below=FitSettings.enough, unite=True)
+    end = maximise(problem, np.vstack(starts), schedule=schedule, still_below=FitSettings.enough, unite=True)
     return {"u": end.u, "height": end.height}
 
 

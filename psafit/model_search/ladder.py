@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from psafit.inference.candidate import Candidate
-from psafit.inference.evidence import Weighed, weigh
+from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.model_search.fitter import Fitted
 from psafit.model_search.loop import Ids, Searched
 from psafit.model_search.settings import SearchSettings
@@ -77,7 +77,7 @@ class Ladder:
     probability : dict
         Of each set of causes fitted, by identifiers, if the search has missed none; they sum to one.
     log_evidence : dict
-    weighed : dict
+    samples : dict
         Posterior draws and evidence of the models that were sampled; the others have Laplace's.
     beliefs : dict
         Prior probability of each cause that was looked at; see `beliefs`.
@@ -88,7 +88,7 @@ class Ladder:
     candidates: tuple[Candidate, ...]
     probability: dict[Ids, float]
     log_evidence: dict[Ids, float]
-    weighed: dict[Ids, Weighed]
+    samples: dict[Ids, ImportanceSample]
     beliefs: Mapping[str, float]
     missed: float = 0.0
 
@@ -109,12 +109,12 @@ class Ladder:
     @property
     def looked_at(self) -> LookedAt:
         """What the search has looked at."""
-        estimated = [ids for ids in self.probability if ids not in self.weighed]
+        estimated = [ids for ids in self.probability if ids not in self.samples]
         return LookedAt(len(self.probability), len(estimated), sum(self.probability[ids] for ids in estimated))
 
-    def draws(self, ids: Ids, seed: int) -> Weighed:
+    def draws(self, ids: Ids, seed: int) -> ImportanceSample:
         """Posterior draws of a model; worked out for one that the search did not sample."""
-        return self.weighed[ids] if ids in self.weighed else weigh(self.of(ids), seed=seed)
+        return self.samples[ids] if ids in self.samples else importance_sample(self.of(ids), seed=seed)
 
     def log_prior(self, ids: Ids) -> float:
         """Log prior probability of a model."""
@@ -174,10 +174,10 @@ def rank(
     Evidences are known with an error: probabilities are averaged over so many `shakes` by it.
     """
     value = {ids: searched.models[ids].log_evidence for ids in sorted(searched.models, key=sorted)}
-    weighed = {ids: m.content.draws for ids, m in searched.models.items() if m.content.draws is not None}
+    samples = {ids: m.content.draws for ids, m in searched.models.items() if m.content.draws is not None}
     mass = {ids: v + log_prior(ids, beliefs) for ids, v in value.items()}
-    doubt = np.array([weighed[ids].doubt if ids in weighed else settings.doubt for ids in mass])
-    shaken = np.array(list(mass.values())) + doubt * np.random.default_rng(0).standard_normal((shakes, len(mass)))
+    error = np.array([samples[ids].standard_error if ids in samples else settings.doubt for ids in mass])
+    shaken = np.array(list(mass.values())) + error * np.random.default_rng(0).standard_normal((shakes, len(mass)))
     chances = np.exp(shaken - logsumexp(shaken, axis=1, keepdims=True)).mean(axis=0)
     share = dict(zip(mass, chances.tolist(), strict=True))
     for ids in sorted(share, key=len, reverse=True):
@@ -190,7 +190,7 @@ def rank(
         candidates=tuple(searched.models[ids].content.candidate for ids in order),
         probability={ids: share[ids] for ids in order},
         log_evidence=value,
-        weighed=weighed,
+        samples=samples,
         beliefs=beliefs,
         missed=settings.missed,
     )

@@ -30,9 +30,9 @@ class SearchSettings(SampleSettings):
     short_draws, short_starts : int
         Of a short fit: draws of the prior that are looked at, and starts taken from them.
     short_climbs : tuple of (int, int)
-        Of a short fit's climbs on all readings: iterations, and how many of the highest go on after each.
+        Of a short fit's optimisations on all readings: iterations, and how many of the highest go on after each.
     carried_climbs : tuple of (int, int)
-        The same of climbs from where others have their optima.
+        The same of optimisations from where others have their optima.
     short_tolerance : float
         Error of a simulator's step in a short fit; ranges are then good to 1e-5.
     tolerance : float

@@ -156,6 +156,8 @@ class World:
         Weight of the ball's place at separation in the swing's energy.
     reading : callable
         ``reading(L, group)``: what is read, m, of a launch range `L` (m) in session number `group`.
+    frequency, amplitude : float, Hz, V
+        Of the drive of this launch, once it begins; a reading may depend on them.
     """
 
     k_c: float
@@ -189,6 +191,8 @@ class World:
     deceleration: Callable[[float, float], float] = field(init=False)
     reading: Callable[[float, int], float] = field(init=False)
     offset_weight: float = 0.0
+    frequency: float = math.nan
+    amplitude: float = math.nan
 
     def __post_init__(self) -> None:
         self.stroke = lambda u: self.q * u
@@ -285,6 +289,10 @@ class Term:
         ``swing_offset(p)``: (n_sets,) weights of the ball's place at separation in the swing's energy.
     reading : callable, optional
         ``reading(L, p, group)``: (n_sets, n_points) ranges, m, as read; `group` (n_points,) numbers the sessions.
+    condition : callable, optional
+        ``condition(frequency, amplitude, p)``: (n_sets, n_points) factors on the ranges as read, at each reading's
+        drive frequency, Hz, and amplitude, V, (n_points,). It describes what depends on the condition and names no
+        mechanism.
     latent : Parameter, optional
         One more parameter for every session, appended to `p` in the order of the sessions; to that of `setup`, the one
         of the session in question.
@@ -316,6 +324,7 @@ class Term:
     deceleration: Callable[[float, float, Any], float] | None = None
     swing_offset: Callable[[FloatArray], FloatArray] | None = None
     reading: Callable[[FloatArray, FloatArray, NDArray[np.int64]], FloatArray] | None = None
+    condition: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None
     latent: Parameter | None = None
     limit: tuple[str, tuple[float, ...]] | None = None
     drives: Drives = "every"
@@ -345,6 +354,7 @@ class Term:
         """Its functions on the fast path, those that it has."""
         every = (
             self.setup, self.law, self.stack_factor, self.branch, self.deceleration, self.swing_offset, self.reading,
+            self.condition,
         )  # fmt: skip
         return tuple(face for face in every if face)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -101,24 +102,32 @@ class PageWords(Words):
 PAGE = PageWords()
 
 
-def first_screen(result: Diagnosis) -> list[Markup]:
-    """Return the answer, a paragraph a question."""
+@dataclass(frozen=True)
+class Paragraph:
+    """An answer: a paragraph, and what is listed below it."""
+
+    text: Markup
+    points: tuple[Markup, ...] = ()
+
+
+def first_screen(result: Diagnosis, together: int = 2) -> list[Paragraph]:
+    """Return the answer, a paragraph a question; sentences beyond so many `together` are listed below."""
     found: dict[str, list[Statement]] = {}
     for statement in answer(result):
         found.setdefault(statement.topic, []).append(statement)
     readings = sum(len(model.predicted_um) for name, model in result.show.items() if name == "baseline")
-    paragraphs = [
-        Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(
-            count(readings, "reading"), words.group_ids(result.groups), count(len(result.screening), "candidate cause")
-        )
-    ]
+    examined = Markup("<strong>Examined:</strong> {} of {}, against the baseline and {}.").format(
+        count(readings, "reading"), words.group_ids(result.groups), count(len(result.screening), "candidate cause")
+    )
+    paragraphs = [Paragraph(examined)]
     for topic, question in _QUESTIONS.items():
         if statements := found.get(topic):
             head = Markup("<strong>{}</strong> ").format(question) if question else Markup("")
             judged = [Markup(_JUDGED[s.adequate]) for s in statements if isinstance(s, Judged)]
-            said = Markup(" ").join([*judged, *(escape(s.say(PAGE)) for s in statements)])
+            said = [escape(s.say(PAGE)) for s in statements]
+            first, points = Markup(" ").join([*judged, *said[:together]]), tuple(said[together:])
             link = Markup(" <a href='#next'>More</a>") if topic == "next" else ""
-            paragraphs.append(head + said + link)
+            paragraphs.append(Paragraph(head + first + link, points))
     return paragraphs
 
 

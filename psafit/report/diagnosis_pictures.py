@@ -184,7 +184,7 @@ def growth_pictures(
 
 def _growth(base: Growth, ext: Growth | None, condition: str, zeros: int, n: int) -> Picture:
     ext = ext if ext is not None and ext.at else None
-    seen = ext or base  # the readings weighed by the scatter of the better model
+    seen = ext or base  # the readings weighted by the scatter of the better model
     at, lower, upper = (np.array(x) for x in (seen.at, seen.lower, seen.upper))
     measured = np.array(seen.measured)
     letter = _SYMBOL[base.variable]

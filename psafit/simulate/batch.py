@@ -349,6 +349,8 @@ def _simulate(
     for k, term in enumerate(terms):
         if term.reading:
             swung = term.reading(swung, sets[:, own[k]], design.group)
+        if term.condition:
+            swung = swung * term.condition(design.frequency, design.amplitude, sets[:, own[k]])
     engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
     launched = status == closed_form.LAUNCHED
     return Simulation(swung, when, speed, launched, place, engine, peak if forces else None)

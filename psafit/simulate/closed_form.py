@@ -573,7 +573,7 @@ def _follow(n, rows, point, index, a, b, before, horizon, lift, work):  # type: 
 
 
 @compiled(borrows=True)
-def _separate(  # type: ignore[no-untyped-def]
+def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work
 ):  # fmt: skip
     """Separation under a command: (time, integral of the indentation until then, integral of that, highest force).

@@ -156,7 +156,7 @@ def first_piece(piece, rows, point, phase, lag, inverse_slew, split):  # type: i
 
 
 @compiled(borrows=True)
-def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]
+def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type: ignore[no-untyped-def]  # noqa: PLR0915
     """Replace a piece by the one after it; `u` is the voltage at its end.
 
     `split` asks for pieces within which voltage and rate keep their signs.

@@ -156,6 +156,7 @@ def launch_in(
     forces: bool = False,
 ) -> LiteralLaunch:
     """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
+    world.frequency, world.amplitude = point.frequency, point.amplitude
     drive = _Drive(world, point, rtol, most_steps)
     if forces:
         drive.clock.watch = drive.look_for_peak
@@ -615,7 +616,7 @@ class _Drive:
                 y[k] = jump(rate, self.world.q, float(y[k]), float(y[_U]), u, self.clock.rtol)
         y[_U] = u
 
-    def run(self, periods: float = 3.0) -> tuple[float, float, float] | None:
+    def run(self, periods: float = 3.0) -> tuple[float, float, float] | None:  # noqa: C901, PLR0915
         """Time, speed and place of the last separation that counts; None without a launch.
 
         The drive is followed for so many of its periods beyond its end.

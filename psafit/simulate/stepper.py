@@ -152,7 +152,7 @@ def _split(coefficients, low, high, n):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _first_root(coefficients, n, floor, stack):  # type: ignore[no-untyped-def]
+def _first_root(coefficients, n, floor, stack):  # type: ignore[no-untyped-def]  # noqa: C901
     """First place in (0, 1] where a polynomial, not negative at 0, turns negative; 2 where none."""
     negative = False
     for i in range(n + 1):
@@ -394,6 +394,13 @@ def _highest(b, n, end, best, stack, peak=1e-10):  # type: ignore[no-untyped-def
         _split(part, stack[depth + 1], part, n)
         depth += 1
     return best
+
+
+@compiled(inside=True)
+def _peak(F, kappa, end, best, bern, stack):  # type: ignore[no-untyped-def]
+    """Largest contact force of a step up to its cut, or `best` if that is larger."""
+    store(bern, 0, times(VALUES_TO_BERNSTEIN, 0, F) * kappa)
+    return _highest(bern, NODES - 1, end, best, stack)
 
 
 @compiled(borrows=True)
@@ -705,7 +712,7 @@ def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no
 
 
 @compiled(borrows=True)
-def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced):  # type: ignore[no-untyped-def]
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     """Follow one trajectory to the launch.
 
     Returns (outcome, time, speed of the ball, its place, highest force until then, steps taken); the place is the
@@ -734,9 +741,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     v1 = v2 = w = vw = 0.0
     lost_d = lost_v2 = 0.0  # what the sums lack of these
     t = piece[_drive.BEGIN]
-    rest, highest, separated_once = x2, 0.0, False
-    last_time, last_speed, last_place = math.nan, 0.0, 0.0
-    peak = last_peak = 0.0
+    rest, highest, peak, separated_once = x2, 0.0, 0.0, False
+    last_time, last_speed, last_place, last_peak = math.nan, 0.0, 0.0, 0.0
     waiting = point[LENGTH] + HORIZON_PERIODS / f
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
@@ -803,8 +809,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         # Advance to the end of the step or to the cut.
         whole, before, x2_before = cut > 1.0, v2, x2
         if forced and regime != FREE:
-            store(bern, 0, times(VALUES_TO_BERNSTEIN, 0, F) * kappa)
-            peak = _highest(bern, NODES - 1, min(cut, 1.0), peak, stack)
+            peak = _peak(F, kappa, min(cut, 1.0), peak, bern, stack)
         x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
             x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
         )
@@ -820,9 +825,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         if t > (waiting if regime == FREE else horizon):
             break  # what the step met was beyond
         if whole or event == _PIECE:
-            fresh = False
             previous, kept = level, F
-            carried = whole and regime != FREE
+            fresh, carried = False, whole and regime != FREE
             level = _grown(level, error)
             begun, first_level = False, level if begun else first_level
             if event == _PIECE:

@@ -73,9 +73,9 @@ def test_data_sets_are_drawn_from_models_and_their_posteriors(hidden) -> None:
     # Values are of the posterior, and readings scatter about what these values predict.
     own = [one for one in found if one.ids == lag]
     tau = [one.values["amplifier_lag_tau"] for one in own]
-    model, weighed = even.of(lag).problem, even.draws(lag, 1)
+    model, samples = even.of(lag).problem, even.draws(lag, 1)
     k = model.names.index("amplifier_lag_tau")
-    ends = weighed.quantiles(model.to_physical(weighed.draws)[:, k], (0.02, 0.25, 0.75, 0.98))
+    ends = samples.quantiles(model.to_physical(samples.draws)[:, k], (0.02, 0.25, 0.75, 0.98))
     assert ends[1] < np.median(tau) < ends[2]
     assert np.mean((ends[0] < np.array(tau)) & (np.array(tau) < ends[3])) > 0.8 and len(set(tau)) > 0.7 * len(tau)
     u = model.to_sampling(np.array([[one.values[name] for name in model.names] for one in own]))

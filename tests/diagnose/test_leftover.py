@@ -60,7 +60,7 @@ def test_an_unnamed_discrepancy_is_that_of_dense_matrices(sound):
 @pytest.mark.slow
 @pytest.mark.parametrize("ids", [(), ("flight_friction",)])
 def test_the_best_hill_of_an_unnamed_discrepancy_is_found(ids):
-    """Its scatter may be most of the misfit or hardly any: climbs from many random places find none higher."""
+    """Its scatter may be most of the misfit or hardly any: optimisations from many random places find none higher."""
     one = replace(problem(experiment(["hysteresis"], [0.5, 20.0], relative=0.03, seed=4)), terms=terms(ids))
     candidate = fit(one, [fit(problem(one.experiment), (), seed=1)] if ids else (), seed=1)
     found = leftover(candidate)

@@ -21,13 +21,13 @@ from psafit.diagnose.next_experiment import (
 )
 from psafit.drives import Drive, Table
 from psafit.experiment import read_experiment, read_plan, write_experiment
-from psafit.inference.evidence import weigh
+from psafit.inference.evidence import importance_sample
 
 
 def test_next_experiment_separates_what_is_tied(hidden):
     leader = hidden.leader
     rival = hidden.of(("flight_friction",))
-    draws = [weigh(c, seed=1) for c in (leader, rival)]
+    draws = [importance_sample(c, seed=1) for c in (leader, rival)]
     found = tell_apart([(leader, draws[0]), (rival, draws[1])], seed=1)
     assert found[0].separation >= found[-1].separation
     assert found[0].separation > 3
@@ -39,7 +39,7 @@ def test_next_experiment_separates_what_is_tied(hidden):
 
 def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
     """... and of a parameter that no reading depends on it promises nothing, though the readings are many."""
-    draws = weigh(sound, seed=1)
+    draws = importance_sample(sound, seed=1)
     name, found = determine(sound, draws, seed=1)
     assert name in sound.problem.names
     assert found[0].separation >= found[-1].separation >= 0
@@ -78,7 +78,7 @@ def test_luck_puts_a_measurement_first_but_is_not_told(sound, monkeypatch):
     """Where nothing but chance tells proposals apart, the first of twelve promises no more than any other."""
     rng = np.random.default_rng(1)
     monkeypatch.setattr(next_experiment, "_narrowing", lambda told, u: rng.normal(size=(2, u.shape[1])))
-    draws = weigh(sound, seed=1)
+    draws = importance_sample(sound, seed=1)
     first = [determine(sound, draws, seed=1)[1][0].separation for _ in range(5)]
     assert abs(np.mean(first)) < 2 / np.sqrt(5)  # two standard errors; the best of twelve has 1.6
 

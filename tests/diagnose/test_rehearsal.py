@@ -7,13 +7,13 @@ import pytest
 
 from psafit.diagnose.next_experiment import tell_apart
 from psafit.diagnose.rehearsal import rehearse, repeat
-from psafit.inference.evidence import weigh
+from psafit.inference.evidence import importance_sample
 
 
 @pytest.mark.slow
 def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
     """Readings from either of two causes, added to what was measured: the cause that made them comes out ahead."""
-    models = [(c, weigh(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
+    models = [(c, importance_sample(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
     best = next(p for p in tell_apart(models, seed=1) if not p.constants)
     found = rehearse(models, [0.0, 0.0], best, seed=1)
     assert found.proposal == best.text
@@ -37,7 +37,7 @@ def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
 @pytest.mark.slow
 def test_the_same_experiment_again_tells_what_it_can_separate(hidden):
     """A lag and friction, each as fitted to readings that a lag has made; and a model against its own double."""
-    models = [(c, weigh(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
+    models = [(c, importance_sample(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
     found = repeat(models, [0.0, 0.0], seed=1)
     assert found.before == pytest.approx([0.5] * 6)
     # Friction that stands for a lag came with a wide scatter, in which a lag may do as well: two of three at most.

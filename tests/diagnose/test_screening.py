@@ -9,8 +9,8 @@ import pytest
 from truths import FEW, experiment, problem
 
 from psafit.diagnose.screening import PRESENT, VISIBLE, ScreenSettings, _luck, _unclear, _with_neutral, screen
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import candidate_of, fit
+from psafit.inference.optimiser import maximise
 from psafit.physics import terms
 
 
@@ -21,11 +21,11 @@ def test_screening_sees_a_hidden_cause():
     assert found["amplifier_lag"].gain[found["amplifier_lag"].best] > PRESENT
 
 
-def test_what_a_fit_has_left_to_climb_is_no_causes_merit(sound):
+def test_what_a_fit_has_left_to_optimise_is_no_causes_merit(sound):
     """At the edge of a jump a fit ends on a slope: every cause would seem to gain what its expansion gains without."""
     short = sound.modes[:1].copy()
     short[0, 0] += 0.1
-    end = ascend(sound.problem, short, schedule=((0, 1),))
+    end = maximise(sound.problem, short, schedule=((0, 1),))
     assert end.height[0] < sound.height - 50
     onward = screen(candidate_of(sound.problem, end), FEW)
     for there, here in zip(onward, screen(sound, FEW), strict=True):

@@ -12,7 +12,6 @@ from truths import FEW, TRUTH, experiment, problem
 
 from psafit.challenge.hide import make
 from psafit.experiment import read_experiment
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import (
     Candidate,
     FitSettings,
@@ -23,6 +22,7 @@ from psafit.inference.candidate import (
     separate_modes,
     thinned,
 )
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -35,29 +35,29 @@ def test_what_acts_by_steps_is_found_a_step_away():
     for name, value in zip(("k_c", "c_s", "c_c", "repeat_cycles"), (*TRUTH, 1.05), strict=True):
         k = whole.names.index(name)
         truth[k] = whole.parameters[k].to_sampling(value)
-    best = ascend(whole, truth[None])
+    best = maximise(whole, truth[None])
     away = best.u.copy()
     away[0, whole.names.index("repeat_cycles")] = 1.3
-    stuck = ascend(whole, away)
+    stuck = maximise(whole, away)
     assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.height[0] < best.height[0] - 10
     assert _across_steps(whole, stuck, FitSettings()).height.max() > best.height[0] - 1
 
 
 @pytest.mark.slow
 def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
-    """Friction leads away by 400 nats; the baseline's best hill has 20 um of scatter and another contact."""
+    """Friction leads away by 400 nats; the baseline's best mode has 20 um of scatter and another contact."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
     causes = ["hunt_crossley", "flight_friction"]
     make(2886276895, tmp_path, design_of=design, kind="two", terms=causes, believed=True)
     data = read_experiment(tmp_path / "experiment")
     plain = Problem(data, data.ids)
     there = plain.to_sampling(np.array([2.78e7, 4.15e4, 339.0, 0.0169, 19.5, 15.6]))
-    top = ascend(plain, there[None]).height[0]
+    top = maximise(plain, there[None]).height[0]
     assert fit(plain, (), seed=1, draws=1024, most=24).height > top - 0.5
 
 
 @pytest.mark.slow
-def test_ends_of_climbs_on_one_hill_are_one_hill(hidden):
+def test_ends_of_optimisations_at_one_mode_are_one_mode(hidden):
     one = candidate_at(hidden.leader.problem, hidden.leader.modes[:1])
     assert one.laplace_apart == pytest.approx(one.laplace)
     width = 1 / np.sqrt(one.curvature[0, 0, 0])
@@ -98,7 +98,7 @@ def test_hills_lie_apart_by_their_own_widths(width, expected):
 
 def test_a_fit_without_fresh_starts_holds_what_is_within_it():
     """However few starts a short fit has, it holds the smaller model's optimum."""
-    e = experiment(["amplifier_lag"], [8e-5], n=60, seed=3)  # enough readings for climbs on a quarter of them
+    e = experiment(["amplifier_lag"], [8e-5], n=60, seed=3)  # enough readings for optimisations on a quarter of them
     plain = fit(problem(e), (), seed=1, draws=1024, most=16)
     for term in FEW:
         short = fit(replace(plain.problem, terms=(term,)), [plain], seed=1, draws=32, most=2, fresh=False)
@@ -107,7 +107,7 @@ def test_a_fit_without_fresh_starts_holds_what_is_within_it():
 
 @pytest.mark.slow
 def test_a_model_of_many_causes_is_built_up():
-    """It ends no lower than a climb from the truth, and tells how far it is."""
+    """It ends no lower than an optimisation from the truth, and tells how far it is."""
     ids, values = ["amplifier_lag", "preload", "flight_friction"], [4e-5, 2e-5, 0.02]
     e = experiment(ids, values, n=16)
     whole = replace(problem(e), terms=terms(ids))
@@ -117,7 +117,7 @@ def test_a_model_of_many_causes_is_built_up():
     at = dict(zip([p.name for p in whole.parameters[: whole.n_physical]], [*TRUTH, *values], strict=True))
     truth = whole.prior_transform(np.full(whole.n_dim, 0.5))
     truth[: whole.n_physical] = [p.to_sampling(at[p.name]) for p in whole.parameters[: whole.n_physical]]
-    assert found.height > ascend(whole, truth[None]).height.max() - 0.5
+    assert found.height > maximise(whole, truth[None]).height.max() - 0.5
 
 
 def test_thinning_keeps_small_groups():

@@ -120,8 +120,8 @@ def test_same_seed_same_draws_and_a_killed_chain_resumes(problem: Problem, tmp_p
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.h5", "c.h5"]  # nothing half-written stays
 
 
-class TwoHills:
-    """Two normal hills in the plane, 17 standard deviations apart, with masses 0.8 and 0.2, under a uniform prior."""
+class TwoModes:
+    """Two normal modes in the plane, 17 standard deviations apart, with masses 0.8 and 0.2, under a uniform prior."""
 
     n_dim, half, terms = 2, 40.0, ()
     centres, masses = np.array([[0.0, 0.0], [12.0, -12.0]]), np.array([0.8, 0.2])
@@ -139,8 +139,8 @@ class TwoHills:
         squares = ((u[:, None, :] - self.centres) ** 2).sum(axis=2)
         # A third, 21 nats lower, where no search has been.
         lost = 0.5 * ((u - [-20.0, -20.0]) ** 2).sum(axis=1)
-        hills = np.logaddexp(np.log(self.masses) - 0.5 * squares, (-21.0 - lost)[:, None])
-        return np.logaddexp(*hills.T) + self.log_prior(u)
+        modes = np.logaddexp(np.log(self.masses) - 0.5 * squares, (-21.0 - lost)[:, None])
+        return np.logaddexp(*modes.T) + self.log_prior(u)
 
     def proposal(self, *shares: float) -> Proposal:
         parts = [(c, np.eye(2), s) for c, s in zip(self.centres, shares, strict=True)]
@@ -158,8 +158,8 @@ class TwoHills:
 
 def test_proposal_draws_the_density_it_claims() -> None:
     """Importance weights against the prior's box: the density integrates to one, and means agree with draws."""
-    hills = TwoHills()
-    proposal = hills.proposal(0.7, 0.3)
+    modes = TwoModes()
+    proposal = modes.proposal(0.7, 0.3)
     draws = proposal.draw(200_000, np.random.default_rng(1))
     edges = np.linspace(-40, 40, 801)
     middle = (edges[1:] + edges[:-1]) / 2
@@ -182,8 +182,8 @@ def in_front() -> Iterator[object]:
 def test_ctrl_c_ends_a_chain_between_steps_without_a_traceback(  # type: ignore[no-untyped-def]
     tmp_path: Path, capfd, monkeypatch, in_front
 ) -> None:
-    hills, calls = TwoHills(), []
-    likelihood = hills.log_posterior
+    modes, calls = TwoModes(), []
+    likelihood = modes.log_posterior
 
     def interrupted(u: np.ndarray) -> np.ndarray:
         calls.append(len(u))
@@ -191,19 +191,19 @@ def test_ctrl_c_ends_a_chain_between_steps_without_a_traceback(  # type: ignore[
             os.kill(os.getpid(), signal.SIGINT)
         return likelihood(u)
 
-    monkeypatch.setattr(hills, "log_posterior", interrupted)
+    monkeypatch.setattr(modes, "log_posterior", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        hills.run(tmp_path / "c.h5", Settings(max_steps=500))
+        modes.run(tmp_path / "c.h5", Settings(max_steps=500))
     assert signal.getsignal(signal.SIGINT) is in_front
     assert len(calls) < 20 and capfd.readouterr() == ("", "")
 
 
 def test_modes_get_their_own_weights_and_a_stuck_walker_leaves(tmp_path: Path) -> None:
-    hills = TwoHills()
+    modes = TwoModes()
     begin = np.random.default_rng(0).standard_normal((16, 2))
     begin[0] = [-20.0, -20.0]  # alone where nobody else is
     # Masses 80 times off.
-    chain = hills.run(tmp_path / "c.h5", Settings(tuned=0, max_steps=8000), 0.05, 1.0, begin=begin)
+    chain = modes.run(tmp_path / "c.h5", Settings(tuned=0, max_steps=8000), 0.05, 1.0, begin=begin)
     assert chain.converged, (chain.draws.shape, chain.r_hat)
     assert (chain.draws.min(axis=(0, 1)) > [-10.0, -20.0]).all()
     assert np.mean(chain.draws[..., 0] < 6) == pytest.approx(0.8, abs=0.05)
@@ -222,10 +222,10 @@ def test_a_foreign_checkpoint_is_refused(problem: Problem, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("how", ["no random state", "bad random state", "wider", "short", "nan"])
 def test_a_damaged_checkpoint_is_refused(how: str, tmp_path: Path) -> None:
-    hills = TwoHills()
+    modes = TwoModes()
 
     def sample(steps: int) -> None:
-        hills.run(tmp_path / "c.h5", Settings(chunk=10, max_steps=steps))
+        modes.run(tmp_path / "c.h5", Settings(chunk=10, max_steps=steps))
 
     sample(20)
     with h5py.File(tmp_path / "c.h5", "r+") as f:

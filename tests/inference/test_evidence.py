@@ -11,10 +11,18 @@ from scipy.special import logsumexp
 from truths import experiment, problem, rig_with_two_hills
 
 from psafit.errors import ConvergenceError
-from psafit.inference.ascent import Ascent, Effort
 from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
-from psafit.inference.evidence import Emulated, Pool, RoundSettings, _drawn_inside, _sample, laplace_mixture, weigh
+from psafit.inference.evidence import (
+    Emulated,
+    Pool,
+    RoundSettings,
+    _drawn_inside,
+    _sample,
+    importance_sample,
+    laplace_mixture,
+)
 from psafit.inference.mixture import StudentMixture
+from psafit.inference.optimiser import Effort, Optima
 from psafit.inference.samplers.nautilus import nested_evidence
 from psafit.physics import terms
 
@@ -23,7 +31,7 @@ def test_evidence_is_that_of_plain_monte_carlo():
     """Few, poor readings leave the prior wide enough for the mean likelihood of its draws to be the evidence."""
     e = experiment(n=4, relative=0.3, groups=("a",))
     one = problem(e)
-    found = weigh(fit(one, (), seed=1, draws=256, most=8), seed=1, effective=400)
+    found = importance_sample(fit(one, (), seed=1, draws=256, most=8), seed=1, effective=400)
     draws = one.prior_transform(np.random.default_rng(0).uniform(size=(200_000, one.n_dim)))
     likelihood = one.log_likelihood(draws)
     plain = logsumexp(likelihood) - math.log(len(draws))
@@ -39,7 +47,7 @@ def test_evidence_is_that_of_plain_monte_carlo():
 
 
 @pytest.mark.parametrize("place", [*(pytest.param(p, marks=pytest.mark.slow) for p in (2.2, 2.5, 4.9)), 2.4])
-def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
+def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place):
     """Above 2.4 periods no reading knows how long the drive lasts, from 2.3 downwards many do."""
     e = experiment(["repeat_impacts"], [3.4])
     one = replace(problem(e), terms=terms(["repeat_impacts"]))
@@ -48,8 +56,8 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     scale = one.parameters[k].scale
     u = fitted.modes[:1].copy()
     u[0, k] = place / scale
-    found = weigh(
-        candidate_of(one, Ascent(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
+    found = importance_sample(
+        candidate_of(one, Optima(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
     )
     # Of the other parameters all places above agree, so that a line tells the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)
@@ -61,14 +69,14 @@ def test_evidence_knows_of_a_plateau_wherever_the_climb_ended(place):
     # Three standard errors of a median of so many draws, evenly spread.
     error = 0.5 * (expected[2] - expected[0]) / 0.9 / np.sqrt(found.effective)
     assert found.quantiles(found.draws[:, k] * scale, [0.05, 0.5, 0.95]) == pytest.approx(expected, abs=3 * error)
-    assert found.log_evidence == pytest.approx(weigh(fitted, seed=2).log_evidence, abs=0.2)
+    assert found.log_evidence == pytest.approx(importance_sample(fitted, seed=2).log_evidence, abs=0.2)
 
 
 @pytest.mark.slow
 def test_evidence_is_that_of_a_nested_sampler(sound):
-    """Two ways that share but the simulator: climbs, emulator and weights; and shells from the prior inwards."""
+    """Two ways that share but the simulator: optimisations, emulator and weights; and shells from the prior inwards."""
     pytest.importorskip("nautilus")
-    ours = weigh(sound, seed=1)
+    ours = importance_sample(sound, seed=1)
     theirs = nested_evidence(sound.problem, seed=1, n_live=150, effective=150)
     assert ours.log_evidence == pytest.approx(theirs.log_evidence, abs=0.5)
 
@@ -98,7 +106,7 @@ def test_evidence_of_a_corner():
         return last.mixture.around(found.u, found.weights, width)
 
     assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
-    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)).weighed()
+    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)).sample()
     assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
     assert found.effective > 60
     with pytest.raises(ConvergenceError, match="within the bounds"):
@@ -106,7 +114,7 @@ def test_evidence_of_a_corner():
 
 
 def test_resampling_keeps_the_weighted_mean(sound):
-    found = weigh(sound, seed=1)
+    found = importance_sample(sound, seed=1)
     assert found.effective > 100
     assert found.pareto_k < 0.7
     assert found.resampled(2000).mean(axis=0) == pytest.approx(found.weights @ found.draws, abs=0.02)
@@ -114,13 +122,13 @@ def test_resampling_keeps_the_weighted_mean(sound):
 
 @pytest.mark.slow
 def test_hills_weigh_what_each_weighs_alone():
-    """Seven nats lower and far wider, the second hill holds most of the posterior."""
+    """Seven nats lower and far wider, the second mode holds most of the posterior."""
     rig, _ = rig_with_two_hills(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     leaders = separate_modes(found)
-    alone = [weigh(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
+    alone = [importance_sample(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
     assert found.heights[leaders[1]] < found.height - 5 and alone[1] > alone[0] + 1
-    assert weigh(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
+    assert importance_sample(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
 
 
 @pytest.mark.slow
@@ -129,7 +137,7 @@ def test_hills_weigh_what_the_nested_sampler_finds():
     rig, _ = rig_with_two_hills(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     nested = nested_evidence(rig, seed=2, n_live=300)
-    assert weigh(found, seed=2).log_evidence == pytest.approx(nested.log_evidence, abs=0.5)
+    assert importance_sample(found, seed=2).log_evidence == pytest.approx(nested.log_evidence, abs=0.5)
 
 
 def test_what_the_readings_hardly_tell_of_is_as_wide_as_its_bounds():
@@ -163,7 +171,7 @@ def test_a_stretched_density_reaches_far_along_each_coordinate():
 
 def test_prior_width_survives_draws_of_hardly_any_weight():
     """Weights far below the rest, where the other prior is far above the first, are not divided by."""
-    found = weigh(fit(problem(experiment(n=8)), (), seed=1, draws=256, most=4), seed=1)
+    found = importance_sample(fit(problem(experiment(n=8)), (), seed=1, draws=256, most=4), seed=1)
     weights = np.r_[1e-310, np.full(len(found.weights) - 1, 1 / (len(found.weights) - 1))]
     factor = np.r_[700.0, np.zeros(len(weights) - 1)]
     assert replace(found, weights=weights).mean_of(factor) == pytest.approx(0.0, abs=1e-3)

@@ -24,9 +24,9 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment
 from psafit.inference import identify
 from psafit.inference import run as running
-from psafit.inference.ascent import Effort
 from psafit.inference.candidate import candidate_at
 from psafit.inference.optimise import polish
+from psafit.inference.optimiser import Effort
 from psafit.inference.problem import Problem
 from psafit.inference.run import fit, load
 from psafit.inference.sample import sample

@@ -11,29 +11,29 @@ from truths import experiment, problem, rig_with_two_hills
 
 from psafit.experiment import read_experiment
 from psafit.inference import noise
-from psafit.inference.ascent import ascend
 from psafit.inference.candidate import candidate_at, fit, separate_modes
-from psafit.inference.evidence import weigh
+from psafit.inference.evidence import importance_sample
+from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.inference.sample import sample
 from psafit.model_search import SearchSettings
 from psafit.physics import TERMS, terms
 
 
-def test_a_sample_climbs_to_what_its_draws_show() -> None:
+def test_a_sample_goes_on_to_what_its_draws_show() -> None:
     """Begun far below the top, it ends where a fit from many starts does."""
     one = replace(problem(experiment(["amplifier_lag"], [4e-5])), terms=terms(["amplifier_lag"]))
     best = fit(one, (), seed=3, draws=1024, most=24)
     found, draws = sample(one, seed=1)
     better = SearchSettings().better
     assert found.height == pytest.approx(best.height, abs=better)
-    assert draws.height <= found.height + better and draws.doubt < 1.0
+    assert draws.height <= found.height + better and draws.standard_error < 1.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 3])
 def test_a_second_hill_of_the_baseline_is_not_lost(seed):
-    """A look elsewhere finds it from any one hill; the posterior of all of them holds the truth."""
+    """A look elsewhere finds it from any one mode; the posterior of all of them holds the truth."""
     rig, truth = rig_with_two_hills(seed)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     assert np.abs(found.modes[:, 1] - truth[1]).min() < 1.5
@@ -45,21 +45,21 @@ def test_a_second_hill_of_the_baseline_is_not_lost(seed):
         again = sample(rig, [alone], seed=1)[0]
         assert np.abs(again.modes[:, :3] - truth[:3]).max(axis=1).min() < 1.5
         assert sample(rig, [alone], seed=1)[0].modes.tobytes() == again.modes.tobytes()
-    lower, upper = (w := weigh(found, seed=1)).quantiles(rig.to_physical(w.draws), [0.05, 0.95])
+    lower, upper = (w := importance_sample(found, seed=1)).quantiles(rig.to_physical(w.draws), [0.05, 0.95])
     assert (lower[:3] < rig.to_physical(truth)[:3]).all() and (rig.to_physical(truth)[:3] < upper[:3]).all()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4])
 def test_a_top_behind_cliffs_is_found_by_a_population(seed):
-    """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump, and climbs stop early."""
+    """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump; optimisations stop early."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
     p = Problem(design, design.ids, tuple(t for t in TERMS if t.id == "amplifier_lag"))
     truth = p.to_sampling(np.array([134594.6, 9937.6, 35.3157, 6.4217e-7, 0.0362, 0.0536, 60.0]))
     y = noise.draw(p.predict(truth[None]), p.noise_values(truth[None]), None, np.random.default_rng(seed))[0]
     rig = replace(p, experiment=design.with_readings(np.maximum(y, 0.0)))
-    there = float(ascend(rig, truth[None]).height[0])
+    there = float(maximise(rig, truth[None]).height[0])
     plain = fit(replace(rig, terms=()), (), seed=1, draws=4096, most=48)
-    climbed = fit(rig, [plain], seed=1, fresh=False)
-    assert climbed.height < there - 3
-    assert sample(rig, [climbed], seed=1)[0].height > there - 0.5
+    optimised = fit(rig, [plain], seed=1, fresh=False)
+    assert optimised.height < there - 3
+    assert sample(rig, [optimised], seed=1)[0].height > there - 0.5

@@ -118,7 +118,7 @@ def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
     part = replace(plain.leader.problem, group_ids=("a", "b"))
     known = candidate_at(part, plain.leader.modes)
     begun = search_models(whole, FEW, seed=1, starts=[known])
-    assert () in begun.weighed
+    assert () in begun.samples
     assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
     assert begun.leader.ids == plain.leader.ids == PAIR
     assert begun.log_evidence[PAIR] == pytest.approx(plain.log_evidence[PAIR], abs=1.0)
@@ -155,7 +155,7 @@ def test_idle_processes_work_ahead_and_what_is_not_needed_yet_may_fail(
         assert several.carried([pair], known)[0].log_evidence == plain.log_evidence
 
     def fails(problem: Any) -> Any:
-        raise ConvergenceError("a climb", reached=0, required=1)
+        raise ConvergenceError("an optimisation", reached=0, required=1)
 
     task = fitting._Task("key", one, fails, ())
     assert fitting._worked(task, False) == ("key", None)

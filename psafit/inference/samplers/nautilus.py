@@ -1,7 +1,7 @@
 """Evidence and draws by nautilus, an importance nested sampler: slow, and independent of fits and emulators.
 
 J. U. Lange, Mon. Not. R. Astron. Soc. 525 (2023) 3181. It begins from the prior alone, so that it would also find a
-posterior's part that all climbs have missed.
+posterior's part that all optimisations have missed.
 """
 
 from __future__ import annotations

@@ -66,8 +66,8 @@ def scale_axis(
         ticks = MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
         axis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
         axis.set_minor_locator(NullLocator())
-    elif decades < (2.0 if few else 2.6):
-        axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if decades < 1.6 else (1.0, 3.0), numticks=20))
+    elif shown < (2.0 if few else 2.6):
+        axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if shown < 1.6 else (1.0, 3.0), numticks=20))
         axis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=20))
     else:
         # Where there is little room, every other of many decades.

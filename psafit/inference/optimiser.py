@@ -1,8 +1,8 @@
-r"""Climb many log posteriors at once, by Fisher scoring.
+r"""Maximise many log posteriors at once, by Fisher scoring.
 
 A search among models, each with many starts, and a bootstrap with hundreds of refits, need the same thing: many
-climbs of the same kind, whose simulations go through the simulator as one batch. `psafit.inference.optimise` polishes
-the optimum of one problem with care; this finds good ones of many problems fast, and says how far it came.
+optimisations of the same kind, whose simulations go through the simulator as one batch. `psafit.inference.optimise`
+polishes the optimum of one problem with care; this finds good ones of many problems fast, and says how far it came.
 
 With :math:`z = (y - L)/s` and Student's scatter (`psafit.inference.noise`), the expected curvature is
 
@@ -10,7 +10,7 @@ With :math:`z = (y - L)/s` and Student's scatter (`psafit.inference.noise`), the
     + \frac{2\nu}{\nu+3}\, \partial\ln s_i\, \partial\ln s_i^T - \partial^2 \ln p(\theta)
 
 (K. L. Lange, R. J. A. Little and J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881), which is positive whatever the
-residuals are. Steps are damped as Levenberg and Marquardt do, each climb by its own factor.
+residuals are. Steps are damped as Levenberg and Marquardt do, each optimisation by its own factor.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ class FisherSettings:
     Parameters
     ----------
     dampings : tuple of float
-        Dampings tried at once in every iteration, as factors on a climb's own.
+        Dampings tried at once in every iteration, as factors on an optimisation's own.
     first, least, most : float
-        Damping with which a climb begins, and its limits.
+        Damping with which an optimisation begins, and its limits.
     stuck : float
-        Damping at which a climb that finds no way up gives up.
+        Damping at which an optimisation that finds no way up gives up.
     longest : float
         Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
     like : float, nats
     alike : float
-        Climbs whose log posteriors differ by less than `like`, and all whose ranges by less than `alike` standard
-        deviations of the scatter, are at one place, or on one ridge.
+        Optimisations whose log posteriors differ by less than `like`, and all whose ranges by less than `alike`
+        standard deviations of the scatter, are at one place, or on one ridge.
     """
 
     dampings: tuple[float, ...] = (0.1, 1.0, 30.0)
@@ -58,7 +58,7 @@ class FisherSettings:
 
 
 class Effort(NamedTuple):
-    """What climbs have taken.
+    """What optimisations have taken.
 
     Parameters
     ----------
@@ -77,8 +77,8 @@ class Effort(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Ascent:
-    """Where climbs ended; the first axis counts them.
+class Optima:
+    """Where optimisations ended; the first axis counts them.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Ascent:
     predicted : (n, n_points) array, um
         Launch ranges there.
     starts : (n,) array of int
-        Starts that ended there: climbs that were united count together.
+        Starts that ended there: optimisations that were united count together.
     effort : Effort
         Those that were given up included.
     """
@@ -106,13 +106,13 @@ class Ascent:
         return int(np.argmax(self.height))
 
     @property
-    def uncounted(self) -> Ascent:
+    def uncounted(self) -> Optima:
         """The same, of places that are no starts: none has ended there, and none was begun."""
         return replace(self, starts=np.zeros_like(self.starts), effort=Effort(n_sets=self.effort.n_sets))
 
-    def joined(self, other: Ascent) -> Ascent:
-        """Both, as if they had been climbed together."""
-        return Ascent(
+    def joined(self, other: Optima) -> Optima:
+        """Both, as if they had been optimised together."""
+        return Optima(
             np.vstack([self.u, other.u]),
             np.concatenate([self.height, other.height]),
             np.vstack([self.predicted, other.predicted]),
@@ -232,10 +232,10 @@ def _steps(
 
 
 Predict = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
-"""Launch ranges, um, of rows of coordinates; the second argument says which climb each row belongs to."""
+"""Launch ranges, um, of rows of coordinates; the second argument says which optimisation each row belongs to."""
 
 
-def _climb(
+def _optimise(
     problem: Problem,
     starts: FloatArray,
     target: FloatArray,
@@ -249,7 +249,7 @@ def _climb(
     unite: bool = False,
     counts: NDArray[np.intp] | None = None,
     how: FisherSettings | None = None,
-) -> Ascent:
+) -> Optima:
     how = how or FisherSettings()
     factors, tried = np.array(how.dampings), len(how.dampings)
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
@@ -313,7 +313,7 @@ def _climb(
             u, height, predicted, damping, target = (a[kept] for a in (u, height, predicted, damping, target))
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
     progress(total, total)
-    return Ascent(u, height, predicted, starts_at, Effort(begun, failed, n_sets))
+    return Optima(u, height, predicted, starts_at, Effort(begun, failed, n_sets))
 
 
 def _kept(
@@ -326,7 +326,7 @@ def _kept(
     unite: bool,
     how: FisherSettings,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Climbs that go on, and the starts of each; of those to be united, the highest alone, for all."""
+    """Optimisations that go on, and the starts of each; of those to be united, the highest alone, for all."""
     order = np.argsort(-height, kind="stable")
     if not unite:
         kept = np.sort(order[:most])
@@ -346,7 +346,7 @@ def _kept(
     return kept, np.array([total[int(k)] for k in kept], np.intp)
 
 
-def ascend(
+def maximise(
     problem: Problem,
     starts: FloatArray,
     observed: FloatArray | None = None,
@@ -359,8 +359,8 @@ def ascend(
     frozen: NDArray[np.bool_] | None = None,
     counts: NDArray[np.intp] | None = None,
     settings: FisherSettings | None = None,
-) -> Ascent:
-    """Climb from every start.
+) -> Optima:
+    """Optimise from every start.
 
     Parameters
     ----------
@@ -368,27 +368,27 @@ def ascend(
     starts : (n, n_dim) array
         Sampling coordinates, within the bounds.
     observed : (n_points,) or (n, n_points) array, um, optional
-        Readings, where each climb has its own; the problem's by default.
+        Readings, where each optimisation has its own; the problem's by default.
     schedule : tuple of (int, int)
-        Iterations, and how many of the highest climbs go on after them. Climbs that were left behind are not in the
-        result.
+        Iterations, and how many of the highest optimisations go on after them. Optimisations that were left behind are
+        not in the result.
     lasting : int
         Steps for which slopes are carried over by secants before they are taken anew.
     still_below : float
-        A climb stands still when it has gained less than this (nats) twice in a row.
+        An optimisation stands still when it has gained less than this (nats) twice in a row.
     progress : callable
         Called with (iterations done, iterations at most).
     unite : bool
-        After each part of the schedule, climbs that predict the same readings at the same height are one.
+        After each part of the schedule, optimisations that predict the same readings at the same height are one.
     frozen : (n, n_dim) array of bool, optional
-        Coordinates that stay where each climb begins.
+        Coordinates that stay where each optimisation begins.
     counts : (n,) array of int, optional
         Earlier starts that each of these stands for; one by default.
     settings : FisherSettings, optional
 
     Returns
     -------
-    Ascent
+    Optima
     """
     starts = np.atleast_2d(starts)
     target = np.broadcast_to(problem.observed if observed is None else observed, (len(starts), problem.observed.size))
@@ -397,13 +397,13 @@ def ascend(
         return slopes(problem, u, here)
 
     held = np.zeros(starts.shape, bool) if frozen is None else frozen
-    return _climb(
+    return _optimise(
         problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, held, lasting, still_below,
         progress, unite, counts, settings,
     )  # fmt: skip
 
 
-def ascend_linearly(
+def maximise_linearly(
     problem: Problem,
     at: FloatArray,
     predicted: FloatArray,
@@ -414,17 +414,17 @@ def ascend_linearly(
     iterations: int = 25,
     reach: float = 2.0,
     still_below: float = 2e-3,
-) -> Ascent:
-    """Climb in models that are replaced by their logarithmic expansion, which costs no simulation.
+) -> Optima:
+    """Optimise in models that are replaced by their logarithmic expansion, which costs no simulation.
 
-    Each climb has its own: ``ln L(u) = ln L(at) + (u - at) . slope``, held within `reach` of ``ln L(at)``.
+    Each optimisation has its own: ``ln L(u) = ln L(at) + (u - at) . slope``, held within `reach` of ``ln L(at)``.
 
     Parameters
     ----------
     problem : Problem
         Parameters, priors and scatter.
     at : (n, n_dim) array
-        Where the climbs begin, and where the slopes were taken.
+        Where the optimisations begin, and where the slopes were taken.
     predicted : (n, n_points) array, um
         Launch ranges there.
     slope : (n, n_model, n_points) array, or (n_model, n_points) for all
@@ -437,11 +437,11 @@ def ascend_linearly(
     reach : float
         Of the expansion in ``ln L``.
     still_below : float
-        As of `ascend`.
+        As of `maximise`.
 
     Returns
     -------
-    Ascent
+    Optima
         Its ranges are those of the expansion; no sets are simulated.
     """
     n, k = len(predicted), problem.n_model
@@ -457,5 +457,5 @@ def ascend_linearly(
 
     mask = np.zeros((n, problem.n_dim), bool)
     mask[:, list(frozen)] = True
-    result = _climb(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, still_below)
+    result = _optimise(problem, at, target, predict, slopes_of, ((iterations, n),), mask, 1, still_below)
     return replace(result, effort=result.effort._replace(n_sets=0))

@@ -1,4 +1,4 @@
-"""Fisher scoring of many climbs at once, against finite differences and a trusted optimiser."""
+"""Fisher scoring of many optimisations at once, against finite differences and a trusted optimiser."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from psafit.experiment import read_experiment
-from psafit.inference.ascent import ascend, ascend_linearly, expansion, heights, slopes
 from psafit.inference.optimise import ScanSettings, halved, polish, starts_of, widened
+from psafit.inference.optimiser import expansion, heights, maximise, maximise_linearly, slopes
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -116,34 +116,34 @@ def test_heights_are_the_log_posterior_and_minus_infinity_outside(problem):
     assert found[3] == -np.inf
 
 
-def test_many_climbs_end_where_a_trusted_optimiser_does(problem):
+def test_many_optimisations_end_where_a_trusted_optimiser_does(problem):
     starts, _ = starts_of(problem, 3, 12, 512)
-    end = ascend(problem, starts)
+    end = maximise(problem, starts)
     _, trusted, _ = polish(problem, end.u[end.best])
     assert end.height[end.best] == pytest.approx(trusted, abs=0.05)
     assert end.height.max() == pytest.approx(-201.72, abs=0.05)
 
 
-def test_a_climb_does_not_depend_on_its_company(problem):
+def test_an_optimisation_does_not_depend_on_its_company(problem):
     starts, _ = starts_of(problem, 3, 6, 256)
-    together = ascend(problem, starts)
-    alone = ascend(problem, starts[2:3])
+    together = maximise(problem, starts)
+    alone = maximise(problem, starts[2:3])
     assert together.height[2] == pytest.approx(alone.height[0], abs=1e-6)
 
 
-def test_each_climb_may_have_its_own_readings(problem):
-    u = ascend(problem, starts_of(problem, 3, 4, 256)[0]).u[:1]
-    # Twice the ranges everywhere want another fit; the first climb keeps its own.
+def test_each_optimisation_may_have_its_own_readings(problem):
+    u = maximise(problem, starts_of(problem, 3, 4, 256)[0]).u[:1]
+    # Twice the ranges everywhere want another fit; the first optimisation keeps its own.
     own = np.vstack([problem.observed, 2 * problem.observed])
-    end = ascend(problem, np.repeat(u, 2, axis=0), own)
+    end = maximise(problem, np.repeat(u, 2, axis=0), own)
     assert end.u[0] == pytest.approx(u[0], abs=0.05)
     assert np.abs(end.u[1] - u[0]).max() > 0.3
 
 
-def test_climbs_that_agree_are_one(problem):
+def test_optimisations_that_agree_are_one(problem):
     starts = np.repeat(starts_of(problem, 1, 2, 64)[0], 3, axis=0)
-    apart = ascend(problem, starts, schedule=((3, 6), (20, 6)))
-    united = ascend(problem, starts, schedule=((3, 6), (20, 6)), unite=True)
+    apart = maximise(problem, starts, schedule=((3, 6), (20, 6)))
+    united = maximise(problem, starts, schedule=((3, 6), (20, 6)), unite=True)
     assert len(united.u) <= 2 < len(apart.u)
     assert united.height[united.best] == pytest.approx(apart.height[apart.best], abs=1e-9)
     assert united.effort.n_sets < apart.effort.n_sets
@@ -151,14 +151,14 @@ def test_climbs_that_agree_are_one(problem):
 
 def test_survivors_are_the_highest(problem):
     starts, _ = starts_of(problem, 3, 10, 256)
-    all_of_them = ascend(problem, starts, schedule=((2, 10),))
-    some = ascend(problem, starts, schedule=((2, 3),))
+    all_of_them = maximise(problem, starts, schedule=((2, 10),))
+    some = maximise(problem, starts, schedule=((2, 3),))
     assert np.sort(some.height) == pytest.approx(np.sort(all_of_them.height)[-3:])
 
 
 def test_expansion_fits_data_made_from_it(problem):
     """A shift small enough for the expansion is found by it, without a simulation."""
-    u = ascend(problem, starts_of(problem, 3, 4, 256)[0])
+    u = maximise(problem, starts_of(problem, 3, 4, 256)[0])
     at, predicted = u.u[u.best], u.predicted[u.best]
     slope = slopes(problem, at[None, :], predicted[None, :])[0] / predicted
     moved = at.copy()
@@ -166,27 +166,27 @@ def test_expansion_fits_data_made_from_it(problem):
     target = predicted * np.exp((moved - at)[: problem.n_model] @ slope)
     quiet = at.copy()
     quiet[problem.n_model] = problem.bounds[problem.n_model, 0] + 0.7  # little scatter: the data speak
-    end = ascend_linearly(problem, quiet[None, :], predicted[None, :], slope, target[None, :])
+    end = maximise_linearly(problem, quiet[None, :], predicted[None, :], slope, target[None, :])
     assert end.effort.n_sets == 0
     assert end.predicted[0] == pytest.approx(target, rel=2e-3)
 
 
 def test_frozen_coordinates_stay(problem):
-    u = ascend(problem, starts_of(problem, 3, 4, 256)[0])
+    u = maximise(problem, starts_of(problem, 3, 4, 256)[0])
     at, predicted = u.u[u.best], u.predicted[u.best]
     slope = slopes(problem, at[None, :], predicted[None, :])[0] / predicted
-    end = ascend_linearly(problem, at[None, :], predicted[None, :], slope, 1.3 * problem.observed, frozen=[0])
+    end = maximise_linearly(problem, at[None, :], predicted[None, :], slope, 1.3 * problem.observed, frozen=[0])
     assert end.u[0, 0] == at[0]
     assert np.abs(end.u[0, 1:] - at[1:]).max() > 1e-3
 
 
 def test_a_coordinate_at_its_bound_is_held_there():
-    # On group 1 nothing speaks for a loss that scales with the force: the climb ends at its neutral bound.
+    # On group 1 nothing speaks for a loss that scales with the force: the optimisation ends at its neutral bound.
     one = Problem(EXPERIMENT, (EXPERIMENT.group(1).id,), terms(["hunt_crossley"]))
     base = replace(one, terms=())
-    start = ascend(base, starts_of(base, 3, 4, 256)[0])
+    start = maximise(base, starts_of(base, 3, 4, 256)[0])
     row = one.prior_transform(np.full(one.n_dim, 0.5))
     row[:3], row[4:] = start.u[start.best][:3], start.u[start.best][3:]
-    end = ascend(one, row[None, :])
+    end = maximise(one, row[None, :])
     assert end.u[0, 3] == one.bounds[3, 0]
     assert end.height[0] >= start.height.max() - 3.0

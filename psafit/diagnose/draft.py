@@ -1,0 +1,138 @@
+r"""From a discrepancy without a name to a draft of a cause.
+
+Where no cause explains the readings, what is left is described as a factor on the range that departs from one about a
+place on one axis: the drive frequency, the amplitude, or the predicted range,
+
+.. math:: L_\mathrm{read} = L\, e^{s\,h}, \qquad h = e^{-\ln^2(x/x_0)/2w^2}.
+
+It is smooth, and one where the axis tends to zero or infinity. The axis is that on which such a factor takes up most of
+the leftover. All else in the file comes from the conditions: priors span what was measured, and know nothing of the
+fit. So a diagnosis with ``--plugin draft_cause.py`` scores it on held-out groups like any cause.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from psafit.arrays import FloatArray
+from psafit.diagnose.judging import Judgement
+from psafit.diagnose.leftover import Leftover
+from psafit.diagnose.record import Axis, Draft
+from psafit.files import write_atomically
+from psafit.inference.candidate import Candidate
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.physics import plugin
+from psafit.simulate import MICRO
+from psafit.simulate.contract import STUDY
+from psafit.simulate.sensitivity import observe
+from psafit.workers import scratch
+
+FILE = "draft_cause.py"
+TEMPLATE = Path(__file__).parent / "draft_cause.txt"
+
+
+@dataclass(frozen=True)
+class DraftSettings:
+    """What is tried in a draft.
+
+    Parameters
+    ----------
+    places : int
+        Of the middle, evenly over the logarithm of what was measured.
+    widths : tuple of float
+        In the logarithm: from a tenth of an octave's factor to a decade.
+    share : float
+        Of the leftover's squares that a draft must take up: half, so that it describes more than it leaves.
+    """
+
+    places: int = 50
+    widths: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6)
+    share: float = 0.5
+
+
+def drafted(judgement: Judgement, folder: Path) -> Draft | None:
+    """Draft a cause where a verdict is unexplained: beside the causes, or in their place where that is simpler."""
+    if judgement.verdict.verdict != "unexplained":
+        return None
+    beside = judgement.verdict.remains or not judgement.verdict.named
+    if beside:
+        return draft(judgement.ladder.leader, judgement.left, folder)
+    return draft(judgement.ladder.baseline, judgement.bare, folder)
+
+
+def draft(candidate: Candidate, left: Leftover, folder: Path, settings: DraftSettings | None = None) -> Draft | None:
+    """Describe what a model leaves, and write it as a cause; None where no axis takes up enough of it.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The model beside which the discrepancy was found.
+    left : Leftover
+    folder : Path
+        Where `draft_cause.py` goes; one that is there stays, for somebody may have edited it.
+    settings : DraftSettings, optional
+    """
+    settings = settings or DraftSettings()
+    design = candidate.problem.design
+    told = (design.measured == OBSERVABLES.index(LAUNCH_RANGE)) & np.isfinite(left.sd)
+    axes: dict[Axis, FloatArray] = {
+        "frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted,
+    }  # fmt: skip
+    best: Draft | None = None
+    for axis, values in axes.items():
+        rows = told & (values > 0)
+        if rows.sum() > 3 and np.ptp(x := np.log(values[rows])) > 0:
+            found = _described(axis, x, left.mean[rows], settings)
+            best = found if best is None or found.share > best.share else best
+    if best is None or best.share < settings.share:
+        return None
+    spread = np.log(axes[best.axis][told & (axes[best.axis] > 0)])
+    if not (folder / FILE).exists():
+        _write(folder / FILE, best, float(spread.min()), float(spread.max()))
+    return best
+
+
+def _described(axis: Axis, x: FloatArray, y: FloatArray, settings: DraftSettings) -> Draft:
+    """The factor on one axis that takes up most of a leftover, beside one common to all; `x` is a logarithm."""
+    y = y - y.mean()
+    best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, settings.widths[0], 0.0)
+    for place in np.linspace(x.min(), x.max(), settings.places):
+        for width in settings.widths:
+            bump = np.exp(-0.5 * ((x - place) / width) ** 2)
+            own = bump - bump.mean()
+            size = float(own @ own)
+            if size < 1e-9 or y @ y == 0:
+                continue
+            strength = float(own @ y) / size
+            share = strength * float(own @ y) / float(y @ y)
+            if share > best.share:
+                best = Draft(FILE, axis, math.exp(float(place)), math.exp(strength), width, share)
+    return best
+
+
+def _write(path: Path, found: Draft, low: float, high: float) -> None:
+    """Write the file; its symptom is worked out as `psafit check-cause` does."""
+    unit, scale = {"frequency": ("Hz", 1.0), "amplitude": ("V", 1.0), "range": ("m", 1.0 / MICRO)}[found.axis]
+    middle, half = math.exp(0.5 * (low + high)) * scale, max(0.5 * (high - low), math.log(2.0))
+    place, reach = f"{float(f'{found.place * scale:.3g}'):g} {unit}", f"{math.exp(found.width):.3g}"
+    text = _filled(
+        TEMPLATE.read_text("utf-8"), axis=found.axis, unit=unit, middle=f"{middle:.3g}", factor=f"{math.exp(half):.3g}",
+        least=f"{middle * math.exp(-2 * half):.3g}", most=f"{middle * math.exp(2 * half):.3g}",
+        found=f"a factor of {found.factor:.3g} at {place}, within a factor of {reach} to either side",
+    )  # fmt: skip
+    with scratch() as folder:
+        first = folder / FILE
+        first.write_text(_filled(text, sign="0", over_frequency="mixed", over_amplitude="mixed"), "utf-8")
+        shown = observe(plugin.read(first), STUDY)
+    text = _filled(text, sign=str(shown.sign), over_frequency=shown.frequency, over_amplitude=shown.amplitude)
+    write_atomically(path, text.encode())
+
+
+def _filled(text: str, **values: str) -> str:
+    for name, value in values.items():
+        text = text.replace(f"@{name}@", value)
+    return text

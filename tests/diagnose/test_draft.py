@@ -1,0 +1,113 @@
+"""Drafts of causes, from what no cause explains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnoses_by_hand import make_experiment, make_record
+from truths import FEW, bump, experiment, problem
+
+from psafit.diagnose import diagnose
+from psafit.diagnose.answer import Drafted, answer
+from psafit.diagnose.draft import FILE, draft, drafted
+from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose.settings import Settings
+from psafit.diagnose.words import PLAIN
+from psafit.inference.candidate import Candidate, fit
+from psafit.physics import plugin
+from psafit.simulate.contract import check
+from psafit.validate import log_ratio
+
+
+def made(candidate: Candidate, axis: str, place: float, strength: float = 0.4, width: float = 0.4) -> Leftover:
+    """What is left where readings differ by a factor about one place."""
+    design = candidate.problem.design
+    x = {"frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted}[axis]
+    mean = strength * np.exp(-0.5 * (np.log(np.maximum(x, 1e-9) / place) / width) ** 2)
+    return replace(leftover(candidate), mean=0.1 + mean, sd=np.full(mean.size, 0.05))
+
+
+@pytest.mark.parametrize(("axis", "place"), [("frequency", 1500.0), ("amplitude", 8.0), ("range", 300.0)])
+def test_the_axis_and_the_place_are_found(sound, axis, place, tmp_path) -> None:
+    left = made(sound, axis, place, width=0.2)
+    found = draft(sound, left, tmp_path)
+    assert found.axis == axis and found.place == pytest.approx(place, rel=0.1)
+    assert found.share > 0.9 and found.factor == pytest.approx(np.exp(0.4), rel=0.1)
+    one = plugin.read(tmp_path / FILE)
+    assert one.id == "draft_cause" and "no mechanism" in one.description
+    # At a neutral strength it vanishes, and it tends to one at both ends of its axis.
+    term = replace(problem(experiment()), terms=(one,))
+    u = term.prior_transform(np.full((1, term.n_dim), 0.5))
+    u[0, term.names.index("draft_strength")] = term.parameters[term.names.index("draft_strength")].to_sampling(0.0)
+    plain = replace(term, terms=())
+    assert term.predict(u) == pytest.approx(plain.predict(u[:, [0, 1, 2, -3, -2, -1]]), rel=1e-12)
+    at, p = np.array([1e-30, 1e30]), np.array([[1.0, 100.0, 0.5]])
+    factors = one.reading(at[None], p, np.zeros(2, int)) / at if one.reading else one.condition(at, at, p)
+    assert factors == pytest.approx(np.ones((1, 2)), abs=1e-12)
+
+
+def test_what_no_axis_describes_is_no_draft(sound, tmp_path) -> None:
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(sound.predicted.size)
+    assert draft(sound, replace(made(sound, "range", 300.0), mean=noise), tmp_path) is None
+    flat = replace(made(sound, "range", 300.0), mean=np.full(noise.size, 0.3))  # a factor common to all is a refit's
+    assert draft(sound, flat, tmp_path) is None
+    assert not (tmp_path / FILE).exists()
+
+
+def test_a_draft_that_somebody_has_edited_stays(sound, tmp_path) -> None:
+    (tmp_path / FILE).write_text("mine")
+    assert draft(sound, made(sound, "range", 300.0), tmp_path) and (tmp_path / FILE).read_text() == "mine"
+
+
+def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
+    left, small = made(sound, "range", 300.0), made(sound, "frequency", 1500.0)
+    ladder = SimpleNamespace(leader=sound, baseline=sound)
+    for verdict, named, remains, axis in (
+        ("explained", ("gap",), False, None), ("unexplained", (), False, "range"),
+        ("unexplained", ("gap",), True, "range"), ("unexplained", ("gap",), False, "frequency"),
+    ):  # fmt: skip
+        concluded = SimpleNamespace(verdict=verdict, named=named, remains=remains)
+        bare = small if named else left
+        judged = SimpleNamespace(verdict=concluded, ladder=ladder, left=left, bare=bare)
+        found = drafted(judged, tmp_path)
+        assert (found and found.axis) == axis
+    record = replace(make_record(make_experiment()), draft=found)
+    (said,) = [s.say(PLAIN) for s in answer(record) if isinstance(s, Drafted)]
+    assert said.startswith("A factor of 1.47 at a frequency of 1440 Hz") and "draft_cause.py has it as a cause" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", ["frequency", "amplitude", "range"])
+def test_a_draft_keeps_the_contract(sound, axis, tmp_path) -> None:
+    draft(sound, made(sound, axis, {"frequency": 1500.0, "amplitude": 8.0, "range": 300.0}[axis]), tmp_path)
+    outcomes = check(plugin.read(tmp_path / FILE), draws=12)
+    assert not [f"{one.check}: {one.text}" for one in outcomes if not one.passed]
+
+
+@pytest.mark.slow
+def test_what_has_no_name_becomes_a_draft_that_explains_it(tmp_path) -> None:
+    """A resonance that two sweeps of three meet at the same frequency, and causes that do nothing of the kind."""
+
+    def resonance(name, y):
+        return bump("a", y) if name in "ac" else y
+
+    e = experiment(spoil=resonance, seed=3)
+    asked = {"quick": True, "settings": Settings(simulated=99), "jobs": 1}
+    found = diagnose(e, ["a"], tmp_path / "without", catalogue=FEW[:2], **asked)
+    assert found.verdict == "unexplained" and found.draft.axis == "frequency"
+    assert found.draft.place == pytest.approx(e.group("a").frequency_hz[15], rel=0.1)
+    term = plugin.read(tmp_path / "without" / FILE)
+    again = diagnose(e, ["a"], tmp_path / "with", catalogue=(*FEW[:2], term), **asked)
+    assert "draft_cause" in again.named and again.misfit.extended.p_value > 0.02
+    # Fitted to one sweep, it describes the other that meets it.
+    plain, larger = (problem(e, ("a",)), replace(problem(e, ("a",)), terms=(term,)))
+    errors = []
+    for one in (plain, larger):
+        fitted = fit(one, (), seed=1, draws=512, most=8)
+        c = e.group("c")
+        errors.append(np.std(log_ratio(one.predict(fitted.modes[:1], ["c"])[0], c.reading)))
+    assert errors[1] < 0.6 * errors[0]
