@@ -30,7 +30,7 @@ from psafit.challenge.campaign import read_diagnosis
 from psafit.challenge.hide import Challenge, make
 from psafit.challenge.oracle import Oracle, consult
 from psafit.challenge.score import located, reported_set
-from psafit.diagnose import diagnose, diagnosis
+from psafit.diagnose import diagnose, judging
 from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.settings import Settings
@@ -222,13 +222,13 @@ PAID = 30.0  # nats a cause: more than one costs that does nothing
 def without(part: str, patch: pytest.MonkeyPatch) -> None:
     """Take a part away."""
     if part == "what has no name":
-        patch.setattr(diagnosis, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
+        patch.setattr(judging, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
 
         def nothing(model: Candidate, outlying: Any = None) -> Leftover:
             found = leftover(model, outlying)
             return replace(found, log_bayes=-50.0, log_evidence=found.log_evidence - found.log_bayes - 50.0)
 
-        patch.setattr(diagnosis, "leftover", nothing)
+        patch.setattr(judging, "leftover", nothing)
     else:
         priced = ladder.log_prior
         odds = {

@@ -318,11 +318,7 @@ class _Work:
         extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(ladder, repeats))
-        causes = told.causes_of(ladder, verdict)
-        if nautilus:
-            decisive = [set(ids) for ids in ((), verdict.named, leader.ids, *verdict.alternatives)]
-            with self._stage("nautilus"):
-                causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
+        causes = self._causes(ladder, verdict, nautilus)
         beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
         screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
         calibration = self._calibration(ladder, drawn) if drawn else None
@@ -369,6 +365,15 @@ class _Work:
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
+
+    def _causes(self, ladder: Ladder, verdict: Verdict, nautilus: bool) -> list[CauseResult]:
+        """The models of the record; those that the verdict rests on confirmed by a nested sampler, if asked for."""
+        causes = told.causes_of(ladder, verdict)
+        if not nautilus:
+            return causes
+        decisive = [set(ids) for ids in ((), verdict.named, ladder.leader.ids, *verdict.alternatives)]
+        with self._stage("nautilus"):
+            return [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
 
     def _forget(self) -> None:
         """Remove record and page: the tables that follow belong to another answer, which has no record yet."""
