@@ -31,7 +31,7 @@ from psafit.challenge.hide import Challenge, make
 from psafit.challenge.oracle import Oracle, consult
 from psafit.challenge.score import located, reported_set
 from psafit.diagnose import diagnose, judging
-from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose.discrepancy import Discrepancy, discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.settings import Settings
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
@@ -208,7 +208,7 @@ def test_a_stubborn_diagnosis_can_do_one_kind() -> None:
 
 
 # Parts of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by two, the tests and
-# the leftover; either sees what is hidden here.)
+# the discrepancy; either sees what is hidden here.)
 PARTS = {
     "what has no name": "outside",
     "single causes": "one",
@@ -224,11 +224,11 @@ def without(part: str, patch: pytest.MonkeyPatch) -> None:
     if part == "what has no name":
         patch.setattr(judging, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
 
-        def nothing(model: Candidate, outlying: Any = None) -> Leftover:
-            found = leftover(model, outlying)
+        def nothing(model: Candidate, outlying: Any = None) -> Discrepancy:
+            found = discrepancy(model, outlying)
             return replace(found, log_bayes=-50.0, log_evidence=found.log_evidence - found.log_bayes - 50.0)
 
-        patch.setattr(judging, "leftover", nothing)
+        patch.setattr(judging, "discrepancy", nothing)
     else:
         priced = ladder.log_prior
         odds = {

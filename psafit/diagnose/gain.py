@@ -8,9 +8,9 @@ cannot tell them apart, and no hindsight chooses among them. The prediction is t
 metric) and its predictive density (the log score). A ledger says which groups each choice saw.
 
 A model that cannot be told from the truth in one session may err in the next. The predictive density therefore holds
-the unnamed discrepancy (`psafit.diagnose.leftover`) before and after alike: as large as the fitted groups allow where
-they tell, as large as its prior where they do not, which is the level of a session when only one has been seen. It
-widens intervals and moves no median.
+the unnamed discrepancy (`psafit.diagnose.discrepancy`) before and after alike: as large as the fitted groups allow
+where they tell, as large as its prior where they do not, which is the level of a session when only one has been seen.
+It widens intervals and moves no median.
 
 Uncertainty: readings of one group are not independent, so groups are drawn with replacement, and within each group
 blocks of five neighbours in the sweep. A bootstrap over few groups is too narrow, for it knows their spread from the
@@ -31,7 +31,7 @@ from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose.discrepancy import Discrepancy, discrepancy
 from psafit.experiment import Experiment, Group, GroupId
 from psafit.inference import noise
 from psafit.inference.evidence import quantiles
@@ -220,7 +220,7 @@ def split(
     draws = {ids: ladder.draws(ids, seed) for ids in {(): 0.0, **mixture}}
     before: dict[Ids, FloatArray] = {(): draws[()].resampled(n_draws)}
     after = {ids: draws[ids].resampled(max(round(n_draws * p), 16)) for ids, p in mixture.items()}
-    left = {ids: leftover(ladder.of(ids)) for ids in draws}
+    left = {ids: discrepancy(ladder.of(ids)) for ids in draws}
     return Split(
         seen=ladder.baseline.problem.group_ids,
         named=ladder.leader.ids,
@@ -234,7 +234,7 @@ def _forecasts(
     ladder: Ladder,
     mixture: dict[Ids, float],
     drawn: dict[Ids, FloatArray],
-    left: dict[Ids, Leftover],
+    left: dict[Ids, Discrepancy],
     group_id: GroupId,
     seed: int,
 ) -> list[Forecast]:

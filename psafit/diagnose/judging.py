@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from psafit.diagnose.discrepancy import Discrepancy, discrepancy, stretch
 from psafit.diagnose.laws import broken
-from psafit.diagnose.leftover import Leftover, leftover, stretch
 from psafit.diagnose.misfit import Misfit, examine
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.verdict import Verdict, conclude
@@ -25,7 +25,7 @@ class Judgement:
         What the search has found.
     before, after : Misfit
         Of the baseline, and of the leader where that is another model.
-    left, bare : Leftover
+    left, bare : Discrepancy
         Discrepancies beside the leader, and beside the baseline.
     verdict : Verdict
     """
@@ -33,8 +33,8 @@ class Judgement:
     ladder: Ladder
     before: Misfit
     after: Misfit | None
-    left: Leftover
-    bare: Leftover
+    left: Discrepancy
+    bare: Discrepancy
     verdict: Verdict
 
     @property
@@ -49,7 +49,7 @@ def judge(ladder: Ladder, catalogue: Sequence[Term], settings: Settings, *, seed
     before = examine(ladder.baseline, catalogue, seed=seed, n_simulated=n)
     after = examine(leader, catalogue, seed=seed, n_simulated=n) if leader.terms else None
     # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
-    left = leftover(leader)
-    bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
+    left = discrepancy(leader)
+    bare = discrepancy(ladder.baseline, stretch(leader)) if leader.terms else left
     verdict = conclude(ladder, before, after, left, bare, broken(leader, settings.laws))
     return Judgement(ladder, before, after, left, bare, verdict)

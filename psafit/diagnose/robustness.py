@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psafit.diagnose.leftover import Leftover
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate, refitted
 
@@ -39,14 +39,14 @@ class Robustness:
         return len(self.groups) > 1 and max(g for _, g in self.groups) > 0.8 * sum(g for _, g in self.groups)
 
 
-def robustness(baseline: Candidate, leader: Candidate, bare: Leftover, left: Leftover) -> Robustness:
+def robustness(baseline: Candidate, leader: Candidate, bare: Discrepancy, left: Discrepancy) -> Robustness:
     """Ask what a gain rests on.
 
     Parameters
     ----------
     baseline, leader : Candidate
         Of the same readings.
-    bare, left : Leftover
+    bare, left : Discrepancy
         Discrepancies beside them.
     """
     problem = leader.problem

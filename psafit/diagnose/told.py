@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from psafit.diagnose import show
-from psafit.diagnose.leftover import Leftover
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import Coincidence, Misfit, Place, numbered
 from psafit.diagnose.record import (
     NEAREST,
     NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
+    DiscrepancyResult,
     Evidence,
-    GroupLeftover,
-    LeftoverResult,
+    GroupDiscrepancy,
     MisfitResult,
     ModelShown,
     ParameterResult,
@@ -212,7 +212,7 @@ def _furthest(misfit: Misfit, candidate: Candidate) -> list[Reading]:
 def misfit_of(
     before: Misfit,
     after: Misfit | None,
-    left: Leftover,
+    left: Discrepancy,
     baseline: Candidate,
     leader: Candidate,
     *,
@@ -225,9 +225,9 @@ def misfit_of(
         where=_where(before),
         baseline=_tests(before, baseline),
         extended=None if after is None else _tests(after, leader, _where(after)),
-        leftover=LeftoverResult(
+        leftover=DiscrepancyResult(
             left.log_bayes, left.amplitude, left.level, left.reach, left.sigma_rel,
-            [GroupLeftover(g, _finite(m), _finite(x)) for g, m, x in left.largest(leader)], left.mean.tolist(),
+            [GroupDiscrepancy(g, _finite(m), _finite(x)) for g, m, x in left.largest(leader)], left.mean.tolist(),
             [_finite(s) for s in left.sd],
         ),
         sessions=show.offsets(leader),

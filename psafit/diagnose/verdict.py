@@ -1,4 +1,4 @@
-r"""From the ladder, the tests and the leftover to a verdict.
+r"""From the ladder, the tests and the discrepancy to a verdict.
 
 * ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
   keeps at least one chance in twenty.
@@ -19,7 +19,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from psafit.diagnose.leftover import Leftover
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import ALPHA, Misfit
 from psafit.diagnose.record import Broken
 from psafit.diagnose.trials import VerdictWord
@@ -62,8 +62,8 @@ def conclude(
     ladder: Ladder,
     before: Misfit,
     after: Misfit | None,
-    left: Leftover,
-    bare: Leftover,
+    left: Discrepancy,
+    bare: Discrepancy,
     laws: Sequence[Broken] = (),
     prior_unnamed: float = 0.1,
 ) -> Verdict:
@@ -76,7 +76,7 @@ def conclude(
         Of the baseline.
     after : Misfit, optional
         Of the leader, where that is not the baseline.
-    left, bare : Leftover
+    left, bare : Discrepancy
         Of the leader, and of the baseline.
     laws : sequence of Broken
         Laws that the leader breaks.
@@ -107,7 +107,7 @@ def conclude(
     return Verdict("unexplained" if laws else "explained", named, (), probability, unnamed, inclusion)
 
 
-def _odds(ladder: Ladder, left: Leftover, bare: Leftover, probability: float) -> tuple[float, float]:
+def _odds(ladder: Ladder, left: Discrepancy, bare: Discrepancy, probability: float) -> tuple[float, float]:
     """Odds of a discrepancy without a name, beside the causes and in their place; it has a part of each model's prior.
 
     Beside all models but the baseline the evidence of it beside the leader stands for all.

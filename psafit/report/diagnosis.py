@@ -137,7 +137,7 @@ def _remaining(result: Diagnosis, shown: list[Shown]) -> dict[str, Any]:
         "tests_before": tables.tests(result.misfit.baseline),
         "search": tables.search(result.misfit.search),
         "tests_after": tables.tests(result.misfit.extended) if result.misfit.extended else None,
-        "leftover": tables.leftover(result, shown),
+        "discrepancy": tables.discrepancy(result, shown),
     }
 
 

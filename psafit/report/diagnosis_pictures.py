@@ -347,7 +347,7 @@ def gain_picture(gain: Gain) -> Picture:
     )
 
 
-def leftover_pictures(shown: Sequence[Shown], mean: FloatArray, sd: FloatArray) -> list[Picture]:
+def discrepancy_pictures(shown: Sequence[Shown], mean: FloatArray, sd: FloatArray) -> list[Picture]:
     """What no named cause describes, group by group.
 
     Parameters
@@ -361,7 +361,7 @@ def leftover_pictures(shown: Sequence[Shown], mean: FloatArray, sd: FloatArray) 
     if not parts:
         return []
     reach = float(np.clip(max(np.nanmax(np.abs(m) + 1.645 * s) for _, m, s in parts), 0.05, 3.0))
-    return [_leftover(g, m, s, reach, len(parts)) for g, m, s in parts]
+    return [_discrepancy(g, m, s, reach, len(parts)) for g, m, s in parts]
 
 
 def influence_pictures(found: Influence, shown: Sequence[Shown]) -> list[Picture]:
@@ -381,7 +381,7 @@ def influence_pictures(found: Influence, shown: Sequence[Shown]) -> list[Picture
     return pictures
 
 
-def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) -> Picture:
+def _discrepancy(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) -> Picture:
     heard = np.isfinite(sd)
     order = np.argsort(g.sweep.values[heard], kind="stable")
     x, m, s = (a[heard][order] for a in (g.sweep.values, mean, sd))
@@ -398,7 +398,6 @@ def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) 
     low, high = factor(float(m.min())), factor(float(m.max()))
     return Picture(
         _uri(figure, n),
-        f"Leftover discrepancy against {_swept(g.sweep)}, group {g.group.id}:"
-        f" readings ×{low} to ×{high} of the prediction.",
+        f"Discrepancy against {_swept(g.sweep)}, group {g.group.id}: readings ×{low} to ×{high} of the prediction.",
         f"×{low} to ×{high}; band: 90 %.",
     )

@@ -351,7 +351,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
     }
 
 
-def leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
+def discrepancy(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
     """What a smooth curve finds beside the causes, with its pictures."""
     left = result.misfit.leftover
     mean, sd = np.array(left.mean), np.array([known(x) for x in left.sd])
@@ -370,7 +370,7 @@ def leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
             ]
             for g in left.groups
         ],
-        "pictures": diagnosis_pictures.leftover_pictures(first(shown), mean, sd) if whole else [],
+        "pictures": diagnosis_pictures.discrepancy_pictures(first(shown), mean, sd) if whole else [],
     }
 
 

@@ -9,8 +9,8 @@ import pytest
 from rigs import RIG
 from truths import FEW, experiment, problem
 
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.gain import over_groups, split, summarise
-from psafit.diagnose.leftover import Leftover
 from psafit.experiment import fingerprint
 from psafit.model_search import search_models
 
@@ -43,7 +43,9 @@ def test_an_unnamed_discrepancy_widens_and_moves_nothing(monkeypatch):
     ladder = search_models(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
     found = []
     for size in (0.0, 0.5):
-        monkeypatch.setattr(Leftover, "elsewhere", lambda self, scatter, rng, size=size: np.full(scatter.shape, size))
+        monkeypatch.setattr(
+            Discrepancy, "elsewhere", lambda self, scatter, rng, size=size: np.full(scatter.shape, size)
+        )
         found.append(split(ladder, ("b",), 1).before[0])
     exact, vague = found
     assert (exact.median == vague.median).all() and (exact.median > 1).any()

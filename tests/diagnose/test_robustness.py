@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 from truths import FEW, bump, experiment, problem
 
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.robustness import Robustness, robustness
 from psafit.inference.candidate import fit
 
 
 def whose(baseline, leader):
-    return robustness(baseline, leader, leftover(baseline), leftover(leader))
+    return robustness(baseline, leader, discrepancy(baseline), discrepancy(leader))
 
 
 def test_whose_a_gain_is(hidden, sound):

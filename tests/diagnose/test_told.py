@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from truths import FEW, experiment, narrow, problem
 
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN
 from psafit.diagnose.room import Room
@@ -63,7 +63,7 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):
     e = experiment(spoil=narrow)
     ladder = search_models(problem(e), FEW, seed=1)
     before = examine(ladder.baseline, FEW, seed=1, n_simulated=99)
-    misfit = misfit_of(before, None, leftover(ladder.baseline), ladder.baseline, ladder.leader)
+    misfit = misfit_of(before, None, discrepancy(ladder.baseline), ladder.baseline, ladder.leader)
     hz = e.group("a").frequency_hz[9]
     assert [r.frequency_hz for r in misfit.baseline.furthest].count(hz) == 2
     assert [w.group for w in misfit.where[:2]] == ["a", "c"] and misfit.where[0].together == ["c"]

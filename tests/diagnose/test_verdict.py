@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from truths import FEW, experiment, problem
 
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import ALPHA, Coincidence, examine
 from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
@@ -22,8 +22,8 @@ def test_verdicts(hidden, sound):
     after = examine(hidden.leader, FEW, seed=1, n_simulated=199)
     assert before.wrong
     assert not after.wrong
-    left = leftover(hidden.leader)
-    bare = leftover(hidden.baseline)
+    left = discrepancy(hidden.leader)
+    bare = discrepancy(hidden.baseline)
     found = conclude(hidden, before, after, left, bare)
     assert found.verdict in ("explained", "ambiguous")
     assert found.named == ("amplifier_lag",)
@@ -77,7 +77,7 @@ def test_verdicts(hidden, sound):
     # Nothing hidden.
     plain = search_models(sound.problem, FEW, seed=1)
     quiet = replace(examine(plain.baseline, FEW, seed=1, n_simulated=199), coincidences=())
-    nothing = leftover(sound)
+    nothing = discrepancy(sound)
     assert conclude(plain, quiet, None, nothing, nothing).verdict == "adequate"
     # Nor is it adequate where readings stand out together, or only for heavy tails.
     pair = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)

@@ -158,7 +158,7 @@ def test_growth_says_what_it_leaves_out():
 
 def test_page_stands_alone(page):
     images = page.all("img")
-    assert len(images) == 1 + 3 + 1 + 2 + 3 + 2  # first screen, groups, growth, screening, leftover, gain
+    assert len(images) == 1 + 3 + 1 + 2 + 3 + 2  # first screen, groups, growth, screening, discrepancy, gain
     assert all(len(i["alt"] or "") > 30 and (i["src"] or "").startswith("data:image/") for i in images)
     assert len({i["alt"] for i in images}) == len(images)
     assert not page.all("link") and not page.all("iframe")
