@@ -53,7 +53,7 @@ from psafit.inference.evidence import importance_sample
 from psafit.inference.memory import code
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
-from psafit.model_search import SearchSettings, ladder
+from psafit.model_search import SearchSettings, model_set
 from psafit.physics import TERMS, terms
 from psafit.simulate import closed_form, stepper
 
@@ -103,7 +103,7 @@ def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int,
 
 def log_prior(ids: Ids) -> float:
     """Log prior probability of a set of causes."""
-    return ladder.log_prior(ids, ladder.beliefs(TERMS))
+    return model_set.log_prior(ids, model_set.beliefs(TERMS))
 
 
 def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float, float, Candidate]:

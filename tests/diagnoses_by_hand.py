@@ -31,7 +31,7 @@ from psafit.diagnose.record import (
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.show import Corner, Drift, Growth, Offset
 from psafit.experiment import Constants, Experiment, Group, fingerprint
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.records import Numerics, Refinement
 from psafit.report.diagnosis import write_diagnosis
 

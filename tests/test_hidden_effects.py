@@ -36,7 +36,7 @@ from psafit.diagnose.misfit import examine
 from psafit.diagnose.settings import Settings
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
 from psafit.inference.candidate import Candidate
-from psafit.model_search import SearchSettings, ladder
+from psafit.model_search import SearchSettings, model_set
 from psafit.physics import TERMS, terms
 
 SEED = "PSAFIT_CHALLENGE_SEED"
@@ -230,14 +230,14 @@ def without(part: str, patch: pytest.MonkeyPatch) -> None:
 
         patch.setattr(judging, "discrepancy", nothing)
     else:
-        priced = ladder.log_prior
+        priced = model_set.log_prior
         odds = {
             "single causes": lambda ids, beliefs: -1e6 if len(ids) == 1 else priced(ids, beliefs),
             "combinations": lambda ids, beliefs: -1e6 if len(ids) > 1 else priced(ids, beliefs),
             # Causes are paid for, not only free: of few, none need gain anything by luck.
             "the price of a cause": lambda ids, beliefs: PAID * len(ids),
         }
-        for module in (ladder, model_search):
+        for module in (model_set, model_search):
             patch.setattr(module, "log_prior", odds[part])
 
 

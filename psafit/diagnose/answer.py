@@ -21,7 +21,7 @@ from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.diagnose.words import PLAIN, Words
 from psafit.experiment import GroupId
 from psafit.inference import noise
-from psafit.model_search.ladder import CREDIBLE, LookedAt
+from psafit.model_search.model_set import CREDIBLE, LookedAt
 from psafit.physics import owner
 from psafit.text import fixed, significant
 

@@ -60,8 +60,8 @@ def drafted(judgement: Judgement, folder: Path) -> Draft | None:
         return None
     beside = judgement.verdict.remains or not judgement.verdict.named
     if beside:
-        return draft(judgement.ladder.leader, judgement.left, folder)
-    return draft(judgement.ladder.baseline, judgement.bare, folder)
+        return draft(judgement.model_set.leader, judgement.left, folder)
+    return draft(judgement.model_set.baseline, judgement.bare, folder)
 
 
 def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: DraftSettings | None = None) -> Draft | None:

@@ -35,8 +35,8 @@ from psafit.diagnose.discrepancy import Discrepancy, discrepancy
 from psafit.experiment import Experiment, Group, GroupId
 from psafit.inference import noise
 from psafit.inference.evidence import quantiles
-from psafit.model_search import Ids, Ladder
-from psafit.model_search.ladder import key_of
+from psafit.model_search import Ids, ModelSet
+from psafit.model_search.model_set import key_of
 from psafit.records import ABSENT
 from psafit.validate import (
     columns_of,
@@ -115,7 +115,7 @@ class Choice:
     choice : str
     saw, scored_on : list of group ids
     models : dict, optional
-        Probability of each model that was averaged, by its causes: see `psafit.model_search.ladder.key_of`.
+        Probability of each model that was averaged, by its causes: see `psafit.model_search.model_set.key_of`.
     led_to, begun_led_to : list of str, optional
         Of a search repeated from nothing: its leading set, and that of the search that began at known sets.
     log_posterior_below_begun : float, optional
@@ -186,7 +186,7 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """One training set, its ladder, and the forecasts of what it left out, before and after."""
+    """One training set, its model set, and the forecasts of what it left out, before and after."""
 
     seen: tuple[GroupId, ...]
     named: Ids
@@ -196,13 +196,13 @@ class Split:
 
 
 def split(
-    ladder: Ladder, held_out: Sequence[GroupId], seed: int, n_draws: int = 400, negligible: float = 0.02
+    model_set: ModelSet, held_out: Sequence[GroupId], seed: int, n_draws: int = 400, negligible: float = 0.02
 ) -> Split:
-    """Forecast groups that a ladder has not seen.
+    """Forecast groups that a model set has not seen.
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
     held_out : sequence of group ids
     seed : int
     n_draws : int
@@ -210,28 +210,30 @@ def split(
     negligible : float
         Models with less than this share of the best's probability are left out of the mixture.
     """
-    best = max(ladder.probability.values())
+    best = max(model_set.probability.values())
     shares = {
-        ids: p for ids in (c.ids for c in ladder.candidates) if (p := ladder.probability[ids]) >= negligible * best
+        ids: p
+        for ids in (c.ids for c in model_set.candidates)
+        if (p := model_set.probability[ids]) >= negligible * best
     }
     total = sum(shares.values())
     mixture = {ids: p / total for ids, p in shares.items()}
     # Once for all groups: a model without an importance sample of the search gets one here.
-    draws = {ids: ladder.draws(ids, seed) for ids in {(): 0.0, **mixture}}
+    draws = {ids: model_set.draws(ids, seed) for ids in {(): 0.0, **mixture}}
     before: dict[Ids, FloatArray] = {(): draws[()].resampled(n_draws)}
     after = {ids: draws[ids].resampled(max(round(n_draws * p), 16)) for ids, p in mixture.items()}
-    left = {ids: discrepancy(ladder.of(ids)) for ids in draws}
+    left = {ids: discrepancy(model_set.of(ids)) for ids in draws}
     return Split(
-        seen=ladder.baseline.problem.group_ids,
-        named=ladder.leader.ids,
+        seen=model_set.baseline.problem.group_ids,
+        named=model_set.leader.ids,
         mixture=mixture,
-        before=[f for g in held_out for f in _forecasts(ladder, {(): 1.0}, before, left, g, seed)],
-        after=[f for g in held_out for f in _forecasts(ladder, mixture, after, left, g, seed)],
+        before=[f for g in held_out for f in _forecasts(model_set, {(): 1.0}, before, left, g, seed)],
+        after=[f for g in held_out for f in _forecasts(model_set, mixture, after, left, g, seed)],
     )
 
 
 def _forecasts(
-    ladder: Ladder,
+    model_set: ModelSet,
     mixture: dict[Ids, float],
     drawn: dict[Ids, FloatArray],
     left: dict[Ids, Discrepancy],
@@ -241,7 +243,7 @@ def _forecasts(
     """Of each observable of a group."""
     ranges, readings, density, weight = [], [], [], []
     for k, (ids, share) in enumerate(mixture.items()):
-        problem = ladder.of(ids).problem
+        problem = model_set.of(ids).problem
         draws = drawn[ids]
         group = problem.experiment.group(group_id)
         rng = np.random.default_rng([seed, 11, k, problem.experiment.groups.index(group)])

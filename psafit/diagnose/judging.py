@@ -11,7 +11,7 @@ from psafit.diagnose.misfit import Misfit, examine
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.inference.candidate import Candidate
-from psafit.model_search import Ladder
+from psafit.model_search import ModelSet
 from psafit.physics.term import Term
 
 
@@ -21,7 +21,7 @@ class Judgement:
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
         What the search has found.
     before, after : Misfit
         Of the baseline, and of the leader where that is another model.
@@ -30,7 +30,7 @@ class Judgement:
     verdict : Verdict
     """
 
-    ladder: Ladder
+    model_set: ModelSet
     before: Misfit
     after: Misfit | None
     left: Discrepancy
@@ -40,16 +40,16 @@ class Judgement:
     @property
     def adopted(self) -> Candidate:
         """The model that the verdict adopts: where nothing is wrong the baseline, whatever leads."""
-        return self.ladder.baseline if self.verdict.verdict == "adequate" else self.ladder.leader
+        return self.model_set.baseline if self.verdict.verdict == "adequate" else self.model_set.leader
 
 
-def judge(ladder: Ladder, catalogue: Sequence[Term], settings: Settings, *, seed: int) -> Judgement:
+def judge(model_set: ModelSet, catalogue: Sequence[Term], settings: Settings, *, seed: int) -> Judgement:
     """Judge what a search has found."""
-    leader, n = ladder.leader, settings.simulated
-    before = examine(ladder.baseline, catalogue, seed=seed, n_simulated=n)
+    leader, n = model_set.leader, settings.simulated
+    before = examine(model_set.baseline, catalogue, seed=seed, n_simulated=n)
     after = examine(leader, catalogue, seed=seed, n_simulated=n) if leader.terms else None
     # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
     left = discrepancy(leader)
-    bare = discrepancy(ladder.baseline, stretch(leader)) if leader.terms else left
-    verdict = conclude(ladder, before, after, left, bare, broken(leader, settings.laws))
-    return Judgement(ladder, before, after, left, bare, verdict)
+    bare = discrepancy(model_set.baseline, stretch(leader)) if leader.terms else left
+    verdict = conclude(model_set, before, after, left, bare, broken(leader, settings.laws))
+    return Judgement(model_set, before, after, left, bare, verdict)

@@ -21,7 +21,7 @@ from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
 from psafit.inference.samplers.nautilus import NestedEvidence
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.records import ABSENT, Brief, Numerics
 
@@ -96,7 +96,7 @@ class Evidence:
 
 @dataclass(frozen=True, repr=False)
 class CauseResult(Brief):
-    """One model of the ladder.
+    """One model of the model set.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.diagnose.trials import Calibration, Rate
 from psafit.experiment import CONSTANT_UNITS, Experiment
 from psafit.inference.evidence import TRUSTED
-from psafit.model_search.ladder import set_of
+from psafit.model_search.model_set import set_of
 from psafit.report import diagnosis_pictures, figures
 from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import cause, declared, model, parameter

@@ -13,7 +13,7 @@ from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.report.diagnosis_answer import kind
 
 

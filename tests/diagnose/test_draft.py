@@ -65,14 +65,14 @@ def test_a_draft_that_somebody_has_edited_stays(sound, tmp_path) -> None:
 
 def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
     left, small = made(sound, "range", 300.0), made(sound, "frequency", 1500.0)
-    ladder = SimpleNamespace(leader=sound, baseline=sound)
+    model_set = SimpleNamespace(leader=sound, baseline=sound)
     for verdict, named, remains, axis in (
         ("explained", ("gap",), False, None), ("unexplained", (), False, "range"),
         ("unexplained", ("gap",), True, "range"), ("unexplained", ("gap",), False, "frequency"),
     ):  # fmt: skip
         concluded = SimpleNamespace(verdict=verdict, named=named, remains=remains)
         bare = small if named else left
-        judged = SimpleNamespace(verdict=concluded, ladder=ladder, left=left, bare=bare)
+        judged = SimpleNamespace(verdict=concluded, model_set=model_set, left=left, bare=bare)
         found = drafted(judged, tmp_path)
         assert (found and found.axis) == axis
     record = replace(make_record(make_experiment()), draft=found)

@@ -28,7 +28,7 @@ def test_verdicts(hidden, sound):
     assert found.verdict in ("explained", "ambiguous")
     assert found.named == ("amplifier_lag",)
     assert found.inclusion["amplifier_lag"] > 0.95
-    # The same ladder whose leader leaves structure is not an explanation.
+    # The same model set whose leader leaves structure is not an explanation.
     spoilt = replace(after, p_value=ALPHA / 2)
     assert conclude(hidden, before, spoilt, left, bare).verdict == "unexplained"
     # A rival of equal probability makes a tie.

@@ -19,7 +19,7 @@ from psafit.diagnose.next_experiment import NextExperiment, Pair, Purpose
 from psafit.diagnose.record import Confusion, Diagnosis, MisfitResult, ModelShown
 from psafit.diagnose.significance import Significance
 from psafit.experiment import Experiment, Group, fingerprint
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.records import read_json, write_json
 from psafit.report import diagnosis_pictures
 from psafit.report.catalogue import model

@@ -11,15 +11,15 @@ from truths import FEW
 
 from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import Fitted
-from psafit.model_search.ladder import Ladder, beliefs, log_prior, rank
 from psafit.model_search.loop import Ids, Model, Searched
+from psafit.model_search.model_set import ModelSet, beliefs, log_prior, rank
 from psafit.physics import TERMS
 
 BELIEFS = dict.fromkeys("abcdefghijklmnopqrstuvwx", 0.04)
 
 
-def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float]) -> Ladder:
-    """The ladder of models with these evidences, some of them sampled, with a standard error."""
+def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float]) -> ModelSet:
+    """A model set with these evidences, some of them sampled, with a standard error."""
     models = {}
     for ids, value in evidence.items():
         draws = SimpleNamespace(doubt=sampled[ids]) if ids in sampled else None
@@ -71,12 +71,12 @@ def test_no_set_more_probable_than_a_listed_one_is_left_out(best: float) -> None
     heights = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
     models = tuple(fitted(ids, height) for ids, height in heights.items())
     probability = {tuple(ids): p for ids, p in likely.items()}
-    found = Ladder(models, probability, {}, {}, BELIEFS).rivals(("a",))  # type: ignore[arg-type]
+    found = ModelSet(models, probability, {}, {}, BELIEFS).rivals(("a",))  # type: ignore[arg-type]
     assert found[:3] == (("b", "c"), ("g",), ("d",))
     assert len(found) == (3 if best > 0.95 else 4)
 
 
-def test_ladder_names_a_hidden_cause(hidden: Ladder) -> None:
+def test_model_set_names_a_hidden_cause(hidden: ModelSet) -> None:
     assert hidden.leader.ids == ("amplifier_lag",)
     assert hidden.gain(("amplifier_lag",)) > 10  # nats of 72 readings
     # Sets with a further cause that nobody can see are counted with it.
@@ -89,7 +89,7 @@ def test_ladder_names_a_hidden_cause(hidden: Ladder) -> None:
     assert all(any({"amplifier_lag", id} == set(ids) for ids in hidden.probability) for id in others)
 
 
-def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden: Ladder) -> None:
+def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden: ModelSet) -> None:
     for c in hidden.candidates:
         for smaller in hidden.candidates:
             if set(smaller.ids) < set(c.ids):
