@@ -96,8 +96,8 @@ def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int,
         {ids: value + found.log_prior(ids) for ids, value in found.log_evidence.items()},
         found.probability,
         tuple(c.ids for c in found.candidates),
-        (found.leader.ids, *found.rivals(found.leader.ids)),
-        found.leader.modes,
+        (found.best_model.ids, *found.rivals(found.best_model.ids)),
+        found.best_model.modes,
     )
 
 

@@ -210,7 +210,7 @@ def _of_diagnosis(folder: Path) -> Side:
     }
     parameters = {
         name: Estimate(p.median, known(p.lower), known(p.upper), p.unit, p.description)
-        for name, p in (record.leader.parameters if record.leader else {}).items()
+        for name, p in (record.best_model.parameters if record.best_model else {}).items()
     }
     told = read_predictions(record.table(folder, record.predictions))
     return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, told)

@@ -294,7 +294,7 @@ class _Work:
         write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
         with self._stage("causes"):
             model_set = self._search(experiment.ids)
-        leader = model_set.leader
+        best_model = model_set.best_model
         with self._stage("tests"):
             judgement = judge(model_set, self.catalogue, self.settings, seed=self.seed)
             verdict, adopted = judgement.verdict, judgement.adopted
@@ -319,7 +319,7 @@ class _Work:
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(model_set, repeats))
         causes = self._causes(model_set, verdict, nautilus)
-        beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
+        beside = screen(best_model, self.catalogue) if verdict.verdict != "adequate" and best_model.terms else []
         screening = told.screening_of(screen(model_set.baseline, self.catalogue), beside, model_set, verdict, self.seed)
         calibration = self._calibration(model_set, drawn) if drawn else None
         seed, n_draws = self.seed, self.settings.draws
@@ -371,7 +371,7 @@ class _Work:
         causes = told.causes_of(model_set, verdict)
         if not nautilus:
             return causes
-        decisive = [set(ids) for ids in ((), verdict.named, model_set.leader.ids, *verdict.alternatives)]
+        decisive = [set(ids) for ids in ((), verdict.named, model_set.best_model.ids, *verdict.alternatives)]
         with self._stage("nautilus"):
             return [self._confirmed(c, model_set) if set(c.terms) in decisive else c for c in causes]
 
@@ -383,13 +383,13 @@ class _Work:
     def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
         """What the tests say of the baseline and the best model, and the laws that reported models break."""
         model_set, verdict, left = judgement.model_set, judgement.verdict, judgement.left
-        leader = model_set.leader
+        best_model = model_set.best_model
         held = [judgement.adopted, *(model_set.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
         laws = [law for model in held for law in broken(model, self.settings.laws)]
         misfit = told.misfit_of(
-            judgement.before, judgement.after, left, model_set.baseline, leader,
+            judgement.before, judgement.after, left, model_set.baseline, best_model,
             remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
-            firm=robustness(model_set.baseline, leader, judgement.bare, left) if leader.terms else None,
+            firm=robustness(model_set.baseline, best_model, judgement.bare, left) if best_model.terms else None,
         )  # fmt: skip
         return misfit, laws
 
@@ -590,15 +590,17 @@ def _model_set_of(
 
 def _audit(begun: ModelSet, anew: ModelSet, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[Choice]:
     """Lines of the ledger on where the searches of the nested protocol began, and what that has changed in one."""
-    worth = [found.log_evidence[found.leader.ids] + found.log_prior(found.leader.ids) for found in (begun, anew)]
+    worth = [
+        found.log_evidence[found.best_model.ids] + found.log_prior(found.best_model.ids) for found in (begun, anew)
+    ]
     return [
         Choice("sets at which the searches began", list(every), []),
         Choice(
             "the same search from nothing",
             list(seen),
             [],
-            led_to=list(anew.leader.ids),
-            begun_led_to=list(begun.leader.ids),
+            led_to=list(anew.best_model.ids),
+            begun_led_to=list(begun.best_model.ids),
             log_posterior_below_begun=worth[0] - worth[1],
         ),
     ]
@@ -628,7 +630,7 @@ def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[t
         causes = [c.ids for c in model_set.candidates if c.ids and model_set.probability[c.ids] >= 1 - CREDIBLE]
         equals = [(), *causes[:1]]
     else:
-        equals = [model_set.leader.ids, *verdict.alternatives]
+        equals = [model_set.best_model.ids, *verdict.alternatives]
     return [(model_set.of(ids), model_set.draws(ids, seed)) for ids in equals[:most]]
 
 
@@ -649,7 +651,7 @@ def _next(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watcher: 
 
     With a watcher the best is rehearsed, and the best that leaves the rig as it is.
     """
-    if not any((g.amplitude_v > 0).any() for g in model_set.leader.problem.experiment.groups):
+    if not any((g.amplitude_v > 0).any() for g in model_set.best_model.problem.experiment.groups):
         return NextExperiment()
     tied = _tied(model_set, verdict, seed, most)
     if len(tied) == 1:

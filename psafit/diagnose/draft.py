@@ -60,7 +60,7 @@ def drafted(judgement: Judgement, folder: Path) -> Draft | None:
         return None
     beside = judgement.verdict.remains or not judgement.verdict.named
     if beside:
-        return draft(judgement.model_set.leader, judgement.left, folder)
+        return draft(judgement.model_set.best_model, judgement.left, folder)
     return draft(judgement.model_set.baseline, judgement.bare, folder)
 
 

@@ -225,7 +225,7 @@ def split(
     left = {ids: discrepancy(model_set.of(ids)) for ids in draws}
     return Split(
         seen=model_set.baseline.problem.group_ids,
-        named=model_set.leader.ids,
+        named=model_set.best_model.ids,
         mixture=mixture,
         before=[f for g in held_out for f in _forecasts(model_set, {(): 1.0}, before, left, g, seed)],
         after=[f for g in held_out for f in _forecasts(model_set, mixture, after, left, g, seed)],

@@ -64,22 +64,22 @@ class Influence:
 
 
 def influence(model_set: ModelSet, named: Ids, *, seed: int, draws: int = 400) -> Influence:
-    """Ask which readings the causes of the leader live on.
+    """Ask which readings the causes of the best model live on.
 
     Parameters
     ----------
     model_set : ModelSet
     named : tuple of str
-        Causes of the leader, in the order in which they are told.
+        Causes of the best model, in the order in which they are told.
     seed : int
     draws : int
         Of each model's posterior.
     """
-    expected, tail = _left_out(model_set, model_set.leader.ids, seed, draws)
-    problem = model_set.leader.problem
+    expected, tail = _left_out(model_set, model_set.best_model.ids, seed, draws)
+    problem = model_set.best_model.problem
     found = []
     for id in named:
-        rest = tuple(other for other in model_set.leader.ids if other != id)
+        rest = tuple(other for other in model_set.best_model.ids if other != id)
         if rest in model_set.log_evidence:
             nats = expected - _left_out(model_set, rest, seed, draws)[0]
             each = [(g, float(nats[problem.design.group == k].sum())) for k, g in enumerate(problem.group_ids)]

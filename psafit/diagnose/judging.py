@@ -24,9 +24,9 @@ class Judgement:
     model_set : ModelSet
         What the search has found.
     before, after : Misfit
-        Of the baseline, and of the leader where that is another model.
+        Of the baseline, and of the best model where that is another model.
     left, bare : Discrepancy
-        Discrepancies beside the leader, and beside the baseline.
+        Discrepancies beside the best model, and beside the baseline.
     verdict : Verdict
     """
 
@@ -40,16 +40,16 @@ class Judgement:
     @property
     def adopted(self) -> Candidate:
         """The model that the verdict adopts: where nothing is wrong the baseline, whatever leads."""
-        return self.model_set.baseline if self.verdict.verdict == "adequate" else self.model_set.leader
+        return self.model_set.baseline if self.verdict.verdict == "adequate" else self.model_set.best_model
 
 
 def judge(model_set: ModelSet, catalogue: Sequence[Term], settings: Settings, *, seed: int) -> Judgement:
     """Judge what a search has found."""
-    leader, n = model_set.leader, settings.simulated
+    best_model, n = model_set.best_model, settings.simulated
     before = examine(model_set.baseline, catalogue, seed=seed, n_simulated=n)
-    after = examine(leader, catalogue, seed=seed, n_simulated=n) if leader.terms else None
+    after = examine(best_model, catalogue, seed=seed, n_simulated=n) if best_model.terms else None
     # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
-    left = discrepancy(leader)
-    bare = discrepancy(model_set.baseline, stretch(leader)) if leader.terms else left
-    verdict = conclude(model_set, before, after, left, bare, broken(leader, settings.laws))
+    left = discrepancy(best_model)
+    bare = discrepancy(model_set.baseline, stretch(best_model)) if best_model.terms else left
+    verdict = conclude(model_set, before, after, left, bare, broken(best_model, settings.laws))
     return Judgement(model_set, before, after, left, bare, verdict)

@@ -368,7 +368,7 @@ def tell_apart(
 
 
 def determine(
-    leader: Candidate, draws: ImportanceSample, *, seed: int, settings: ProposalSettings | None = None
+    best_model: Candidate, draws: ImportanceSample, *, seed: int, settings: ProposalSettings | None = None
 ) -> tuple[str, list[Proposal]]:
     """Measurements by how much they would narrow a weakly determined parameter, and which one that is; best first.
 
@@ -376,14 +376,14 @@ def determine(
     """
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
-    possible, weak = _possible(leader), weakly_determined(leader, draws)
-    model = _Model.of(leader, draws.resampled(settings.glance), rng)
+    possible, weak = _possible(best_model), weakly_determined(best_model, draws)
+    model = _Model.of(best_model, draws.resampled(settings.glance), rng)
     falls = np.array([_narrowing(model.forecast(p.design), model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
     possible = [possible[k] for k in _best(possible, falls[:, which], settings.closer)]
 
     def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
-        model = _Model.of(leader, rows, rng)
+        model = _Model.of(best_model, rows, rng)
         found = [_narrowing(model.forecast(p.design), model.u[:, [weak[which]]]) for p in possible]
         return [p.judged((float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
 
@@ -391,7 +391,7 @@ def determine(
     ranked = _best(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
     # As above, what is told of them comes from other draws.
     found = judged([possible[k] for k in ranked], every[1::2])
-    return leader.problem.names[weak[which]], _worth_building(found, settings.changed_rig)
+    return best_model.problem.names[weak[which]], _worth_building(found, settings.changed_rig)
 
 
 def _worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
@@ -420,27 +420,27 @@ def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) 
     return best
 
 
-def weakly_determined(leader: Candidate, draws: ImportanceSample, *, share: float = 0.5) -> list[int]:
+def weakly_determined(best_model: Candidate, draws: ImportanceSample, *, share: float = 0.5) -> list[int]:
     """Indices of the physical parameters that the readings leave a `share` as wide as the prior, or wider.
 
     If there is none, of the widest. Spreads of sessions are left aside: more sessions tell of those, not more readings.
     """
-    ratio = _width_left(leader, draws)
+    ratio = _width_left(best_model, draws)
     return np.flatnonzero(ratio >= min(share, ratio.max())).tolist()
 
 
-def is_weak(leader: Candidate, draws: ImportanceSample, name: str, *, share: float = 0.5) -> bool:
+def is_weak(best_model: Candidate, draws: ImportanceSample, name: str, *, share: float = 0.5) -> bool:
     """Whether the readings leave a physical parameter a `share` as wide as its prior, or wider."""
-    return bool(_width_left(leader, draws)[leader.problem.names.index(name)] >= share)
+    return bool(_width_left(best_model, draws)[best_model.problem.names.index(name)] >= share)
 
 
-def _width_left(leader: Candidate, draws: ImportanceSample, n_draws: int = ProposalSettings.draws) -> FloatArray:
+def _width_left(best_model: Candidate, draws: ImportanceSample, n_draws: int = ProposalSettings.draws) -> FloatArray:
     """What the readings leave of the priors' widths, (n_physical,); less than nothing for spreads of sessions."""
-    problem = leader.problem
+    problem = best_model.problem
     u = draws.resampled(n_draws)[:, : problem.n_physical]
     q = problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim]))
     prior = 0.5 * (q[1] - q[0])[: problem.n_physical]
-    hyper = {t.strength.name for t in leader.terms if t.latent}
+    hyper = {t.strength.name for t in best_model.terms if t.latent}
     return np.where([name in hyper for name in problem.names[: problem.n_physical]], -1.0, u.std(axis=0) / prior)
 
 

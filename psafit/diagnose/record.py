@@ -284,7 +284,7 @@ class GroupDiscrepancy:
 
 @dataclass(frozen=True)
 class DiscrepancyResult:
-    """An unnamed discrepancy beside the leader: see `psafit.diagnose.discrepancy.Discrepancy`."""
+    """An unnamed discrepancy beside the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
 
     log_bayes: float
     amplitude: float
@@ -306,7 +306,7 @@ class MisfitResult:
         Of the baseline's tests.
     where : list of Where
     baseline, extended : Tests
-        The second where the leader has causes.
+        The second where the best model has causes.
     leftover : DiscrepancyResult
     sessions : list of Offset
     remains : bool, optional
@@ -510,7 +510,7 @@ class Diagnosis(Brief):
         Probability that something is wrong which no cause describes.
     screening : list of ScreeningResult
     show : dict of str to ModelShown
-        "baseline", and "extended" where the leader has causes.
+        "baseline", and "extended" where the best model has causes.
     ledger : list of Choice
     extension : dict of str to ExtensionRun
         Causes fitted with lmfit and emcee like any run, each with its folder, groups, terms, whether the chain has
@@ -576,14 +576,14 @@ class Diagnosis(Brief):
     draft: Draft | None = field(default=None, metadata=ABSENT)
 
     @property
-    def leader(self) -> CauseResult | None:
+    def best_model(self) -> CauseResult | None:
         """The adopted model, where it is among the models of the record."""
         return next((c for c in self.causes if c.terms == self.named), None)
 
     @property
     def strange(self) -> list[str]:
         """Parameters of what is named whose values are implausible, the scatter's aside."""
-        return self.leader.strange if self.leader and self.named else []
+        return self.best_model.strange if self.best_model and self.named else []
 
     @property
     def headline(self) -> str:

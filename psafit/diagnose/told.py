@@ -48,10 +48,10 @@ _FURTHEST = 3
 
 
 def causes_of(model_set: ModelSet, verdict: Verdict) -> list[CauseResult]:
-    """The models of the record, the most probable first; leader, alternatives and baseline in any case."""
+    """The models of the record, the most probable first; best model, alternatives and baseline in any case."""
     shown = [c for c in model_set.candidates if model_set.probability[c.ids] >= _LEAST][:_SHOWN]
     tied = [c for c in model_set.candidates if c.ids in verdict.alternatives]
-    for always in (model_set.leader, model_set.baseline, *tied):
+    for always in (model_set.best_model, model_set.baseline, *tied):
         if always not in shown:
             shown.append(always)
     # What the verdict names comes first.
@@ -120,7 +120,7 @@ def screening_of(
     What could have been seen is asked `beside` the model that is adopted: a baseline that fails has a large scatter.
     """
     visible = {s.term.id: s.visible for s in beside}
-    adopted, found = () if verdict.verdict == "adequate" else model_set.leader.ids, []
+    adopted, found = () if verdict.verdict == "adequate" else model_set.best_model.ids, []
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
         left = None if s.term.id in adopted else room(model_set, adopted, s.term, seed=seed)
@@ -214,23 +214,23 @@ def misfit_of(
     after: Misfit | None,
     left: Discrepancy,
     baseline: Candidate,
-    leader: Candidate,
+    best_model: Candidate,
     *,
     remains: bool | None = None,
     firm: Robustness | None = None,
 ) -> MisfitResult:
-    """Return what the tests say of baseline and leader, and what a smooth curve finds beside the leader."""
+    """Return what the tests say of baseline and best model, and what a smooth curve finds beside the best model."""
     return MisfitResult(
         p_value=before.p_value,
         where=_where(before),
         baseline=_tests(before, baseline),
-        extended=None if after is None else _tests(after, leader, _where(after)),
+        extended=None if after is None else _tests(after, best_model, _where(after)),
         leftover=DiscrepancyResult(
             left.log_bayes, left.amplitude, left.level, left.reach, left.sigma_rel,
-            [GroupDiscrepancy(g, _finite(m), _finite(x)) for g, m, x in left.largest(leader)], left.mean.tolist(),
+            [GroupDiscrepancy(g, _finite(m), _finite(x)) for g, m, x in left.largest(best_model)], left.mean.tolist(),
             [_finite(s) for s in left.sd],
         ),
-        sessions=show.offsets(leader),
+        sessions=show.offsets(best_model),
         remains=remains,
         robustness=firm,
     )  # fmt: skip
@@ -243,7 +243,9 @@ def _finite(x: float) -> float | None:
 
 def shown(model_set: ModelSet) -> dict[str, ModelShown]:
     """What is drawn of baseline and extension: growth, corners and drift."""
-    models = {"baseline": model_set.baseline} | ({"extended": model_set.leader} if model_set.leader.terms else {})
+    models = {"baseline": model_set.baseline} | (
+        {"extended": model_set.best_model} if model_set.best_model.terms else {}
+    )
     drifts = {name: show.drift(c) for name, c in models.items()}
     # What stands out in either is told of both.
     told = {(d.parameter, d.variable) for found in drifts.values() for d in found[:_DRIFTS]}

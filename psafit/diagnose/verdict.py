@@ -75,11 +75,11 @@ def conclude(
     before : Misfit
         Of the baseline.
     after : Misfit, optional
-        Of the leader, where that is not the baseline.
+        Of the best model, where that is not the baseline.
     left, bare : Discrepancy
-        Of the leader, and of the baseline.
+        Of the best model, and of the baseline.
     laws : sequence of Broken
-        Laws that the leader breaks.
+        Laws that the best model breaks.
     prior_unnamed : float
         Prior probability of a discrepancy beside any model.
     """
@@ -94,7 +94,7 @@ def conclude(
     nothing, mostly_unnamed = model_set.probability[()], unnamed > 0.5
     if before.sound and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         return Verdict("adequate", (), (), probability, unnamed, inclusion)
-    best = model_set.leader.ids
+    best = model_set.best_model.ids
     if not best:  # something is wrong, and no cause helps
         return Verdict("unexplained", (), (), probability, unnamed, inclusion)
     alternatives, named = model_set.rivals(best), _best_first(best, model_set)
@@ -110,13 +110,13 @@ def conclude(
 def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability: float) -> tuple[float, float]:
     """Odds of a discrepancy without a name, beside the causes and in their place; it has a part of each model's prior.
 
-    Beside all models but the baseline the evidence of it beside the leader stands for all.
+    Beside all models but the baseline the evidence of it beside the best model stands for all.
     """
-    prior, best = probability / (1 - probability), model_set.leader.ids
+    prior, best = probability / (1 - probability), model_set.best_model.ids
     if not best:
         return prior * math.exp(min(left.log_bayes, 700.0)), 0.0
     worth = {ids: value + model_set.log_prior(ids) for ids, value in model_set.log_evidence.items()}
-    # What adds nothing visible is counted with the leader, but the leader's prior is its own.
+    # What adds nothing visible is counted with the best model, but the best model's prior is its own.
     own = model_set.probability[best] / max(
         1.0, sum(math.exp(w - worth[best]) for i, w in worth.items() if set(best) <= set(i))
     )

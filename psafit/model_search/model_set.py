@@ -2,8 +2,8 @@
 
 *Prior over models.* Causes are at work independently of each other, each with the probability that its file declares
 and gives a reason for. Most are surprises: of two dozen such causes about one is expected. A few are not, as that a dry
-contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a leader is
-not certain only because its rivals were not sampled.
+contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a best model
+is not certain only because its rivals were not sampled.
 
 *What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
 refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
@@ -102,7 +102,7 @@ class ModelSet:
         return self.of(())
 
     @property
-    def leader(self) -> Candidate:
+    def best_model(self) -> Candidate:
         """The most probable model."""
         return self.candidates[0]
 

@@ -59,7 +59,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     shown = shown_groups(result, experiment, folder)
     # Those that the baseline misses most.
     pictured = [shown[i] for i in worst([max(g.errors, default=0.0) for g in shown])]
-    leader = words.leader_of(result)
+    best_model = words.best_model_of(result)
     content = {
         "title": f"Diagnosis: {result.title}",
         "verdict": {"text": result.verdict, "kind": answer.kind(result)},
@@ -77,16 +77,20 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         **_misfit(result, experiment),
         "models": tables.model_rows(result),
         "all_groups": ",".join(str(g) for g in result.groups),
-        "leader": None
-        if leader is None
-        else {"name": model(leader.terms), "rows": tables.parameter_rows(leader), "options": ",".join(leader.terms)},
+        "best_model": None
+        if best_model is None
+        else {
+            "name": model(best_model.terms),
+            "rows": tables.parameter_rows(best_model),
+            "options": ",".join(best_model.terms),
+        },
         "other_models": [
-            {"name": model(c.terms), "rows": tables.parameter_rows(c)} for c in result.causes if c is not leader
+            {"name": model(c.terms), "rows": tables.parameter_rows(c)} for c in result.causes if c is not best_model
         ],
         "influence": diagnosis_pictures.influence_pictures(result.influence, pictured) if result.influence else [],
         "leaning": tables.leaning(result, shown),
-        "robustness": tables.robustness(result, leader),
-        "leader_listed": leader is result.leader,
+        "robustness": tables.robustness(result, best_model),
+        "best_model_listed": best_model is result.best_model,
         "mostly_unnamed": result.mostly_unnamed,
         **_remaining(result, shown),
         "quick": result.quick,

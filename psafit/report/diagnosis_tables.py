@@ -256,10 +256,10 @@ def parameter_rows(cause: CauseResult) -> list[list[Any]]:
     return rows
 
 
-def robustness(result: Diagnosis, leader: CauseResult | None) -> dict[str, Any] | None:
-    """Whose the leader's gain is; None where there is none."""
+def robustness(result: Diagnosis, best_model: CauseResult | None) -> dict[str, Any] | None:
+    """Whose the best model's gain is; None where there is none."""
     told = result.misfit.robustness
-    if told is None or leader is None or not leader.terms:
+    if told is None or best_model is None or not best_model.terms:
         return None
     return {
         "strongest": "" if told.strongest is None else str(told.strongest),

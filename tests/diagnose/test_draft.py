@@ -65,7 +65,7 @@ def test_a_draft_that_somebody_has_edited_stays(sound, tmp_path) -> None:
 
 def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
     left, small = made(sound, "range", 300.0), made(sound, "frequency", 1500.0)
-    model_set = SimpleNamespace(leader=sound, baseline=sound)
+    model_set = SimpleNamespace(best_model=sound, baseline=sound)
     for verdict, named, remains, axis in (
         ("explained", ("gap",), False, None), ("unexplained", (), False, "range"),
         ("unexplained", ("gap",), True, "range"), ("unexplained", ("gap",), False, "frequency"),

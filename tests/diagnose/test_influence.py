@@ -28,7 +28,7 @@ def test_a_cause_lives_on_the_readings_that_it_changes(hidden: ModelSet) -> None
     lag = ("amplifier_lag",)
     found = influence(hidden, lag, seed=1)
     (carried,) = found.causes
-    problem = hidden.leader.problem
+    problem = hidden.best_model.problem
     nats, fast = np.array(carried.nats), problem.design.frequency > 2000
     assert carried.total == pytest.approx(nats.sum()) == pytest.approx(sum(x for _, x in carried.groups))
     assert 0.5 * hidden.gain(lag) < carried.total < 1.2 * hidden.gain(lag)

@@ -15,10 +15,10 @@ from psafit.inference.evidence import importance_sample
 
 
 def test_next_experiment_separates_what_is_tied(hidden):
-    leader = hidden.leader
+    best_model = hidden.best_model
     rival = hidden.of(("flight_friction",))
-    draws = [importance_sample(c, seed=1) for c in (leader, rival)]
-    found = tell_apart([(leader, draws[0]), (rival, draws[1])], seed=1)
+    draws = [importance_sample(c, seed=1) for c in (best_model, rival)]
+    found = tell_apart([(best_model, draws[0]), (rival, draws[1])], seed=1)
     assert found[0].separation >= found[-1].separation
     assert found[0].separation > 3
     assert found[0].success > 0.5

@@ -63,7 +63,7 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):
     e = experiment(spoil=narrow)
     model_set = search_models(problem(e), FEW, seed=1)
     before = examine(model_set.baseline, FEW, seed=1, n_simulated=99)
-    misfit = misfit_of(before, None, discrepancy(model_set.baseline), model_set.baseline, model_set.leader)
+    misfit = misfit_of(before, None, discrepancy(model_set.baseline), model_set.baseline, model_set.best_model)
     hz = e.group("a").frequency_hz[9]
     assert [r.frequency_hz for r in misfit.baseline.furthest].count(hz) == 2
     assert [w.group for w in misfit.where[:2]] == ["a", "c"] and misfit.where[0].together == ["c"]

@@ -107,7 +107,7 @@ def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     for catalogue in (FEW, FEW[::-1]):
         found = search_models(whole, catalogue, seed=1)
-        assert set(found.leader.ids) == set(PAIR) and found.probability[found.leader.ids] > 0.9
+        assert set(found.best_model.ids) == set(PAIR) and found.probability[found.best_model.ids] > 0.9
 
 
 @pytest.mark.slow
@@ -115,12 +115,12 @@ def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
     """A model that fewer readings led to is fitted beside the baseline, and its neighbours if it leads."""
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     plain = search_models(whole, FEW, seed=1)
-    part = replace(plain.leader.problem, group_ids=("a", "b"))
-    known = candidate_at(part, plain.leader.modes)
+    part = replace(plain.best_model.problem, group_ids=("a", "b"))
+    known = candidate_at(part, plain.best_model.modes)
     begun = search_models(whole, FEW, seed=1, starts=[known])
     assert () in begun.samples
     assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
-    assert begun.leader.ids == plain.leader.ids == PAIR
+    assert begun.best_model.ids == plain.best_model.ids == PAIR
     assert begun.log_evidence[PAIR] == pytest.approx(plain.log_evidence[PAIR], abs=1.0)
 
 

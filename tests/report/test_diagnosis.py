@@ -376,8 +376,8 @@ def test_what_is_tied_with_the_best_extension_is_tied_with_it_by_name(undrawn, t
     experiment = make_experiment()
     record = replace(make_record(experiment), verdict="unexplained")
     text = build(record, experiment, tmp_path).first_screen
-    leader, other = model(record.named), model(record.alternatives[0])
-    assert f"Not to be told apart from {leader}: {other}; or " in text and "apart from it" not in text
+    best_model, other = model(record.named), model(record.alternatives[0])
+    assert f"Not to be told apart from {best_model}: {other}; or " in text and "apart from it" not in text
 
 
 def test_large_sets_are_told_by_what_differs():
