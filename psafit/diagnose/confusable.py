@@ -63,9 +63,9 @@ def confusable(
             at[:, larger.names.index(p.name)] = p.to_sampling(rows)
         effect = larger.predict(at) - model.predicted
         small = effect[int(np.argmax(np.abs(effect / model.scatter).max(axis=1) <= little))]
-        left = float(np.linalg.norm(model.beside(small[None])))
+        left = float(np.linalg.norm(model.project_out(small[None])))
         for cause in model.terms:
-            both = np.linalg.norm(model.beside(np.stack([effect[0], small]), without=cause), axis=1)
+            both = np.linalg.norm(model.project_out(np.stack([effect[0], small]), without=cause), axis=1)
             if both[0] < VISIBLE or both[1] == 0.0:
                 continue
             degrees = float(np.degrees(np.arcsin(min(left / both[1], 1.0))))

@@ -72,7 +72,7 @@ def room(
     log_weight = heights(problem, u, predicted, problem.observed) - proposal.log_density(u)
     weights = np.exp(log_weight - logsumexp(log_weight))
     plain = model_set.of(adopted)
-    effect = plain.beside(predicted - plain.predicted)
+    effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
     largest = np.max(np.abs(effect) * plain.scatter / (plain.predicted + OFFSET_UM), axis=1)
     return Room(*(float(quantiles(each, weights, [limit])[0]) for each in (largest, size)))

@@ -169,7 +169,7 @@ class Candidate:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.where(self.predicted > 0, self.slope / self.predicted, 0.0))
 
-    def beside(self, effect: FloatArray, *, without: Term | None = None) -> FloatArray:
+    def project_out(self, effect: FloatArray, *, without: Term | None = None) -> FloatArray:
         """What a refit leaves of changes of the ranges, in units of the scatter.
 
         Parameters
