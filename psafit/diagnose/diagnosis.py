@@ -590,7 +590,7 @@ def _model_set_of(
 
 def _audit(begun: ModelSet, anew: ModelSet, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[Choice]:
     """Lines of the ledger on where the searches of the nested protocol began, and what that has changed in one."""
-    worth = [
+    log_posterior = [
         found.log_evidence[found.best_model.ids] + found.log_prior(found.best_model.ids) for found in (begun, anew)
     ]
     return [
@@ -601,7 +601,7 @@ def _audit(begun: ModelSet, anew: ModelSet, every: Sequence[GroupId], seen: Sequ
             [],
             led_to=list(anew.best_model.ids),
             begun_led_to=list(begun.best_model.ids),
-            log_posterior_below_begun=worth[0] - worth[1],
+            log_posterior_below_begun=log_posterior[0] - log_posterior[1],
         ),
     ]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from psafit.diagnose.confusable import Alike
+from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.gain import Choice, Gain
 from psafit.diagnose.influence import Influence
 from psafit.diagnose.misfit import Character, Coincidence, Statistic
@@ -393,12 +393,12 @@ class Confusion:
 
     Parameters
     ----------
-    alike : list of Alike
+    alike : list of Confounded
     proposal, truth, before, after, first
         Of tied models: `psafit.diagnose.next_experiment.Rehearsal` of the same conditions again.
     """
 
-    alike: list[Alike] = field(default_factory=list)
+    alike: list[Confounded] = field(default_factory=list)
     proposal: str | None = field(default=None, metadata=ABSENT)
     truth: list[list[str]] | None = field(default=None, metadata=ABSENT)
     before: list[float] | None = field(default=None, metadata=ABSENT)

@@ -121,8 +121,8 @@ def lead(model_set: ModelSet) -> float:
     A cause that is more probable than not before any reading counts as even: what was believed anyway is no find.
     """
     odds = {id: min(math.log(p) - math.log1p(-p), 0.0) for id, p in model_set.beliefs.items()}
-    worth = {ids: value + sum(odds[id] for id in ids) for ids, value in model_set.log_evidence.items()}
-    return max(value for ids, value in worth.items() if ids) - worth[()]
+    log_posterior = {ids: value + sum(odds[id] for id in ids) for ids, value in model_set.log_evidence.items()}
+    return max(value for ids, value in log_posterior.items() if ids) - log_posterior[()]
 
 
 def looked_up(

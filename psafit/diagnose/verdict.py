@@ -115,10 +115,10 @@ def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability
     prior, best = probability / (1 - probability), model_set.best_model.ids
     if not best:
         return prior * math.exp(min(left.log_bayes, 700.0)), 0.0
-    worth = {ids: value + model_set.log_prior(ids) for ids, value in model_set.log_evidence.items()}
+    log_posterior = {ids: value + model_set.log_prior(ids) for ids, value in model_set.log_evidence.items()}
     # What adds nothing visible is counted with the best model, but the best model's prior is its own.
     own = model_set.probability[best] / max(
-        1.0, sum(math.exp(w - worth[best]) for i, w in worth.items() if set(best) <= set(i))
+        1.0, sum(math.exp(w - log_posterior[best]) for i, w in log_posterior.items() if set(best) <= set(i))
     )
     ratio = (
         bare.log_evidence - (left.log_evidence - left.log_bayes) + model_set.log_prior(()) - model_set.log_prior(best)

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from psafit.compare import known
 from psafit.diagnose.answer import purpose_text
-from psafit.diagnose.confusable import Alike
+from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.gain import Choice, Gain
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Rehearsal
@@ -538,7 +538,7 @@ def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[l
     ]
 
 
-def alike(pairs: Sequence[Alike], most: int = 12) -> list[list[Any]]:
+def alike(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
     """Pairs of causes whose effects look alike, `most` of them, and by which angle they differ."""
     return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:most]]
 

@@ -13,7 +13,7 @@ from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_re
 from reader import HOSTILE, Reader
 
 from psafit.diagnose.answer import purpose_text
-from psafit.diagnose.confusable import Alike
+from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Purpose
 from psafit.diagnose.record import Confusion, Diagnosis, MisfitResult, ModelShown
@@ -247,7 +247,7 @@ def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_p
     record = replace(
         record,
         next_experiment=told,
-        confusion=Confusion([Alike("hysteresis", "swing_drag", 3.4)]),
+        confusion=Confusion([Confounded("hysteresis", "swing_drag", 3.4)]),
         gain=record.gain | {"strict": replace(record.gain["strict"], groups=worse)},
     )
     page = build(record, experiment, tmp_path)
