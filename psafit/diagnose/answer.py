@@ -176,10 +176,10 @@ class Named(Statement):
         what = words.causes(self.causes)
         if self.probability is not None:
             what = words.put("{} (probability {})", what, words.per_cent(self.probability))
-        told = [words.instead(self.causes, ids) for ids in self.alternatives[:_TIED]]
-        if more := len(self.alternatives) - len(told):
-            told.append(f"{more} more set{'' if more == 1 else 's'}")
-        tied = words.joined("; or ", told)
+        texts = [words.instead(self.causes, ids) for ids in self.alternatives[:_TIED]]
+        if more := len(self.alternatives) - len(texts):
+            texts.append(f"{more} more set{'' if more == 1 else 's'}")
+        tied = words.joined("; or ", texts)
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= _WORTH_SAYING else ""
         if self.verdict == "explained":
@@ -206,7 +206,7 @@ class Named(Statement):
             "law": "it breaks a law that holds whatever the causes are",
         }[self.left or "structure"]
         odd = "" if self.p_after is None else f"family-wise p = {significant(self.p_after, 2)}; "
-        also = words.put(" Not to be told apart from {}: {}.", words.causes(self.causes), tied) if told else ""
+        also = words.put(" Not to be told apart from {}: {}.", words.causes(self.causes), tied) if texts else ""
         return words.put(
             "The best extension is {}, but {} ({}probability of an unnamed discrepancy {}).{}",
             what, why, odd, words.per_cent(self.unnamed), also,
@@ -539,7 +539,7 @@ class Next(Statement):
         """Return the sentence."""
         first, purpose = self.found.proposals[0], self.found.purpose
         about, text = purpose_text(purpose, words), words.number(first.text)
-        if self.found.tells_apart:
+        if self.found.separates:
             lead = f"over {0.9 * CLEAR:.0f} nats"
             if first.separation <= 0.9 * CLEAR:
                 lead = f"{fixed(first.separation, 1)} +- {fixed(first.error, 1)} nats"
@@ -547,10 +547,10 @@ class Next(Statement):
         else:
             by = words.put("narrower by {}", words.per_cent(-math.expm1(-first.separation)))
         if self.found.recommended:
-            does = "{}: it best {}, with an expected lead of {}." if self.found.tells_apart else "{}: it best {}, {}."
+            does = "{}: it best {}, with an expected lead of {}." if self.found.separates else "{}: it best {}, {}."
             rest = " The other sets are not looked at: without --quick the four likeliest are."
             return words.put("Next, measure " + does + "{}", text, about, by, rest if self.more else "")
-        if self.found.tells_apart:
+        if self.found.separates:
             return words.put("No sweep that the rig allows {}: the best, {}, by {}.", about, text, by)
         return words.put("No sweep that the rig allows would tell much more: the best, {}, {}, {}.", text, about, by)
 

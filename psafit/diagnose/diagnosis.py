@@ -14,7 +14,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
-from psafit.diagnose import next_experiment, told
+from psafit.diagnose import next_experiment, results
 from psafit.diagnose.answer import sentences
 from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
@@ -320,7 +320,9 @@ class _Work:
             misfit = replace(misfit, search=self._significance(model_set, repeats))
         causes = self._causes(model_set, verdict, nautilus)
         beside = screen(best_model, self.catalogue) if verdict.verdict != "adequate" and best_model.terms else []
-        screening = told.screening_of(screen(model_set.baseline, self.catalogue), beside, model_set, verdict, self.seed)
+        screening = results.screening_of(
+            screen(model_set.baseline, self.catalogue), beside, model_set, verdict, self.seed
+        )
         calibration = self._calibration(model_set, drawn) if drawn else None
         seed, n_draws = self.seed, self.settings.draws
         lives_on = influence(model_set, verdict.named, seed=seed, draws=n_draws) if verdict.named else None
@@ -342,7 +344,7 @@ class _Work:
             sentences=[],
             unnamed=verdict.unnamed,
             screening=screening,
-            show=told.shown(model_set),
+            show=results.shown(model_set),
             extension=extension,
             ledger=ledger,
             title=experiment.title,
@@ -368,7 +370,7 @@ class _Work:
 
     def _causes(self, model_set: ModelSet, verdict: Verdict, nautilus: bool) -> list[CauseResult]:
         """The models of the record; those that the verdict rests on confirmed by a nested sampler, if asked for."""
-        causes = told.causes_of(model_set, verdict)
+        causes = results.causes_of(model_set, verdict)
         if not nautilus:
             return causes
         decisive = [set(ids) for ids in ((), verdict.named, model_set.best_model.ids, *verdict.alternatives)]
@@ -386,7 +388,7 @@ class _Work:
         best_model = model_set.best_model
         held = [judgement.adopted, *(model_set.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
         laws = [law for model in held for law in broken(model, self.settings.laws)]
-        misfit = told.misfit_of(
+        misfit = results.misfit_of(
             judgement.before, judgement.after, left, model_set.baseline, best_model,
             remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
             firm=robustness(model_set.baseline, best_model, judgement.bare, left) if best_model.terms else None,
@@ -658,7 +660,7 @@ def _next(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watcher: 
         name, found = next_experiment.determine(*tied[0], seed=seed)
         weak = next_experiment.is_weak(*tied[0], name)
         return NextExperiment.of(found, Purpose("narrow", parameter=name), weak)
-    found = next_experiment.tell_apart(tied, seed=seed)
+    found = next_experiment.separating(tied, seed=seed)
     result = NextExperiment.of(found, Purpose("separate", [list(c.ids) for c, _ in tied]))
     if watcher is not None and verdict.alternatives:
         prior = [model_set.log_prior(c.ids) for c, _ in tied]

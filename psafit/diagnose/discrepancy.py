@@ -110,8 +110,8 @@ class Discrepancy:
         found = []
         for group_id, _, rows in sweeps(candidate.problem):
             seen = self.mean[rows][np.isfinite(self.sd[rows])]
-            told = (float(seen.mean()), float(np.abs(seen).max())) if seen.size else (math.nan, math.nan)
-            found.append((group_id, *told))
+            sizes = (float(seen.mean()), float(np.abs(seen).max())) if seen.size else (math.nan, math.nan)
+            found.append((group_id, *sizes))
         return found
 
 

@@ -78,19 +78,19 @@ def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: Draft
     """
     settings = settings or DraftSettings()
     design = candidate.problem.design
-    told = (design.measured == OBSERVABLES.index(LAUNCH_RANGE)) & np.isfinite(left.sd)
+    usable = (design.measured == OBSERVABLES.index(LAUNCH_RANGE)) & np.isfinite(left.sd)
     axes: dict[Axis, FloatArray] = {
         "frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted,
     }  # fmt: skip
     best: Draft | None = None
     for axis, values in axes.items():
-        rows = told & (values > 0)
+        rows = usable & (values > 0)
         if rows.sum() > 3 and np.ptp(x := np.log(values[rows])) > 0:
             found = _described(axis, x, left.mean[rows], settings)
             best = found if best is None or found.share > best.share else best
     if best is None or best.share < settings.share:
         return None
-    spread = np.log(axes[best.axis][told & (axes[best.axis] > 0)])
+    spread = np.log(axes[best.axis][usable & (axes[best.axis] > 0)])
     if not (folder / FILE).exists():
         _write(folder / FILE, best, float(spread.min()), float(spread.max()))
     return best

@@ -334,7 +334,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
     if all(silences.values()):  # better what says little than no number
         silences = dict.fromkeys(silences, "")
     rows: list[GroupGain] = []
-    told: list[tuple[Forecast, Forecast]] = []
+    heard: list[tuple[Forecast, Forecast]] = []
     redrawn: list[tuple[FloatArray, FloatArray]] = []
     for one in splits:
         for before, after in zip(one.before, one.after, strict=True):
@@ -351,7 +351,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
                 )
             )  # fmt: skip
             if not silent:
-                told.append((before, after))
+                heard.append((before, after))
                 redrawn.append(change)
     name = f"predictions-{protocol}.csv"
     for observable in dict.fromkeys(f.group.observable for one in splits for f in one.after):
@@ -365,7 +365,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         )
         file = folder / table_name(f"predictions-{protocol}", observable)
         write_table(file, (*columns_of(observable), "model"), table)
-    every = [np.concatenate([_inside(p[k]) for p in told]) for k in (0, 1)]
+    every = [np.concatenate([_inside(p[k]) for p in heard]) for k in (0, 1)]
     telling = [r for r in rows if not r.silent]
     rmse, elpd = (np.array(each) for each in zip(*redrawn, strict=True))
     found = np.array([[r.log_rmse_after - r.log_rmse_before, r.elpd_after - r.elpd_before] for r in telling])

@@ -83,7 +83,7 @@ def influence(model_set: ModelSet, named: Ids, *, seed: int, draws: int = 400) -
         if rest in model_set.log_evidence:
             nats = expected - _left_out(model_set, rest, seed, draws)[0]
             each = [(g, float(nats[problem.design.group == k].sum())) for k, g in enumerate(problem.group_ids)]
-            groups = sorted(each, key=lambda told: -told[1])
+            groups = sorted(each, key=lambda item: -item[1])
             found.append(Carried(id, nats.tolist(), float(nats.sum()), carrying_half(nats), groups))
     return Influence(found, tail.tolist())
 

@@ -181,7 +181,7 @@ class NextExperiment:
         return cls(purpose.text, _first(found, most, lambda p: not p.constants), purpose, weak)
 
     @property
-    def tells_apart(self) -> bool:
+    def separates(self) -> bool:
         """Whether the proposals are to separate models, not to narrow a parameter of one."""
         return self.purpose is not None and self.purpose.kind == "separate"
 
@@ -202,14 +202,14 @@ class NextExperiment:
         narrower : float, nats
             The same of a parameter to be determined: a standard deviation a tenth smaller.
         """
-        return proposal.separation - 2 * proposal.error > (apart if self.tells_apart else narrower)
+        return proposal.separation - 2 * proposal.error > (apart if self.separates else narrower)
 
     def promise(self, which: int) -> str:
         """Return what one of the proposals is expected to do, in words."""
         one = self.proposals[which]
         does = (
             f"{self.about}, by {significant(one.separation, 2)} +- {significant(one.error, 1)} nats on average"
-            if self.tells_apart
+            if self.separates
             else f"{self.about}: narrower by {fixed(-math.expm1(-one.separation), per_cent=True)} %"
         )
         return does + ("" if self.recommended else ", hardly worth the measurement")
@@ -343,7 +343,7 @@ def _say(value: float) -> str:
     return f"{float(f'{value:.3g}'):.6g}"
 
 
-def tell_apart(
+def separating(
     tied: Sequence[tuple[Candidate, ImportanceSample]], *, seed: int, settings: ProposalSettings | None = None
 ) -> list[Proposal]:
     """Measurements by how well they would separate two models or more; best first."""
@@ -516,9 +516,9 @@ def _trial(
     own = right.log_density(readings, chosen)
     each = own - np.array([own if m is right else m.log_density(readings) for m in models])  # (n, trials)
     ratio = math.log(len(models) - 1) - logsumexp(-np.delete(each, truth, axis=0), axis=0)
-    told = np.clip(ratio, -CLEAR, CLEAR)
-    error = float(told.std() / math.sqrt(settings.trials))
-    judgement = float(told.mean()), float(np.mean(ratio > settings.wins)), error
+    clipped = np.clip(ratio, -CLEAR, CLEAR)
+    error = float(clipped.std() / math.sqrt(settings.trials))
+    judgement = float(clipped.mean()), float(np.mean(ratio > settings.wins)), error
     return judgement, np.clip(each, -CLEAR, CLEAR).mean(axis=1)
 
 

@@ -112,7 +112,7 @@ class CauseResult(Brief):
         whose prior is uniform.
     """
 
-    _told = ("terms", "probability")
+    _in_repr = ("terms", "probability")
 
     terms: list[str]
     probability: float
@@ -537,7 +537,7 @@ class Diagnosis(Brief):
         What no cause explains, described as a cause: see `psafit.diagnose.draft`.
     """
 
-    _told = ("verdict", "named", "title", "quick")
+    _in_repr = ("verdict", "named", "title", "quick")
 
     schema: int
     verdict: VerdictWord
@@ -591,9 +591,9 @@ class Diagnosis(Brief):
         sets = [self.named] if self.named else []
         if self.verdict == "ambiguous":
             sets += self.alternatives
-        told = [ids for k, ids in enumerate(sets) if k == 0 or sum(map(len, sets[: k + 1])) <= _NAMES]
-        words = [" + ".join(ids) or "nothing" for ids in told]
-        if more := len(sets) - len(told):
+        listed = [ids for k, ids in enumerate(sets) if k == 0 or sum(map(len, sets[: k + 1])) <= _NAMES]
+        words = [" + ".join(ids) or "nothing" for ids in listed]
+        if more := len(sets) - len(listed):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
         n = len(self.screening)
         restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
@@ -613,6 +613,6 @@ class Diagnosis(Brief):
         return self.unnamed > 0.5
 
     @property
-    def tells_unnamed(self) -> bool:
+    def reports_unnamed(self) -> bool:
         """Whether a discrepancy without a name is probable enough to stand among the models."""
         return self.unnamed >= _TOLD

@@ -55,7 +55,7 @@ def robustness(baseline: Candidate, best_model: Candidate, bare: Discrepancy, le
     groups = [(id, float(change[problem.design.group == k].sum())) for k, id in enumerate(ids)]
     strongest, without = None, None
     if len(ids) > 1:
-        strongest = max(groups, key=lambda told: told[1])[0]
+        strongest = max(groups, key=lambda item: item[1])[0]
         others = tuple(id for id in ids if id != strongest)
         with_it, plain = (refitted(replace(c.problem, group_ids=others), c) for c in (best_model, baseline))
         without = with_it.log_likelihood - plain.log_likelihood

@@ -144,7 +144,7 @@ def corner_rows(result: Diagnosis) -> list[list[Any]]:
         {str(c.group): c for c in result.show[name].corners} for name in ("baseline", "extended") if name in result.show
     ]
 
-    def told(c: Corner | None, *, measured: bool) -> list[str]:
+    def cells(c: Corner | None, *, measured: bool) -> list[str]:
         at = None if c is None else c.measured if measured else c.simulated
         exponents = None if c is None else c.exponents if measured else c.simulated_exponents
         if c is None or at is None or exponents is None:
@@ -159,9 +159,9 @@ def corner_rows(result: Diagnosis) -> list[list[Any]]:
     for group in dict.fromkeys(id for of_model in models for id in of_model):
         found = [of_model.get(group) for of_model in models]
         measured = next((c for c in reversed(found) if c and c.measured is not None), None)
-        row = [group, *told(measured, measured=True)]
+        row = [group, *cells(measured, measured=True)]
         for c in found:
-            row += told(c, measured=False)
+            row += cells(c, measured=False)
         rows.append(row)
     return rows
 
@@ -173,9 +173,9 @@ def session_rows(sessions: Sequence[Offset]) -> list[list[Any]]:
         middle, low, high = s.factor, s.lower, s.upper
         # Of many pairs some lie outside their 90 % interval: half of a 99 % one by the width of that.
         apart = abs(math.log(middle)) > norm.ppf(0.995) / (2 * norm.ppf(0.95)) * math.log(high / low)
-        told = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
+        badge = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
         where = count(s.n_conditions, "condition")
-        rows.append([f"{s.second} over {s.first}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", told])
+        rows.append([f"{s.second} over {s.first}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", badge])
     return rows
 
 
@@ -258,15 +258,15 @@ def parameter_rows(cause: CauseResult) -> list[list[Any]]:
 
 def robustness(result: Diagnosis, best_model: CauseResult | None) -> dict[str, Any] | None:
     """Whose the best model's gain is; None where there is none."""
-    told = result.misfit.robustness
-    if told is None or best_model is None or not best_model.terms:
+    found = result.misfit.robustness
+    if found is None or best_model is None or not best_model.terms:
         return None
     return {
-        "strongest": "" if told.strongest is None else str(told.strongest),
-        "without": words.nats(told.without),
-        "over_smooth": words.nats(abs(told.over_smooth)),
-        "less": told.over_smooth >= 0,
-        "rows": [[str(group), words.nats(gain)] for group, gain in told.groups],
+        "strongest": "" if found.strongest is None else str(found.strongest),
+        "without": words.nats(found.without),
+        "over_smooth": words.nats(abs(found.over_smooth)),
+        "less": found.over_smooth >= 0,
+        "rows": [[str(group), words.nats(gain)] for group, gain in found.groups],
     }
 
 
@@ -463,16 +463,16 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
                 words.span(p.frequency_hz, "Hz"),
                 words.span(p.amplitude_v, "V"),
                 listed(changed) if changed else "as it is",
-                words.lead(p) if found.tells_apart else words.narrowing(p),
+                words.lead(p) if found.separates else words.narrowing(p),
                 words.share(p.success),
                 _left_tied(p.pairs),
             ]
         )
     several = any(len(p.pairs) > 1 for p in found.proposals)
     if not several:
-        rows = [row[: -1 if found.tells_apart else -2] for row in rows]
+        rows = [row[: -1 if found.separates else -2] for row in rows]
     about = purpose_text(found.purpose, PAGE)
-    return {"about": about, "tells": found.tells_apart, "several": several, "rows": rows}
+    return {"about": about, "tells": found.separates, "several": several, "rows": rows}
 
 
 def _left_tied(pairs: Sequence[Pair], hardly: float = 3.0) -> Markup | str:
@@ -534,7 +534,7 @@ def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[l
             words.quantity(float(g.group.amplitude_v[k]), "V"),
             fixed(value, 2),
         ]
-        for value, g, k in sorted(far, key=lambda told: -told[0])[:most]
+        for value, g, k in sorted(far, key=lambda row: -row[0])[:most]
     ]
 
 

@@ -530,7 +530,7 @@ def _moved(x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, 
 
 
 @compiled(inside=True)
-def _told_from_noise(first, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack):  # type: ignore[no-untyped-def]
+def _above_noise(first, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack):  # type: ignore[no-untyped-def]
     """Where something passes a threshold before the place `cut`, and the level of a step that shows that it does."""
     theta, floor = _crossing(first, swing, threshold, side, fresh, slip, bern, stack)
     if theta < cut and fresh and level > 0 and _is_noise(bern, DEGREE, theta, noise + floor):
@@ -610,7 +610,7 @@ def _first_event(motion, d, v2, forces, errors, held, law, bern, stack, scratch)
     cut, event = (room / h, _PIECE) if room <= h else (2.0, -1)
     side = -1.0 if regime == FREE else 1.0
     threshold = release if regime == BOND else 0.0
-    theta, shorter = _told_from_noise(d, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack)
+    theta, shorter = _above_noise(d, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack)
     if shorter < level:
         return cut, event, way, shorter, False
     if theta < cut:
@@ -626,16 +626,14 @@ def _first_event(motion, d, v2, forces, errors, held, law, bern, stack, scratch)
             cut, event = theta, _TURNS
     elif pull != 1.0 and regime == BOND:
         # Back to contact proper: only the law's exception for d >= 0 changes there.
-        theta, shorter = _told_from_noise(d, swing, 0.0, -1.0, slip, noise, cut, level, fresh, bern, stack)
+        theta, shorter = _above_noise(d, swing, 0.0, -1.0, slip, noise, cut, level, fresh, bern, stack)
         if theta < cut:
             cut, event = theta, _RETURNS
     if shorter < level:
         return cut, event, way, shorter, False
     if grip > 0.0 and not stuck:
         gained = times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball)
-        theta, shorter = _told_from_noise(
-            v2, gained + v2, 0.0, way, slip / h, noise / h, cut, level, fresh, bern, stack
-        )
+        theta, shorter = _above_noise(v2, gained + v2, 0.0, way, slip / h, noise / h, cut, level, fresh, bern, stack)
         if theta < cut:
             cut, event = theta, _RESTS
     elif grip > 0.0 and regime != FREE:

@@ -10,7 +10,7 @@ from rigs import RIG
 from truths import experiment
 
 from psafit.diagnose import next_experiment
-from psafit.diagnose.next_experiment import ProposalSettings, determine, proposals, tell_apart
+from psafit.diagnose.next_experiment import ProposalSettings, determine, proposals, separating
 from psafit.inference.evidence import importance_sample
 
 
@@ -18,7 +18,7 @@ def test_next_experiment_separates_what_is_tied(hidden):
     best_model = hidden.best_model
     rival = hidden.of(("flight_friction",))
     draws = [importance_sample(c, seed=1) for c in (best_model, rival)]
-    found = tell_apart([(best_model, draws[0]), (rival, draws[1])], seed=1)
+    found = separating([(best_model, draws[0]), (rival, draws[1])], seed=1)
     assert found[0].separation >= found[-1].separation
     assert found[0].separation > 3
     assert found[0].success > 0.5

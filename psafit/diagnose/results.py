@@ -178,8 +178,9 @@ def _where(misfit: Misfit) -> list[Where]:
     def place(group: GroupId, p: Coincidence | Place, together: list[GroupId]) -> None:
         ends = dict.fromkeys((f"{p.lower:.6g}", f"{p.upper:.6g}"))
         side = "too large" if p.log_bias > 0 else "too small"
-        told = f"the prediction is {side}, as there in group {', '.join(map(str, together))}," if together else ""
-        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}: {told or f'predictions {side}'} by a factor of"
+        elsewhere = f"the prediction is {side}, as there in group {', '.join(map(str, together))}," if together else ""
+        what = elsewhere or f"predictions {side}"
+        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}: {what} by a factor of"
         text += f" {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)"
         found.append(Where(group, p.variable, p.lower, p.upper, text, p.log_bias, p.score, together))
 
@@ -248,12 +249,12 @@ def shown(model_set: ModelSet) -> dict[str, ModelShown]:
     )
     drifts = {name: show.drift(c) for name, c in models.items()}
     # What stands out in either is told of both.
-    told = {(d.parameter, d.variable) for found in drifts.values() for d in found[:_DRIFTS]}
+    striking = {(d.parameter, d.variable) for found in drifts.values() for d in found[:_DRIFTS]}
     return {
         name: ModelShown(
             growth=show.growth(c),
             corners=show.corners(c),
-            drift=[d for d in drifts[name] if (d.parameter, d.variable) in told],
+            drift=[d for d in drifts[name] if (d.parameter, d.variable) in striking],
             lines=show.lines(c),
             predicted_um=c.predicted.tolist(),
             without_um={

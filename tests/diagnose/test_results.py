@@ -11,9 +11,9 @@ from truths import FEW, experiment, narrow, problem
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN
+from psafit.diagnose.results import _cause, _word, misfit_of
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import VISIBLE, screen
-from psafit.diagnose.told import _cause, _word, misfit_of
 from psafit.inference.sample import sample
 from psafit.model_search import search_models
 from psafit.parameters import Belief, Normal
