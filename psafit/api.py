@@ -121,6 +121,7 @@ class Rig(_Shown):
         *,
         causes: str | Sequence[str] | None = None,
         quick: bool = False,
+        calibrate: int = 0,
         out: str | Path | None = None,
         seed: int = 1,
         jobs: int | None = None,
@@ -137,6 +138,8 @@ class Rig(_Shown):
             Candidate causes; all of the catalogue by default. The answer names those that were left out.
         quick : bool
             The verdict alone, by the same search.
+        calibrate : int
+            Data sets drawn from the answer and diagnosed again, to say how often it is right here.
         out : path-like, optional
             Folder; the command line's by default.
         seed : int
@@ -159,8 +162,8 @@ class Rig(_Shown):
         ensure_writable(folder, "out", folder=True, inputs=[self.experiment.folder])
         with watcher(quiet) as show:
             record = diagnose(
-                self.experiment, ids, folder, quick=quick, seed=seed, catalogue=candidates, jobs=jobs,
-                scheduler=scheduler, watcher=show,
+                self.experiment, ids, folder, quick=quick, calibrate=calibrate, seed=seed, catalogue=candidates,
+                jobs=jobs, scheduler=scheduler, watcher=show,
             )  # fmt: skip
         return Diagnosed(record, self.experiment, folder)
 

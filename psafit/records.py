@@ -404,15 +404,18 @@ class GroupScore:
     role : {"fit", "holdout"}
     observable : str, optional
         What is read, by its name; left out for the launch range.
+    unit : str, optional
+        Unit of `crps_um` where it is not um.
     n_points : int
     log_rmse : float
-        Root mean square of ln((predicted + 0.3 um)/(measured + 0.3 um)), predicted = posterior median.
+        Root mean square of ln((predicted + 0.3 um)/(measured + 0.3 um)), predicted = posterior median; other
+        observables have an offset of their own.
     log_bias : float
         Mean of the same: positive where the prediction is too large.
     coverage_50, coverage_90 : float
         Fraction of readings inside the central predictive interval.
     crps_um : float
-        Mean continuous ranked probability score, um; in the unit of another observable where `observable` names it.
+        Mean continuous ranked probability score, um, or in `unit`.
     elpd : float
         Expected log predictive density, summed over the readings, nats.
     elpd_per_point : float
@@ -441,6 +444,7 @@ class GroupScore:
     informative: bool
     verdict: str
     observable: str | None = dataclasses.field(default=None, metadata=ABSENT)
+    unit: str | None = dataclasses.field(default=None, metadata=ABSENT)
 
     @property
     def of(self) -> str:

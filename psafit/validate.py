@@ -306,14 +306,16 @@ def too_few(group: Group, least: int = 3) -> str:
 def score(prediction: Prediction) -> GroupScore:
     """Scores of one group."""
     measured = prediction.group.reading
-    error = log_ratio(prediction.median, measured, prediction.group.observable.offset)
+    read = prediction.group.observable
+    error = log_ratio(prediction.median, measured, read.offset)
     silent = silence(prediction.group)
     silenced = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
     return GroupScore(
         group=prediction.group.id,
-        observable=None if prediction.group.observable is LAUNCH_RANGE else prediction.group.observable.name,
+        observable=None if read is LAUNCH_RANGE else read.name,
+        unit=None if read is LAUNCH_RANGE else read.unit,
         role=prediction.role,
         n_points=measured.size,
         log_rmse=root_mean_square(error),

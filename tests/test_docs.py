@@ -600,3 +600,15 @@ def test_a_small_letter_is_not_passed_over() -> None:
 def test_the_page_of_commands_is_what_they_say() -> None:
     page = loaded(DOCS / "make_commands.py").page()
     assert (DOCS / "commands.md").read_text("utf-8") == page, "run python docs/make_commands.py"
+
+
+def test_what_may_be_said_is_kept_by_tests_that_are_there() -> None:
+    text = (ROOT / "docs" / "reliability.md").read_text("utf-8")
+    table = text.split("## What may be said")[1].split("## Measured")[0]
+    named = re.findall(r"`(test_\w+)`", table)
+    there = {
+        name
+        for file in (ROOT / "tests").rglob("test_*.py")
+        for name in re.findall(r"def (test_\w+)", file.read_text("utf-8"))
+    }
+    assert len(named) >= 10 and not set(named) - there

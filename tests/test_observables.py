@@ -11,7 +11,8 @@ import pytest
 from folders import write
 
 from psafit.errors import InputError
-from psafit.experiment import Experiment, Group, describe, fingerprint, read_experiment, write_experiment
+from psafit.experiment import Experiment, Group, describe, fingerprint, read_experiment, read_plan, write_experiment
+from psafit.experiment.writer import table_text
 from psafit.inference import noise
 from psafit.inference.optimise import gradient
 from psafit.inference.optimiser import expansion, slopes
@@ -191,3 +192,19 @@ def test_sweeps_keep_observables_apart() -> None:
     f = np.array([3.0, 1.0, 2.0, 1.0, 3.0])
     group = Group(1, "sine", "", f, np.ones(5), np.ones(5), measured=np.array([0, 0, 1, 1, 0], np.int8))
     assert group.in_sweep.tolist() == [1, 0, 4, 3, 2]
+
+
+def test_an_empty_column_says_what_a_plan_will_read(tmp_path: Path) -> None:
+    """... and is written back; a column that is empty here and there is a fault, as it always was."""
+    text = "frequency_hz,amplitude_v,contact_time_us,sigma_us\n1000,20,,2\n1200,20,,3\n"
+    plan = read_plan(write(tmp_path / "a", a=text))
+    group = plan.groups[0]
+    assert not isinstance(group, Group) and group.observables == (CONTACT_TIME,)
+    assert group.sigma is not None and group.sigma.tolist() == [2, 3]
+    assert table_text(group) == text
+    with pytest.raises(InputError, match="contact_time_us is empty"):
+        read_experiment(write(tmp_path / "b", a=text))
+    with pytest.raises(InputError, match=r":3.*contact_time_us is empty"):
+        read_plan(write(tmp_path / "c", a=text.replace("1000,20,,", "1000,20,5,")))
+    launch = read_plan(write(tmp_path / "d", a="frequency_hz,amplitude_v\n1,1\n")).groups[0]
+    assert launch.observables == (LAUNCH_RANGE,) and table_text(launch) == "frequency_hz,amplitude_v\n1,1\n"

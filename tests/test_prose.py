@@ -17,7 +17,7 @@ AVOIDED = re.compile(
 )
 
 # Words that are gone from the code, too. Keys of files stay: `short_climbs` of a diagnosis' settings, the tasks "climb"
-# and "weigh", the `leftover` of a misfit.
+# and "weigh", the `discrepancy` of a misfit.
 GONE = re.compile(
     r"(?<![a-z])(hills?|climb(s|ed|ing)?|ascen(d|ds|ded|t)|rungs?|cliffs?|scouted|leftovers?|ladders?|leaders?)(?![a-z])",
     re.IGNORECASE,

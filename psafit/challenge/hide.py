@@ -31,6 +31,7 @@ from psafit.experiment import (
     write_experiment,
 )
 from psafit.inference import noise as scatter_law
+from psafit.observables import LAUNCH_RANGE
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
@@ -179,6 +180,11 @@ def make(
     settings = settings or HideSettings()
     if strength is not None and (kind == "nothing" or outside is not None):
         raise InputError("a strength of no cause is asked for", "leave it out")
+    if design_of is not None and any(g.observables != (LAUNCH_RANGE,) for g in design_of.groups):
+        raise InputError(
+            "reads more than launch ranges, in which challenges are hidden",
+            f"leave {LAUNCH_RANGE.column} alone in its files", file=design_of.folder,
+        )  # fmt: skip
     kind, chosen = _request(seed, kind, terms, outside, settings.odds)
     if strength is not None and not (np.isfinite(strength) and strength > 0):
         raise InputError(f"a gain of {strength:g} nats cannot be asked for", "give a number above 0")

@@ -168,7 +168,8 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
         place, file, fitted = (shlex.quote(shown_path(p)) for p in (out, out / sweep.file, run))
         click.echo(f"group {sweep.id}: {text}")
         click.echo(f"what is expected: psafit simulate {place} --run {fitted} --plot plan.png")
-        columns = "a column launch_range_um" + ("" if sweep.sigma is None else ", and your sigma_um,")
+        o = sweep.observable
+        columns = f"a column {o.column}" + ("" if sweep.sigma is None else f", and your {o.sigma_column},")
         click.echo(f"once measured, put {columns} into {file}, then: psafit diagnose {place}")
     return DONE
 

@@ -128,8 +128,7 @@ def diagnose(
     everything = Problem(experiment, experiment.ids, tuple(TERMS if catalogue is None else catalogue))
     catalogue = everything.terms  # with the priors that the experiment states
     settings = settings or Settings.usual(quick)
-    looked_at = {t.id for t in catalogue}
-    left_out = [t.id for t in TERMS if t.id not in looked_at]
+    left_out = [t.id for t in TERMS if t.id not in everything.ids]
     asked = [training, seed, quick, searches, nautilus, calibrate, asdict(settings), left_out]
     identity = _identity(everything, asked)
     with sole(folder):
@@ -313,19 +312,19 @@ class _Work:
             confusion = replace(confusion, alike=confusable(adopted, self.catalogue))
         ledger = [Choice("verdict, causes named, their probabilities", list(experiment.ids), [])]
         measured = {} if quick else self._gains(model_set)
-        for scored in measured.values():
-            ledger += scored.ledger
+        ledger += [choice for scored in measured.values() for choice in scored.ledger]
         extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
             misfit = replace(misfit, search=self._significance(model_set, repeats))
-        causes = self._causes(model_set, verdict, nautilus)
+        causes = results.causes_of(model_set, verdict)
+        if nautilus:
+            decisive = [set(ids) for ids in ((), verdict.named, best_model.ids, *verdict.alternatives)]
+            with self._stage("nautilus"):
+                causes = [self._confirmed(c, model_set) if set(c.terms) in decisive else c for c in causes]
         beside = screen(best_model, self.catalogue) if verdict.verdict != "adequate" and best_model.terms else []
         screening = results.screening_of(
             screen(model_set.baseline, self.catalogue), beside, model_set, verdict, self.seed
         )
-        calibration = self._calibration(model_set, drawn) if drawn else None
-        seed, n_draws = self.seed, self.settings.draws
-        lives_on = influence(model_set, verdict.named, seed=seed, draws=n_draws) if verdict.named else None
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -360,22 +359,13 @@ class _Work:
             identity=identity,
             left_out=list(self.left_out),
             settings=self.settings,
-            calibration=calibration,
-            influence=lives_on,
+            calibration=self._calibration(model_set, drawn),
+            influence=influence(model_set, verdict.named, seed=self.seed, draws=self.settings.draws),
             draft=drafted(judgement, self.folder),
         )
         result = replace(result, sentences=sentences(result))
         write_json(self.folder / RESULT, result, sealed=True)
         return result
-
-    def _causes(self, model_set: ModelSet, verdict: Verdict, nautilus: bool) -> list[CauseResult]:
-        """The models of the record; those that the verdict rests on confirmed by a nested sampler, if asked for."""
-        causes = results.causes_of(model_set, verdict)
-        if not nautilus:
-            return causes
-        decisive = [set(ids) for ids in ((), verdict.named, model_set.best_model.ids, *verdict.alternatives)]
-        with self._stage("nautilus"):
-            return [self._confirmed(c, model_set) if set(c.terms) in decisive else c for c in causes]
 
     def _forget(self) -> None:
         """Remove record and page: the tables that follow belong to another answer, which has no record yet."""
@@ -497,8 +487,10 @@ class _Work:
                 progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
             )  # fmt: skip
 
-    def _calibration(self, model_set: ModelSet, drawn: int) -> Calibration:
-        """How often such a verdict is right here."""
+    def _calibration(self, model_set: ModelSet, drawn: int) -> Calibration | None:
+        """How often such a verdict is right here, where that is asked for."""
+        if not drawn:
+            return None
         with self._stage("calibration"):
             return calibrated(
                 model_set, self.catalogue, drawn, seed=self.seed, memory=self._memory, settings=self.settings,
@@ -664,7 +656,7 @@ def _next(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watcher: 
     result = NextExperiment.of(found, Purpose("separate", [list(c.ids) for c, _ in tied]))
     if watcher is not None and verdict.alternatives:
         prior = [model_set.log_prior(c.ids) for c, _ in tied]
-        here = [p for p in found if not p.constants][:1]
+        here = [p for p in found if p.as_it_is][:1]
         rehearsals = [
             rehearse(tied, prior, p, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))
             for p in {p.text: p for p in found[:1] + here}.values()

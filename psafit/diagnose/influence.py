@@ -63,8 +63,8 @@ class Influence:
     tail: list[float]
 
 
-def influence(model_set: ModelSet, named: Ids, *, seed: int, draws: int = 400) -> Influence:
-    """Ask which readings the causes of the best model live on.
+def influence(model_set: ModelSet, named: Ids, *, seed: int, draws: int = 400) -> Influence | None:
+    """Ask which readings the causes of the best model live on; None where none are named.
 
     Parameters
     ----------
@@ -75,6 +75,8 @@ def influence(model_set: ModelSet, named: Ids, *, seed: int, draws: int = 400) -
     draws : int
         Of each model's posterior.
     """
+    if not named:
+        return None
     expected, tail = _left_out(model_set, model_set.best_model.ids, seed, draws)
     problem = model_set.best_model.problem
     found = []

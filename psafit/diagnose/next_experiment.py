@@ -3,7 +3,8 @@ r"""Which measurement would tell tied causes apart, or a weakly determined param
 Each proposal is a sweep, with a drive that the rig has, within the limits that the experiment states for frequency,
 amplitude and each constant of the rig that can be changed; where it states none, between the frequencies and up to the
 amplitude that were measured, or the same with a string or a ball of half or twice the size. It is read with the fitted
-scatter and the usual uncertainty of the readings, where they state one. For models with posterior draws, readings are
+scatter and the usual uncertainty of the readings, where they state one. On the rig as it is, every other observable is
+tried as well: a contact time may tell apart what launch ranges cannot. For models with posterior draws, readings are
 simulated from one, and the log ratio of its posterior predictive density of these readings (a mixture over its draws)
 to the mean of the others' is what the readings would add to its log odds. The mean over many simulated experiments is
 the expected separation; the share of them in which the right model wins by three nats is how often the proposal works:
@@ -31,7 +32,7 @@ from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
-from psafit.physics.term import Term
+from psafit.observables import OBSERVABLES
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings
 from psafit.text import fixed, significant
@@ -60,7 +61,8 @@ class ProposalSettings:
     wins : float, nats
         Log ratio from which on a simulated experiment counts as a success.
     changed_rig : float
-        What a changed rig must do more than the rig as it is, as a part of it, to be worth building.
+        What a changed rig or another instrument must do more than what is there, as a part of it, to be worth its
+        price.
     """
 
     draws: int = 150
@@ -93,6 +95,8 @@ class Proposal:
         How far it separates each two of the models; empty for one model alone.
     drive : dict
         What else the drive has of a group's keys, such as `bias_v`; empty for a plain waveform.
+    observable : str, optional
+        What is to be read, where that is not what the readings so far are of.
     """
 
     text: str
@@ -105,6 +109,17 @@ class Proposal:
     error: float
     pairs: list[Pair] = field(default_factory=list)
     drive: dict[str, float] = field(default_factory=dict)
+    observable: str | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def as_it_is(self) -> bool:
+        """Whether it needs neither another rig nor another instrument."""
+        return not self.constants and self.observable is None
+
+    def measured(self, problem: Problem) -> int:
+        """Number of what is to be read, as `psafit.observables.OBSERVABLES` counts."""
+        named = [k for k, o in enumerate(OBSERVABLES) if o.name == self.observable]
+        return named[0] if named else int(problem.usually_measured(1)[0])
 
 
 @dataclass(frozen=True)
@@ -178,7 +193,7 @@ class NextExperiment:
         cls, found: Sequence[Proposal], purpose: Purpose, weak: bool | None = None, *, most: int = 5
     ) -> NextExperiment:
         """Return the best of some proposals, `most` of them, one that leaves the rig as it is among them."""
-        return cls(purpose.text, _first(found, most, lambda p: not p.constants), purpose, weak)
+        return cls(purpose.text, _first(found, most, lambda p: p.as_it_is), purpose, weak)
 
     @property
     def separates(self) -> bool:
@@ -240,11 +255,23 @@ class Rehearsal:
 
 @dataclass(frozen=True, eq=False)
 class Possible:
-    """A measurement that the rig allows."""
+    """A measurement that the rig allows; `other` where it reads what was not read before."""
 
     text: str
     design: Design
     changed: dict[str, float]
+    other: bool = False
+
+    @property
+    def as_it_is(self) -> bool:
+        """Whether it needs neither another rig nor another instrument."""
+        return not self.changed and not self.other
+
+    def reading(self, measured: int, usual: int) -> Possible:
+        """It with another observable."""
+        o, design = OBSERVABLES[measured], replace(self.design, measured=np.full(self.design.n_points, measured))
+        text = self.text if measured == usual else f"{self.text}, and read {o.title}s"
+        return replace(self, text=text, design=design, other=measured != usual)
 
     def judged(self, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
         """It with what it would do."""
@@ -253,7 +280,8 @@ class Possible:
         f, v = d.frequency.tolist(), d.amplitude.tolist()
         separation, success, error = found
         return Proposal(
-            self.text, drive.waveform, f, v, self.changed, separation, success, error, list(pairs), drive.settings
+            self.text, drive.waveform, f, v, self.changed, separation, success, error, list(pairs), drive.settings,
+            OBSERVABLES[d.measured[0]].name if self.other else None,
         )  # fmt: skip
 
 
@@ -319,8 +347,11 @@ def proposals(
 
 
 def _possible(candidate: Candidate) -> list[Possible]:
-    experiment = candidate.problem.experiment
-    return proposals(experiment.constants, experiment.groups, experiment.limits)
+    problem, experiment = candidate.problem, candidate.problem.experiment
+    usual = int(problem.usually_measured(1)[0])
+    found = proposals(experiment.constants, experiment.groups, experiment.limits)
+    others = [k for k in range(len(OBSERVABLES)) if k != usual]
+    return [p.reading(k, usual) for k in (usual, *others) for p in found if k == usual or not p.changed]
 
 
 def _rigs(
@@ -354,7 +385,7 @@ def separating(
     # A glance at all of them, then a closer look at the best.
     for n_draws in (settings.glance, settings.draws):
         models = [_Model.of(c, draws.resampled(n_draws), rng) for c, draws in tied]
-        forecasts = [[one.forecast(p.design) for one in models] for p in possible]
+        forecasts = [_legible([one.forecast(p.design) for one in models], p) for p in possible]
         kept = _best(possible, [_apart(each, rng, settings)[0][0] for each in forecasts], settings.closer)
         possible, forecasts = [possible[k] for k in kept], [forecasts[k] for k in kept]
     found = []
@@ -378,13 +409,13 @@ def determine(
     rng = np.random.default_rng([seed, 17])
     possible, weak = _possible(best_model), weakly_determined(best_model, draws)
     model = _Model.of(best_model, draws.resampled(settings.glance), rng)
-    falls = np.array([_narrowing(model.forecast(p.design), model.u[:, weak])[0] for p in possible])
+    falls = np.array([_narrowing(_legible([model.forecast(p.design)], p)[0], model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
     possible = [possible[k] for k in _best(possible, falls[:, which], settings.closer)]
 
     def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
         model = _Model.of(best_model, rows, rng)
-        found = [_narrowing(model.forecast(p.design), model.u[:, [weak[which]]]) for p in possible]
+        found = [_narrowing(_legible([model.forecast(p.design)], p)[0], model.u[:, [weak[which]]]) for p in possible]
         return [p.judged((float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
 
     every = draws.resampled(2 * settings.draws)
@@ -395,10 +426,10 @@ def determine(
 
 
 def _worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
-    """The same, what leaves the rig as it is first where a changed rig does hardly more."""
+    """The same, what needs nothing new first where a changed rig or another instrument does hardly more."""
     # The first in rank, not the largest: what is told had no part in the ranking.
-    here = next((p for p in found if not p.constants), None)
-    if here is None or not found[0].constants:
+    here = next((p for p in found if p.as_it_is), None)
+    if here is None or found[0].as_it_is:
         return found
     error = 2 * math.hypot(here.error, found[0].error)
     if here.separation < found[0].separation - max(hardly * found[0].separation, error):
@@ -409,11 +440,11 @@ def _worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
 def _best(possible: Sequence[Possible], separation: Sequence[float] | FloatArray, n: int) -> list[int]:
     """Indices of those worth a closer look, best first."""
     order = sorted(range(len(possible)), key=lambda k: -separation[k])
-    return _first(order, n, lambda k: not possible[k].changed)
+    return _first(order, n, lambda k: possible[k].as_it_is)
 
 
 def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) -> list[_Item]:
-    """The first `n`; the last gives way to one that leaves the rig as it is, since nothing need be built for it."""
+    """The first `n`; the last gives way to one that needs nothing new, since nothing need be built for it."""
     best = list(ranked[:n])
     if not any(map(unchanged, best)):
         best[-1:] = [p for p in ranked[n:] if unchanged(p)][:1] or best[-1:]
@@ -448,13 +479,10 @@ def _width_left(best_model: Candidate, draws: ImportanceSample, n_draws: int = P
 class _Model:
     """Posterior draws of a model in the columns that the simulator takes for a session to come."""
 
-    terms: tuple[Term, ...]
+    problem: Problem
     theta: FloatArray  # (n_draws, n_columns)
-    scatter: FloatArray  # (n_draws, 3)
     u: FloatArray  # the draws themselves, (n_draws, n_dim), no two alike
     weight: FloatArray  # (n_draws,)
-    known: FloatArray | None  # in the readings' unit
-    measured: NDArray[np.int8]  # what is read, (1,)
 
     @classmethod
     def of(cls, candidate: Candidate, draws: FloatArray, rng: np.random.Generator) -> _Model:
@@ -464,23 +492,26 @@ class _Model:
         u, counts = np.unique(draws, axis=0, return_counts=True)
         # What belongs to sessions is drawn from its prior, not taken over.
         theta = problem.theta(u, ["a session to come"], rng)
-        sigma = problem.usual_sigma
-        known = None if sigma is None else np.array([sigma])
-        measured = problem.usually_measured(1)
-        return cls(problem.terms, theta, problem.noise_values(u, measured), u, counts / len(draws), known, measured)
+        return cls(problem, theta, u, counts / len(draws))
 
     def forecast(self, design: Design) -> _Forecast:
         """What it says of a measurement."""
-        ranges = readings(replace(design, measured=self.measured), self.theta, self.terms)
-        return _Forecast(ranges, self.scatter, self.weight, self.known)
+        measured = int(design.measured[0])
+        sigma = self.problem.sigma_to_come(measured)
+        return _Forecast(
+            readings(design, self.theta, self.problem.terms),
+            self.problem.scatter_to_come(self.u, measured),
+            self.weight,
+            None if sigma is None else np.array([sigma]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Forecast:
-    ranges: FloatArray  # um, (n_draws, n_points)
+    ranges: FloatArray  # readings without scatter, in the observable's unit, (n_draws, n_points)
     scatter: FloatArray  # (n_draws, 3)
     weight: FloatArray  # (n_draws,), adds up to one
-    known: FloatArray | None = None  # um
+    known: FloatArray | None = None  # likewise
 
     def log_density(self, readings: FloatArray, but: NDArray[np.intp] | None = None) -> FloatArray:
         """Of each row of readings, as the mean over the draws; of each row one may be left out, (n_rows,)."""
@@ -491,6 +522,14 @@ class _Forecast:
             rest = 1.0 - self.weight[but][:, None]
             weight = np.where(rest > 0, np.where(own, 0.0, weight) / np.where(rest > 0, rest, 1.0), weight)
         return np.asarray(logsumexp(each, axis=1, b=weight))
+
+
+def _legible(models: Sequence[_Forecast], possible: Possible) -> list[_Forecast]:
+    """What models say of a measurement, where the observable is read for sure: of a launch that fails some are not."""
+    if not OBSERVABLES[possible.design.measured[0]].blank:
+        return list(models)
+    sure = np.all([(m.ranges > 0).all(axis=0) for m in models], axis=0)
+    return [replace(m, ranges=m.ranges[:, sure]) for m in models]
 
 
 def _apart(
@@ -550,7 +589,8 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
     """
     f, v = map(_settable, (proposal.frequency_hz, proposal.amplitude_v))
     problem = Problem(measured, measured.ids)
-    usual = problem.usual_sigma
+    kind = proposal.measured(problem)
+    usual = problem.sigma_to_come(kind)
     taken = {g.file.casefold() for g in measured.groups}
     names = itertools.chain(["planned.csv"], (f"planned{k}.csv" for k in itertools.count(2)))
     return Conditions(
@@ -561,7 +601,7 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
         v,
         changed=tuple(proposal.constants.items()),
         sigma=None if usual is None else np.full(f.size, usual),
-        measured=problem.usually_measured(f.size),
+        measured=np.full(f.size, kind, np.int8),
     )
 
 

@@ -25,6 +25,7 @@ from psafit.inference.candidate import Candidate, FitSettings, candidate_of
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
+from psafit.observables import OBSERVABLES
 from psafit.simulate import Design, readings
 
 NEW = "the proposed sweep"
@@ -157,13 +158,16 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
     rig = replace(problem.experiment.constants, **proposal.constants)
     drive = Drive.with_settings(proposal.waveform, proposal.drive)
-    measured = problem.usually_measured(frequency.size)
-    design = replace(Design.sweep(rig, drive, frequency, voltage), measured=measured)
+    measured = proposal.measured(problem)
+    design = replace(Design.sweep(rig, drive, frequency, voltage), measured=np.full(frequency.size, measured))
     true = readings(design, problem.theta(u, [NEW], rng), problem.terms)
-    known = None if problem.usual_sigma is None else np.full(frequency.size, problem.usual_sigma)
-    read = np.maximum(noise.draw(true, problem.noise_values(u, measured), known, rng), 0.0)[0]
+    sigma = problem.sigma_to_come(measured)
+    known = None if sigma is None else np.full(frequency.size, sigma)
+    read = np.maximum(noise.draw(true, problem.scatter_to_come(u, measured), known, rng), 0.0)[0]
     changed = tuple(proposal.constants.items())
-    return Group(NEW, drive, "", frequency, voltage, read, changed=changed, sigma=known, measured=measured)
+    new = Group(NEW, drive, "", frequency, voltage, read, changed=changed, sigma=known, measured=design.measured)
+    # A cell stays empty where a launch that failed has no such reading.
+    return new.at(np.flatnonzero(read > 0)) if OBSERVABLES[measured].blank and (read > 0).any() else new
 
 
 def _optimised(

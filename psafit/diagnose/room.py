@@ -11,7 +11,6 @@ from psafit.inference.evidence import laplace_mixture, quantiles
 from psafit.inference.optimiser import heights
 from psafit.model_search import Ids, ModelSet
 from psafit.physics.term import Term
-from psafit.validate import OFFSET_UM
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ def room(
     The model with the cause was fitted by the search as a neighbour of the adopted one. What draws of its posterior
     predict is compared with what the adopted model does, less what its parameters could do in the cause's place, at the
     reading where that is largest.
-    Ranges are counted from 0.3 um below zero, as in `log_rmse`: what is lost in the rest motion is no effect.
+    Readings are counted from the offset of `log_rmse` below zero: what is lost in the rest motion is no effect.
 
     Parameters
     ----------
@@ -74,5 +73,5 @@ def room(
     plain = model_set.of(adopted)
     effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
-    largest = np.max(np.abs(effect) * plain.scatter / (plain.predicted + OFFSET_UM), axis=1)
+    largest = np.max(np.abs(effect) * plain.scatter / (plain.predicted + plain.problem.offset), axis=1)
     return Room(*(float(quantiles(each, weights, [limit])[0]) for each in (largest, size)))

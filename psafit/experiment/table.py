@@ -38,6 +38,7 @@ _HEADER_REMEDY = f"the first line must read {','.join(_USUAL)} (and {LAUNCH_RANG
 _OTHERS = f"; other readings are {listed(o.column for o in OBSERVABLES if o is not LAUNCH_RANGE)}"
 _UNITS = {"frequency_hz": "Hz", "amplitude_v": "V"}
 _UNITS |= {name: o.unit for o in OBSERVABLES for name in (o.column, o.sigma_column)}
+_EMPTY = "is empty", "enter the value, or delete the row if nothing was read"
 _BY_COLUMN = {o.column: o for o in OBSERVABLES}
 
 
@@ -56,7 +57,7 @@ def read_csv(
     ----------
     file : Path
     planned : bool
-        Whether it may lack readings.
+        Whether it may lack readings: their columns, or every cell of these.
     most_rows, most_bytes : int
         A larger file is refused: it is no sweep of launches.
 
@@ -75,9 +76,11 @@ def read_csv(
         raise cells
     names = _header(cells, planned, file, line)
     blank = _may_be_blank(names)
+    here = {o.column for o in OBSERVABLES if o.column in names}
     columns: list[list[float]] = [[] for _ in names]
     faults = RowFaults(file)
     n_rows = 0
+    to_come: list[int] = []  # lines without any reading, of a plan that says what is to be read
     for line, cells in rows:
         if _is_empty(cells):
             empty.append(line)
@@ -96,6 +99,9 @@ def read_csv(
             values = dict.fromkeys(names, math.nan)
             row = list(map(str.strip, cells))
             absent = _absent(dict(zip(names, row, strict=True)), blank)
+            if planned and here and not any(row[names.index(name)] for name in here):
+                to_come.append(line)
+                absent = here
             for name, column, cell in zip(names, columns, row, strict=True):
                 try:
                     values[name] = math.nan if name in absent else _number(cell, name)
@@ -105,6 +111,8 @@ def read_csv(
             for name in filter(_BY_COLUMN.get, names):
                 if values[name] < 0:
                     faults.below.setdefault(name, []).append((line, row[names.index(name)], values))
+    for line in to_come if len(to_come) < n_rows else []:
+        faults.add(next(name for name in names if name in here), *_EMPTY, line)
     faults.end(n_rows)
     if not n_rows:
         raise InputError("no readings below the header", "add one row a measurement", file=file, line=1)
@@ -136,16 +144,21 @@ def readings_of(columns: dict[str, FloatArray]) -> dict[str, Any]:
     Returns
     -------
     dict of str to (n_points,) array
-        Without `reading` where no column is an observable's: such a file is a plan.
+        Without `reading` where no cell holds one: such a file is a plan, of what its empty columns are, launch ranges
+        without any.
     """
     cells = [(k, o) for k, o in enumerate(OBSERVABLES) if o.column in columns]
     if not cells:
         sigma = {"sigma": columns["sigma_um"]} if "sigma_um" in columns else {}
         return {name: columns[name] for name in CONDITION_COLUMNS} | sigma
     rows = [np.flatnonzero(~np.isnan(columns[o.column])) for _, o in cells]
+    to_come = not any(some.size for some in rows)
+    if to_come:
+        rows = [np.arange(len(columns["frequency_hz"]))] * len(cells)
     every = np.concatenate(rows)
     held = {name: columns[name][every] for name in CONDITION_COLUMNS}
-    held["reading"] = np.concatenate([columns[o.column][some] for (_, o), some in zip(cells, rows, strict=True)])
+    if not to_come:
+        held["reading"] = np.concatenate([columns[o.column][some] for (_, o), some in zip(cells, rows, strict=True)])
     if any(o.sigma_column in columns for _, o in cells):
         stated = (columns.get(o.sigma_column, np.zeros(len(columns["frequency_hz"]))) for _, o in cells)
         held["sigma"] = np.concatenate([sigma[some] for sigma, some in zip(stated, rows, strict=True)])
@@ -370,7 +383,7 @@ def plain(cell: str) -> float:
     if _NUMBER.fullmatch(cell):  # float() alone would take "1_000", "nan" and other digits
         return float(cell)
     if not cell:
-        raise CellFault("is empty", "enter the value, or delete the row if nothing was read")
+        raise CellFault(*_EMPTY)
     if _NOT_FINITE.fullmatch(cell):
         raise CellFault(f"{shown(cell)} is not finite", "enter the value, or delete the row if nothing was read")
     if _THOUSANDS.fullmatch(cell):

@@ -32,6 +32,7 @@ from psafit.experiment.records import (
 from psafit.experiment.rig import Rig
 from psafit.experiment.table import read_csv, readings_of
 from psafit.files import write_atomically
+from psafit.observables import LAUNCH_RANGE
 from psafit.parameters import Belief
 
 
@@ -204,10 +205,14 @@ def table_text(group: Conditions) -> str:
         held = {"frequency_hz": part.frequency_hz, "amplitude_v": part.amplitude_v}
         if isinstance(part, Group):
             held[part.observable.column] = part.reading
+        elif group.observables != (LAUNCH_RANGE,):  # an empty column says what is to be read
+            held[part.observable.column] = np.full(part.n_points, np.nan)
         if part.sigma is not None and part.sigma.any():
             held[part.observable.sigma_column] = part.sigma
         for i, row in enumerate(part.row.tolist()):
-            rows.setdefault(row, {}).update({name: number_text(column[i]) for name, column in held.items()})
+            rows.setdefault(row, {}).update(
+                {name: "" if np.isnan(column[i]) else number_text(column[i]) for name, column in held.items()}
+            )
     every = (*CONDITION_COLUMNS, *READING_COLUMNS, *SIGMA_COLUMNS)
     names = [name for name in every if any(name in row for row in rows.values())]
     lines = (",".join(rows[row].get(name, "") for name in names) for row in sorted(rows))

@@ -268,6 +268,21 @@ class Problem:
         measured = self.design.measured if measured is None else measured
         return values.reshape(len(u), len(self.observables), 3)[:, self.scatter_of(measured)].swapaxes(1, 2)
 
+    def scatter_to_come(self, u: FloatArray, measured: int) -> FloatArray:
+        """The scatter's parameters of readings to come of one observable, (n_sets, 3).
+
+        Those of an observable that was not read have the medians of their priors.
+        """
+        observable = OBSERVABLES[measured]
+        if observable in self.observables:
+            values = self.to_physical(u)[:, self.n_model :].reshape(len(u), len(self.observables), 3)
+            return np.asarray(values[:, self.observables.index(observable)])
+        return np.tile([p.prior_median for p in observable.scatter], (len(u), 1))
+
+    def sigma_to_come(self, measured: int) -> float | None:
+        """Usual uncertainty of readings to come of one observable, where most readings of it state one."""
+        return self.usual_sigma if measured == self.usually_measured(1)[0] else None
+
     def scatter_of(self, measured: NDArray[np.int8]) -> NDArray[np.intp]:
         """Which of `observables` each reading is of, (n_points,)."""
         return np.searchsorted([OBSERVABLES.index(o) for o in self.observables], measured)

@@ -30,7 +30,7 @@ from psafit.report.figures.influence import influence_figure
 from psafit.report.figures.sweep import AXIS, SWEPT
 from psafit.report.page import Picture, figure_data_uri
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
-from psafit.report.wording import count, factor, number, typeset
+from psafit.report.wording import count, factor, number, typeset, unit_text
 from psafit.text import fixed
 
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
@@ -147,10 +147,11 @@ def overview_pictures(shown: Sequence[Shown]) -> list[Picture]:
     """Measured against baseline and extension: small multiples, one image each so that they reflow."""
     pictures = []
     for g in shown:
-        measured = g.group.reading
+        measured, o = g.group.reading, g.group.observable
         alt = (
-            f"Launch range against {_swept(g.sweep)}, group {g.group.id}, {g.sweep.condition}:"
-            f" measured {number(float(measured.min()))} to {number(float(measured.max()))} µm; {g.text}."
+            f"{o.title.capitalize()} against {_swept(g.sweep)}, group {g.group.id}, {g.sweep.condition}:"
+            f" measured {number(float(measured.min()))} to {number(float(measured.max()))} {unit_text(o.unit)};"
+            f" {g.text}."
         )
         caption = f"{g.text[:1].upper()}{g.text[1:]}." if g.text else "Readings alone."
         pictures.append(Picture(_uri(figures.group_figure(g.group, g.sweep, g.curves), len(shown)), alt, caption))
@@ -217,7 +218,7 @@ def _growth(base: Growth, ext: Growth | None, condition: str, zeros: int, n: int
         text += f", extended {_extent(ext.simulated)}"
     if zeros:
         text += f"; without {count(zeros, 'reading')} of zero, which {'has' if zeros == 1 else 'have'} no logarithm"
-    alt = f"Local exponent of the launch range against {SWEPT[base.variable]}, group {base.group}: {text}."
+    alt = f"Local exponent of the reading against {SWEPT[base.variable]}, group {base.group}: {text}."
     return Picture(_uri(figure, n), alt, f"Exponent: {text}.")
 
 
@@ -398,6 +399,7 @@ def _discrepancy(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: in
     low, high = factor(float(m.min())), factor(float(m.max()))
     return Picture(
         _uri(figure, n),
-        f"Discrepancy against {_swept(g.sweep)}, group {g.group.id}: readings ×{low} to ×{high} of the prediction.",
+        f"Discrepancy against {_swept(g.sweep)}, group {g.group.id}:"
+        f" readings ×{low} to ×{high} of the prediction.",
         f"×{low} to ×{high}; band: 90 %.",
     )

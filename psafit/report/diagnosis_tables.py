@@ -15,7 +15,7 @@ from psafit.diagnose.answer import purpose_text
 from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.gain import Choice, Gain
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
-from psafit.diagnose.next_experiment import NextExperiment, Pair, Rehearsal
+from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Rehearsal
 from psafit.diagnose.record import (
     NEAREST,
     NOT_EXCLUDED,
@@ -33,6 +33,7 @@ from psafit.diagnose.trials import Calibration, Rate
 from psafit.experiment import CONSTANT_UNITS, Experiment
 from psafit.inference.evidence import TRUSTED
 from psafit.model_search.model_set import set_of
+from psafit.observables import OBSERVABLES
 from psafit.report import diagnosis_pictures, figures
 from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import cause, declared, model, parameter
@@ -459,7 +460,7 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
         ]
         rows.append(
             [
-                Markup("{}, {}").format(p.waveform, count(len(p.frequency_hz), "reading")),
+                Markup("{}, {}{}").format(p.waveform, count(len(p.frequency_hz), "reading"), _read_as(p)),
                 words.span(p.frequency_hz, "Hz"),
                 words.span(p.amplitude_v, "V"),
                 listed(changed) if changed else "as it is",
@@ -473,6 +474,12 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
         rows = [row[: -1 if found.separates else -2] for row in rows]
     about = purpose_text(found.purpose, PAGE)
     return {"about": about, "tells": found.separates, "several": several, "rows": rows}
+
+
+def _read_as(proposal: Proposal) -> str:
+    """Of which observable the readings are, where that is not what was read so far."""
+    named = next((o for o in OBSERVABLES if o.name == proposal.observable), None)
+    return f" of the {named.title}" if named else ""
 
 
 def _left_tied(pairs: Sequence[Pair], hardly: float = 3.0) -> Markup | str:
@@ -522,7 +529,7 @@ def _rate(found: Rate) -> str:
 
 
 def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[list[Any]]:
-    """Readings on which alone the adopted model leans, `most` of them, by the tail of their weights."""
+    """Readings, `most` of them, on which alone the adopted model leans, by the tail of their weights."""
     tail = np.array(result.influence.tail if result.influence else [], dtype=float)
     if tail.size != sum(g.group.n_points for g in shown):
         return []

@@ -14,7 +14,7 @@ from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
 from psafit.inference.run import Run
 from psafit.inference.samplers import sampler
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
 from psafit.report import fit_pictures
 from psafit.report.fit_pictures import Shown
@@ -369,8 +369,10 @@ def _role_cell(s: GroupScore) -> dict[str, str]:
     return {"text": "fitted" if s.role == "fit" else "unseen", "kind": s.role}
 
 
-def _observable(s: GroupScore) -> Observable:
-    return next((o for o in OBSERVABLES if o.name == s.observable), LAUNCH_RANGE)
+def _crps(s: GroupScore) -> str:
+    """With its unit, to a hundredth or so of the error metric's offset."""
+    o = next((o for o in OBSERVABLES if o.name == s.observable), LAUNCH_RANGE)
+    return f"{fixed(s.crps_um, 1 - math.floor(math.log10(o.offset)))} {unit_text(o.unit)}"
 
 
 def _score_row(s: GroupScore) -> list[Any]:
@@ -383,7 +385,7 @@ def _score_row(s: GroupScore) -> list[Any]:
         f"×{factor(s.log_bias)}",
         percent(s.coverage_50),
         percent(s.coverage_90),
-        f"{s.crps_um:.2f} {unit_text(_observable(s).unit)}",
+        _crps(s),
         fixed(s.elpd_per_point, 2).replace("-", "\N{MINUS SIGN}"),
         p_value(s.pit_p_value),
         p_value(s.drift_p_value),

@@ -60,7 +60,7 @@ def plot_group(group: Group, curves: Sequence[figures.Curve], ax: Axes | None, r
         figures.draw_curves(ax, group, sweep, curves)
         title(ax, group.id, sweep.condition, role)
         ax.set_xlabel(sweep.label)
-        ax.set_ylabel("Launch range (µm)")
+        ax.set_ylabel(figures.range_label(group))
         ax.legend(handles=figures.handles(curves, zeros=figures.zero_mark([(group, curves)])))
     return ax
 

@@ -26,6 +26,7 @@ def test_fewest_readings_that_give_half() -> None:
 def test_a_cause_lives_on_the_readings_that_it_changes(hidden: ModelSet) -> None:
     """A lag of 40 us changes the fast readings; and the sum is the difference of ArviZ' LOO."""
     lag = ("amplifier_lag",)
+    assert influence(hidden, (), seed=1) is None
     found = influence(hidden, lag, seed=1)
     (carried,) = found.causes
     problem = hidden.best_model.problem

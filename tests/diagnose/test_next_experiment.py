@@ -12,6 +12,7 @@ from truths import experiment
 from psafit.diagnose import next_experiment
 from psafit.diagnose.next_experiment import ProposalSettings, determine, proposals, separating
 from psafit.inference.evidence import importance_sample
+from psafit.observables import OBSERVABLES
 
 
 def test_next_experiment_separates_what_is_tied(hidden):
@@ -140,3 +141,43 @@ def test_one_proposal_leaves_the_rig_as_it_is(sound):
         possible, [bool(p.changed) + rng.random() / 2 for p in possible], ProposalSettings.closer
     )
     assert [not possible[k].changed for k in kept] == [False] * 11 + [True]
+
+
+def test_another_observable_must_do_markedly_more():
+    """An instrument that is not there yet has its price, as a rig that must be built has."""
+    one = next_experiment.Proposal("ranges", "sine", [1.0], [1.0], {}, 1.0, None, 0.01)
+    assert one.as_it_is
+    for separation, first in ((1.05, "ranges"), (1.3, "times")):
+        other = replace(one, text="times", observable="contact_time", separation=separation)
+        assert not other.as_it_is
+        assert next_experiment._worth_building([other, one], 0.1)[0].text == first
+
+
+def test_each_observable_is_tried_on_the_rig_as_it_is(sound):
+    possible = next_experiment._possible(sound)
+    others = [p for p in possible if p.other]
+    assert {OBSERVABLES[p.design.measured[0]].name for p in others} == {"launch_speed", "contact_time", "peak_force"}
+    assert not any(p.changed for p in others) and any(p.text.endswith(", and read contact times") for p in others)
+    assert len({p.text for p in possible}) == len(possible)
+
+
+def test_no_contact_time_is_expected_of_a_launch_that_fails(sound):
+    """A cell is left empty there: whether it is says nothing."""
+    told = next_experiment._Forecast(np.array([[0.0, 3.0, 2.0], [1.0, 3.0, 2.0]]), np.ones((2, 3)), np.full(2, 0.5))
+    possible = next_experiment._possible(sound)
+    times = next(p for p in possible if p.other and OBSERVABLES[p.design.measured[0]].blank)
+    assert next_experiment._legible([told, told], times)[1].ranges.tolist() == [[3.0, 2.0], [3.0, 2.0]]
+    assert next_experiment._legible([told], possible[0])[0].ranges.shape == (2, 3)
+
+
+def test_a_planned_contact_time_waits_for_its_column(sound):
+    """The folder asks for what the proposal reads, whose scatter a fit has not seen: its prior's median."""
+    proposal = next_experiment.Proposal(
+        "a", "sine", [900.0, 1100.0], [10.0, 10.0], {}, 1.0, None, 0.1, observable="contact_time"
+    )
+    problem = sound.problem
+    sweep = next_experiment.planned(proposal, "next", problem.experiment)
+    assert [o.name for o in sweep.observables] == ["contact_time"]
+    scatter = problem.scatter_to_come(sound.modes[:1], int(sweep.measured[0]))
+    assert scatter[0].tolist() == [p.prior_median for p in sweep.observable.scatter]
+    assert problem.scatter_to_come(sound.modes[:1], 0)[0] == pytest.approx(problem.noise_values(sound.modes[:1])[0])

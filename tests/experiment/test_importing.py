@@ -118,6 +118,7 @@ READ: dict[str, tuple[Any, Rows]] = {
     "headings in a comment": ("# frequency_hz amplitude_v launch_range_um\n1200 20 76\n1300 20 75.5\n", TWO),
     "units that capitals fail": ("F (KHZ);U (VPP);RANGE (UM)\n1.2;40;76\n1.3;40;75.5\n", TWO),
     "old Macintosh lines": ((HEAD + "1200;20;76\n1300;20;75.5\n").replace("\n", "\r"), TWO),
+    "a peak force": ("f (kHz);Vpp;Peak force (mN)\n1.2;40;3\n", [(1200, 20, 0.003)]),
     "no offset": (HEAD.strip() + ";DC offset (V)\n1200;20;76;0.0\n1300;20;75.5;0\n", TWO),
 }  # fmt: skip
 
@@ -140,7 +141,6 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "two of one": ("f set (Hz);f (Hz);f (Hz);Vpp;Range (um)\n1;1;1;4;7\n", "could all be frequency_hz --column", 1),
     "no repetitions": ("f (Hz);Vpp;Range 10 (um);Range 20 (um)\n1;2;3;4\n", "could all be launch_range_um", 1),
     "a displacement": ("f (Hz);Vpp;Displacement (µm)\n1;2;3\n", "'Displacement (µm)=launch_range_um'", 1),
-    "a force": ("f (Hz);Vpp;Peak force (N)\n1;2;3\n", "peak_force_n psafit cannot use that yet", 1),
     "an offset": (HEAD.strip() + ";DC offset (V)\n1200;20;76;10\n", "bias_v, which is not zero another one", 1),
     "a trace": ("Time (s),CH1 (V)\n0,1\n1e-6,2\n", "no frequency_hz trace over time", 1),
     "a mean": (HEAD + "1200;20;76\n1300;20;75\nMean;20;75.5\n", "'Mean' sums up readings put # before it", 4),

@@ -4,6 +4,7 @@ Each function returns a `matplotlib.figure.Figure` drawn in the package's style,
 chosen for a page that shows a figure about 400 px wide.
 """
 
+from psafit.report.figures.axes import range_label
 from psafit.report.figures.curves import (
     READING_BAND,
     Band,
@@ -16,7 +17,13 @@ from psafit.report.figures.curves import (
     without_curves,
     zero_mark,
 )
-from psafit.report.figures.groups import group_figure, groups_figure, pit_figure, residual_figure, residual_view
+from psafit.report.figures.groups import (
+    group_figure,
+    groups_figure,
+    pit_figure,
+    residual_figure,
+    residual_view,
+)
 from psafit.report.figures.posterior import (
     Marginal,
     axis_label,
@@ -50,6 +57,7 @@ __all__ = [
     "has_zeros",
     "marginal_figure",
     "pit_figure",
+    "range_label",
     "residual_figure",
     "residual_view",
     "row_name",

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from psafit.arrays import FloatArray
+from psafit.experiment import Conditions
 from psafit.report.figures.sweep import Sweep
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -106,3 +107,13 @@ def reading_range(measured: FloatArray, predicted: FloatArray, upper: FloatArray
     seen = predicted[predicted > 0]
     low = min(least, max(float(seen.min()), least / 10)) if seen.size else least
     return 0.55 * low, 1.4 * max(band, top), True
+
+
+def shown_unit(unit: str) -> str:
+    """A unit as a picture shows it."""
+    return {"um": "µm", "us": "µs"}.get(unit, unit)
+
+
+def range_label(group: Conditions) -> str:
+    """What is read, with its unit, beside an axis."""
+    return f"{group.observable.title.capitalize()} ({shown_unit(group.observable.unit)})"

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, Group
-from psafit.report.figures.axes import label, reading_range, scale_axis, scale_sweep
+from psafit.report.figures.axes import label, range_label, reading_range, scale_axis, scale_sweep, shown_unit
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import MEASURED, PALETTE
 
@@ -229,6 +229,9 @@ def explorable(
     return {
         "title": title,
         "label": sweep.label,
+        "read": group.observable.title,
+        "unit": shown_unit(group.observable.unit),
+        "axis": range_label(group),
         "x": column(sweep.values),
         "frequency": column(group.frequency_hz),
         "amplitude": column(group.amplitude_v),

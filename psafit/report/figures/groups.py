@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLoc
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, Group
-from psafit.report.figures.axes import label, scale_sweep
+from psafit.report.figures.axes import label, range_label, scale_sweep
 from psafit.report.figures.curves import ROLE_COLOR, Curve, draw_curves, envelope, handles, zero_mark
 from psafit.report.figures.sweep import NBSP, Sweep
 from psafit.report.style import BAND, PALETTE, WIDTH, figure_style, new_figure
@@ -50,12 +50,6 @@ def title(axes: Axes, group_id: object, condition: str, role: str | None = None)
             ROLE_TEXT[role], (0, 1), (0, 5), xycoords="axes fraction", textcoords="offset points",
             color=PALETTE[ROLE_COLOR[role]], fontsize=10, va="bottom",
         )  # fmt: skip
-
-
-def range_label(group: Conditions) -> str:
-    """What is read, with its unit, beside an axis."""
-    unit = {"um": "µm", "us": "µs"}.get(group.observable.unit, group.observable.unit)
-    return f"{group.observable.title.capitalize()} ({unit})"
 
 
 def group_figure(group: Group, sweep: Sweep, curves: Sequence[Curve], role: str | None = None) -> Figure:

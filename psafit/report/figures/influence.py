@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Group
-from psafit.report.figures.axes import reading_range, scale_axis, scale_sweep
-from psafit.report.figures.groups import range_label, title
+from psafit.report.figures.axes import range_label, reading_range, scale_axis, scale_sweep
+from psafit.report.figures.groups import title
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import PALETTE, figure_style
 

@@ -16,7 +16,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 
 from psafit.arrays import FloatArray
 from psafit.records import ParameterEntry, ProfilePoint
-from psafit.report.figures.axes import label, scale_axis, widened
+from psafit.report.figures.axes import label, scale_axis, shown_unit, widened
 from psafit.report.style import PALETTE, WIDTH, figure_style, new_figure
 
 
@@ -74,7 +74,7 @@ def _mathtext(symbol: str) -> str:
 
 def axis_label(symbol: str, unit: str) -> str:
     """Symbol and unit of a parameter."""
-    return _mathtext(symbol) + {"1": "", "um": " (µm)"}.get(unit, f" ({unit})")
+    return _mathtext(symbol) + ("" if unit == "1" else f" ({shown_unit(unit)})")
 
 
 def _span(values: FloatArray) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from psafit.experiment import Group
-from psafit.report.figures.axes import label
+from psafit.report.figures.axes import label, range_label
 from psafit.report.figures.curves import Curve, draw_curves, handles, zero_mark
 from psafit.report.figures.groups import short
 from psafit.report.figures.sweep import Sweep
@@ -121,8 +121,8 @@ def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Seq
             axes.set_xlabel(
                 {"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)"}.get(e.sweep.variable, "Reading")
             )
-            if column == 0:
-                axes.set_ylabel("Launch range (µm)")
+            if column == 0 or range_label(e.group) != range_label(examples[0].group):
+                axes.set_ylabel(range_label(e.group))
         zeros = zero_mark((e.group, e.curves) for e in examples)
         entries = [*legend, *handles([], measured=False, zeros=zeros)]
         long = sum(len(str(e.get_label())) for e in entries) > 44  # no line holds more

@@ -22,7 +22,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     const raised = [...String(+power)].map((c) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[c] ?? "⁻").join("");
     return `${+head === 1 ? "" : `${+head} × `}10${raised}`;
   };
-  const um = (value) => (value >= 0.1 && value < 1000 ? value.toPrecision(3) : said(value));
+  const digits = (value) => (value >= 0.1 && value < 1000 ? value.toPrecision(3) : said(value));
 
   // Controls -------------------------------------------------------------------------------------------------------
   const controls = html(home, "div", { class: "controls" });
@@ -40,7 +40,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
   chooser.onchange = () => pick(+chooser.value);
   const axes = html(controls, "fieldset");
   html(axes, "legend", {}, "Logarithmic");
-  const logBoxes = ["drive", "launch range"].map((name, i) => choice(axes, name, false, (on) => { log[i] = on; }));
+  const logBoxes = ["drive", ""].map((name, i) => choice(axes, name, false, (on) => { log[i] = on; }));
   const shown = html(controls, "fieldset");
 
   // Picture --------------------------------------------------------------------------------------------------------
@@ -53,6 +53,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     at = null;
     logBoxes.forEach((box, k) => { box.checked = log[k]; });
     logBoxes[0].disabled = Math.min(...group.x) <= 0;
+    logBoxes[1].nextSibling.textContent = group.read;
     shown.replaceChildren();
     html(shown, "legend", {}, "Shown");
     const toggle = (name, swatch) =>
@@ -145,7 +146,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
       svg(picture, "text", { x: left - 8, y: yFree(v) + 4, "text-anchor": "end" }, said(v));
     }
     svg(picture, "text", { x: (left + right) / 2, y: height - 6, "text-anchor": "middle", class: "label" }, group.label);
-    svg(picture, "text", { transform: `translate(14 ${(head + foot) / 2}) rotate(-90)`, "text-anchor": "middle", class: "label" }, "Launch range (µm)");
+    svg(picture, "text", { transform: `translate(14 ${(head + foot) / 2}) rotate(-90)`, "text-anchor": "middle", class: "label" }, group.axis);
     const inside = svg(picture, "g", { "clip-path": `url(#${clip})` });
     for (const c of curves)
       for (const [place, b] of c.bands.entries())
@@ -187,11 +188,11 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     const hint = "Point at the curves, or move with the arrow keys, for the values of a reading.";
     const parts = [];
     if (at !== null) {
-      const s = group.sigma ? ` ± ${um(group.sigma[at])}` : "";
-      parts.push(`${said(group.frequency[at])} Hz, ${said(group.amplitude[at])} V: measured ${um(group.measured[at])}${s} µm`);
+      const s = group.sigma ? ` ± ${digits(group.sigma[at])}` : "";
+      parts.push(`${said(group.frequency[at])} Hz, ${said(group.amplitude[at])} V: measured ${digits(group.measured[at])}${s} ${group.unit}`);
       for (const c of curves) {
-        const bands = c.bands.map((b) => `${b.name} ${um(b.low[at])} to ${um(b.high[at])} µm`).join(", ");
-        parts.push(`${c.name} ${um(c.middle[at])} µm${bands ? ` (${bands})` : ""}`);
+        const bands = c.bands.map((b) => `${b.name} ${digits(b.low[at])} to ${digits(b.high[at])} ${group.unit}`).join(", ");
+        parts.push(`${c.name} ${digits(c.middle[at])} ${group.unit}${bands ? ` (${bands})` : ""}`);
       }
     }
     readout.textContent = parts.join("; ") || hint;

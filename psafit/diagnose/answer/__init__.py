@@ -1,0 +1,205 @@
+"""The answer of a diagnosis: statements with their numbers, and for each the one sentence that says it.
+
+`answer` reads the record and chooses what may be said. Each statement knows its sentence, and takes the words for
+causes, groups and numbers from `psafit.diagnose.words.Words`: the record's plain ones, or a page's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+from psafit.diagnose.answer.findings import (
+    WORTH_SAYING,
+    BreaksLaw,
+    Furthest,
+    Implausible,
+    Judged,
+    Kind,
+    Named,
+    NothingShows,
+    Restricted,
+    Room,
+    Sizes,
+    Unseen,
+)
+from psafit.diagnose.answer.grounds import ByChance, Calibrated, LivesOn, OneGroup, Searched, SmoothIsBetter
+from psafit.diagnose.answer.statement import Statement, Topic
+from psafit.diagnose.answer.worth import Drafted, Gained, Next, NoGain, purpose_text
+from psafit.diagnose.misfit import ALPHA
+from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis, ParameterResult
+from psafit.diagnose.words import PLAIN
+from psafit.inference import noise
+from psafit.model_search.model_set import CREDIBLE
+from psafit.physics import owner
+
+__all__ = [
+    "BreaksLaw",
+    "ByChance",
+    "Calibrated",
+    "Drafted",
+    "Furthest",
+    "Gained",
+    "Implausible",
+    "Judged",
+    "Kind",
+    "LivesOn",
+    "Named",
+    "Next",
+    "NoGain",
+    "NothingShows",
+    "OneGroup",
+    "Restricted",
+    "Room",
+    "Searched",
+    "Sizes",
+    "SmoothIsBetter",
+    "Statement",
+    "Topic",
+    "Unseen",
+    "answer",
+    "kept",
+    "purpose_text",
+    "sentences",
+]
+
+_TAILS = noise.PARAMETERS[-1]
+
+
+def answer(d: Diagnosis) -> tuple[Statement, ...]:
+    """Return what a diagnosis says, in the order in which it is told.
+
+    Parameters
+    ----------
+    d : Diagnosis
+
+    Returns
+    -------
+    tuple of Statement
+        Chosen from the record's numbers alone.
+    """
+    found: list[Statement] = []
+    if d.left_out:
+        found.append(Restricted([s.id for s in d.screening], len(d.left_out)))
+    found += [_judged(d), _named(d)]
+    tests = d.misfit.baseline
+    if d.misfit.p_value < ALPHA and tests.character != "none":
+        found.append(Kind(tests.character, tests.odd_groups, len(tests.odd_points)))
+    found += [*_values(d), *map(BreaksLaw, d.laws), *_unseen(d), *_robust(d)]
+    if d.influence and (carried := [c for c in d.influence.causes if c.half]):
+        found.append(LivesOn(carried, len(d.influence.tail)))
+    if d.misfit.search:
+        found.append(ByChance(d.misfit.search))
+    if d.calibration:
+        found.append(Calibrated(d.calibration))
+    found += [Gained(gain, d.training) for gain in d.gain.values()] or [NoGain(d.quick)]
+    if d.draft:
+        found.append(Drafted(d.draft))
+    if d.next_experiment.proposals:
+        found.append(Next(d.next_experiment, d.quick and len(d.alternatives) > 1))
+    return (*found, Searched(d.looked_at, d.settings.search.missed))
+
+
+def sentences(d: Diagnosis) -> list[str]:
+    """Return the answer in plain words, as the record and the terminal tell it."""
+    return [statement.say(PLAIN) for statement in answer(d)]
+
+
+def kept(d: Diagnosis) -> float:
+    """Return the probability of the baseline alone."""
+    return next((c.probability for c in d.causes if not c.terms), 1.0)
+
+
+def _judged(d: Diagnosis) -> Judged:
+    verdict: Literal["yes", "so far", "no", "together", "tails", "improbable"] = "improbable"
+    tests, p_value = d.misfit.baseline, d.misfit.p_value
+    if p_value < ALPHA:
+        verdict = "no"
+    elif d.verdict == "adequate":
+        verdict = "so far" if kept(d) < 0.5 else "yes"
+    elif tests.coincidences:
+        verdict = "together"
+    elif tests.usual_tails is not None and tests.usual_tails < ALPHA:
+        verdict, p_value = "tails", tests.usual_tails
+    return Judged(verdict, p_value, tests.n_simulated, kept(d), d.mostly_unnamed)
+
+
+def _named(d: Diagnosis) -> Statement:
+    if d.verdict == "adequate":
+        return NothingShows([(c.terms, c.probability) for c in d.causes if c.terms and c.probability >= WORTH_SAYING])
+    best_model, after = d.best_model, d.misfit.extended
+    left: Literal["", "structure", "smooth", "law"] = ""
+    if d.verdict == "unexplained" and d.named:
+        breaks = any(set(b.terms) == set(d.named) for b in d.laws)
+        left = "structure" if d.misfit.remains else "law" if breaks and not d.mostly_unnamed else "smooth"
+    return Named(
+        verdict=d.verdict,
+        causes=d.named,
+        # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
+        probability=None if best_model is None or d.mostly_unnamed or not d.named else best_model.probability,
+        alternatives=d.alternatives,
+        fits_alike=best_model is not None and best_model.evidence.share >= CREDIBLE,
+        rejected=d.misfit.p_value < ALPHA,
+        left=left,
+        p_after=after.p_value if after and left and after.p_value < ALPHA else None,
+        unnamed=d.unnamed,
+        looked_at=d.looked_at,
+        restricted=bool(d.left_out),
+        strange=bool(d.strange),
+    )
+
+
+def _values(d: Diagnosis) -> Iterator[Statement]:
+    """How large the causes are, and what of that is implausible."""
+    tied = [c for ids in d.alternatives[:2] for c in d.causes if c.terms == ids]
+    own = _sized([d.best_model] if d.best_model else [])
+    others = {name: p for name, p in _sized(tied).items() if name not in own}
+    if own or others:
+        yield Sizes(list(own.items()), list(others.items()))
+    named = [d.best_model] if d.best_model and d.named else []
+    if odd := [(c.terms, c.strange) for c in [*named, *tied] if c.strange]:
+        yield Implausible(odd)
+
+
+def _sized(causes: list[CauseResult]) -> dict[str, ParameterResult]:
+    """The values of models' own causes; where several have one, the first's."""
+    found: dict[str, ParameterResult] = {}
+    for c in causes:
+        for name, p in c.parameters.items():
+            if owner(name) in c.terms:
+                found.setdefault(name, p)
+    return found
+
+
+def _unseen(d: Diagnosis) -> Iterator[Statement]:
+    """The readings that the model misses most, and the causes that could hide."""
+    adopted = d.misfit.extended if d.verdict != "adequate" and d.misfit.extended else d.misfit.baseline
+    terms = d.named if adopted is d.misfit.extended else []
+    if adopted.furthest:
+        yield Furthest(terms, adopted.furthest, len(adopted.odd_points), _tails(d, terms))
+    if unseen := [s.id for s in d.screening if s.verdict == UNSEEN]:
+        yield Unseen(unseen, len(d.screening))
+    if left := {s.id: s.room for s in d.screening if s.room is not None}:
+        widest = max(left, key=lambda id: left[id])
+        yield Room(widest, left[widest])
+
+
+def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:
+    """The interval of Student's nu, where all of it lies below the median of its prior."""
+    model = next((c for c in d.causes if set(c.terms) == set(terms)), None)
+    nu = model.parameters.get(_TAILS.name) if model else None
+    if nu is None or nu.lower is None or nu.upper is None:
+        return None
+    return (nu.lower, nu.upper) if nu.upper < float(_TAILS.to_physical(_TAILS.prior_quantile(0.5))) else None
+
+
+def _robust(d: Diagnosis) -> Iterator[Statement]:
+    """What the gain of the named causes rests on."""
+    firm = d.misfit.robustness
+    if not (firm and d.named):
+        return
+    if firm.of_one_group and firm.strongest is not None:
+        each = dict(firm.groups)
+        yield OneGroup(firm.strongest, sum(each.values()), max(each.values()), firm.without)
+    if firm.over_smooth < 0:
+        yield SmoothIsBetter(-firm.over_smooth)

@@ -1,0 +1,332 @@
+"""What was found: whether the baseline will do, what is wrong, which causes are named, and what could hide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from psafit.diagnose.answer.statement import Statement
+from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character
+from psafit.diagnose.record import Broken, ParameterResult, Reading
+from psafit.diagnose.trials import VerdictWord
+from psafit.diagnose.words import Words
+from psafit.experiment import GroupId
+from psafit.model_search.model_set import LookedAt
+from psafit.physics import owner
+from psafit.text import significant
+
+WORTH_SAYING = 0.05
+"""Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
+
+# Sets that do as well as what is named, and are told by name.
+_TIED = 6
+
+
+@dataclass(frozen=True)
+class Restricted(Statement):
+    """The causes that were looked at, where the catalogue has others."""
+
+    topic = "scope"
+    looked_at: list[str]
+    left_out: int
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        return words.put(
+            "Only {} {} looked at, as asked: the verdict says nothing of the catalogue's {} other cause{}.",
+            words.listed(self.looked_at), "was" if len(self.looked_at) == 1 else "were", self.left_out,
+            "" if self.left_out == 1 else "s",
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Judged(Statement):
+    """Whether the baseline is adequate.
+
+    Parameters
+    ----------
+    adequate : {"yes", "so far", "no", "together", "tails", "improbable"}
+        Whether it is; only as far as the readings tell, where something else is more probable; not rejected by the
+        tests, but by readings that stand out together, or only for the heavy tails of its scatter; not rejected, but
+        improbable.
+    p_value : float
+        Family-wise; with no heavier tails than usual where these were needed.
+    simulated : int
+        Data sets that gave it.
+    share : float
+        What the baseline keeps of the probability of all sets of the catalogue.
+    unnamed : bool
+        Whether what is more probable has no name.
+    """
+
+    topic = "adequate"
+    adequate: Literal["yes", "so far", "no", "together", "tails", "improbable"]
+    p_value: float
+    simulated: int
+    share: float
+    unnamed: bool
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        heads = {
+            "no": "The tests find the baseline wrong: {}.",
+            "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
+            "tails": "The tests pass the baseline only because heavy tails take up what stands out; without: {}.",
+            "improbable": "The tests do not reject the baseline ({}), but it is improbable beside {}.",
+            "yes": "The tests find nothing wrong with the baseline: {}. It keeps {} of the probability.",
+            "so far": "The tests find nothing wrong with the baseline: {}. It keeps only {} of the probability.",
+        }
+        least = self.p_value <= 1 / (self.simulated + 1)
+        few = "none" if least else words.fraction(self.p_value) if self.p_value < 0.1 else words.per_cent(self.p_value)
+        how = words.put(
+            "of {} data sets made by the fitted baseline itself, {} look at least as odd; below {} it counts as wrong",
+            self.simulated, few, words.per_cent(ALPHA),
+        )  # fmt: skip
+        rest = words.per_cent(self.share)
+        if self.adequate == "together":
+            rest = "several groups"
+        elif self.adequate == "improbable":
+            rest = "a discrepancy without a name" if self.unnamed else "an extended model"
+        return words.put(heads[self.adequate], how, rest)
+
+
+@dataclass(frozen=True)
+class NothingShows(Statement):
+    """No cause is needed; which sets are not excluded, with their probabilities."""
+
+    topic = "wrong"
+    not_excluded: list[tuple[list[str], float]]
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        others = [words.put("{} ({})", words.causes(ids), words.per_cent(p)) for ids, p in self.not_excluded]
+        text = "No cause is needed to explain these readings."
+        return words.put(text + " Nor can they exclude {}.", words.listed(others)) if others else text
+
+
+@dataclass(frozen=True)
+class Named(Statement):
+    """What is named, and what does as well.
+
+    Parameters
+    ----------
+    verdict : {"explained", "ambiguous", "unexplained"}
+    causes : list of str
+        Best first; empty where no cause helps.
+    probability : float, optional
+        None where it says nothing.
+    alternatives : list of lists of str
+    fits_alike : bool
+        Whether only what is plausible beforehand speaks for the first of several.
+    rejected : bool
+        Whether the tests reject the baseline.
+    left : {"", "structure", "smooth", "law"}
+        Why the best extension does not explain the readings: structure remains, a smooth curve in its place is more
+        probable, or it breaks a law that holds whatever the causes are.
+    p_after : float, optional
+        Family-wise p value beside the extension.
+    unnamed : float
+        Probability of a discrepancy without a name.
+    looked_at : LookedAt
+    restricted : bool
+    strange : bool
+        Whether what is named has implausible values: then it explains nothing, however well it fits.
+    """
+
+    topic = "wrong"
+    verdict: VerdictWord
+    causes: list[str]
+    probability: float | None
+    alternatives: list[list[str]]
+    fits_alike: bool
+    rejected: bool
+    left: Literal["", "structure", "smooth", "law"]
+    p_after: float | None
+    unnamed: float
+    looked_at: LookedAt
+    restricted: bool
+    strange: bool
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        what = words.causes(self.causes)
+        if self.probability is not None:
+            what = words.put("{} (probability {})", what, words.per_cent(self.probability))
+        texts = [words.instead(self.causes, ids) for ids in self.alternatives[:_TIED]]
+        if more := len(self.alternatives) - len(texts):
+            texts.append(f"{more} more set{'' if more == 1 else 's'}")
+        tied = words.joined("; or ", texts)
+        unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
+        rest = unnamed if self.unnamed >= WORTH_SAYING else ""
+        if self.verdict == "explained":
+            other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
+            how = "{} explains the misfit; the tests find nothing left of it, and {} does as well.{}"
+            if not self.rejected:
+                how = "{} fits far better, and {} does as well; the tests alone would not have objected.{}"
+            if self.strange:
+                how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
+                how += " shape of what is missing, and perhaps not the mechanism.{}"
+            return words.put(how, what, other, rest)
+        if self.verdict == "ambiguous":
+            if self.fits_alike:
+                how = "{} is most plausible, but these readings cannot separate it from what fits as well: {}.{}"
+                return words.put(how, what, tied, rest)
+            how = "These readings cannot tell which of {} sets of causes it is: {}; or {}.{}"
+            return words.put(how, len(self.alternatives) + 1, what, tied, rest)
+        if not self.causes:
+            looked = "that was looked at" if self.restricted else "of the catalogue"
+            return words.put("No cause {} explains what these readings show.{}", looked, rest)
+        why = {
+            "structure": "structure remains that no cause describes",
+            "smooth": "a smooth curve in its place is more probable",
+            "law": "it breaks a law that holds whatever the causes are",
+        }[self.left or "structure"]
+        odd = "" if self.p_after is None else f"family-wise p = {significant(self.p_after, 2)}; "
+        also = words.put(" Not to be told apart from {}: {}.", words.causes(self.causes), tied) if texts else ""
+        return words.put(
+            "The best extension is {}, but {} ({}probability of an unnamed discrepancy {}).{}",
+            what, why, odd, words.per_cent(self.unnamed), also,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Kind(Statement):
+    """What kind of thing is wrong with the baseline."""
+
+    topic = "wrong"
+    character: Character
+    groups: list[GroupId]
+    points: int
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        which = {"group": f": {', '.join(map(str, self.groups))}", "points": f": {self.points} of them"}
+        return words.put("Of the baseline: {}{}.", CHARACTERS[self.character], which.get(self.character, ""))
+
+
+@dataclass(frozen=True)
+class Sizes(Statement):
+    """How large the causes are: each parameter with its value, of what is named and of what does as well."""
+
+    topic = "wrong"
+    named: list[tuple[str, ParameterResult]]
+    others: list[tuple[str, ParameterResult]]
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        own, others = (self._by_cause(words, values) for values in (self.named, self.others))
+        if not (own and others):
+            return words.put("Size, with 90 % interval: {}.", own or others)
+        return words.put("Size, with 90 % interval: {}; of the others that do as well: {}.", own, others)
+
+    @staticmethod
+    def _by_cause(words: Words, values: list[tuple[str, ParameterResult]]) -> str:
+        found: dict[str, list[str]] = {}
+        for name, p in values:
+            ends = None if p.lower is None or p.upper is None else (p.lower, p.upper)
+            found.setdefault(owner(name) or "", []).append(words.size(name, p.unit, p.median, ends))
+        each = (words.put("{} {}", words.cause(id), words.listed(texts)) for id, texts in found.items())
+        return words.joined("; ", each)
+
+
+@dataclass(frozen=True)
+class Implausible(Statement):
+    """Values that whoever knows such rigs would not believe, by the set that has them; what is named first."""
+
+    topic = "wrong"
+    values: list[tuple[list[str], list[str]]]
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        each = (
+            words.put("{} of {}", words.listed(map(words.parameter, names)), words.causes(terms))
+            for terms, names in self.values
+        )
+        return words.put("Values that would surprise whoever knows such rigs: {}.", words.joined("; ", each))
+
+
+@dataclass(frozen=True)
+class BreaksLaw(Statement):
+    """A law that holds whatever the causes are, and that a model breaks."""
+
+    topic = "wrong"
+    broken: Broken
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        laws = {
+            "carried": "A ball cannot move less than the tip carries it.",
+            "energy": "A ball cannot gain more than the drive gives.",
+        }
+        b = self.broken
+        return words.put(
+            "{} {} breaks that law at {} reading{}, most at {}.", laws[b.law], words.causes(b.terms), b.readings,
+            "" if b.readings == 1 else "s", words.number(b.text),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Furthest(Statement):
+    """The readings furthest from a model, how many are beyond four standard deviations, and the scatter's tails.
+
+    `tails` is the 90 % interval of Student's nu, where the readings ask for heavier tails than is usual.
+    """
+
+    topic = "wrong"
+    causes: list[str]
+    readings: list[Reading]
+    odd: int
+    tails: tuple[float, float] | None
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        far = (
+            words.put(
+                "{}, {} (reads {} for {})", words.groups([r.group]),
+                words.number(f"{r.frequency_hz:.6g} Hz, {r.amplitude_v:.4g} V"),
+                words.number(f"{significant(r.reading_um)} {r.unit}"),
+                words.number(f"{significant(r.predicted_um)} {r.unit}"),
+            )
+            for r in self.readings
+        )  # fmt: skip
+        text = words.put("Furthest from {}: {}.", words.causes(self.causes), words.joined("; ", far))
+        beyond = f" {self.odd} reading{' is' if self.odd == 1 else 's are'} off by more than four standard deviations."
+        text = words.put("{}{}", text, beyond if self.odd else "")
+        if self.tails is None:
+            return text
+        return words.put(
+            "{} The scatter has heavy tails (nu {} to {}, 90 %): such readings count little.",
+            text, *(f"{x:.2g}" for x in self.tails),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Unseen(Statement):
+    """Causes of which even a plausible strength would not show."""
+
+    topic = "wrong"
+    causes: list[str]
+    of: int
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        return words.put(
+            "Of {} candidate causes, {} could not have been seen in these readings: {}.",
+            self.of, len(self.causes), words.joined(", ", map(words.cause, self.causes)),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Room(Statement):
+    """The largest change of a reading that the readings leave a cause which is not named (95 %)."""
+
+    topic = "wrong"
+    cause: str
+    share: float
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        return words.put(
+            "What is not named may change a reading by {} at most and stay unseen ({}; 95 %).",
+            words.fraction(self.share), words.cause(self.cause),
+        )  # fmt: skip

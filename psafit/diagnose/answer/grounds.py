@@ -1,0 +1,150 @@
+"""What the findings rest on: readings, chance, how often such answers are right, and how far was looked."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from psafit.diagnose.answer.statement import Statement
+from psafit.diagnose.influence import Carried
+from psafit.diagnose.significance import OTHERWISE, Significance
+from psafit.diagnose.trials import Calibration
+from psafit.diagnose.words import Words
+from psafit.experiment import GroupId
+from psafit.model_search.model_set import LookedAt
+from psafit.text import fixed, significant
+
+
+@dataclass(frozen=True)
+class OneGroup(Statement):
+    """The gain of what is named rests on one group; nats."""
+
+    topic = "detail"
+    group: GroupId
+    gain: float
+    most: float
+    without: float | None
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        return words.put(
+            "Of their gain of {} {} gives {}{}.", words.nats(self.gain), words.groups([self.group]),
+            words.nats(self.most),
+            "" if self.without is None else words.put("; without it they gain {}", words.nats(self.without)),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LivesOn(Statement):
+    """On how many readings half of what speaks for each cause rests, and the group that gives most."""
+
+    topic = "detail"
+    causes: list[Carried]
+    readings: int
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        each = (
+            words.put(
+                "{} on {} of {} readings, most in {}", words.cause(c.cause), c.half, self.readings,
+                words.groups([c.groups[0][0]]),
+            )
+            for c in self.causes
+        )  # fmt: skip
+        return words.put("Half of what speaks for a cause rests: {}.", words.joined("; ", each))
+
+
+@dataclass(frozen=True)
+class SmoothIsBetter(Statement):
+    """A smooth discrepancy has so many nats more evidence than the named causes."""
+
+    topic = "detail"
+    nats: float
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        how = "A smooth discrepancy without a name, in the place of these causes, has {} more evidence than they."
+        return words.put(how, words.nats(self.nats))
+
+
+@dataclass(frozen=True)
+class ByChance(Statement):
+    """How often a search finds as much where nothing is hidden."""
+
+    topic = "detail"
+    found: Significance
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        s = self.found
+        if s.p_value is None:
+            missing = OTHERWISE[s.missing] if s.missing else "nothing"
+            return words.put(
+                "How often a search finds as much where nothing is hidden is not known: the stored table is of {}"
+                " (--searches 19 repeats the search on simulated baselines).",
+                missing,
+            )
+        n, most = len(s.null), max(s.null)
+        none = (
+            f"none led by more than {fixed(math.ceil(10 * most) / 10, 1)} nats"
+            if most > 0
+            else "none put a model with causes first"
+        )
+        where = "simulated baselines"
+        if s.stored:
+            sizes = " to ".join(map(str, s.readings))
+            where = f"designs of {sizes} readings with nothing hidden (stored table, this catalogue)"
+        p = f"p {'<=' if s.p_value <= 1 / (n + 1) else '='} {significant(s.p_value, 2)}"
+        return words.put("Of {} searches on {} {}; this one leads by {} ({}).", n, where, none, fixed(s.lead), p)
+
+
+@dataclass(frozen=True)
+class Calibrated(Statement):
+    """How often diagnoses of data sets that are drawn from this answer are right."""
+
+    topic = "trust"
+    found: Calibration
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        c = self.found
+        ends = words.put("{} to {}, 90 %", words.per_cent(c.exact.lower), words.per_cent(c.exact.upper))
+        text = words.put(
+            "Of {} data set{} drawn from this answer and diagnosed again, the set that made it was named in {}"
+            " ({}) and reported in {}.",
+            c.exact.of, "" if c.exact.of == 1 else "s", c.exact.n, ends, c.reported.n,
+        )  # fmt: skip
+        if c.printed is not None:
+            how = "{} What was named had a probability of {} on average, and was right in {} of {}."
+            text = words.put(how, text, words.per_cent(c.printed), c.right.n, c.right.of)
+        if not c.intervals:
+            return text
+        how = "{} 90 % intervals held {} of the {} true values ({})."
+        return words.put(how, text, c.held, c.intervals, words.per_cent(c.held / c.intervals))
+
+
+@dataclass(frozen=True)
+class Searched(Statement):
+    """How many sets of causes were looked at, and what the others may hold."""
+
+    topic = "searched"
+    looked_at: LookedAt
+    missed: float
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        how = "{} The chance that a better set was missed is {}, a part of every probability."
+        return words.put(how, self._counted, words.per_cent(self.missed))
+
+    @property
+    def _counted(self) -> str:
+        fitted, estimated = self.looked_at.fitted, self.looked_at.estimated
+        head = f"{fitted:,} set{' of causes was' if fitted == 1 else 's of causes were'} fitted on all readings"
+        if not estimated:
+            return f"{head}{' and' if fitted == 1 else ', all of them'} sampled."
+        mass = self.looked_at.mass_not_looked_at
+        share = fixed(mass, 1, per_cent=True)
+        share = "less than 0.1" if share == "0.0" and mass > 0 else share
+        others = "the other has" if estimated == 1 else "the others have"
+        together = "" if estimated == 1 else " together"
+        return f"{head}, {fitted - estimated:,} of them sampled; {others} {share} % of the probability{together}."

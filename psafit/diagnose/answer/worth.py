@@ -1,0 +1,119 @@
+"""What naming causes is worth on unseen readings, and what to do next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from psafit.diagnose.answer.statement import Statement
+from psafit.diagnose.gain import Gain
+from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
+from psafit.diagnose.record import Draft
+from psafit.diagnose.words import Words
+from psafit.experiment import GroupId
+from psafit.text import fixed
+
+
+@dataclass(frozen=True)
+class NoGain(Statement):
+    """Why no gain on unseen data was measured."""
+
+    topic = "gained"
+    quick: bool
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        why = "a quick diagnosis gives the verdict alone" if self.quick else "there is no group that could be held out"
+        return words.put("No gain on data unseen was measured: {}.", why)
+
+
+@dataclass(frozen=True)
+class Gained(Statement):
+    """What naming the causes is worth on readings that no choice has seen."""
+
+    topic = "gained"
+    gain: Gain
+    training: list[GroupId]
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        g = self.gain
+        seen = words.groups(self.training) if g.protocol == "strict" else "all other groups"
+        if g.names_nothing:
+            how = "Gain on data unseen ({}): none; no cause is named by {} alone."
+            return words.put(how, g.protocol, seen)
+        text = words.put(
+            "Gain on data unseen ({}; causes and parameters chosen on {}): the typical error goes from a factor of {}"
+            " to {} (mean log_rmse {} before, {} after; change {} to {}, 90 %).",
+            g.protocol, seen, *(f"{math.exp(min(x, 99.0)):.3g}" for x in (g.log_rmse_before, g.log_rmse_after)),
+            f"{g.log_rmse_before:.3f}", f"{g.log_rmse_after:.3f}",
+            *(words.number(fixed(x, 3, sign=True)) for x in g.log_rmse_interval),
+        )  # fmt: skip
+        if not g.worse:
+            return text
+        worse = (
+            words.put("{} ({} to {})", words.groups([w.group]), f"{w.log_rmse_before:.3f}", f"{w.log_rmse_after:.3f}")
+            for w in g.worse
+        )
+        return words.put("{} Predicted worse than by the baseline: {}.", text, words.joined(", ", worse))
+
+
+@dataclass(frozen=True)
+class Drafted(Statement):
+    """What no cause explains, described as a cause of one's own."""
+
+    topic = "next"
+    found: Draft
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        d = self.found
+        unit = {"frequency": "Hz", "amplitude": "V", "range": "um"}[d.axis]
+        return words.put(
+            "A factor of {} at a {} of {} describes {} of what is left. {} has it as a cause: a description and no"
+            " mechanism, to be scored with --plugin.",
+            f"{d.factor:.2f}", "predicted range" if d.axis == "range" else d.axis,
+            words.number(f"{float(f'{d.place:.3g}'):g} {unit}"), words.per_cent(d.share), d.file,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Next(Statement):
+    """What to measure next; `more` where a quick diagnosis has not looked at all sets that are tied."""
+
+    topic = "next"
+    found: NextExperiment
+    more: bool
+
+    def say(self, words: Words) -> str:
+        """Return the sentence."""
+        first, purpose = self.found.proposals[0], self.found.purpose
+        about, text = purpose_text(purpose, words), words.number(first.text)
+        if self.found.separates:
+            lead = f"over {0.9 * CLEAR:.0f} nats"
+            if first.separation <= 0.9 * CLEAR:
+                lead = f"{fixed(first.separation, 1)} +- {fixed(first.error, 1)} nats"
+            by = words.number(lead)
+        else:
+            by = words.put("narrower by {}", words.per_cent(-math.expm1(-first.separation)))
+        if self.found.recommended:
+            does = "{}: it best {}, with an expected lead of {}." if self.found.separates else "{}: it best {}, {}."
+            rest = " The other sets are not looked at: without --quick the four likeliest are."
+            return words.put("Next, measure " + does + "{}", text, about, by, rest if self.more else "")
+        if self.found.separates:
+            return words.put("No sweep that the rig allows {}: the best, {}, by {}.", about, text, by)
+        return words.put("No sweep that the rig allows would tell much more: the best, {}, {}, {}.", text, about, by)
+
+
+def purpose_text(purpose: Purpose | None, words: Words) -> str:
+    """Return what proposals are for, without what the sets to be told apart share."""
+    if purpose is None:
+        return ""
+    if purpose.kind == "narrow":
+        return words.put("determines {}", words.parameter(purpose.parameter))
+    shared = set.intersection(*map(set, purpose.sets))
+    if any(shared.issuperset(ids) for ids in purpose.sets):  # one holds nothing else
+        shared = set()
+    one, *rest = (words.causes([id for id in ids if id not in shared]) for ids in purpose.sets)
+    beside = " (beside what they share)" if shared else ""
+    return words.put("tells {} from {}{}", one, words.listed(rest), beside)

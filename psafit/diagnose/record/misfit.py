@@ -1,0 +1,213 @@
+"""What is wrong, as a record holds it: tests, places, readings, what is left, and laws that are broken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from psafit.diagnose.misfit import Character, Coincidence, Statistic
+from psafit.diagnose.robustness import Robustness
+from psafit.diagnose.show import Offset
+from psafit.diagnose.significance import Significance
+from psafit.experiment import GroupId
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.records import ABSENT
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where predictions err to one side.
+
+    Parameters
+    ----------
+    group : group id
+    variable : {"frequency", "amplitude"}
+        What the group's sweep varies.
+    start, to : float, Hz or V
+        The stretch; the key of `start` is "from".
+    text : str
+        The same in words.
+    log_bias : float
+        Mean of ln(predicted/measured) there.
+    score : float
+        By how many standard deviations.
+    together : list of group ids
+        Other groups whose readings stand out at the same condition.
+    """
+
+    group: GroupId
+    variable: Literal["frequency", "amplitude"]
+    start: float = field(metadata={"key": "from"})
+    to: float
+    text: str
+    log_bias: float
+    score: float
+    together: list[GroupId]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading far from a model.
+
+    Parameters
+    ----------
+    group : group id
+    number : int
+        In the group, from 0.
+    frequency_hz, amplitude_v, reading_um, predicted_um : float
+        In the unit of another observable than the launch range where `observable` names one.
+    score : float
+        In standard deviations of the scatter.
+    observable : str, optional
+        What was read, by its name; left out for the launch range.
+    """
+
+    group: GroupId
+    number: int
+    frequency_hz: float
+    amplitude_v: float
+    reading_um: float
+    predicted_um: float
+    score: float
+    observable: str | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def unit(self) -> str:
+        """Of the reading."""
+        return next((o.unit for o in OBSERVABLES if o.name == self.observable), LAUNCH_RANGE.unit)
+
+
+@dataclass(frozen=True)
+class Tests:
+    """What the tests say of one model: see `psafit.diagnose.misfit.Misfit`; `where` of the extension only."""
+
+    p_value: float
+    character: Character
+    furthest: list[Reading]
+    odd_groups: list[GroupId]
+    odd_points: list[tuple[GroupId, int]]
+    coincidences: list[Coincidence]
+    statistics: list[Statistic]
+    n_simulated: int
+    refit: str
+    usual_tails: float | None = field(default=None, metadata=ABSENT)
+    where: list[Where] | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True)
+class GroupDiscrepancy:
+    """Mean and largest absolute discrepancy of a group, in ln units; None where no reading tells of one."""
+
+    group: GroupId
+    mean: float | None
+    largest: float | None
+
+
+@dataclass(frozen=True)
+class DiscrepancyResult:
+    """An unnamed discrepancy beside the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
+
+    log_bayes: float
+    amplitude: float
+    level: float
+    reach: float
+    sigma_rel: float
+    groups: list[GroupDiscrepancy]
+    mean: list[float]
+    sd: list[float | None]
+
+
+@dataclass(frozen=True)
+class MisfitResult:
+    """What is wrong.
+
+    Parameters
+    ----------
+    p_value : float
+        Of the baseline's tests.
+    where : list of Where
+    baseline, extended : Tests
+        The second where the best model has causes.
+    leftover : DiscrepancyResult
+    sessions : list of Offset
+    remains : bool, optional
+        Whether structure remains beside the causes of an extension that does not explain the readings.
+    robustness : Robustness, optional
+    search : Significance, optional
+    """
+
+    p_value: float
+    where: list[Where]
+    baseline: Tests
+    leftover: DiscrepancyResult
+    sessions: list[Offset] = field(default_factory=list)
+    extended: Tests | None = field(default=None, metadata=ABSENT)
+    remains: bool | None = field(default=None, metadata=ABSENT)
+    robustness: Robustness | None = field(default=None, metadata=ABSENT)
+    search: Significance | None = field(default=None, metadata=ABSENT)
+
+
+Axis = Literal["frequency", "amplitude", "range"]
+
+
+@dataclass(frozen=True)
+class Draft:
+    """The draft that was written.
+
+    Parameters
+    ----------
+    file : str
+        In the folder of the diagnosis.
+    axis : {"frequency", "amplitude", "range"}
+        What the factor depends on.
+    place : float, Hz, V or um
+        Where it departs most from one.
+    factor : float
+        By how much, there.
+    width : float
+        Of the departure, in the logarithm.
+    share : float
+        Of the discrepancy's squares that it takes up, a factor common to all readings aside.
+    """
+
+    file: str
+    axis: Axis
+    place: float
+    factor: float
+    width: float
+    share: float
+
+
+Law = Literal["carried", "energy"]
+
+
+@dataclass(frozen=True)
+class Broken:
+    """One law that a model breaks, where it breaks it most.
+
+    Parameters
+    ----------
+    law : {"carried", "energy"}
+    terms : list of str
+        The model's causes.
+    group : str or int
+    frequency_hz, amplitude_v : float
+        Of the reading.
+    value, limit : float
+        What the model says, and what the law allows: ranges in um ("carried", at least), energies in J ("energy", at
+        most).
+    readings : int
+        At which the law is broken, of those that were asked.
+    text : str
+        The same in words.
+    """
+
+    law: Law
+    terms: list[str]
+    group: GroupId
+    frequency_hz: float
+    amplitude_v: float
+    value: float
+    limit: float
+    readings: int
+    text: str

@@ -1,0 +1,225 @@
+"""The models of a diagnosis: their parameters and evidence, what is drawn of them, and what each cause could add."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from psafit.diagnose.show import Corner, Drift, Growth, Line
+from psafit.experiment import GroupId
+from psafit.inference.samplers.nautilus import NestedEvidence
+from psafit.observables import OBSERVABLES
+from psafit.records import ABSENT, Brief
+
+
+@dataclass(frozen=True)
+class ParameterResult:
+    """A parameter of one model.
+
+    Parameters
+    ----------
+    median, lower, upper : float
+        In `unit`; the ends of the 90 % interval are None where the model was not sampled.
+    unit, description : str
+    prior_share : float
+        Quantile of the prior at which the median lies; nan where that is not known.
+    """
+
+    median: float
+    lower: float | None
+    upper: float | None
+    unit: str
+    description: str
+    prior_share: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Evidence of one model, nats.
+
+    Parameters
+    ----------
+    log_evidence, over_baseline : float
+    gain : float
+        Of the log likelihood at the top, over the baseline's.
+    share : float
+        Probability if the catalogue holds the truth and the search has missed nothing.
+    method : {"adaptive importance sampling", "Laplace"}
+        The second where a short fit's estimate is all that is known.
+    error, effective_draws, pareto_k : float, optional
+        Of importance sampling.
+    prior_width : dict, optional
+        Change of the log evidence when the priors of the causes' parameters are "half" and "twice" as wide.
+    nautilus : NestedEvidence, optional
+    """
+
+    log_evidence: float
+    over_baseline: float
+    gain: float
+    share: float
+    method: Literal["adaptive importance sampling", "Laplace"]
+    error: float | None = field(default=None, metadata=ABSENT)
+    effective_draws: float | None = field(default=None, metadata=ABSENT)
+    pareto_k: float | None = field(default=None, metadata=ABSENT)
+    prior_width: dict[str, float] | None = field(default=None, metadata=ABSENT)
+    nautilus: NestedEvidence | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, repr=False)
+class CauseResult(Brief):
+    """One model of the model set.
+
+    Parameters
+    ----------
+    terms : list of str
+        Its causes; empty for the baseline.
+    probability : float
+        Posterior probability that these causes are at work and no other that can be seen: larger sets whose evidence
+        is not better by three nats are counted with it.
+    parameters : dict of str to ParameterResult
+    evidence : Evidence
+    implausible : list of str
+        Parameters whose median lies where the prior has less than one chance in twenty, or at a bound; never those
+        whose prior is uniform.
+    """
+
+    _in_repr = ("terms", "probability")
+
+    terms: list[str]
+    probability: float
+    parameters: dict[str, ParameterResult]
+    evidence: Evidence
+    implausible: list[str]
+
+    @property
+    def sampled(self) -> bool:
+        """Whether the model was sampled, and not only fitted."""
+        return self.evidence.method != "Laplace"
+
+    @property
+    def strange(self) -> list[str]:
+        """Its implausible parameters, the scatter's aside."""
+        scatter = {p.name for o in OBSERVABLES for p in o.scatter}
+        return [name for name in self.implausible if name not in scatter]
+
+
+NOT_EXCLUDED = "not excluded"
+"""What is said of a cause that does not show, where the readings leave it more than would be seen."""
+
+
+UNSEEN = "could not have been seen"
+"""What is said of a cause of which even a plausible strength would not show."""
+
+
+NEAREST = "in the best extension"
+"""What is said of a cause by which readings that no cause explains are explained best."""
+
+
+@dataclass(frozen=True)
+class ScreeningResult:
+    """What one cause could add; see `psafit.diagnose.screening`.
+
+    Parameters
+    ----------
+    id : str
+        The cause.
+    verdict : str
+        In words; "could not have been seen" is said beside the adopted model.
+    gain, refit_gain : float, nats
+        By it alone beside the baseline: of the log posterior in the expansion, of the log likelihood when fitted.
+    chance : float, nats
+        What scatter alone gains in the expansion once in twenty times.
+    log_bayes : float
+        Evidence that it adds to the baseline, by the expansion.
+    strength : float
+        At which it gains that, in `unit`.
+    unit : str
+    visible : float
+        Size of a plausible effect beside the adopted model, in standard deviations of its scatter.
+    inclusion : float
+        Probability that it is among the causes, given that the catalogue holds the truth.
+    plausible : float
+        The strength meant there, in `unit`: as far from neutral as the prior is in the median, on the likelier side;
+        nan in records of earlier versions.
+    room : float or None
+        Largest change of a range, as a share of it, that the readings leave it beside the adopted model (95 %); see
+        `psafit.diagnose.room`.
+    left : float or None
+        What they leave it of an effect (95 %), measured as `visible` is.
+    """
+
+    id: str
+    verdict: str
+    gain: float
+    refit_gain: float
+    chance: float
+    log_bayes: float
+    strength: float
+    unit: str
+    visible: float
+    inclusion: float
+    plausible: float = math.nan
+    room: float | None = None
+    left: float | None = None
+
+
+@dataclass(frozen=True)
+class ModelShown:
+    """What is drawn of one model: see `psafit.diagnose.show`.
+
+    Parameters
+    ----------
+    growth, corners, drift, lines : lists
+    predicted_um : list of float
+        At all readings, one group after the other.
+    without_um : dict of str to list of float
+        By cause: the same without it.
+    parameters : dict
+        Values of the best fit.
+    """
+
+    growth: list[Growth]
+    corners: list[Corner]
+    drift: list[Drift]
+    lines: list[Line]
+    predicted_um: list[float]
+    without_um: dict[str, list[float]]
+    parameters: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Apart:
+    """How far a chain and importance draws are apart: see `psafit.records.ImportanceSummary`."""
+
+    parameter: str
+    apart: float
+    by_chance: float
+    effective: float
+
+
+@dataclass(frozen=True)
+class ExtensionRun:
+    """Causes that were fitted and sampled like any run.
+
+    Parameters
+    ----------
+    folder : str
+    groups : list of group ids
+        Fitted.
+    terms : list of str
+    scored_on : list of group ids
+    converged : bool
+    message : str
+    importance : Apart
+    holdout_log_rmse : float, optional
+    """
+
+    folder: str
+    groups: list[GroupId]
+    terms: list[str]
+    scored_on: list[GroupId]
+    converged: bool
+    message: str
+    importance: Apart
+    holdout_log_rmse: float | None
