@@ -1,4 +1,4 @@
-"""`psafit diagnose`, and how a diagnosis is told."""
+"""`psafit diagnose`, and how a diagnosis is reported."""
 
 from __future__ import annotations
 

@@ -629,7 +629,7 @@ def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[t
 
 
 def _confusion(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watcher: Watcher) -> Confusion:
-    """Whether tied models could be told apart by the same conditions, measured again."""
+    """Whether tied models could be distinguished by the same conditions, measured again."""
     if not (verdict.named and verdict.alternatives):
         return Confusion()
     tied = _tied(model_set, verdict, seed, most)

@@ -7,10 +7,10 @@ over the models that its own search found, weighted by their probabilities: aver
 cannot tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error
 metric) and its predictive density (the log score). A ledger says which groups each choice saw.
 
-A model that cannot be told from the truth in one session may err in the next. The predictive density therefore holds
-the unnamed discrepancy (`psafit.diagnose.discrepancy`) before and after alike: as large as the fitted groups allow
-where they tell, as large as its prior where they do not, which is the level of a session when only one has been seen.
-It widens intervals and moves no median.
+A model that cannot be distinguished from the truth in one session may err in the next. The predictive density therefore
+holds the unnamed discrepancy (`psafit.diagnose.discrepancy`) before and after alike: as large as the fitted groups
+allow where they tell, as large as its prior where they do not, which is the level of a session when only one has been
+seen. It widens intervals and moves no median.
 
 Uncertainty: readings of one group are not independent, so groups are drawn with replacement, and within each group
 blocks of five neighbours in the sweep. A bootstrap over few groups is too narrow, for it knows their spread from the

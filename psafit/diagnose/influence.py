@@ -70,7 +70,7 @@ def influence(model_set: ModelSet, named: Ids, *, seed: int, draws: int = 400) -
     ----------
     model_set : ModelSet
     named : tuple of str
-        Causes of the best model, in the order in which they are told.
+        Causes of the best model, in the order in which they are reported.
     seed : int
     draws : int
         Of each model's posterior.

@@ -9,7 +9,7 @@ parameters of the baseline cannot imitate, and :math:`Q_M` that on what the effe
 are the nats by which readings that cause :math:`i` has made will speak against model :math:`M`, on average. It is the
 expected difference of the best log likelihoods in the linearised problem. :math:`N_{i|0}`, with nothing in :math:`M`,
 says whether the cause is seen at all. Effects bend with their strength: a cause of :math:`M` is taken at several
-strengths, and the one that imitates best counts. Of the places in the baseline that are tried the median is told.
+strengths, and the one that imitates best counts. Of the places in the baseline that are tried the median is reported.
 
 A cause *may be taken for* another where its readings speak less than a threshold against that. Two *look alike* where
 each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the refit is
@@ -84,9 +84,9 @@ class Split:
     waveform : str
     frequency_hz, amplitude_v : list of float
     nats : float
-        By which the pair of the block that is hardest to tell apart is told, with this sweep and what is planned.
+        By which the pair of the block that is hardest to tell apart is reported, with this sweep and what is planned.
     splits : bool
-        Whether every pair is told; else the sweep is the best of those that the rig allows.
+        Whether every pair is reported; else the sweep is the best of those that the rig allows.
     """
 
     text: str

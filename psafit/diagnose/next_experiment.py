@@ -148,7 +148,7 @@ class Purpose:
     kind : {"separate", "narrow"}
         To tell sets of causes apart, or to determine a parameter.
     sets : list of lists of str
-        The first is to be told from the others.
+        The first is to be distinguished from the others.
     parameter : str
         To be determined.
     """
@@ -390,7 +390,7 @@ def separating(
         possible, forecasts = [possible[k] for k in kept], [forecasts[k] for k in kept]
     found = []
     for p, each in zip(possible, forecasts, strict=True):
-        # The best of several is best by luck, too: what is told of them comes from other trials.
+        # The best of several is best by luck, too: what is reported of them comes from other trials.
         judgement, apart = _apart(each, rng, settings)
         ids = [list(c.ids) for c, _ in tied]
         two = itertools.combinations(range(len(tied)), 2)
@@ -420,14 +420,14 @@ def determine(
 
     every = draws.resampled(2 * settings.draws)
     ranked = _best(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
-    # As above, what is told of them comes from other draws.
+    # As above, what is reported of them comes from other draws.
     found = judged([possible[k] for k in ranked], every[1::2])
     return best_model.problem.names[weak[which]], _worth_building(found, settings.changed_rig)
 
 
 def _worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
     """The same, what needs nothing new first where a changed rig or another instrument does hardly more."""
-    # The first in rank, not the largest: what is told had no part in the ranking.
+    # The first in rank, not the largest: what is reported had no part in the ranking.
     here = next((p for p in found if p.as_it_is), None)
     if here is None or found[0].as_it_is:
         return found

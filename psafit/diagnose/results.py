@@ -39,11 +39,11 @@ from psafit.parameters import broadened
 from psafit.simulate.sensitivity import plausible
 from psafit.validate import without_each
 
-# Drifts of a model that are told.
+# Drifts of a model that are reported.
 _DRIFTS = 8
 # Models in the result; the rest of the model set has less than this share.
 _SHOWN, _LEAST = 12, 1e-4
-# Readings that are told as the furthest from a model.
+# Readings that are reported as the furthest from a model.
 _FURTHEST = 3
 
 
@@ -248,7 +248,7 @@ def shown(model_set: ModelSet) -> dict[str, ModelShown]:
         {"extended": model_set.best_model} if model_set.best_model.terms else {}
     )
     drifts = {name: show.drift(c) for name, c in models.items()}
-    # What stands out in either is told of both.
+    # What stands out in either is reported of both.
     striking = {(d.parameter, d.variable) for found in drifts.values() for d in found[:_DRIFTS]}
     return {
         name: ModelShown(

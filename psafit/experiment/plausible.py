@@ -182,8 +182,8 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: 
     ----------
     groups : sequence of Group
     least : float
-        The least factor that is told, the median over the shared conditions. Sessions of one rig differ by less: those
-        of the study by up to 1.33.
+        The least factor that is reported, the median over the shared conditions. Sessions of one rig differ by less:
+        those of the study by up to 1.33.
     scatter_um : float
         Ranges up to this are left out: their ratio is scatter.
     """

@@ -399,7 +399,6 @@ def _discrepancy(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: in
     low, high = factor(float(m.min())), factor(float(m.max()))
     return Picture(
         _uri(figure, n),
-        f"Discrepancy against {_swept(g.sweep)}, group {g.group.id}:"
-        f" readings ×{low} to ×{high} of the prediction.",
+        f"Discrepancy against {_swept(g.sweep)}, group {g.group.id}: readings ×{low} to ×{high} of the prediction.",
         f"×{low} to ×{high}; band: 90 %.",
     )

@@ -108,7 +108,7 @@ def growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
 
 
 def without_growth(result: Diagnosis) -> Markup | None:
-    """Groups of which no local exponent can be told."""
+    """Groups of which no local exponent can be known."""
     none = [g.group for g in result.show["baseline"].growth if not g.at]
     return words.group_ids(none) if none else None
 

@@ -67,7 +67,7 @@ _TAILS = noise.PARAMETERS[-1]
 
 
 def answer(d: Diagnosis) -> tuple[Statement, ...]:
-    """Return what a diagnosis says, in the order in which it is told.
+    """Return what a diagnosis says, in the order in which it is reported.
 
     Parameters
     ----------

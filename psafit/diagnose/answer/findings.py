@@ -18,7 +18,7 @@ from psafit.text import significant
 WORTH_SAYING = 0.05
 """Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
 
-# Sets that do as well as what is named, and are told by name.
+# Sets that do as well as what is named, and are named one by one.
 _TIED = 6
 
 

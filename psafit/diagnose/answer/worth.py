@@ -106,7 +106,7 @@ class Next(Statement):
 
 
 def purpose_text(purpose: Purpose | None, words: Words) -> str:
-    """Return what proposals are for, without what the sets to be told apart share."""
+    """Return what proposals are for, without what the sets to be distinguished share."""
     if purpose is None:
         return ""
     if purpose.kind == "narrow":

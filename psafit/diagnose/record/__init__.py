@@ -91,7 +91,7 @@ def is_diagnosis(folder: Path) -> bool:
     return found
 
 
-# Probability of a discrepancy without a name from which on it is told.
+# Probability of a discrepancy without a name from which on it is reported.
 _TOLD = 0.001
 
 

@@ -55,7 +55,7 @@ class Imported:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What looks like another unit, as far as that can be told without the rig."""
+        """What looks like another unit, as far as that can be known without the rig."""
         groups = [group for table in self.tables for group in table.groups]
         units = (line for group in groups for line in suspicious_readings(group, None))
         return (*units, *disagreeing_groups(groups))
