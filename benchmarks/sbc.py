@@ -243,11 +243,11 @@ def ranked(
     likelihood = problem.log_likelihood(rows)
     for name, value in (("log_likelihood", likelihood), ("log_posterior", likelihood + problem.log_prior(rows))):
         ranks[name] = float(below(value[1:, None], draws.weights, value[:1])[0])
-    leaders = separate_modes(found)
-    if len(leaders) > 1:
-        parts = [(found.modes[k], found.covariance[k], 1.0) for k in leaders]
+    tops = separate_modes(found)
+    if len(tops) > 1:
+        parts = [(found.modes[k], found.covariance[k], 1.0) for k in tops]
         mode = np.argmax(StudentMixture.of(parts).each(rows), axis=0)
-        share = np.bincount(mode[1:], draws.weights, len(leaders))
+        share = np.bincount(mode[1:], draws.weights, len(tops))
         ranks["mode"] = float(share[: mode[0]].sum() + random * share[mode[0]])
     return ranks
 

@@ -53,7 +53,7 @@ from psafit.inference.evidence import importance_sample
 from psafit.inference.memory import code
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
-from psafit.model_search import SearchSettings, ladder
+from psafit.model_search import SearchSettings, model_set
 from psafit.physics import TERMS, terms
 from psafit.simulate import closed_form, stepper
 
@@ -96,14 +96,14 @@ def search(problem: Problem, seed: int, most: int, progress: Callable[[str, int,
         {ids: value + found.log_prior(ids) for ids, value in found.log_evidence.items()},
         found.probability,
         tuple(c.ids for c in found.candidates),
-        (found.leader.ids, *found.rivals(found.leader.ids)),
-        found.leader.modes,
+        (found.best_model.ids, *found.rivals(found.best_model.ids)),
+        found.best_model.modes,
     )
 
 
 def log_prior(ids: Ids) -> float:
     """Log prior probability of a set of causes."""
-    return ladder.log_prior(ids, ladder.beliefs(TERMS))
+    return model_set.log_prior(ids, model_set.beliefs(TERMS))
 
 
 def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float, float, Candidate]:

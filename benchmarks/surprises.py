@@ -90,7 +90,7 @@ def measure(one: Surprise, seed: int) -> dict[str, Any]:
     problem = Problem(experiment, experiment.ids)
     begun = time.process_time()
     found = searched(problem, TERMS, seed=seed)
-    sets = [found.leader.ids, *found.rivals(found.leader.ids)]
+    sets = [found.best_model.ids, *found.rivals(found.best_model.ids)]
     best = next((ids for ids in sets if one.cause in ids), None)
     flagged = []
     if best is not None:
@@ -101,9 +101,9 @@ def measure(one: Surprise, seed: int) -> dict[str, Any]:
         "cause": one.cause,
         "reported": sets,
         "in_the_set": best is not None,
-        "first": one.cause in found.leader.ids,
+        "first": one.cause in found.best_model.ids,
         "flagged": flagged,
-        "gain": found.gain(found.leader.ids),
+        "gain": found.gain(found.best_model.ids),
         "cpu_s": time.process_time() - begun,
     }
 

@@ -21,7 +21,7 @@ from psafit.physics.term import DRIVES, SLOTS, Term
 from psafit.records import CauseEntry
 from psafit.simulate import Design
 from psafit.simulate.catalogue import declaration
-from psafit.simulate.sensitivity import Alike, Effect, alike, effect, plausible
+from psafit.simulate.sensitivity import Confounding, Effect, confounding, effect, plausible
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "causes.md"
@@ -309,12 +309,12 @@ def page(computed: str) -> str:
 # --- what the simulator says -------------------------------------------------------------------------
 
 
-def first_group() -> Alike:
-    return alike(TERMS, Design.of(PSA.constants, PSA.groups[:1]))
+def first_group() -> Confounding:
+    return confounding(TERMS, Design.of(PSA.constants, PSA.groups[:1]))
 
 
-def six_groups() -> Alike:
-    return alike(TERMS, Design.of(PSA.constants, PSA.groups))
+def six_groups() -> Confounding:
+    return confounding(TERMS, Design.of(PSA.constants, PSA.groups))
 
 
 def sweep(group: Group, n: int = 161) -> tuple[np.ndarray[Any, Any], Design, bool]:
@@ -440,7 +440,7 @@ def draw_cause(term: Term) -> None:
         save(figure, FIGURES / f"{term.id}.png")
 
 
-def clustered(found: Alike) -> list[int]:
+def clustered(found: Confounding) -> list[int]:
     """Order of the causes in which neighbours are confounded."""
     from scipy.cluster.hierarchy import leaves_list, linkage, optimal_leaf_ordering
     from scipy.spatial.distance import squareform

@@ -37,14 +37,14 @@ from psafit.validate import COLUMNS, Prediction, prediction_rows, validate
 class _Shown:
     """What a notebook shows of a view: a headline above tables."""
 
-    def _told(self) -> tuple[str, list[pd.DataFrame]]:
+    def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        return notebook.text(*self._told())
+        return notebook.text(*self._summary_parts())
 
     def _repr_html_(self) -> str:
-        return notebook.html(*self._told())
+        return notebook.html(*self._summary_parts())
 
 
 class Rig(_Shown):
@@ -171,7 +171,7 @@ class Rig(_Shown):
         """Draw the readings of a group."""
         return notebook.plot_group(self.experiment.group(group), (), ax)
 
-    def _told(self) -> tuple[str, list[pd.DataFrame]]:
+    def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
         rows = [
             [str(g.id), g.drive.label, g.n_points, *(_span(x) for x in (g.frequency_hz, g.amplitude_v, g.reading))]
             for g in self.experiment.groups
@@ -228,7 +228,7 @@ class Fitted(_Shown):
 
         return write_report(self.run, *self._validated, audit(self.run))
 
-    def _told(self) -> tuple[str, list[pd.DataFrame]]:
+    def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
         record, mean = self.run.fit, self._validated[0].holdout_log_rmse
         model = " + ".join(["baseline", *record.terms])
         unseen = "no group was held out" if mean is None else f"mean log_rmse of unseen groups {mean:.3f}"
@@ -238,11 +238,11 @@ class Fitted(_Shown):
         scores = self.scores[["role", "n_points", "log_rmse", "coverage_90", "verdict"]]
         scores = scores.assign(verdict=scores["verdict"].str.partition(",")[0])
         # The name is the row's.
-        told = [
+        rows = [
             [s.name, s.text.removeprefix(f"{s.name} ").removeprefix("= "), f"{s.r_hat:.4f}"]
             for s in self.run.summary.parameters
         ]
-        parameters = pd.DataFrame(told, columns=["parameter", "what the readings say", "r_hat"]).set_index("parameter")
+        parameters = pd.DataFrame(rows, columns=["parameter", "what the readings say", "r_hat"]).set_index("parameter")
         return headline + state, [parameters, scores]
 
 
@@ -308,7 +308,7 @@ class Diagnosed(_Shown):
             [" + ".join(c.terms) or "baseline", c.probability, c.evidence.gain, c.evidence.over_baseline]
             for c in self.record.causes
         ]
-        if self.record.tells_unnamed:
+        if self.record.reports_unnamed:
             rows.append(["a discrepancy without a name", self.record.unnamed, math.nan, math.nan])
         return pd.DataFrame(rows, columns=["model", "probability", "gain", "evidence"]).set_index("model")
 
@@ -357,7 +357,7 @@ class Diagnosed(_Shown):
 
         return write_diagnosis(self.record, self.experiment, self.folder)
 
-    def _told(self) -> tuple[str, list[pd.DataFrame]]:
+    def _summary_parts(self) -> tuple[str, list[pd.DataFrame]]:
         named = f" ({' + '.join(self.named)})" if self.named else ""
         tables = [self.causes]
         if any(set(c.terms) == set(self.named) for c in self.record.causes):

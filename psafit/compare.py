@@ -29,7 +29,7 @@ _MEASURED, _ROLES = ("frequency_hz", "amplitude_v", "launch_range_um"), ("fit", 
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class Predicted:
     """What a result says of one group; arrays (n_points,).
 
     Parameters
@@ -85,7 +85,7 @@ class Side:
     facts : dict of str to str
         All that determined it, each under the word a user knows it by.
     parameters : dict of str to Estimate
-    told : list of Told
+    predicted : list of Predicted
     """
 
     name: str
@@ -95,7 +95,7 @@ class Side:
     terms: list[str]
     facts: dict[str, str]
     parameters: dict[str, Estimate]
-    told: list[Told]
+    predicted: list[Predicted]
 
 
 @dataclass(frozen=True)
@@ -192,8 +192,8 @@ def read_side(folder: Path) -> Side:
         )
         for e, s in zip(run.fit.parameters, run.summary.parameters, strict=True)
     }  # fmt: skip
-    told = [Told(p.group, p.role, p.median, p.lower, p.upper, p.log_density) for p in predict(run)]
-    return Side(_name(folder), "fit", run.fit.title, run.fit.groups, run.fit.terms, facts, parameters, told)
+    predicted = [Predicted(p.group, p.role, p.median, p.lower, p.upper, p.log_density) for p in predict(run)]
+    return Side(_name(folder), "fit", run.fit.title, run.fit.groups, run.fit.terms, facts, parameters, predicted)
 
 
 def _of_diagnosis(folder: Path) -> Side:
@@ -210,10 +210,10 @@ def _of_diagnosis(folder: Path) -> Side:
     }
     parameters = {
         name: Estimate(p.median, known(p.lower), known(p.upper), p.unit, p.description)
-        for name, p in (record.leader.parameters if record.leader else {}).items()
+        for name, p in (record.best_model.parameters if record.best_model else {}).items()
     }
-    told = read_predictions(record.table(folder, record.predictions))
-    return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, told)
+    predicted = read_predictions(record.table(folder, record.predictions))
+    return Side(_name(folder), "diagnosis", record.title, record.groups, record.named, facts, parameters, predicted)
 
 
 def known(value: object) -> float:
@@ -221,7 +221,7 @@ def known(value: object) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
 
 
-def read_predictions(path: Path, model: str | None = None) -> list[Told]:
+def read_predictions(path: Path, model: str | None = None) -> list[Predicted]:
     """Read a `predictions.csv` back, a group after the other, or one model's rows where it has a column `model`.
 
     Raises
@@ -238,7 +238,7 @@ def read_predictions(path: Path, model: str | None = None) -> list[Told]:
         if not (np.isfinite(numbers).all() and (numbers >= 0).all() and table["role"].isin(_ROLES).all()):
             raise ValueError("impossible values")
         return [
-            Told(
+            Predicted(
                 Group(
                     str(id),
                     Drive(rows["waveform"].iloc[0]),
@@ -263,15 +263,15 @@ def compare(first: Side, second: Side) -> Comparison:
     InputError
         If they have no group in common.
     """
-    mates = {t.group.label: t for t in second.told}
-    pairs = [(t, mates[t.group.label]) for t in first.told if _same(t, mates.get(t.group.label))]
+    mates = {t.group.label: t for t in second.predicted}
+    pairs = [(t, mates[t.group.label]) for t in first.predicted if _same(t, mates.get(t.group.label))]
     common = {t.group.label for t, _ in pairs}
     if not pairs:
         what = f"{first.name} and {second.name} have no group with the same readings"
         raise InputError(what, "compare results of one experiment")
     rows, redrawn = zip(*(_pair(a, b, seed) for seed, (a, b) in enumerate(pairs)), strict=True)
     judged = [k for k, row in enumerate(rows) if row.informative and "fit" not in row.roles]
-    apart = {t.group.label: t.group.id for t in (*first.told, *second.told)}
+    apart = {t.group.label: t.group.id for t in (*first.predicted, *second.predicted)}
     return Comparison(
         names=[first.name, second.name],
         facts=[
@@ -291,7 +291,7 @@ def compare(first: Side, second: Side) -> Comparison:
     )
 
 
-def told_apart(first: Side, second: Side) -> tuple[Side, Side]:
+def distinguished(first: Side, second: Side) -> tuple[Side, Side]:
     """Give two results of the same name different ones."""
     if first.name != second.name:
         return first, second
@@ -310,7 +310,7 @@ def _listed(words: Sequence[object], between: str = ", ") -> str:
     return between.join(str(w) for w in words)
 
 
-def _same(one: Told, other: Told | None) -> bool:
+def _same(one: Predicted, other: Predicted | None) -> bool:
     return (
         other is not None
         and one.group.waveform == other.group.waveform
@@ -318,7 +318,7 @@ def _same(one: Told, other: Told | None) -> bool:
     )
 
 
-def _pair(a: Told, b: Told, seed: int) -> tuple[GroupPair, FloatArray]:
+def _pair(a: Predicted, b: Predicted, seed: int) -> tuple[GroupPair, FloatArray]:
     """Both scores of a group, and the bootstrap of the change of its log RMSE."""
     measured, n = a.group.reading, a.group.n_points
     errors = [log_ratio(t.median, measured, a.group.observable.offset) for t in (a, b)]

@@ -209,7 +209,7 @@ def sole(folder: Path) -> Iterator[None]:
 
 
 def in_use(folder: Path) -> bool | None:
-    """Whether a process works in a folder (`sole`); None where that cannot be told."""
+    """Whether a process works in a folder (`sole`); None where that cannot be known."""
     try:
         import fcntl
 

@@ -58,7 +58,7 @@ def place(error: BaseException, file: str | Path) -> int | None:
     return line
 
 
-def told(error: BaseException) -> str:
+def message_of(error: BaseException) -> str:
     """An error's kind and what it says, in one line that is not too long."""
     said = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())  # numba colours what it says
     said = said if len(said) <= 200 else said[:197] + "..."
@@ -69,5 +69,7 @@ def blamed(error: BaseException) -> InputError | None:
     """The same error as one line, where it came up in a plugin."""
     for file in files():
         if line := place(error, file):
-            return InputError(f"the cause fails ({told(error)})", "psafit check-cause tells more", file=file, line=line)
+            return InputError(
+                f"the cause fails ({message_of(error)})", "psafit check-cause tells more", file=file, line=line
+            )
     return None

@@ -39,13 +39,13 @@ def _key(f: dataclasses.Field[Any]) -> str:
 class Brief:
     """A record that prints as what it is and how much it holds, not as all of it."""
 
-    _told: typing.ClassVar[tuple[str, ...]] = ()
+    _in_repr: typing.ClassVar[tuple[str, ...]] = ()
 
     def __repr__(self) -> str:
-        told = [f"{name}={getattr(self, name)!r}" for name in self._told]
-        held = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in self._told}  # type: ignore[arg-type]
+        shown = [f"{name}={getattr(self, name)!r}" for name in self._in_repr]
+        held = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in self._in_repr}  # type: ignore[arg-type]
         sizes = [f"{name}: {len(x)}" for name, x in held.items() if isinstance(x, list | tuple | dict)]
-        return f"{type(self).__name__}({', '.join([*told, *sizes])})"
+        return f"{type(self).__name__}({', '.join([*shown, *sizes])})"
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ class Fit(Brief):
         Values, by parameter, at which the search was told to begin, too: where a diagnosis had found these causes.
     """
 
-    _told = ("title", "groups", "terms", "engine", "seed")
+    _in_repr = ("title", "groups", "terms", "engine", "seed")
 
     identity: str
     title: str
@@ -249,7 +249,7 @@ class ParameterSummary(Brief):
         Of the median; see `psafit.parameters.Parameter.is_implausible`.
     """
 
-    _told = ("text", "verdict", "r_hat")
+    _in_repr = ("text", "verdict", "r_hat")
 
     name: str
     median: float
@@ -321,7 +321,7 @@ class PosteriorSummary(Brief):
     `posterior.nc`.
     """
 
-    _told = ("converged", "message")
+    _in_repr = ("converged", "message")
 
     identity: str
     converged: bool
@@ -462,7 +462,7 @@ class Validation(Brief):
     `holdout_log_rmse` is the mean over the informative groups that were held out, None without any.
     """
 
-    _told = ("holdout_log_rmse", "n_draws", "seed")
+    _in_repr = ("holdout_log_rmse", "n_draws", "seed")
 
     identity: str
     n_draws: int

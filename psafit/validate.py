@@ -309,7 +309,7 @@ def score(prediction: Prediction) -> GroupScore:
     read = prediction.group.observable
     error = log_ratio(prediction.median, measured, read.offset)
     silent = silence(prediction.group)
-    told = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
+    silenced = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
     return GroupScore(
@@ -328,7 +328,7 @@ def score(prediction: Prediction) -> GroupScore:
         pit_p_value=prediction.pit_p_value,
         drift_p_value=prediction.drift_p_value,
         informative=not silent,
-        verdict=told or verdict(error, float(np.mean(inside_90)), prediction.pit_p_value, prediction.drift_p_value),
+        verdict=silenced or verdict(error, float(np.mean(inside_90)), prediction.pit_p_value, prediction.drift_p_value),
     )
 
 
@@ -345,8 +345,8 @@ def _direction(error: FloatArray, one_sign: float = 0.70) -> str:
         return "either way"
     side, bias = ("large", float(np.mean(error))) if large > small else ("small", -float(np.mean(error)))
     # A few large errors of the other sign may outweigh the many in the mean.
-    told = bias > 0 and _factor(bias) != _factor(0.0)
-    return f"mostly too {side}" + (f" (by {_factor(bias)} on average)" if told else "")
+    shown = bias > 0 and _factor(bias) != _factor(0.0)
+    return f"mostly too {side}" + (f" (by {_factor(bias)} on average)" if shown else "")
 
 
 def drifting(validation: Validation) -> bool:

@@ -228,11 +228,11 @@ def ahead(
             return
         done, over = 0, threading.Event()
 
-        def tell() -> None:
+        def report() -> None:
             while not over.wait(_LOOK_UP_S):
                 progress(done, len(calls))
 
-        teller = threading.Thread(target=tell, name="progress", daemon=True)
+        teller = threading.Thread(target=report, name="progress", daemon=True)
         teller.start()
         try:
             for result in unordered(usable, work, calls):

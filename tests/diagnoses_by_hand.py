@@ -16,10 +16,10 @@ from psafit.diagnose.record import (
     Apart,
     CauseResult,
     Diagnosis,
+    DiscrepancyResult,
     Evidence,
     ExtensionRun,
-    GroupLeftover,
-    LeftoverResult,
+    GroupDiscrepancy,
     MisfitResult,
     ModelShown,
     ParameterResult,
@@ -31,7 +31,7 @@ from psafit.diagnose.record import (
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.show import Corner, Drift, Growth, Offset
 from psafit.experiment import Constants, Experiment, Group, fingerprint
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.records import Numerics, Refinement
 from psafit.report.diagnosis import write_diagnosis
 
@@ -126,8 +126,8 @@ def make_record(experiment: Experiment, *, title: str = "Made-up rig") -> Diagno
             extended=lack_of_fit(0.31, "none", last, []),
             sessions=[Offset(experiment.ids[0], last, 2, 1.32, 1.21, 1.44)],
             robustness=Robustness([(g, 54.5) for g in experiment.ids], last, 101.0, -20.4),
-            leftover=LeftoverResult(
-                -1.2, 0.04, 0.02, 0.7, 0.051, [GroupLeftover(g, 0.01, 0.05) for g in experiment.ids],
+            leftover=DiscrepancyResult(
+                -1.2, 0.04, 0.02, 0.7, 0.051, [GroupDiscrepancy(g, 0.01, 0.05) for g in experiment.ids],
                 [0.02] * measured.size, [None] + [0.03] * (measured.size - 1),
             ),
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from psafit.compare import Estimate, Side, Told
+from psafit.compare import Estimate, Predicted, Side
 from psafit.experiment import Group
 
 
@@ -13,7 +13,7 @@ def made(name: str, factor: float, *, role: str = "holdout", spread: float = 0.1
     f = np.geomspace(100, 1e4, 30)
     y = 20 * (f / 100) ** -0.3
     told = [
-        Told(Group(id, "sine", "x.csv", f, np.full(30, 20.0), y), r, factor * y, factor * y / 2, factor * y * 2,
+        Predicted(Group(id, "sine", "x.csv", f, np.full(30, 20.0), y), r, factor * y, factor * y / 2, factor * y * 2,
              np.full(30, -factor))
         for id, r in ((1, "fit"), ("two", role))
     ]  # fmt: skip

@@ -48,9 +48,9 @@ def test_a_difference_that_nobody_cares_for_has_no_winner() -> None:
 @pytest.mark.slow
 def test_more_data_may_be_why_one_is_better(tmp_path: Path) -> None:
     one, other = made("a", 2.0), made("b", 1.1)
-    third = replace(one.told[0], group=replace(one.told[0].group, id=3))
+    third = replace(one.predicted[0], group=replace(one.predicted[0].group, id=3))
     for side in (one, other):
-        side.told.append(third)
+        side.predicted.append(third)
 
     def said(first: list[int], second: list[int]) -> str:
         sides = replace(one, groups=first), replace(other, groups=second)
@@ -85,11 +85,11 @@ def test_what_is_not_determined_has_no_interval_beside_another(tmp_path: Path) -
 
 def test_other_readings_are_not_compared() -> None:
     one, other = made("a", 2.0), made("b", 1.1)
-    changed = replace(other.told[1].group, reading=other.told[1].group.reading + 1)
-    other.told[1] = replace(other.told[1], group=changed)
+    changed = replace(other.predicted[1].group, reading=other.predicted[1].group.reading + 1)
+    other.predicted[1] = replace(other.predicted[1], group=changed)
     found = compare(one, other)
     assert [g.group for g in found.groups] == [1] and found.apart == ["two"]
-    other.told.pop(0)
+    other.predicted.pop(0)
     with pytest.raises(InputError, match="no group with the same readings"):
         compare(one, other)
 
@@ -120,7 +120,7 @@ def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-de
     folder, experiment = diagnosis
     side = read_side(folder)
     assert side.kind == "diagnosis" and side.terms == ["hysteresis"] and side.parameters["k_c"].unit == "N/m"
-    assert [str(t.group.id) for t in side.told] == [str(i) for i in experiment.ids]
+    assert [str(t.group.id) for t in side.predicted] == [str(i) for i in experiment.ids]
     assert run(monkeypatch, "report", folder, folder, "--out", tmp_path / "c.html") == 0
     write_experiment(experiment, tmp_path / "rig")
     assert run(monkeypatch, "report", folder, "--experiment", tmp_path / "rig", "--quiet") == 0

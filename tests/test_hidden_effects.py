@@ -31,13 +31,13 @@ from psafit.challenge.campaign import read_diagnosis
 from psafit.challenge.hide import Challenge, make
 from psafit.challenge.oracle import Oracle, consult
 from psafit.challenge.score import located, reported_set
-from psafit.diagnose import diagnose, diagnosis
-from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose import diagnose, judging
+from psafit.diagnose.discrepancy import Discrepancy, discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.settings import Settings
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
 from psafit.inference.candidate import Candidate
-from psafit.model_search import SearchSettings, ladder
+from psafit.model_search import SearchSettings, model_set
 from psafit.physics import TERMS, terms
 
 SEED = "PSAFIT_CHALLENGE_SEED"
@@ -220,7 +220,7 @@ def test_a_stubborn_diagnosis_can_do_one_kind() -> None:
 
 
 # Parts of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by two, the tests and
-# the leftover; either sees what is hidden here.)
+# the discrepancy; either sees what is hidden here.)
 PARTS = {
     "what has no name": "outside",
     "single causes": "one",
@@ -234,22 +234,22 @@ PAID = 30.0  # nats a cause: more than one costs that does nothing
 def without(part: str, patch: pytest.MonkeyPatch) -> None:
     """Take a part away."""
     if part == "what has no name":
-        patch.setattr(diagnosis, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
+        patch.setattr(judging, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
 
-        def nothing(model: Candidate, outlying: Any = None) -> Leftover:
-            found = leftover(model, outlying)
+        def nothing(model: Candidate, outlying: Any = None) -> Discrepancy:
+            found = discrepancy(model, outlying)
             return replace(found, log_bayes=-50.0, log_evidence=found.log_evidence - found.log_bayes - 50.0)
 
-        patch.setattr(diagnosis, "leftover", nothing)
+        patch.setattr(judging, "discrepancy", nothing)
     else:
-        priced = ladder.log_prior
+        priced = model_set.log_prior
         odds = {
             "single causes": lambda ids, beliefs: -1e6 if len(ids) == 1 else priced(ids, beliefs),
             "combinations": lambda ids, beliefs: -1e6 if len(ids) > 1 else priced(ids, beliefs),
             # Causes are paid for, not only free: of few, none need gain anything by luck.
             "the price of a cause": lambda ids, beliefs: PAID * len(ids),
         }
-        for module in (ladder, model_search):
+        for module in (model_set, model_search):
             patch.setattr(module, "log_prior", odds[part])
 
 

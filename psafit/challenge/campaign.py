@@ -301,7 +301,7 @@ def _names(ids: object) -> bool:
 
 
 def _measured(parameters: object) -> bool:
-    """Whether what is told of parameters, if anything is, has numbers in it; None stands for one that is not finite."""
+    """Whether the parameters of a record, if it has any, are numbers; None stands for one that is not finite."""
     if parameters is None:
         return True
     if not isinstance(parameters, dict):

@@ -492,14 +492,14 @@ def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
         named = frozenset(result.diagnosis.get("named", []))
         if not truth or named != truth or frozenset(causes[0]["terms"]) != truth:
             continue
-        for name, told in (causes[0].get("parameters") or {}).items():
+        for name, entry in (causes[0].get("parameters") or {}).items():
             true = result.answer.parameters.get(name)
-            known = isinstance(told, dict) and all(told.get(k) is not None for k in ("median", "lower", "upper"))
+            known = isinstance(entry, dict) and all(entry.get(k) is not None for k in ("median", "lower", "upper"))
             if true is None or not known:
                 continue
-            half = 0.5 * (told["upper"] - told["lower"])
-            error = (told["median"] - true) / half if half > 0 else math.nan
-            together[-1].append(told["lower"] <= true <= told["upper"])
+            half = 0.5 * (entry["upper"] - entry["lower"])
+            error = (entry["median"] - true) / half if half > 0 else math.nan
+            together[-1].append(entry["lower"] <= true <= entry["upper"])
             found.setdefault(name, []).append((together[-1][-1], error))
     recovery = []
     for name, pairs in sorted(found.items()):

@@ -37,7 +37,7 @@ def main() -> None:
     try:
         code = commands.main(standalone_mode=False, prog_name="psafit")
         if sys.stdout is not None:  # nobody's, where it was closed
-            sys.stdout.flush()  # a full disk is told of here, not at the interpreter's end
+            sys.stdout.flush()  # a full disk is reported here, not at the interpreter's end
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         code = DONE

@@ -60,12 +60,12 @@ def _listing(entries: Sequence[CauseEntry], plain: Sequence[CauseParameterEntry]
         rows.append((slot, "", ""))
         for entry in members:
             # A parameter without a neutral value of its own does nothing where the first is neutral.
-            told = [
+            wrapped = [
                 f"{p.name} ({p.unit})" + ("" if p.neutral is None else f", neutral {p.neutral:g}")
                 for p in entry.parameters
             ]
-            rows.append((f"  {entry.id}", entry.title + (" (plugin)" if entry.plugin else ""), told[0]))
-            rows += [("", "", more) for more in told[1:]]
+            rows.append((f"  {entry.id}", entry.title + (" (plugin)" if entry.plugin else ""), wrapped[0]))
+            rows += [("", "", more) for more in wrapped[1:]]
     widths = [max(len(row[i]) for row in rows) for i in range(2)]
     lines = [f"{a:{widths[0]}}  {b:{widths[1]}}  {c}".rstrip() for a, b, c in rows]
     return "\n".join([*lines, "", "psafit terms ID says all about one of them, cause or parameter."])

@@ -105,10 +105,10 @@ def make(
     if not quiet:
         click.echo(f"experiment: {shown_path(content['experiment'])}")
         click.echo(f"sealed answer, SHA-256 {made.commitment}")
-        place, told = shown_path(content["experiment"]), shown_path(made.folder)
+        place, folder_shown = shown_path(content["experiment"]), shown_path(made.folder)
         answer = shown_path(made.folder / "diagnosis")
         click.echo(f"next: psafit diagnose {place} --quick --out {answer}")
-        click.echo(f"then: psafit challenge score {told} --diagnosis {answer}")
+        click.echo(f"then: psafit challenge score {folder_shown} --diagnosis {answer}")
     return DONE
 
 
@@ -162,7 +162,7 @@ def run(
     words += ["--terms", ids] if ids else []
     words += ["--scheduler", scheduler] if scheduler else []
 
-    def told(done: int, total: int, note: str) -> None:
+    def show(done: int, total: int, note: str) -> None:
         if not quiet:
             click.echo(f"{done} of {total} data sets {note}".rstrip(), err=True)
 
@@ -173,7 +173,7 @@ def run(
         jobs=jobs,
         scheduler=scheduler,
         command=portable_command(words),
-        progress=told,
+        progress=show,
     )
     failed = [r for r in results if r.status == "failed"]
     write_result(json_file, {"n": len(results), "failed": {r.spec.id: r.message for r in failed}})

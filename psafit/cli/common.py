@@ -1,4 +1,4 @@
-"""What all commands share: paths, options, and how results are told."""
+"""What all commands share: paths, options, and how results are reported."""
 
 from __future__ import annotations
 

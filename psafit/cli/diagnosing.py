@@ -1,4 +1,4 @@
-"""`psafit diagnose`, and how a diagnosis is told."""
+"""`psafit diagnose`, and how a diagnosis is reported."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def diagnose(
     write_result(json_file, result)
     try:
         if not quiet:
-            _tell(result)
+            _say_diagnosis(result)
     finally:
         # The answer need not wait for its pictures, nor they for somebody who reads it.
         if not no_report:
@@ -160,7 +160,7 @@ def diagnose(
     return DONE if result.numerics.converged else CHECK_FAILED
 
 
-def _tell(result: Diagnosis) -> None:
+def _say_diagnosis(result: Diagnosis) -> None:
     """Print a diagnosis."""
     from psafit.diagnose.answer import Sizes, answer
     from psafit.diagnose.words import PLAIN
@@ -176,10 +176,10 @@ def _tell(result: Diagnosis) -> None:
     for cause in result.causes[:5]:
         words = " + ".join(cause.terms) or "no cause"
         head = f"{words}, log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
-        told = cause.terms == result.named or cause.terms in result.alternatives
-        sizes = _sizes(cause, whole=cause.terms == result.named) if told else ()
+        reported = cause.terms == result.named or cause.terms in result.alternatives
+        sizes = _sizes(cause, whole=cause.terms == result.named) if reported else ()
         rows.append((cause.evidence.share if unnamed else cause.probability, [head, *sizes]))
-    if not unnamed and result.tells_unnamed:
+    if not unnamed and result.reports_unnamed:
         rows.append((result.unnamed, ["a discrepancy without a name"]))
     # What is named stands first, whatever its share.
     rows[1:] = sorted(rows[1:], key=lambda row: -row[0])

@@ -91,7 +91,7 @@ def import_files(
         write_result(json_file, _result(imported, out, warnings))
     if not quiet:
         for table in imported.tables:
-            for line in _told(table):
+            for line in _columns_text(table):
                 click.echo(escaped(line))
         warn(warnings)
         _next(imported, out)
@@ -150,7 +150,7 @@ def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, fl
     return constants, tuple(held.items())
 
 
-def _told(table: Table) -> list[str]:
+def _columns_text(table: Table) -> list[str]:
     """What was understood of a table, as lines."""
     from psafit.experiment.importing.quantities import COLUMNS, SEPARATORS, VOLTS
 

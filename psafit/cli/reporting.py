@@ -54,14 +54,14 @@ def report(
 
 
 def _compared(first: Path, second: Path, out: Path | None, json_file: Path | None) -> tuple[Path, Any]:
-    from psafit.compare import compare, read_side, told_apart
+    from psafit.compare import compare, distinguished, read_side
     from psafit.files import encodable
     from psafit.report.comparison import write_comparison
 
     page = out or first / f"comparison-{encodable(second.resolve().name)}.html"
     if json_file is not None and json_file.resolve() == page.resolve():
         raise InputError("is the page itself", "choose another place with --json", file=json_file)
-    a, b = told_apart(read_side(first), read_side(second))
+    a, b = distinguished(read_side(first), read_side(second))
     found = compare(a, b)
     return write_comparison(a, b, found, page), found
 

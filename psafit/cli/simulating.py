@@ -125,7 +125,7 @@ def simulate(
         if not quiet:
             click.echo(f"picture: {shown_path(plot)}")
     content = {"terms": [t.id for t in chosen], "parameters": theta, "engine": result.engine}
-    write_result(json_file, content | _told(groups, predicted))
+    write_result(json_file, content | _predictions(groups, predicted))
     return DONE
 
 
@@ -144,7 +144,7 @@ def _curves(
     }
 
 
-def _told(groups: Sequence[Conditions], predicted: FloatArray) -> dict[str, object]:
+def _predictions(groups: Sequence[Conditions], predicted: FloatArray) -> dict[str, object]:
     """Simulated readings for a result file: a list of launch ranges, or one of each observable by its column."""
     import numpy as np
 

@@ -101,7 +101,7 @@ _STAGES = {
 }
 
 
-def _told(state: State | DiagnosisState) -> tuple[str, list[tuple[str, str]]]:
+def _facts_of(state: State | DiagnosisState) -> tuple[str, list[tuple[str, str]]]:
     """What it does, and the facts to tell of it, each with its goal and unit."""
     from psafit.watch import State
 
@@ -146,7 +146,7 @@ def _stage(state: State) -> str:
 
 def _facts(state: State) -> list[tuple[str, str]]:
     """How far a fit is, each with its goal and unit."""
-    from psafit.inference.store import told_r_hat
+    from psafit.inference.store import rounded_r_hat
     from psafit.progress import duration
 
     s = state
@@ -159,7 +159,7 @@ def _facts(state: State) -> list[tuple[str, str]]:
         length = f"{math.floor(s.autocorrelation_times)} autocorrelation times of {s.autocorrelation_time:.0f} steps"
         facts.append(("length", length + (f" (goal {s.wanted_times:.0f})" if s.wanted_times is not None else "")))
     if s.r_hat is not None and s.wanted_r_hat is not None:
-        facts.append(("R-hat", f"{told_r_hat(s.r_hat, s.wanted_r_hat)} (goal {s.wanted_r_hat:g})"))
+        facts.append(("R-hat", f"{rounded_r_hat(s.r_hat, s.wanted_r_hat)} (goal {s.wanted_r_hat:g})"))
     if s.log_posterior is not None and s.best_minimum is not None:
         facts.append(("best log posterior", f"{fixed(s.log_posterior, 2)} (the search's {fixed(s.best_minimum, 2)})"))
     elif s.best_minimum is not None:
@@ -174,7 +174,7 @@ def _facts(state: State) -> list[tuple[str, str]]:
 
 
 def _line(state: State | DiagnosisState) -> str:
-    stage, facts = _told(state)
+    stage, facts = _facts_of(state)
     return escaped("; ".join([stage, *(f"{name} {text}" for name, text in facts)]))
 
 
@@ -184,7 +184,7 @@ def _table(run: Path, state: State | DiagnosisState) -> Table:
     from rich.text import Text
 
     table = Table.grid(padding=(0, 2))
-    stage, facts = _told(state)
+    stage, facts = _facts_of(state)
     table.add_row(Text(escaped(run.name), style="bold"), Text(escaped(stage)))
     done, total = getattr(state, "autocorrelation_times", None), getattr(state, "wanted_times", None)
     if done is not None and total is not None:

@@ -30,7 +30,7 @@ from psafit.experiment import Experiment
 from psafit.inference import noise
 from psafit.inference.memory import Memory, lent
 from psafit.inference.problem import Problem
-from psafit.model_search import Ladder
+from psafit.model_search import ModelSet
 from psafit.physics.term import Term
 from psafit.records import plain
 from psafit.workers import ahead
@@ -45,15 +45,15 @@ class Truth:
     readings: FloatArray
 
 
-def drawn(ladder: Ladder, n: int, *, seed: int) -> list[Truth]:
-    """Draw data sets from a ladder's posterior; the first of them do not depend on how many are asked for."""
-    ids = list(ladder.probability)
-    shares = np.array([ladder.probability[i] for i in ids])
+def drawn(model_set: ModelSet, n: int, *, seed: int) -> list[Truth]:
+    """Draw data sets from a model set's posterior; the first of them do not depend on how many are asked for."""
+    ids = list(model_set.probability)
+    shares = np.array([model_set.probability[i] for i in ids])
     chosen = [ids[np.random.default_rng([seed, 37, k]).choice(len(ids), p=shares / shares.sum())] for k in range(n)]
-    posterior = {i: ladder.draws(i, seed) for i in dict.fromkeys(chosen)}
+    posterior = {i: model_set.draws(i, seed) for i in dict.fromkeys(chosen)}
     found = []
     for k, one in enumerate(chosen):
-        rng, problem, draws = np.random.default_rng([seed, 41, k]), ladder.of(one).problem, posterior[one]
+        rng, problem, draws = np.random.default_rng([seed, 41, k]), model_set.of(one).problem, posterior[one]
         u = draws.draws[rng.choice(len(draws.draws), size=1, p=draws.weights)]
         made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
         values = dict(zip(problem.names, problem.to_physical(u)[0].tolist(), strict=True))
@@ -62,7 +62,7 @@ def drawn(ladder: Ladder, n: int, *, seed: int) -> list[Truth]:
 
 
 def calibrate(
-    ladder: Ladder,
+    model_set: ModelSet,
     catalogue: Sequence[Term],
     n: int,
     *,
@@ -77,7 +77,7 @@ def calibrate(
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
         Of the measured readings.
     catalogue : sequence of Term
         Causes that were looked at.
@@ -100,10 +100,10 @@ def calibrate(
     Calibration
     """
     again = partial(
-        _again, experiment=ladder.baseline.problem.experiment, groups=ladder.baseline.problem.group_ids,
+        _again, experiment=model_set.baseline.problem.experiment, groups=model_set.baseline.problem.group_ids,
         catalogue=catalogue, seed=seed, settings=settings,
     )  # fmt: skip
-    truths = drawn(ladder, n, seed=seed)
+    truths = drawn(model_set, n, seed=seed)
     if memory.lasts:
         memory.begin()
         calls = [(again, memory, truth) for truth in truths]
@@ -139,10 +139,10 @@ def _again(
 
 def _tried(problem: Problem, truth: Truth, catalogue: Sequence[Term], seed: int, settings: Settings) -> Trial:
     """Search and judge, as the diagnosis does."""
-    ladder = searched(problem, catalogue, seed=seed, settings=settings.search)
-    judgement = judge(ladder, catalogue, settings, seed=seed)
+    model_set = searched(problem, catalogue, seed=seed, settings=settings.search)
+    judgement = judge(model_set, catalogue, settings, seed=seed)
     verdict, adopted = judgement.verdict, judgement.adopted
-    draws = ladder.draws(adopted.ids, seed)
+    draws = model_set.draws(adopted.ids, seed)
     lower, upper = draws.quantiles(adopted.problem.to_physical(draws.draws), (0.05, 0.95))
     names = adopted.problem.names[: adopted.problem.n_physical]
     shared = [k for k, name in enumerate(names) if name in truth.values]

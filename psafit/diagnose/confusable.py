@@ -25,7 +25,7 @@ from psafit.simulate.sensitivity import plausible
 
 
 @dataclass(frozen=True)
-class Alike:
+class Confounded:
     """A cause of the model, another one that looks like it, and the angle between them (degrees)."""
 
     cause: str
@@ -35,7 +35,7 @@ class Alike:
 
 def confusable(
     model: Candidate, catalogue: Sequence[Term], *, near: float = 15.0, halvings: int = 11, little: float = 1.0
-) -> list[Alike]:
+) -> list[Confounded]:
     """Pairs of a model's causes and others that look like them, the nearest first.
 
     Of others, those of which a plausible strength could be seen if that cause of the model did not imitate it.
@@ -63,12 +63,12 @@ def confusable(
             at[:, larger.names.index(p.name)] = p.to_sampling(rows)
         effect = larger.predict(at) - model.predicted
         small = effect[int(np.argmax(np.abs(effect / model.scatter).max(axis=1) <= little))]
-        left = float(np.linalg.norm(model.beside(small[None])))
+        left = float(np.linalg.norm(model.project_out(small[None])))
         for cause in model.terms:
-            both = np.linalg.norm(model.beside(np.stack([effect[0], small]), without=cause), axis=1)
+            both = np.linalg.norm(model.project_out(np.stack([effect[0], small]), without=cause), axis=1)
             if both[0] < VISIBLE or both[1] == 0.0:
                 continue
             degrees = float(np.degrees(np.arcsin(min(left / both[1], 1.0))))
             if degrees < near:
-                found.append(Alike(cause.id, other.id, degrees))
+                found.append(Confounded(cause.id, other.id, degrees))
     return sorted(found, key=lambda a: a.degrees)

@@ -14,7 +14,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.diagnose import gain as gains
-from psafit.diagnose import next_experiment, told
+from psafit.diagnose import next_experiment, results
 from psafit.diagnose.answer import sentences
 from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
@@ -57,7 +57,7 @@ from psafit.inference.run import fit, load, versions
 from psafit.inference.samplers import USUAL, sampler
 from psafit.inference.samplers.nautilus import NestedEvidence, nested_evidence, require
 from psafit.model_search import SearchSettings
-from psafit.model_search.ladder import CREDIBLE, Ladder, key_of
+from psafit.model_search.model_set import CREDIBLE, ModelSet, key_of
 from psafit.numerics import refine
 from psafit.physics import TERMS
 from psafit.physics.term import Term
@@ -285,20 +285,20 @@ class _Work:
     left_out: Sequence[str] = ()
     scheduler: str | None = None
     seconds: dict[str, float] = field(default_factory=dict)
-    _ladders: dict[tuple[tuple[GroupId, ...], tuple[Candidate, ...]], Ladder] = field(default_factory=dict)
+    _model_sets: dict[tuple[tuple[GroupId, ...], tuple[Candidate, ...]], ModelSet] = field(default_factory=dict)
 
     def all(self, quick: bool, repeats: int, nautilus: bool, identity: str, drawn: int = 0) -> Diagnosis:
         """Every stage in turn, and the record."""
         experiment = self.experiment
         write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
         with self._stage("causes"):
-            ladder = self._search(experiment.ids)
-        leader = ladder.leader
+            model_set = self._search(experiment.ids)
+        best_model = model_set.best_model
         with self._stage("tests"):
-            judgement = judge(ladder, self.catalogue, self.settings, seed=self.seed)
+            judgement = judge(model_set, self.catalogue, self.settings, seed=self.seed)
             verdict, adopted = judgement.verdict, judgement.adopted
             misfit, laws = self._tested(judgement)
-        draws = ladder.draws(adopted.ids, self.seed)
+        draws = model_set.draws(adopted.ids, self.seed)
         if not self.drawing:
             self._forget()
         numerics = refine(adopted.problem, adopted.modes[:1], experiment.fingerprint)
@@ -307,22 +307,24 @@ class _Work:
         )
         with self._stage("next experiment"):
             most = self.settings.rehearsed
-            proposal = _next(ladder, verdict, self.seed, most, None if quick else self.watcher)
-            confusion = Confusion() if quick else _confusion(ladder, verdict, self.seed, most, self.watcher)
+            proposal = _next(model_set, verdict, self.seed, most, None if quick else self.watcher)
+            confusion = Confusion() if quick else _confusion(model_set, verdict, self.seed, most, self.watcher)
             confusion = replace(confusion, alike=confusable(adopted, self.catalogue))
         ledger = [Choice("verdict, causes named, their probabilities", list(experiment.ids), [])]
-        measured = {} if quick else self._gains(ladder)
+        measured = {} if quick else self._gains(model_set)
         ledger += [choice for scored in measured.values() for choice in scored.ledger]
         extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
-            misfit = replace(misfit, search=self._significance(ladder, repeats))
-        causes = told.causes_of(ladder, verdict)
+            misfit = replace(misfit, search=self._significance(model_set, repeats))
+        causes = results.causes_of(model_set, verdict)
         if nautilus:
-            decisive = [set(ids) for ids in ((), verdict.named, leader.ids, *verdict.alternatives)]
+            decisive = [set(ids) for ids in ((), verdict.named, best_model.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
-                causes = [self._confirmed(c, ladder) if set(c.terms) in decisive else c for c in causes]
-        beside = screen(leader, self.catalogue) if verdict.verdict != "adequate" and leader.terms else []
-        screening = told.screening_of(screen(ladder.baseline, self.catalogue), beside, ladder, verdict, self.seed)
+                causes = [self._confirmed(c, model_set) if set(c.terms) in decisive else c for c in causes]
+        beside = screen(best_model, self.catalogue) if verdict.verdict != "adequate" and best_model.terms else []
+        screening = results.screening_of(
+            screen(model_set.baseline, self.catalogue), beside, model_set, verdict, self.seed
+        )
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
             schema=SCHEMA,
@@ -330,7 +332,7 @@ class _Work:
             named=list(verdict.named),
             alternatives=[list(ids) for ids in verdict.alternatives],
             causes=causes,
-            looked_at=ladder.looked_at,
+            looked_at=model_set.looked_at,
             misfit=misfit,
             numerics=numerics,
             gain=measured,
@@ -341,7 +343,7 @@ class _Work:
             sentences=[],
             unnamed=verdict.unnamed,
             screening=screening,
-            show=told.shown(ladder),
+            show=results.shown(model_set),
             extension=extension,
             ledger=ledger,
             title=experiment.title,
@@ -357,8 +359,8 @@ class _Work:
             identity=identity,
             left_out=list(self.left_out),
             settings=self.settings,
-            calibration=self._calibration(ladder, drawn),
-            influence=influence(ladder, verdict.named, seed=self.seed, draws=self.settings.draws),
+            calibration=self._calibration(model_set, drawn),
+            influence=influence(model_set, verdict.named, seed=self.seed, draws=self.settings.draws),
             draft=drafted(judgement, self.folder),
         )
         result = replace(result, sentences=sentences(result))
@@ -372,14 +374,14 @@ class _Work:
 
     def _tested(self, judgement: Judgement) -> tuple[MisfitResult, list[Broken]]:
         """What the tests say of the baseline and the best model, and the laws that reported models break."""
-        ladder, verdict, left = judgement.ladder, judgement.verdict, judgement.left
-        leader = ladder.leader
-        held = [judgement.adopted, *(ladder.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
+        model_set, verdict, left = judgement.model_set, judgement.verdict, judgement.left
+        best_model = model_set.best_model
+        held = [judgement.adopted, *(model_set.of(ids) for ids in verdict.alternatives[: self.settings.laws.held])]
         laws = [law for model in held for law in broken(model, self.settings.laws)]
-        misfit = told.misfit_of(
-            judgement.before, judgement.after, left, ladder.baseline, leader,
+        misfit = results.misfit_of(
+            judgement.before, judgement.after, left, model_set.baseline, best_model,
             remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
-            firm=robustness(ladder.baseline, leader, judgement.bare, left) if leader.terms else None,
+            firm=robustness(model_set.baseline, best_model, judgement.bare, left) if best_model.terms else None,
         )  # fmt: skip
         return misfit, laws
 
@@ -420,26 +422,26 @@ class _Work:
         self.watcher.part("parts", done / total)
         self.watcher.update(done, total, f"searches; {self._memory.count('short')} models fitted so far")
 
-    def _search(self, groups: tuple[GroupId, ...], starts: tuple[Candidate, ...] = ()) -> Ladder:
-        """The ladder of what some groups say."""
+    def _search(self, groups: tuple[GroupId, ...], starts: tuple[Candidate, ...] = ()) -> ModelSet:
+        """The model set of what some groups say."""
         absent = [str(g) for g in self.experiment.ids if g not in groups]
         which = f"without {', '.join(absent)}: " if absent else ""
 
         def progress(what: str, done: int, total: int) -> None:
             self.watcher.update(done, total, which + what)
 
-        if (groups, starts) not in self._ladders:
-            self._ladders[groups, starts] = _ladder_of(
+        if (groups, starts) not in self._model_sets:
+            self._model_sets[groups, starts] = _model_set_of(
                 self._memory, *self._common, groups, starts, self.jobs, self.scheduler, progress
             )
-        return self._ladders[groups, starts]
+        return self._model_sets[groups, starts]
 
     @property
     def _common(self) -> tuple[Experiment, Sequence[Term], int, SearchSettings]:
         """What all searches of this diagnosis share."""
         return self.experiment, self.catalogue, self.seed, self.settings.search
 
-    def _gains(self, whole: Ladder) -> dict[str, gains.Gain]:
+    def _gains(self, whole: ModelSet) -> dict[str, gains.Gain]:
         """What the extension gains on groups that it has not seen, for each protocol.
 
         The searches of the nested protocol begin at the sets that all groups have led to: places are computation, and
@@ -454,7 +456,7 @@ class _Work:
         found = {}
         with self._stage("parts"):
             self._memory.begin()
-            calls = [(_ladder_of, self._memory, *self._common, *one) for one in wanted]
+            calls = [(_model_set_of, self._memory, *self._common, *one) for one in wanted]
             ahead(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
                 found[one] = self._search(*one)
@@ -474,24 +476,24 @@ class _Work:
             measured["nested"].ledger.extend(_audit(*about))
         return measured
 
-    def _significance(self, ladder: Ladder, repeats: int) -> Significance:
+    def _significance(self, model_set: ModelSet, repeats: int) -> Significance:
         """How often a search finds as much where nothing is hidden."""
         if not repeats:
-            return looked_up(ladder, self.catalogue, self.settings.search)
+            return looked_up(model_set, self.catalogue, self.settings.search)
         with self._stage("significance"):
             return significance(
-                ladder, self.catalogue, repeats, seed=self.seed, memory=self._memory, settings=self.settings.search,
+                model_set, self.catalogue, repeats, seed=self.seed, memory=self._memory, settings=self.settings.search,
                 jobs=self.jobs, scheduler=self.scheduler,
                 progress=lambda k, n: self.watcher.update(k, n, "simulated baselines"),
             )  # fmt: skip
 
-    def _calibration(self, ladder: Ladder, drawn: int) -> Calibration | None:
+    def _calibration(self, model_set: ModelSet, drawn: int) -> Calibration | None:
         """How often such a verdict is right here, where that is asked for."""
         if not drawn:
             return None
         with self._stage("calibration"):
             return calibrated(
-                ladder, self.catalogue, drawn, seed=self.seed, memory=self._memory, settings=self.settings,
+                model_set, self.catalogue, drawn, seed=self.seed, memory=self._memory, settings=self.settings,
                 jobs=self.jobs, scheduler=self.scheduler,
                 progress=lambda k, n: self.watcher.update(k, n, "data sets drawn from the answer"),
             )  # fmt: skip
@@ -539,9 +541,9 @@ class _Work:
             holdout_log_rmse=validation.holdout_log_rmse,
         )
 
-    def _confirmed(self, cause: CauseResult, ladder: Ladder) -> CauseResult:
+    def _confirmed(self, cause: CauseResult, model_set: ModelSet) -> CauseResult:
         """The same with the evidence that a nested sampler gives the model."""
-        problem = next(c for c in ladder.candidates if set(c.ids) == set(cause.terms)).problem
+        problem = next(c for c in model_set.candidates if set(c.ids) == set(cause.terms)).problem
 
         def progress(calls: int) -> None:
             self.watcher.update(0, 1, f"{key_of(cause.terms)}: {calls:,} sets")
@@ -561,7 +563,7 @@ def _apart(other: ImportanceSummary) -> Apart:
     return Apart(worst.name, worst.apart, other.by_chance, other.effective)
 
 
-def _ladder_of(
+def _model_set_of(
     memory: Memory,
     experiment: Experiment,
     catalogue: Sequence[Term],
@@ -572,26 +574,28 @@ def _ladder_of(
     jobs: int = 1,
     scheduler: str | None = None,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
-) -> Ladder:
-    """The ladder of what some groups say."""
+) -> ModelSet:
+    """The model set of what some groups say."""
     return searched(
         Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs,
         scheduler=scheduler, starts=starts, progress=progress,
     )  # fmt: skip
 
 
-def _audit(begun: Ladder, anew: Ladder, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[Choice]:
+def _audit(begun: ModelSet, anew: ModelSet, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[Choice]:
     """Lines of the ledger on where the searches of the nested protocol began, and what that has changed in one."""
-    worth = [found.log_evidence[found.leader.ids] + found.log_prior(found.leader.ids) for found in (begun, anew)]
+    log_posterior = [
+        found.log_evidence[found.best_model.ids] + found.log_prior(found.best_model.ids) for found in (begun, anew)
+    ]
     return [
         Choice("sets at which the searches began", list(every), []),
         Choice(
             "the same search from nothing",
             list(seen),
             [],
-            led_to=list(anew.leader.ids),
-            begun_led_to=list(begun.leader.ids),
-            log_posterior_below_begun=worth[0] - worth[1],
+            led_to=list(anew.best_model.ids),
+            begun_led_to=list(begun.best_model.ids),
+            log_posterior_below_begun=log_posterior[0] - log_posterior[1],
         ),
     ]
 
@@ -611,47 +615,47 @@ def _protocols(
 # --- the record -----------------------------------------------------------------------------------------------------
 
 
-def _tied(ladder: Ladder, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:
+def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:
     """What is adopted and what does as well, with draws of their posteriors.
 
     Beside an adequate baseline that is the cause that it excludes least, if one keeps a twentieth.
     """
     if verdict.verdict == "adequate":
-        causes = [c.ids for c in ladder.candidates if c.ids and ladder.probability[c.ids] >= 1 - CREDIBLE]
+        causes = [c.ids for c in model_set.candidates if c.ids and model_set.probability[c.ids] >= 1 - CREDIBLE]
         equals = [(), *causes[:1]]
     else:
-        equals = [ladder.leader.ids, *verdict.alternatives]
-    return [(ladder.of(ids), ladder.draws(ids, seed)) for ids in equals[:most]]
+        equals = [model_set.best_model.ids, *verdict.alternatives]
+    return [(model_set.of(ids), model_set.draws(ids, seed)) for ids in equals[:most]]
 
 
-def _confusion(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watcher) -> Confusion:
-    """Whether tied models could be told apart by the same conditions, measured again."""
+def _confusion(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watcher: Watcher) -> Confusion:
+    """Whether tied models could be distinguished by the same conditions, measured again."""
     if not (verdict.named and verdict.alternatives):
         return Confusion()
-    tied = _tied(ladder, verdict, seed, most)
+    tied = _tied(model_set, verdict, seed, most)
     if len(tied) < 2:
         return Confusion()
-    prior = [ladder.log_prior(c.ids) for c, _ in tied]
+    prior = [model_set.log_prior(c.ids) for c, _ in tied]
     found = repeat(tied, prior, seed=seed, progress=lambda k, n: watcher.update(k, n, "experiments repeated"))
     return Confusion([], found.proposal, found.truth, found.before, found.after, found.first)
 
 
-def _next(ladder: Ladder, verdict: Verdict, seed: int, most: int, watcher: Watcher | None) -> NextExperiment:
+def _next(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watcher: Watcher | None) -> NextExperiment:
     """Proposals for the verdict at hand: against the best rival, or for a weakly determined parameter.
 
     With a watcher the best is rehearsed, and the best that leaves the rig as it is.
     """
-    if not any((g.amplitude_v > 0).any() for g in ladder.leader.problem.experiment.groups):
+    if not any((g.amplitude_v > 0).any() for g in model_set.best_model.problem.experiment.groups):
         return NextExperiment()
-    tied = _tied(ladder, verdict, seed, most)
+    tied = _tied(model_set, verdict, seed, most)
     if len(tied) == 1:
         name, found = next_experiment.determine(*tied[0], seed=seed)
         weak = next_experiment.is_weak(*tied[0], name)
         return NextExperiment.of(found, Purpose("narrow", parameter=name), weak)
-    found = next_experiment.tell_apart(tied, seed=seed)
+    found = next_experiment.separating(tied, seed=seed)
     result = NextExperiment.of(found, Purpose("separate", [list(c.ids) for c, _ in tied]))
     if watcher is not None and verdict.alternatives:
-        prior = [ladder.log_prior(c.ids) for c, _ in tied]
+        prior = [model_set.log_prior(c.ids) for c, _ in tied]
         here = [p for p in found if p.as_it_is][:1]
         rehearsals = [
             rehearse(tied, prior, p, seed=seed, progress=lambda k, n: watcher.update(k, n, "rehearsals"))

@@ -6,7 +6,7 @@ place on one axis: the drive frequency, the amplitude, or the predicted range,
 .. math:: L_\mathrm{read} = L\, e^{s\,h}, \qquad h = e^{-\ln^2(x/x_0)/2w^2}.
 
 It is smooth, and one where the axis tends to zero or infinity. The axis is that on which such a factor takes up most of
-the leftover. All else in the file comes from the conditions: priors span what was measured, and know nothing of the
+the discrepancy. All else in the file comes from the conditions: priors span what was measured, and know nothing of the
 fit. So a diagnosis with ``--plugin draft_cause.py`` scores it on held-out groups like any cause.
 """
 
@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from psafit.arrays import FloatArray
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.judging import Judgement
-from psafit.diagnose.leftover import Leftover
 from psafit.diagnose.record import Axis, Draft
 from psafit.files import write_atomically
 from psafit.inference.candidate import Candidate
@@ -46,7 +46,7 @@ class DraftSettings:
     widths : tuple of float
         In the logarithm: from a tenth of an octave's factor to a decade.
     share : float
-        Of the leftover's squares that a draft must take up: half, so that it describes more than it leaves.
+        Of the discrepancy's squares that a draft must take up: half, so that it describes more than it leaves.
     """
 
     places: int = 50
@@ -60,44 +60,44 @@ def drafted(judgement: Judgement, folder: Path) -> Draft | None:
         return None
     beside = judgement.verdict.remains or not judgement.verdict.named
     if beside:
-        return draft(judgement.ladder.leader, judgement.left, folder)
-    return draft(judgement.ladder.baseline, judgement.bare, folder)
+        return draft(judgement.model_set.best_model, judgement.left, folder)
+    return draft(judgement.model_set.baseline, judgement.bare, folder)
 
 
-def draft(candidate: Candidate, left: Leftover, folder: Path, settings: DraftSettings | None = None) -> Draft | None:
+def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: DraftSettings | None = None) -> Draft | None:
     """Describe what a model leaves, and write it as a cause; None where no axis takes up enough of it.
 
     Parameters
     ----------
     candidate : Candidate
         The model beside which the discrepancy was found.
-    left : Leftover
+    left : Discrepancy
     folder : Path
         Where `draft_cause.py` goes; one that is there stays, for somebody may have edited it.
     settings : DraftSettings, optional
     """
     settings = settings or DraftSettings()
     design = candidate.problem.design
-    told = (design.measured == OBSERVABLES.index(LAUNCH_RANGE)) & np.isfinite(left.sd)
+    usable = (design.measured == OBSERVABLES.index(LAUNCH_RANGE)) & np.isfinite(left.sd)
     axes: dict[Axis, FloatArray] = {
         "frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted,
     }  # fmt: skip
     best: Draft | None = None
     for axis, values in axes.items():
-        rows = told & (values > 0)
+        rows = usable & (values > 0)
         if rows.sum() > 3 and np.ptp(x := np.log(values[rows])) > 0:
             found = _described(axis, x, left.mean[rows], settings)
             best = found if best is None or found.share > best.share else best
     if best is None or best.share < settings.share:
         return None
-    spread = np.log(axes[best.axis][told & (axes[best.axis] > 0)])
+    spread = np.log(axes[best.axis][usable & (axes[best.axis] > 0)])
     if not (folder / FILE).exists():
         _write(folder / FILE, best, float(spread.min()), float(spread.max()))
     return best
 
 
 def _described(axis: Axis, x: FloatArray, y: FloatArray, settings: DraftSettings) -> Draft:
-    """The factor on one axis that takes up most of a leftover, beside one common to all; `x` is a logarithm."""
+    """The factor on one axis that takes up most of a discrepancy, beside one common to all; `x` is a logarithm."""
     y = y - y.mean()
     best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, settings.widths[0], 0.0)
     for place in np.linspace(x.min(), x.max(), settings.places):

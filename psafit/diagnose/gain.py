@@ -7,10 +7,10 @@ over the models that its own search found, weighted by their probabilities: aver
 cannot tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error
 metric) and its predictive density (the log score). A ledger says which groups each choice saw.
 
-A model that cannot be told from the truth in one session may err in the next. The predictive density therefore holds
-the unnamed discrepancy (`psafit.diagnose.leftover`) before and after alike: as large as the fitted groups allow where
-they tell, as large as its prior where they do not, which is the level of a session when only one has been seen. It
-widens intervals and moves no median.
+A model that cannot be distinguished from the truth in one session may err in the next. The predictive density therefore
+holds the unnamed discrepancy (`psafit.diagnose.discrepancy`) before and after alike: as large as the fitted groups
+allow where they tell, as large as its prior where they do not, which is the level of a session when only one has been
+seen. It widens intervals and moves no median.
 
 Uncertainty: readings of one group are not independent, so groups are drawn with replacement, and within each group
 blocks of five neighbours in the sweep. A bootstrap over few groups is too narrow, for it knows their spread from the
@@ -31,12 +31,12 @@ from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.leftover import Leftover, leftover
+from psafit.diagnose.discrepancy import Discrepancy, discrepancy
 from psafit.experiment import Experiment, Group, GroupId
 from psafit.inference import noise
 from psafit.inference.evidence import quantiles
-from psafit.model_search import Ids, Ladder
-from psafit.model_search.ladder import key_of
+from psafit.model_search import Ids, ModelSet
+from psafit.model_search.model_set import key_of
 from psafit.records import ABSENT
 from psafit.validate import (
     columns_of,
@@ -115,7 +115,7 @@ class Choice:
     choice : str
     saw, scored_on : list of group ids
     models : dict, optional
-        Probability of each model that was averaged, by its causes: see `psafit.model_search.ladder.key_of`.
+        Probability of each model that was averaged, by its causes: see `psafit.model_search.model_set.key_of`.
     led_to, begun_led_to : list of str, optional
         Of a search repeated from nothing: its leading set, and that of the search that began at known sets.
     log_posterior_below_begun : float, optional
@@ -186,7 +186,7 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """One training set, its ladder, and the forecasts of what it left out, before and after."""
+    """One training set, its model set, and the forecasts of what it left out, before and after."""
 
     seen: tuple[GroupId, ...]
     named: Ids
@@ -196,13 +196,13 @@ class Split:
 
 
 def split(
-    ladder: Ladder, held_out: Sequence[GroupId], seed: int, n_draws: int = 400, negligible: float = 0.02
+    model_set: ModelSet, held_out: Sequence[GroupId], seed: int, n_draws: int = 400, negligible: float = 0.02
 ) -> Split:
-    """Forecast groups that a ladder has not seen.
+    """Forecast groups that a model set has not seen.
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
     held_out : sequence of group ids
     seed : int
     n_draws : int
@@ -210,38 +210,40 @@ def split(
     negligible : float
         Models with less than this share of the best's probability are left out of the mixture.
     """
-    best = max(ladder.probability.values())
+    best = max(model_set.probability.values())
     shares = {
-        ids: p for ids in (c.ids for c in ladder.candidates) if (p := ladder.probability[ids]) >= negligible * best
+        ids: p
+        for ids in (c.ids for c in model_set.candidates)
+        if (p := model_set.probability[ids]) >= negligible * best
     }
     total = sum(shares.values())
     mixture = {ids: p / total for ids, p in shares.items()}
     # Once for all groups: a model without an importance sample of the search gets one here.
-    draws = {ids: ladder.draws(ids, seed) for ids in {(): 0.0, **mixture}}
+    draws = {ids: model_set.draws(ids, seed) for ids in {(): 0.0, **mixture}}
     before: dict[Ids, FloatArray] = {(): draws[()].resampled(n_draws)}
     after = {ids: draws[ids].resampled(max(round(n_draws * p), 16)) for ids, p in mixture.items()}
-    left = {ids: leftover(ladder.of(ids)) for ids in draws}
+    left = {ids: discrepancy(model_set.of(ids)) for ids in draws}
     return Split(
-        seen=ladder.baseline.problem.group_ids,
-        named=ladder.leader.ids,
+        seen=model_set.baseline.problem.group_ids,
+        named=model_set.best_model.ids,
         mixture=mixture,
-        before=[f for g in held_out for f in _forecasts(ladder, {(): 1.0}, before, left, g, seed)],
-        after=[f for g in held_out for f in _forecasts(ladder, mixture, after, left, g, seed)],
+        before=[f for g in held_out for f in _forecasts(model_set, {(): 1.0}, before, left, g, seed)],
+        after=[f for g in held_out for f in _forecasts(model_set, mixture, after, left, g, seed)],
     )
 
 
 def _forecasts(
-    ladder: Ladder,
+    model_set: ModelSet,
     mixture: dict[Ids, float],
     drawn: dict[Ids, FloatArray],
-    left: dict[Ids, Leftover],
+    left: dict[Ids, Discrepancy],
     group_id: GroupId,
     seed: int,
 ) -> list[Forecast]:
     """Of each observable of a group."""
     ranges, readings, density, weight = [], [], [], []
     for k, (ids, share) in enumerate(mixture.items()):
-        problem = ladder.of(ids).problem
+        problem = model_set.of(ids).problem
         draws = drawn[ids]
         group = problem.experiment.group(group_id)
         rng = np.random.default_rng([seed, 11, k, problem.experiment.groups.index(group)])
@@ -332,7 +334,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
     if all(silences.values()):  # better what says little than no number
         silences = dict.fromkeys(silences, "")
     rows: list[GroupGain] = []
-    told: list[tuple[Forecast, Forecast]] = []
+    heard: list[tuple[Forecast, Forecast]] = []
     redrawn: list[tuple[FloatArray, FloatArray]] = []
     for one in splits:
         for before, after in zip(one.before, one.after, strict=True):
@@ -349,7 +351,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
                 )
             )  # fmt: skip
             if not silent:
-                told.append((before, after))
+                heard.append((before, after))
                 redrawn.append(change)
     name = f"predictions-{protocol}.csv"
     for observable in dict.fromkeys(f.group.observable for one in splits for f in one.after):
@@ -363,7 +365,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         )
         file = folder / table_name(f"predictions-{protocol}", observable)
         write_table(file, (*columns_of(observable), "model"), table)
-    every = [np.concatenate([_inside(p[k]) for p in told]) for k in (0, 1)]
+    every = [np.concatenate([_inside(p[k]) for p in heard]) for k in (0, 1)]
     telling = [r for r in rows if not r.silent]
     rmse, elpd = (np.array(each) for each in zip(*redrawn, strict=True))
     found = np.array([[r.log_rmse_after - r.log_rmse_before, r.elpd_after - r.elpd_before] for r in telling])

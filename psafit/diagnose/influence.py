@@ -20,7 +20,7 @@ from scipy.special import logsumexp
 from psafit.arrays import FloatArray
 from psafit.experiment import GroupId
 from psafit.inference.store import smoothed
-from psafit.model_search import Ids, Ladder
+from psafit.model_search import Ids, ModelSet
 
 
 @dataclass(frozen=True)
@@ -63,29 +63,29 @@ class Influence:
     tail: list[float]
 
 
-def influence(ladder: Ladder, named: Ids, *, seed: int, draws: int = 400) -> Influence | None:
-    """Ask which readings the causes of the leader live on; None where none are named.
+def influence(model_set: ModelSet, named: Ids, *, seed: int, draws: int = 400) -> Influence | None:
+    """Ask which readings the causes of the best model live on; None where none are named.
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
     named : tuple of str
-        Causes of the leader, in the order in which they are told.
+        Causes of the best model, in the order in which they are reported.
     seed : int
     draws : int
         Of each model's posterior.
     """
     if not named:
         return None
-    expected, tail = _left_out(ladder, ladder.leader.ids, seed, draws)
-    problem = ladder.leader.problem
+    expected, tail = _left_out(model_set, model_set.best_model.ids, seed, draws)
+    problem = model_set.best_model.problem
     found = []
     for id in named:
-        rest = tuple(other for other in ladder.leader.ids if other != id)
-        if rest in ladder.log_evidence:
-            nats = expected - _left_out(ladder, rest, seed, draws)[0]
+        rest = tuple(other for other in model_set.best_model.ids if other != id)
+        if rest in model_set.log_evidence:
+            nats = expected - _left_out(model_set, rest, seed, draws)[0]
             each = [(g, float(nats[problem.design.group == k].sum())) for k, g in enumerate(problem.group_ids)]
-            groups = sorted(each, key=lambda told: -told[1])
+            groups = sorted(each, key=lambda item: -item[1])
             found.append(Carried(id, nats.tolist(), float(nats.sum()), carrying_half(nats), groups))
     return Influence(found, tail.tolist())
 
@@ -96,9 +96,9 @@ def carrying_half(nats: Sequence[float] | FloatArray) -> int:
     return int(np.searchsorted(np.cumsum(gains), 0.5 * gains.sum())) + 1 if gains.any() else 0
 
 
-def _left_out(ladder: Ladder, ids: Ids, seed: int, draws: int) -> tuple[FloatArray, FloatArray]:
+def _left_out(model_set: ModelSet, ids: Ids, seed: int, draws: int) -> tuple[FloatArray, FloatArray]:
     """Log density that a model expects of each reading without it, and the tails of the weights; (n_points,) each."""
-    problem = ladder.of(ids).problem
-    each = problem.pointwise_log_likelihood(ladder.draws(ids, seed).resampled(draws)).T
+    problem = model_set.of(ids).problem
+    each = problem.pointwise_log_likelihood(model_set.draws(ids, seed).resampled(draws)).T
     weights, tail = smoothed(-each)
     return np.asarray(logsumexp(weights + each, axis=1)), tail

@@ -9,7 +9,7 @@ parameters of the baseline cannot imitate, and :math:`Q_M` that on what the effe
 are the nats by which readings that cause :math:`i` has made will speak against model :math:`M`, on average. It is the
 expected difference of the best log likelihoods in the linearised problem. :math:`N_{i|0}`, with nothing in :math:`M`,
 says whether the cause is seen at all. Effects bend with their strength: a cause of :math:`M` is taken at several
-strengths, and the one that imitates best counts. Of the places in the baseline that are tried the median is told.
+strengths, and the one that imitates best counts. Of the places in the baseline that are tried the median is reported.
 
 A cause *may be taken for* another where its readings speak less than a threshold against that. Two *look alike* where
 each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the refit is
@@ -86,9 +86,9 @@ class Split:
     drive : dict
         What else the drive has: see `psafit.diagnose.next_experiment.Proposal`.
     nats : float
-        By which the pair of the block that is hardest to tell apart is told, with this sweep and what is planned.
+        By which the pair of the block that is hardest to tell apart is reported, with this sweep and what is planned.
     splits : bool
-        Whether every pair is told; else the sweep is the best of those that the rig allows.
+        Whether every pair is reported; else the sweep is the best of those that the rig allows.
     """
 
     text: str
@@ -261,11 +261,11 @@ def isolability(
     effects = [one.refitted() for one in raw]
     ids = [t.id for t in catalogue]
 
-    def told(truth: Sequence[str], rival: Sequence[str] = ()) -> float:
+    def evidence_against(truth: Sequence[str], rival: Sequence[str] = ()) -> float:
         return float(np.median([one.against(truth, rival, settings) for one in effects]))
 
-    seen = [told([id]) for id in ids]
-    nats = [[0.0 if i == j else told([i], [j]) for j in ids] for i in ids]
+    seen = [evidence_against([id]) for id in ids]
+    nats = [[0.0 if i == j else evidence_against([i], [j]) for j in ids] for i in ids]
     visible = [id for id, size in zip(ids, seen, strict=True) if size >= settings.apart]
     blocks = _blocks(ids, visible, nats, settings.apart)
     split: list[Block] = []
@@ -276,7 +276,7 @@ def isolability(
     return Isolability(
         title=title, readings=design.n_points, causes=ids, seen=seen, nats=nats,
         unseen=[id for id in ids if id not in visible],
-        pairs=_pairs(visible, told, settings.apart),
+        pairs=_pairs(visible, evidence_against, settings.apart),
         taken_for={
             i: near for i in visible
             if (near := [j for j in visible if i != j and nats[ids.index(i)][ids.index(j)] < settings.apart])
@@ -285,15 +285,15 @@ def isolability(
     )  # fmt: skip
 
 
-def _pairs(visible: Sequence[str], told: Callable[..., float], apart: float) -> list[LookAlike]:
+def _pairs(visible: Sequence[str], evidence_against: Callable[..., float], apart: float) -> list[LookAlike]:
     """Pairs that look like a single cause, and single ones that look like a pair of which neither alone does."""
-    alone = {(i, j): told([i], [j]) for i in visible for j in visible if i != j}
+    alone = {(i, j): evidence_against([i], [j]) for i in visible for j in visible if i != j}
     found = []
     for one in visible:
         for pair in itertools.combinations([id for id in visible if id != one], 2):
-            if (size := told(pair, [one])) < apart:
+            if (size := evidence_against(pair, [one])) < apart:
                 found.append(LookAlike(list(pair), [one], size))
-            if all(alone[one, id] >= apart for id in pair) and (size := told([one], pair)) < apart:
+            if all(alone[one, id] >= apart for id in pair) and (size := evidence_against([one], pair)) < apart:
                 found.append(LookAlike([one], list(pair), size))
     return sorted(found, key=lambda x: x.nats)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from psafit.diagnose.discrepancy import Discrepancy, discrepancy, stretch
 from psafit.diagnose.laws import broken
-from psafit.diagnose.leftover import Leftover, leftover, stretch
 from psafit.diagnose.misfit import Misfit, examine
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.verdict import Verdict, conclude
 from psafit.inference.candidate import Candidate
-from psafit.model_search import Ladder
+from psafit.model_search import ModelSet
 from psafit.physics.term import Term
 
 
@@ -21,35 +21,35 @@ class Judgement:
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
         What the search has found.
     before, after : Misfit
-        Of the baseline, and of the leader where that is another model.
-    left, bare : Leftover
-        Discrepancies beside the leader, and beside the baseline.
+        Of the baseline, and of the best model where that is another model.
+    left, bare : Discrepancy
+        Discrepancies beside the best model, and beside the baseline.
     verdict : Verdict
     """
 
-    ladder: Ladder
+    model_set: ModelSet
     before: Misfit
     after: Misfit | None
-    left: Leftover
-    bare: Leftover
+    left: Discrepancy
+    bare: Discrepancy
     verdict: Verdict
 
     @property
     def adopted(self) -> Candidate:
         """The model that the verdict adopts: where nothing is wrong the baseline, whatever leads."""
-        return self.ladder.baseline if self.verdict.verdict == "adequate" else self.ladder.leader
+        return self.model_set.baseline if self.verdict.verdict == "adequate" else self.model_set.best_model
 
 
-def judge(ladder: Ladder, catalogue: Sequence[Term], settings: Settings, *, seed: int) -> Judgement:
+def judge(model_set: ModelSet, catalogue: Sequence[Term], settings: Settings, *, seed: int) -> Judgement:
     """Judge what a search has found."""
-    leader, n = ladder.leader, settings.simulated
-    before = examine(ladder.baseline, catalogue, seed=seed, n_simulated=n)
-    after = examine(leader, catalogue, seed=seed, n_simulated=n) if leader.terms else None
+    best_model, n = model_set.best_model, settings.simulated
+    before = examine(model_set.baseline, catalogue, seed=seed, n_simulated=n)
+    after = examine(best_model, catalogue, seed=seed, n_simulated=n) if best_model.terms else None
     # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
-    left = leftover(leader)
-    bare = leftover(ladder.baseline, stretch(leader)) if leader.terms else left
-    verdict = conclude(ladder, before, after, left, bare, broken(leader, settings.laws))
-    return Judgement(ladder, before, after, left, bare, verdict)
+    left = discrepancy(best_model)
+    bare = discrepancy(model_set.baseline, stretch(best_model)) if best_model.terms else left
+    verdict = conclude(model_set, before, after, left, bare, broken(best_model, settings.laws))
+    return Judgement(model_set, before, after, left, bare, verdict)

@@ -61,7 +61,7 @@ def _carried(ranges: FloatArray, places: FloatArray, candidate: Candidate, setti
     if over.any():
         i = int(np.argmax(np.where(over, short, -np.inf)))
         value, limit = float(ranges[i] * MICRO), float(places[i] * MICRO)
-        yield _told(
+        yield _broken(
             "carried", i, value, limit, int(over.sum()), candidate,
             f"the tip carries the ball to {significant(limit, 2)} um, and the model reads {significant(value, 2)}",
         )  # fmt: skip
@@ -94,7 +94,7 @@ def _energy(
     if worst:
         _, i, gained, given = worst
         text = f"the ball gains {significant(gained * 1e9, 2)} nJ, and the drive gives {significant(given * 1e9, 2)}"
-        yield _told("energy", i, gained, given, count, candidate, text)
+        yield _broken("energy", i, gained, given, count, candidate, text)
 
 
 def _pairs(theta: FloatArray, terms: Sequence[Term], session: int, n: int) -> list[tuple[Term, list[float]]]:
@@ -107,7 +107,7 @@ def _pairs(theta: FloatArray, terms: Sequence[Term], session: int, n: int) -> li
     return pairs
 
 
-def _told(law: Law, i: int, value: float, limit: float, readings: int, candidate: Candidate, what: str) -> Broken:
+def _broken(law: Law, i: int, value: float, limit: float, readings: int, candidate: Candidate, what: str) -> Broken:
     problem = candidate.problem
     design = problem.design
     group = problem.group_ids[int(design.group[i])]

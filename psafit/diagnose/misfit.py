@@ -404,7 +404,7 @@ def _directions(candidate: Candidate, catalogue: Sequence[Term], quantiles: tupl
         rows = np.repeat(candidate.within(large)[0][None, :], len(quantiles), axis=0)
         rows[:, large.names.index(term.strength.name)] = term.strength.prior_quantile(np.array(quantiles))
         change = large.predict(rows) - candidate.predicted
-        effect = candidate.beside(np.clip(change, -20 * candidate.scatter, 20 * candidate.scatter))
+        effect = candidate.project_out(np.clip(change, -20 * candidate.scatter, 20 * candidate.scatter))
         size = np.linalg.norm(effect, axis=1)
         if (size > 0.3).any():
             result[term.id] = effect[size > 0.3] / size[size > 0.3, None]

@@ -149,7 +149,7 @@ class Purpose:
     kind : {"separate", "narrow"}
         To tell sets of causes apart, or to determine a parameter.
     sets : list of lists of str
-        The first is to be told from the others.
+        The first is to be distinguished from the others.
     parameter : str
         To be determined.
     """
@@ -197,7 +197,7 @@ class NextExperiment:
         return cls(purpose.text, _first(found, most, lambda p: p.as_it_is), purpose, weak)
 
     @property
-    def tells_apart(self) -> bool:
+    def separates(self) -> bool:
         """Whether the proposals are to separate models, not to narrow a parameter of one."""
         return self.purpose is not None and self.purpose.kind == "separate"
 
@@ -218,14 +218,14 @@ class NextExperiment:
         narrower : float, nats
             The same of a parameter to be determined: a standard deviation a tenth smaller.
         """
-        return proposal.separation - 2 * proposal.error > (apart if self.tells_apart else narrower)
+        return proposal.separation - 2 * proposal.error > (apart if self.separates else narrower)
 
     def promise(self, which: int) -> str:
         """Return what one of the proposals is expected to do, in words."""
         one = self.proposals[which]
         does = (
             f"{self.about}, by {significant(one.separation, 2)} +- {significant(one.error, 1)} nats on average"
-            if self.tells_apart
+            if self.separates
             else f"{self.about}: narrower by {fixed(-math.expm1(-one.separation), per_cent=True)} %"
         )
         return does + ("" if self.recommended else ", hardly worth the measurement")
@@ -393,7 +393,7 @@ def _say(value: float) -> str:
     return f"{float(f'{value:.3g}'):.6g}"
 
 
-def tell_apart(
+def separating(
     tied: Sequence[tuple[Candidate, ImportanceSample]], *, seed: int, settings: ProposalSettings | None = None
 ) -> list[Proposal]:
     """Measurements by how well they would separate two models or more; best first."""
@@ -409,7 +409,7 @@ def tell_apart(
         possible, forecasts = [possible[k] for k in kept], [forecasts[k] for k in kept]
     found = []
     for p, each in zip(possible, forecasts, strict=True):
-        # The best of several is best by luck, too: what is told of them comes from other trials.
+        # The best of several is best by luck, too: what is reported of them comes from other trials.
         judgement, apart = _apart(each, rng, settings)
         ids = [list(c.ids) for c, _ in tied]
         two = itertools.combinations(range(len(tied)), 2)
@@ -418,7 +418,7 @@ def tell_apart(
 
 
 def determine(
-    leader: Candidate, draws: ImportanceSample, *, seed: int, settings: ProposalSettings | None = None
+    best_model: Candidate, draws: ImportanceSample, *, seed: int, settings: ProposalSettings | None = None
 ) -> tuple[str, list[Proposal]]:
     """Measurements by how much they would narrow a weakly determined parameter, and which one that is; best first.
 
@@ -426,27 +426,27 @@ def determine(
     """
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
-    possible, weak = _possible(leader), weakly_determined(leader, draws)
-    model = _Model.of(leader, draws.resampled(settings.glance), rng)
+    possible, weak = _possible(best_model), weakly_determined(best_model, draws)
+    model = _Model.of(best_model, draws.resampled(settings.glance), rng)
     falls = np.array([_narrowing(_legible([model.forecast(p.design)], p)[0], model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
     possible = [possible[k] for k in _best(possible, falls[:, which], settings.closer)]
 
     def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
-        model = _Model.of(leader, rows, rng)
+        model = _Model.of(best_model, rows, rng)
         found = [_narrowing(_legible([model.forecast(p.design)], p)[0], model.u[:, [weak[which]]]) for p in possible]
         return [p.judged((float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
 
     every = draws.resampled(2 * settings.draws)
     ranked = _best(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
-    # As above, what is told of them comes from other draws.
+    # As above, what is reported of them comes from other draws.
     found = judged([possible[k] for k in ranked], every[1::2])
-    return leader.problem.names[weak[which]], _worth_building(found, settings.changed_rig)
+    return best_model.problem.names[weak[which]], _worth_building(found, settings.changed_rig)
 
 
 def _worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
     """The same, what needs nothing new first where a changed rig or another instrument does hardly more."""
-    # The first in rank, not the largest: what is told had no part in the ranking.
+    # The first in rank, not the largest: what is reported had no part in the ranking.
     here = next((p for p in found if p.as_it_is), None)
     if here is None or found[0].as_it_is:
         return found
@@ -470,27 +470,27 @@ def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) 
     return best
 
 
-def weakly_determined(leader: Candidate, draws: ImportanceSample, *, share: float = 0.5) -> list[int]:
+def weakly_determined(best_model: Candidate, draws: ImportanceSample, *, share: float = 0.5) -> list[int]:
     """Indices of the physical parameters that the readings leave a `share` as wide as the prior, or wider.
 
     If there is none, of the widest. Spreads of sessions are left aside: more sessions tell of those, not more readings.
     """
-    ratio = _width_left(leader, draws)
+    ratio = _width_left(best_model, draws)
     return np.flatnonzero(ratio >= min(share, ratio.max())).tolist()
 
 
-def is_weak(leader: Candidate, draws: ImportanceSample, name: str, *, share: float = 0.5) -> bool:
+def is_weak(best_model: Candidate, draws: ImportanceSample, name: str, *, share: float = 0.5) -> bool:
     """Whether the readings leave a physical parameter a `share` as wide as its prior, or wider."""
-    return bool(_width_left(leader, draws)[leader.problem.names.index(name)] >= share)
+    return bool(_width_left(best_model, draws)[best_model.problem.names.index(name)] >= share)
 
 
-def _width_left(leader: Candidate, draws: ImportanceSample, n_draws: int = ProposalSettings.draws) -> FloatArray:
+def _width_left(best_model: Candidate, draws: ImportanceSample, n_draws: int = ProposalSettings.draws) -> FloatArray:
     """What the readings leave of the priors' widths, (n_physical,); less than nothing for spreads of sessions."""
-    problem = leader.problem
+    problem = best_model.problem
     u = draws.resampled(n_draws)[:, : problem.n_physical]
     q = problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim]))
     prior = 0.5 * (q[1] - q[0])[: problem.n_physical]
-    hyper = {t.strength.name for t in leader.terms if t.latent}
+    hyper = {t.strength.name for t in best_model.terms if t.latent}
     return np.where([name in hyper for name in problem.names[: problem.n_physical]], -1.0, u.std(axis=0) / prior)
 
 
@@ -574,9 +574,9 @@ def _trial(
     own = right.log_density(readings, chosen)
     each = own - np.array([own if m is right else m.log_density(readings) for m in models])  # (n, trials)
     ratio = math.log(len(models) - 1) - logsumexp(-np.delete(each, truth, axis=0), axis=0)
-    told = np.clip(ratio, -CLEAR, CLEAR)
-    error = float(told.std() / math.sqrt(settings.trials))
-    judgement = float(told.mean()), float(np.mean(ratio > settings.wins)), error
+    clipped = np.clip(ratio, -CLEAR, CLEAR)
+    error = float(clipped.std() / math.sqrt(settings.trials))
+    judgement = float(clipped.mean()), float(np.mean(ratio > settings.wins)), error
     return judgement, np.clip(each, -CLEAR, CLEAR).mean(axis=1)
 
 

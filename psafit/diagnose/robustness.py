@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psafit.diagnose.leftover import Leftover
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate, refitted
 
 
 @dataclass(frozen=True)
 class Robustness:
-    """Where the leader's gain over the baseline comes from, and what would gain as much.
+    """Where the best model's gain over the baseline comes from, and what would gain as much.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class Robustness:
     without : float, optional
         Gain on the other groups, both models fitted to them alone.
     over_smooth : float
-        Evidence, nats, of the leader over that of a smooth discrepancy without a name beside the baseline: a richer
+        Evidence, nats, of the best model over that of a smooth discrepancy without a name beside the baseline: a richer
         law of the scatter, whose errors along a sweep and within a session are alike.
     """
 
@@ -39,24 +39,24 @@ class Robustness:
         return len(self.groups) > 1 and max(g for _, g in self.groups) > 0.8 * sum(g for _, g in self.groups)
 
 
-def robustness(baseline: Candidate, leader: Candidate, bare: Leftover, left: Leftover) -> Robustness:
+def robustness(baseline: Candidate, best_model: Candidate, bare: Discrepancy, left: Discrepancy) -> Robustness:
     """Ask what a gain rests on.
 
     Parameters
     ----------
-    baseline, leader : Candidate
+    baseline, best_model : Candidate
         Of the same readings.
-    bare, left : Leftover
+    bare, left : Discrepancy
         Discrepancies beside them.
     """
-    problem = leader.problem
-    change = np.subtract(*(c.problem.pointwise_log_likelihood(c.modes[:1])[0] for c in (leader, baseline)))
+    problem = best_model.problem
+    change = np.subtract(*(c.problem.pointwise_log_likelihood(c.modes[:1])[0] for c in (best_model, baseline)))
     ids = problem.group_ids
     groups = [(id, float(change[problem.design.group == k].sum())) for k, id in enumerate(ids)]
     strongest, without = None, None
     if len(ids) > 1:
-        strongest = max(groups, key=lambda told: told[1])[0]
+        strongest = max(groups, key=lambda item: item[1])[0]
         others = tuple(id for id in ids if id != strongest)
-        with_it, plain = (refitted(replace(c.problem, group_ids=others), c) for c in (leader, baseline))
+        with_it, plain = (refitted(replace(c.problem, group_ids=others), c) for c in (best_model, baseline))
         without = with_it.log_likelihood - plain.log_likelihood
     return Robustness(groups, strongest, without, left.log_evidence - left.log_bayes - bare.log_evidence)

@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from psafit.inference.evidence import laplace_mixture, quantiles
 from psafit.inference.optimiser import heights
-from psafit.model_search import Ids, Ladder
+from psafit.model_search import Ids, ModelSet
 from psafit.physics.term import Term
 
 
@@ -29,7 +29,9 @@ class Room:
     size: float
 
 
-def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 128, limit: float = 0.95) -> Room | None:
+def room(
+    model_set: ModelSet, adopted: Ids, term: Term, *, seed: int, draws: int = 128, limit: float = 0.95
+) -> Room | None:
     """Return what a cause may do beside what is adopted.
 
     The model with the cause was fitted by the search as a neighbour of the adopted one. What draws of its posterior
@@ -39,7 +41,7 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
     adopted : tuple of str
         Causes of the model that is adopted.
     term : Term
@@ -56,7 +58,7 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
         None where the model was not fitted, as of a set that is as large as a search goes, or no draw is possible.
     """
     larger = {*adopted, term.id}
-    fitted = next((c for c in ladder.candidates if {*c.ids} == larger), None)
+    fitted = next((c for c in model_set.candidates if {*c.ids} == larger), None)
     if fitted is None:
         return None
     problem, rng = fitted.problem, np.random.default_rng([seed, 31])
@@ -68,8 +70,8 @@ def room(ladder: Ladder, adopted: Ids, term: Term, *, seed: int, draws: int = 12
     predicted = problem.predict(u)
     log_weight = heights(problem, u, predicted, problem.observed) - proposal.log_density(u)
     weights = np.exp(log_weight - logsumexp(log_weight))
-    plain = ladder.of(adopted)
-    effect = plain.beside(predicted - plain.predicted)
+    plain = model_set.of(adopted)
+    effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
     largest = np.max(np.abs(effect) * plain.scatter / (plain.predicted + plain.problem.offset), axis=1)
     return Room(*(float(quantiles(each, weights, [limit])[0]) for each in (largest, size)))

@@ -125,7 +125,7 @@ def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSett
     scatter = candidate.scatter * np.random.default_rng(0).standard_normal(
         (settings.n_simulated, candidate.predicted.size)
     )
-    nothing = candidate.beside(scatter)
+    nothing = candidate.project_out(scatter)
     return [
         _screen(candidate, top, nothing, term, catalogue, settings) for term in catalogue if term not in candidate.terms
     ]
@@ -157,8 +157,8 @@ def _screen(
         slope[:, shared[: candidate.problem.n_model]] = candidate.relative_slope
         for k, i in enumerate(latent, start=1):
             slope[:, i] = (found[k] - found[0]) / (0.1 * found[0])
-        moved = [candidate.beside((found[k] - found[0]) / 0.1) for k in range(1, 1 + len(latent))]
-        np.maximum(luck, _luck(candidate.beside(found[0] - candidate.predicted), moved, nothing), out=luck)
+        moved = [candidate.project_out((found[k] - found[0]) / 0.1) for k in range(1, 1 + len(latent))]
+        np.maximum(luck, _luck(candidate.project_out(found[0] - candidate.predicted), moved, nothing), out=luck)
         end = maximise_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
@@ -186,7 +186,7 @@ def _screen(
         gain=gain,
         log_bayes=float(logsumexp(gains, b=share)),
         chance=float(np.quantile(luck, 1 - settings.chance)),
-        visible=float(np.linalg.norm(candidate.beside(large.predict(shown[None]) - candidate.predicted))),
+        visible=float(np.linalg.norm(candidate.project_out(large.predict(shown[None]) - candidate.predicted))),
     )
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 from psafit.diagnose.misfit import passes
 from psafit.inference.problem import Problem
-from psafit.model_search import Ladder, search_models
+from psafit.model_search import ModelSet, search_models
 from psafit.physics.term import Term
 
 
-def searched(problem: Problem, catalogue: Sequence[Term], *, seed: int, **options: Any) -> Ladder:
+def searched(problem: Problem, catalogue: Sequence[Term], *, seed: int, **options: Any) -> ModelSet:
     """Search the catalogue, with the tests of misfit to say whether the baseline fails.
 
     Parameters

@@ -25,7 +25,7 @@ from psafit.diagnose.searching import searched
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory, lent
-from psafit.model_search import Ladder, SearchSettings
+from psafit.model_search import ModelSet, SearchSettings
 from psafit.physics.term import Term
 from psafit.records import plain, read_json
 from psafit.workers import ahead
@@ -115,24 +115,24 @@ class Significance:
     missing: Missing = ""
 
 
-def lead(ladder: Ladder) -> float:
+def lead(model_set: ModelSet) -> float:
     """Log posterior odds of the best model with causes against the baseline, nats.
 
     A cause that is more probable than not before any reading counts as even: what was believed anyway is no find.
     """
-    odds = {id: min(math.log(p) - math.log1p(-p), 0.0) for id, p in ladder.beliefs.items()}
-    worth = {ids: value + sum(odds[id] for id in ids) for ids, value in ladder.log_evidence.items()}
-    return max(value for ids, value in worth.items() if ids) - worth[()]
+    odds = {id: min(math.log(p) - math.log1p(-p), 0.0) for id, p in model_set.beliefs.items()}
+    log_posterior = {ids: value + sum(odds[id] for id in ids) for ids, value in model_set.log_evidence.items()}
+    return max(value for ids, value in log_posterior.items() if ids) - log_posterior[()]
 
 
 def looked_up(
-    ladder: Ladder, catalogue: Sequence[Term], settings: SearchSettings, file: Path = NULL_LEADS
+    model_set: ModelSet, catalogue: Sequence[Term], settings: SearchSettings, file: Path = NULL_LEADS
 ) -> Significance:
     """Compare a search with those of the stored table.
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
         Of the measured readings.
     catalogue : sequence of Term
         Causes that were looked at.
@@ -146,8 +146,8 @@ def looked_up(
     Significance
         Without a p value where the table is of other causes or settings, or holds larger designs only.
     """
-    table, own = read_json(file, NullLeads), lead(ladder)
-    n = ladder.baseline.problem.observed.size
+    table, own = read_json(file, NullLeads), lead(model_set)
+    n = model_set.baseline.problem.observed.size
     usable = [one for one in table.leads if one.readings <= n]
     missing: Missing = ""
     if {t.id for t in catalogue} != {*table.catalogue} or any(t.plugin for t in catalogue):
@@ -168,7 +168,7 @@ def _p_value(own: float, null: Sequence[float]) -> float:
 
 
 def significance(
-    ladder: Ladder,
+    model_set: ModelSet,
     catalogue: Sequence[Term],
     n_searches: int,
     *,
@@ -183,7 +183,7 @@ def significance(
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
         Of the measured readings.
     catalogue : sequence of Term
     n_searches : int
@@ -205,7 +205,7 @@ def significance(
     Significance
     """
     settings = settings or SearchSettings()
-    baseline, own = ladder.baseline, lead(ladder)
+    baseline, own = model_set.baseline, lead(model_set)
     again = partial(_again, baseline=baseline, catalogue=catalogue, seed=seed, settings=settings)
     if memory.lasts:
         memory.begin()

@@ -1,4 +1,4 @@
-r"""From the ladder, the tests and the leftover to a verdict.
+r"""From the model set, the tests and the discrepancy to a verdict.
 
 * ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
   keeps at least one chance in twenty.
@@ -10,7 +10,7 @@ r"""From the ladder, the tests and the leftover to a verdict.
 * ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
   cause.
 
-Probabilities are those of `psafit.model_search.ladder`: a set stands for its supersets that add nothing visible.
+Probabilities are those of `psafit.model_search.model_set`: a set stands for its supersets that add nothing visible.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from psafit.diagnose.leftover import Leftover
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import ALPHA, Misfit
 from psafit.diagnose.record import Broken
 from psafit.diagnose.trials import VerdictWord
-from psafit.model_search import Ids, Ladder
-from psafit.model_search.ladder import CREDIBLE
+from psafit.model_search import Ids, ModelSet
+from psafit.model_search.model_set import CREDIBLE
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,11 @@ class Verdict:
 
 
 def conclude(
-    ladder: Ladder,
+    model_set: ModelSet,
     before: Misfit,
     after: Misfit | None,
-    left: Leftover,
-    bare: Leftover,
+    left: Discrepancy,
+    bare: Discrepancy,
     laws: Sequence[Broken] = (),
     prior_unnamed: float = 0.1,
 ) -> Verdict:
@@ -71,33 +71,33 @@ def conclude(
 
     Parameters
     ----------
-    ladder : Ladder
+    model_set : ModelSet
     before : Misfit
         Of the baseline.
     after : Misfit, optional
-        Of the leader, where that is not the baseline.
-    left, bare : Leftover
-        Of the leader, and of the baseline.
+        Of the best model, where that is not the baseline.
+    left, bare : Discrepancy
+        Of the best model, and of the baseline.
     laws : sequence of Broken
-        Laws that the leader breaks.
+        Laws that the best model breaks.
     prior_unnamed : float
         Prior probability of a discrepancy beside any model.
     """
-    beside, instead = _odds(ladder, left, bare, prior_unnamed)
+    beside, instead = _odds(model_set, left, bare, prior_unnamed)
     unnamed = (beside + instead) / (1 + beside + instead)
-    probability = {ids: p * (1 - unnamed) * (1 - ladder.missed) for ids, p in ladder.probability.items()}
+    probability = {ids: p * (1 - unnamed) * (1 - model_set.missed) for ids, p in model_set.probability.items()}
     inclusion: dict[str, float] = {}
     # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
-    for ids, p in ladder.probability.items():
+    for ids, p in model_set.probability.items():
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
-    nothing, mostly_unnamed = ladder.probability[()], unnamed > 0.5
+    nothing, mostly_unnamed = model_set.probability[()], unnamed > 0.5
     if before.sound and nothing >= 1 - CREDIBLE and not mostly_unnamed:
         return Verdict("adequate", (), (), probability, unnamed, inclusion)
-    best = ladder.leader.ids
+    best = model_set.best_model.ids
     if not best:  # something is wrong, and no cause helps
         return Verdict("unexplained", (), (), probability, unnamed, inclusion)
-    alternatives, named = ladder.rivals(best), _best_first(best, ladder)
+    alternatives, named = model_set.rivals(best), _best_first(best, model_set)
     residual = after is not None and after.p_value < ALPHA
     if residual or mostly_unnamed:
         remains = residual or beside > instead
@@ -107,25 +107,27 @@ def conclude(
     return Verdict("unexplained" if laws else "explained", named, (), probability, unnamed, inclusion)
 
 
-def _odds(ladder: Ladder, left: Leftover, bare: Leftover, probability: float) -> tuple[float, float]:
+def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability: float) -> tuple[float, float]:
     """Odds of a discrepancy without a name, beside the causes and in their place; it has a part of each model's prior.
 
-    Beside all models but the baseline the evidence of it beside the leader stands for all.
+    Beside all models but the baseline the evidence of it beside the best model stands for all.
     """
-    prior, best = probability / (1 - probability), ladder.leader.ids
+    prior, best = probability / (1 - probability), model_set.best_model.ids
     if not best:
         return prior * math.exp(min(left.log_bayes, 700.0)), 0.0
-    worth = {ids: value + ladder.log_prior(ids) for ids, value in ladder.log_evidence.items()}
-    # What adds nothing visible is counted with the leader, but the leader's prior is its own.
-    own = ladder.probability[best] / max(
-        1.0, sum(math.exp(w - worth[best]) for i, w in worth.items() if set(best) <= set(i))
+    log_posterior = {ids: value + model_set.log_prior(ids) for ids, value in model_set.log_evidence.items()}
+    # What adds nothing visible is counted with the best model, but the best model's prior is its own.
+    own = model_set.probability[best] / max(
+        1.0, sum(math.exp(w - log_posterior[best]) for i, w in log_posterior.items() if set(best) <= set(i))
     )
-    ratio = bare.log_evidence - (left.log_evidence - left.log_bayes) + ladder.log_prior(()) - ladder.log_prior(best)
-    beside = (1 - ladder.probability[()]) * math.exp(min(left.log_bayes, 700.0))
+    ratio = (
+        bare.log_evidence - (left.log_evidence - left.log_bayes) + model_set.log_prior(()) - model_set.log_prior(best)
+    )
+    beside = (1 - model_set.probability[()]) * math.exp(min(left.log_bayes, 700.0))
     return prior * beside, prior * own * math.exp(min(ratio, 700.0))
 
 
-def _best_first(named: Ids, ladder: Ladder) -> Ids:
+def _best_first(named: Ids, model_set: ModelSet) -> Ids:
     """Causes by what is lost without them: by the evidence of the best model fitted that does not have them."""
-    without = {id: max(e for ids, e in ladder.log_evidence.items() if id not in ids) for id in named}
+    without = {id: max(e for ids, e in model_set.log_evidence.items() if id not in ids) for id in named}
     return tuple(sorted(named, key=lambda id: without[id]))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from psafit.experiment import GroupId
 from psafit.text import fixed, percent, significant
 
-# Causes of a set from which on one like it is told by what differs.
+# Causes of a set from which on one like it is described by what differs.
 _LARGE = 3
 
 

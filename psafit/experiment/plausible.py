@@ -182,8 +182,8 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: 
     ----------
     groups : sequence of Group
     least : float
-        The least factor that is told, the median over the shared conditions. Sessions of one rig differ by less: those
-        of the study by up to 1.33.
+        The least factor that is reported, the median over the shared conditions. Sessions of one rig differ by less:
+        those of the study by up to 1.33.
     scatter_um : float
         Ranges up to this are left out: their ratio is scatter.
     """
@@ -208,10 +208,10 @@ def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: 
 def _mean_ranges(group: Group, scatter_um: float) -> dict[tuple[float, float], float]:
     """Mean of the ranges at each frequency and amplitude, those within the scatter left out."""
     ranges: dict[tuple[float, float], list[float]] = {}
-    told = group.at(group.measured == OBSERVABLES.index(LAUNCH_RANGE)) if group.launch_range_um.size else None
-    if told is None:
+    launched = group.at(group.measured == OBSERVABLES.index(LAUNCH_RANGE)) if group.launch_range_um.size else None
+    if launched is None:
         return {}
-    for f, v, um in zip(told.frequency_hz, told.amplitude_v, told.reading, strict=True):
+    for f, v, um in zip(launched.frequency_hz, launched.amplitude_v, launched.reading, strict=True):
         ranges.setdefault((float(f), float(v)), []).append(float(um))
     means = {condition: float(np.mean(read)) for condition, read in ranges.items()}
     return {condition: mean for condition, mean in means.items() if mean > scatter_um}

@@ -169,7 +169,7 @@ class Candidate:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.where(self.predicted > 0, self.slope / self.predicted, 0.0))
 
-    def beside(self, effect: FloatArray, *, without: Term | None = None) -> FloatArray:
+    def project_out(self, effect: FloatArray, *, without: Term | None = None) -> FloatArray:
         """What a refit leaves of changes of the ranges, in units of the scatter.
 
         Parameters
@@ -468,18 +468,18 @@ def separate_modes(candidate: Candidate, *, apart: float = 4.0, valley: float = 
     """
     problem = candidate.problem
     curvature = within_bounds(problem, candidate.curvature)
-    leaders, steps = [0], np.arange(1, points + 1)[:, None] / (points + 1)
+    tops, steps = [0], np.arange(1, points + 1)[:, None] / (points + 1)
     for k in _weighty(candidate):
-        away = candidate.modes[k] - candidate.modes[leaders]
+        away = candidate.modes[k] - candidate.modes[tops]
         own = np.sum((away @ curvature[k]) * away, axis=1)
-        theirs = np.einsum("mi,mij,mj->m", away, curvature[leaders], away)
+        theirs = np.einsum("mi,mij,mj->m", away, curvature[tops], away)
         if min(own.min(), theirs.min()) < apart**2:
             continue
-        way = np.vstack([candidate.modes[m] + steps * (candidate.modes[k] - candidate.modes[m]) for m in leaders])
-        lowest = problem.log_posterior(way).reshape(len(leaders), -1).min(axis=1)
+        way = np.vstack([candidate.modes[m] + steps * (candidate.modes[k] - candidate.modes[m]) for m in tops])
+        lowest = problem.log_posterior(way).reshape(len(tops), -1).min(axis=1)
         if (lowest < candidate.heights[k] - valley).all():
-            leaders.append(int(k))
-    return leaders
+            tops.append(int(k))
+    return tops
 
 
 def within_bounds(problem: Problem, curvature: FloatArray) -> FloatArray:

@@ -209,17 +209,17 @@ def separated(candidate: Candidate) -> tuple[list[Candidate], Callable[[FloatArr
     Nearest is the one whose density is the highest. Whatever these regions are worth, they leave out nothing and count
     nothing twice.
     """
-    leaders = separate_modes(candidate)
-    if len(leaders) == 1:
+    tops = separate_modes(candidate)
+    if len(tops) == 1:
         return [candidate], lambda u: np.zeros(len(u), np.intp)
     known = laplace_mixture(candidate)
 
     def nearest(u: FloatArray) -> NDArray[np.intp]:
-        return np.asarray(np.argmax(known.each(u)[leaders], axis=0))
+        return np.asarray(np.argmax(known.each(u)[tops], axis=0))
 
     own = nearest(candidate.modes)
-    own[leaders] = np.arange(len(leaders))
-    return [candidate_at(candidate.problem, candidate.modes[own == k]) for k in range(len(leaders))], nearest
+    own[tops] = np.arange(len(tops))
+    return [candidate_at(candidate.problem, candidate.modes[own == k]) for k in range(len(tops))], nearest
 
 
 def _importance(

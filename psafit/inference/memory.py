@@ -28,8 +28,8 @@ def code() -> str:
     """What the code was that works a diagnosis out: SHA-256 of its sources."""
     package = Path(__file__).parents[1]
     files = {path.relative_to(package).as_posix(): path for path in package.rglob("*.py")}
-    told = [[name, sha256(files[name])] for name in sorted(files) if not name.startswith(_TELLERS)]
-    return digest(told)
+    hashes = [[name, sha256(files[name])] for name in sorted(files) if not name.startswith(_TELLERS)]
+    return digest(hashes)
 
 
 class Memory:

@@ -76,7 +76,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "lmfit", "arviz", "h5py", "pandas")
 class Run(Brief):
     """A finished run, as its folder holds it."""
 
-    _told = ("folder", "fit", "summary")
+    _in_repr = ("folder", "fit", "summary")
 
     folder: Path
     problem: Problem
@@ -533,7 +533,7 @@ def _found(problem: Problem, record: Fit) -> Candidate:
 
 
 def _teller(watcher: Watcher, limit: int) -> Callable[[Progress], None]:
-    def tell(s: Progress) -> None:
+    def show(s: Progress) -> None:
         words = [f"steps (at most {limit})"]
         if s.r_hat is not None:
             words.append(f"R-hat {s.r_hat:.5f} (goal: below {s.wanted_r_hat})")
@@ -541,7 +541,7 @@ def _teller(watcher: Watcher, limit: int) -> Callable[[Progress], None]:
             words.append(f"{s.autocorrelation_times:.0f} autocorrelation times (goal {s.wanted_times:.0f})")
         watcher.update(s.steps, min(s.steps + s.steps_left, limit), ", ".join(words))
 
-    return tell
+    return show
 
 
 def _summarise(
@@ -590,7 +590,7 @@ def _summarise(
     reached = kept / float(chain.autocorrelation_time.max())
     goal = record.sampler.get("r_hat", math.inf)
     # Rounded so that what misses its goal is never told as meeting it.
-    mixed = store.told_r_hat(float(chain.r_hat.max()), goal)
+    mixed = store.rounded_r_hat(float(chain.r_hat.max()), goal)
     message = f"{math.floor(reached)} autocorrelation times, R-hat at most {mixed}"
     if not chain.converged:
         wanted = "".join(

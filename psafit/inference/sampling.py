@@ -18,7 +18,7 @@ from psafit.inference.problem import Problem
 
 @dataclass(frozen=True)
 class SamplerSettings:
-    """What every sampler can be told; each adds its own.
+    """Options of every sampler; each adds its own.
 
     Parameters
     ----------

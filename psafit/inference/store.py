@@ -181,7 +181,7 @@ def pareto_k(log_weights: FloatArray) -> float:
     return float(smoothed(log_weights)[1])
 
 
-def told_r_hat(value: float, goal: float) -> str:
+def rounded_r_hat(value: float, goal: float) -> str:
     """An R-hat rounded up, to as many digits as tell whether it is below its goal; at least four."""
     if not math.isfinite(value):
         return "not defined"

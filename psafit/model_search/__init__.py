@@ -16,13 +16,13 @@ from psafit.inference.candidate import Candidate
 from psafit.inference.memory import Memory
 from psafit.inference.problem import Problem
 from psafit.model_search.fitter import ProblemFitter
-from psafit.model_search.ladder import Ladder, beliefs, log_prior, rank
 from psafit.model_search.loop import Ids, search
+from psafit.model_search.model_set import ModelSet, beliefs, log_prior, rank
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
 from psafit.workers import processes
 
-__all__ = ["Ids", "Ladder", "SearchSettings", "search_models"]
+__all__ = ["Ids", "ModelSet", "SearchSettings", "search_models"]
 
 
 def search_models(
@@ -37,7 +37,7 @@ def search_models(
     starts: Sequence[Candidate] = (),
     passes: Callable[[Candidate], bool] = lambda candidate: True,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
-) -> Ladder:
+) -> ModelSet:
     """Search the catalogue for what explains the readings.
 
     Parameters
@@ -62,7 +62,7 @@ def search_models(
 
     Returns
     -------
-    Ladder
+    ModelSet
     """
     settings, believed = settings or SearchSettings(), beliefs(catalogue)
     if settings.most_causes < 1:

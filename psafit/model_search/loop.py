@@ -254,21 +254,21 @@ def search(
     known.keep(fitter.short([ids for ids in dict.fromkeys(starts) if ids], models))
     while True:
         shown = [m for m in models.values() if known.shows(m)]
-        leader = max(shown, key=known.value)
-        highest = known.value(leader)
+        best_model = max(shown, key=known.value)
+        highest = known.value(best_model)
         least = highest - settings.window
         near = [m for m in shown if known.value(m) >= least]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         if not left:
             single = [m for m in models.values() if len(m.ids) == 1 and known.value(m) >= least]
             single = [m for m in single if not known.done[m.ids]]
-            if leader.ids or not single or passes(leader):
+            if best_model.ids or not single or passes(best_model):
                 return known.searched()
             left = single
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
         name = " + ".join(best.ids) or "the baseline"
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
-        certain = best is leader and known.shows(best, errors=0.0)
+        certain = best is best_model and known.shows(best, errors=0.0)
         if best.sampled or (not known.done[best.ids] and (certain or best not in near)):
             known.expand(best)
         else:

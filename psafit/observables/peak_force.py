@@ -13,7 +13,7 @@ from psafit.parameters import Bounds, LogNormal
 
 
 def _of(launches: Launches) -> FloatArray:
-    """A ball that is not launched ends no contact, whose largest force could be told. Zero stands for it."""
+    """A ball that is not launched ends no contact, whose largest force could be known. Zero stands for it."""
     if launches.peak_force is None:
         raise ValueError("the simulation was not asked for forces")
     return np.nan_to_num(launches.peak_force)

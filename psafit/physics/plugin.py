@@ -53,7 +53,9 @@ def read(file: Path) -> Term:
         except (Exception, SystemExit) as error:
             del sys.modules[name]
             line = plugins.place(error, file)
-            raise InputError(f"cannot be loaded ({plugins.told(error)})", _REMEDY, file=file, line=line) from error
+            raise InputError(
+                f"cannot be loaded ({plugins.message_of(error)})", _REMEDY, file=file, line=line
+            ) from error
     return _declared(sys.modules[name], file, digest)
 
 
@@ -107,7 +109,7 @@ def _installed(point: EntryPoint) -> tuple[Path, Term]:
         with contextlib.redirect_stdout(sys.stderr):
             found = point.load()
     except (Exception, SystemExit) as error:
-        raise InputError(f"the plugin {point.name} cannot be loaded ({plugins.told(error)})", remedy) from error
+        raise InputError(f"the plugin {point.name} cannot be loaded ({plugins.message_of(error)})", remedy) from error
     file = getattr(sys.modules[point.module], "__file__", None)
     if not file:
         raise InputError(f"the plugin {point.name} is no file", remedy)

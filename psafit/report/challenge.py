@@ -130,7 +130,7 @@ def _every(score: Score) -> str:
 def _sentences(score: Score) -> list[Markup]:
     failed = f"; {score.n_failed} without a verdict, which count as misses" if score.n_failed else ""
     missed = [t for t in score.targets if t.holds is False]
-    told = Markup("; ").join(
+    listing = Markup("; ").join(
         Markup("{} (wanted {}, found {})").format(t.what, _held(t.target), _share(t.value)) for t in missed
     )
     alarms, seen = score.false_alarms, [r for r in score.rows if r.kind != "nothing" and r.gain >= SEEN_NATS]
@@ -141,7 +141,7 @@ def _sentences(score: Score) -> list[Markup]:
             " the log likelihood of the true model, fitted, less that of the baseline, refitted."
         ).format(count(score.n, "data set"), "was" if score.n == 1 else "were", failed),
         Markup("<strong>Can the verdicts be trusted?</strong> {}").format(
-            Markup("Not in: {}.").format(told) if missed else _every(score)
+            Markup("Not in: {}.").format(listing) if missed else _every(score)
         ),
         Markup(
             "<strong>What goes wrong?</strong> False alarms: {} of {} with nothing hidden. Of {} effects that an oracle"

@@ -84,15 +84,15 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
 
 
 def _shown(first: Side, second: Side, found: Comparison) -> list[_Shown]:
-    sides = [{str(t.group.id): t for t in side.told} for side in (first, second)]
+    sides = [{str(t.group.id): t for t in side.predicted} for side in (first, second)]
     shown = []
     for pair in found.groups:
-        told = [side[str(pair.group)] for side in sides]
+        predicted = [side[str(pair.group)] for side in sides]
         curves = [
             figures.Curve(name, color, t.median, (figures.Band(figures.READING_BAND, t.lower, t.upper),), dashed)
-            for t, name, (color, dashed) in zip(told, found.names, _LOOKS, strict=True)
+            for t, name, (color, dashed) in zip(predicted, found.names, _LOOKS, strict=True)
         ]
-        shown.append(_Shown(pair, figures.sweep_of(told[0].group), told[0].group, curves))
+        shown.append(_Shown(pair, figures.sweep_of(predicted[0].group), predicted[0].group, curves))
     return shown
 
 
@@ -117,14 +117,14 @@ def _winner(errors: Sequence[float], interval: Sequence[float], relevant: float 
 
 
 def _compared(first: Side, second: Side, found: Comparison) -> Markup:
-    def told(side: Side) -> Markup:
+    def fitted(side: Side) -> Markup:
         return Markup("<strong>{}</strong> ({} of {}, {})").format(
             side.name, side.kind, groups(side.groups), model(side.terms)
         )
 
     return Markup("<strong>Compared:</strong> {} and {}, on {} in {} with the same readings{}.").format(
-        told(first),
-        told(second),
+        fitted(first),
+        fitted(second),
         count(sum(g.n_points for g in found.groups), "reading"),
         count(len(found.groups), "group"),
         Markup("; without {}").format(groups(found.apart)) if found.apart else "",
@@ -158,7 +158,7 @@ def _but(first: Side, second: Side, winner: int) -> str:
     if fitted[0] == fitted[1]:
         return ""
     seen = [
-        sum(t.group.n_points for t in side.told if str(t.group.id) in ids)
+        sum(t.group.n_points for t in side.predicted if str(t.group.id) in ids)
         for side, ids in zip((first, second), fitted, strict=True)
     ]
     what = "more" if seen[winner] > seen[1 - winner] else "other"
@@ -169,15 +169,15 @@ def _what_differs(found: Comparison) -> Markup:
     what = [f.what for f in found.facts if f.first != f.second and f.what not in ("command", "posterior", "verdict")]
     shared = [p for p in found.parameters if p.overlap is not None]
     apart = [p for p in shared if p.overlap is not None and not _same(p.overlap)]
-    told = Markup("{} in both").format(count(len(shared), "parameter"))
+    text = Markup("{} in both").format(count(len(shared), "parameter"))
     if apart:
-        told += Markup(", of which {} share less than half of the shorter interval").format(
+        text += Markup(", of which {} share less than half of the shorter interval").format(
             listed(symbol(p.name) for p in apart)
         )
     elif shared:
-        told += ", the intervals of each overlapping"
+        text += ", the intervals of each overlapping"
     given = listed(what) if what else Markup("nothing in what they were given")
-    return Markup("<strong>What differs?</strong> Given: {}. Found: {}.").format(given, told)
+    return Markup("<strong>What differs?</strong> Given: {}. Found: {}.").format(given, text)
 
 
 def _signed(x: float) -> str:
@@ -210,13 +210,13 @@ def _summary(pictured: Sequence[_Shown], found: Comparison) -> Picture:
         pictured, key=lambda g: (g.pair.group not in found.judged, -abs(g.pair.log_rmse[1] - g.pair.log_rmse[0]))
     )
     examples = [figures.Example(titled(g.pair.group), "ink", g.group, g.sweep, g.curves) for g in ranked[:2]]
-    told = "; ".join(
+    text = "; ".join(
         f"group {g.pair.group} {factor(g.pair.log_rmse[0])} and {factor(g.pair.log_rmse[1])}" for g in pictured[:20]
     )
     legend = figures.handles([figures.Curve(c.name, c.color, c.middle, (), c.dashed) for c in pictured[0].curves])
     return Picture(
         figure_data_uri(figures.summary_figure(rows, examples, legend)),
-        f"Typical factor between prediction and reading, {found.names[0]} and {found.names[1]}: {told}.",
+        f"Typical factor between prediction and reading, {found.names[0]} and {found.names[1]}: {text}.",
         f"Above, how far {found.names[0]} (filled) and {found.names[1]} (hollow) are off in each group: ×1 would be"
         " perfect. Below, where they differ most. Lines: predicted medians. Bands: where 90 % of readings should fall.",
     )
@@ -237,8 +237,8 @@ def _value(e: Estimate | None) -> list[str]:
 
 
 def _same(overlap: float, least: float = 0.5) -> bool:
-    """Whether two intervals share at least this part of the shorter one."""
-    return overlap >= least
+    """Whether two intervals share at least this part of the shorter one; NaN, of one without width, parts none."""
+    return not overlap < least
 
 
 def _parameter_row(p: ParameterPair) -> list[Any]:
@@ -268,10 +268,10 @@ def _estimates(found: Comparison) -> Picture | None:
         estimates = [(e.median, e.lower, e.upper) for e in (p.first, p.second) if e]
         rows.append((figures.axis_label(own.symbol, own.unit) if own else p.name, estimates))
     figure = figures.estimates_figure(rows, found.names, [color for color, _ in _LOOKS])
-    told = "; ".join(f"{p.name} {_value(p.first)[-1]} and {_value(p.second)[-1]}" for p in drawn)
+    text = "; ".join(f"{p.name} {_value(p.first)[-1]} and {_value(p.second)[-1]}" for p in drawn)
     return Picture(
         figure_data_uri(figure),
-        f"90 % intervals of the parameters in both: {told}.",
+        f"90 % intervals of the parameters in both: {text}.",
         f"Median and 90 % interval, {found.names[0]} above {found.names[1]}, each parameter on its own scale.",
     )
 
@@ -307,9 +307,9 @@ def _pictures(pictured: Sequence[_Shown]) -> list[Picture]:
     return [
         Picture(
             figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), alike=len(pictured)),
-            f"Launch range of group {g.pair.group}, {g.sweep.condition}: measured, and predicted by {told}.",
-            f"Off by {told}.",
+            f"Launch range of group {g.pair.group}, {g.sweep.condition}: measured, and predicted by {text}.",
+            f"Off by {text}.",
         )
         for g in pictured
-        for told in [" and ".join(f"×{factor(e)} ({c.name})" for e, c in zip(g.pair.log_rmse, g.curves, strict=True))]
+        for text in [" and ".join(f"×{factor(e)} ({c.name})" for e, c in zip(g.pair.log_rmse, g.curves, strict=True))]
     ]

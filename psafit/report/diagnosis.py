@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from psafit.arrays import FloatArray
-from psafit.compare import Told, read_predictions
+from psafit.compare import Predicted, read_predictions
 from psafit.diagnose.answer import Searched
 from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import PAGE, Diagnosis
@@ -23,7 +23,7 @@ from psafit.report import diagnosis_tables as tables
 from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import TITLES, model
 from psafit.report.diagnosis_pictures import Shown
-from psafit.report.fit import told_numerics, write_report
+from psafit.report.fit import numerics_content, write_report
 from psafit.report.page import render, worst
 from psafit.report.wording import (
     NBSP,
@@ -59,7 +59,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
     shown = shown_groups(result, experiment, folder)
     # Those that the baseline misses most.
     pictured = [shown[i] for i in worst([max(g.errors, default=0.0) for g in shown])]
-    leader = words.leader_of(result)
+    best_model = words.best_model_of(result)
     content = {
         "title": f"Diagnosis: {result.title}",
         "verdict": {"text": result.verdict, "kind": answer.kind(result)},
@@ -77,16 +77,20 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         **_misfit(result, experiment),
         "models": tables.model_rows(result),
         "all_groups": ",".join(str(g) for g in result.groups),
-        "leader": None
-        if leader is None
-        else {"name": model(leader.terms), "rows": tables.parameter_rows(leader), "options": ",".join(leader.terms)},
+        "best_model": None
+        if best_model is None
+        else {
+            "name": model(best_model.terms),
+            "rows": tables.parameter_rows(best_model),
+            "options": ",".join(best_model.terms),
+        },
         "other_models": [
-            {"name": model(c.terms), "rows": tables.parameter_rows(c)} for c in result.causes if c is not leader
+            {"name": model(c.terms), "rows": tables.parameter_rows(c)} for c in result.causes if c is not best_model
         ],
         "influence": diagnosis_pictures.influence_pictures(result.influence, pictured) if result.influence else [],
         "leaning": tables.leaning(result, shown),
-        "robustness": tables.robustness(result, leader),
-        "leader_listed": leader is result.leader,
+        "robustness": tables.robustness(result, best_model),
+        "best_model_listed": best_model is result.best_model,
         "mostly_unnamed": result.mostly_unnamed,
         **_remaining(result, shown),
         "quick": result.quick,
@@ -100,7 +104,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "begun": any(entry.led_to is not None for entry in result.ledger),
         **_next(result),
         "calibration": tables.calibration(result.calibration),
-        "numerics": told_numerics(result.numerics),
+        "numerics": numerics_content(result.numerics),
         "data_warnings": experiment.warnings,
         "facts": _facts(result, experiment),
         "alpha": percent(ALPHA),
@@ -137,7 +141,7 @@ def _remaining(result: Diagnosis, shown: list[Shown]) -> dict[str, Any]:
         "tests_before": tables.tests(result.misfit.baseline),
         "search": tables.search(result.misfit.search),
         "tests_after": tables.tests(result.misfit.extended) if result.misfit.extended else None,
-        "leftover": tables.leftover(result, shown),
+        "discrepancy": tables.discrepancy(result, shown),
     }
 
 
@@ -151,20 +155,20 @@ def _next(result: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _told(path: Path, model: str | None = None) -> dict[str, Told]:
+def _predicted(path: Path, model: str | None = None) -> dict[str, Predicted]:
     """What a table beside the record says of each group; nothing where it is not there."""
     return {str(t.group.id): t for t in read_predictions(path, model)} if path.is_file() else {}
 
 
-def _band(told: Told | None, n: int) -> tuple[figures.Band, ...]:
-    return (figures.Band(figures.READING_BAND, told.lower, told.upper),) if told and told.lower.size == n else ()
+def _band(given: Predicted | None, n: int) -> tuple[figures.Band, ...]:
+    return (figures.Band(figures.READING_BAND, given.lower, given.upper),) if given and given.lower.size == n else ()
 
 
-def _line(told: Line | None, gone: str | None = None) -> tuple[FloatArray, FloatArray] | None:
+def _line(given: Line | None, gone: str | None = None) -> tuple[FloatArray, FloatArray] | None:
     """What a record says between the readings of a group, with all causes or without one; a sweep of two is none."""
-    if told is None:
+    if given is None:
         return None
-    at, um = np.asarray(told.at), np.asarray(told.um if gone is None else told.without_um[gone], dtype=float)
+    at, um = np.asarray(given.at), np.asarray(given.um if gone is None else given.without_um[gone], dtype=float)
     return (at, um) if np.isfinite(um).all() else None
 
 
@@ -172,10 +176,10 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     """The groups of the record with the models' predictions, which the record holds one group after the other."""
     members = experiment.select(result.groups)
     n = sum(g.n_points for g in members)
-    told = {name: np.asarray(model.predicted_um, dtype=float) for name, model in result.show.items()}
-    adopted = _told(result.table(folder, result.predictions))
+    models = {name: np.asarray(model.predicted_um, dtype=float) for name, model in result.show.items()}
+    adopted = _predicted(result.table(folder, result.predictions))
     strict = result.gain.get("strict")
-    unseen = _told(result.table(folder, strict.predictions), "extended") if strict else {}
+    unseen = _predicted(result.table(folder, strict.predictions), "extended") if strict else {}
     extended = result.show.get("extended")
     each = {id: np.asarray(v, dtype=float) for id, v in (extended.without_um if extended else {}).items()}
     without = {id: ranges for id, ranges in each.items() if ranges.size == n}
@@ -185,12 +189,12 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     for whole, group in ((g, part) for g in members for part in g.parts):
         part = starts[members.index(whole)] + np.flatnonzero(whole.measured == group.measured[0])
         name = group.label  # the tables beside the record hold launch ranges
-        looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in told.items() if values.size == n}
+        looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in models.items() if values.size == n}
         last = "extended" if "extended" in looks and result.verdict != "adequate" else "baseline"
         curves = {
             model: figures.Curve(
                 *look,
-                told[model][part],
+                models[model][part],
                 _band(adopted.get(name), group.n_points) if model == last else (),
                 dashed=model == "baseline",
                 line=_line(lines[model].get(name)),

@@ -93,10 +93,10 @@ class PageWords(Words):
         """Return a parameter's symbol, and its value with its interval."""
         unit, (median, *both) = prefixed(unit, median, *(ends or ()))
         spread = (both[1] - both[0]) / 2 if both else 0.0
-        told = interval(both[0], both[1], spread) if spread > 0 else ""
-        told = f"({told})" if told and not told.startswith("(") else told
+        error_text = interval(both[0], both[1], spread) if spread > 0 else ""
+        error_text = f"({error_text})" if error_text and not error_text.startswith("(") else error_text
         value = with_unit(number(median, spread if spread > 0 else None), unit)
-        return Markup("{} = {} {}").format(symbol(name), value, told).strip()
+        return Markup("{} = {} {}").format(symbol(name), value, error_text).strip()
 
 
 PAGE = PageWords()

@@ -74,7 +74,7 @@ class Shown:
     rows: NDArray[np.intp]
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """By what factor each model is off."""
         return "; ".join(f"{c.name} off by ×{factor(e)}" for c, e in zip(self.curves, self.errors, strict=True))
 
@@ -101,19 +101,19 @@ def _swept(sweep: figures.Sweep) -> str:
 def summary_picture(pictured: Sequence[Shown]) -> Picture:
     """The picture of the first screen: the models' error in each group, and for each the group that it misses most."""
     rows = factor_rows(pictured)
-    told = [g for g in pictured if g.errors]
+    with_errors = [g for g in pictured if g.errors]
     # The one that the baseline misses most, and of the others the one that the last model does.
-    worst = sorted(told, key=lambda g: -g.errors[0])[:1] or list(pictured[:1])
-    worst += sorted((g for g in told if g is not worst[0]), key=lambda g: -g.errors[-1])[:1]
+    worst = sorted(with_errors, key=lambda g: -g.errors[0])[:1] or list(pictured[:1])
+    worst += sorted((g for g in with_errors if g is not worst[0]), key=lambda g: -g.errors[-1])[:1]
     examples = [figures.Example(titled(g.group.id), "ink", g.group, g.sweep, g.curves) for g in worst]
     legend = figures.handles([replace(c, bands=()) for c in pictured[0].curves])
     return Picture(
-        figure_data_uri(figures.summary_figure(rows if told else [], examples, legend)),
+        figure_data_uri(figures.summary_figure(rows if with_errors else [], examples, legend)),
         "Typical factor between model and reading: "
-        + "; ".join(f"group {g.group.id} {g.told or 'readings alone'}" for g in pictured[:20])
+        + "; ".join(f"group {g.group.id} {g.text or 'readings alone'}" for g in pictured[:20])
         + ".",
         "Above, how far the fitted models are off in each group: ×1 would be perfect."
-        f" Below, {_missed(worst) if told and len(pictured) > 1 else f'group {worst[0].group.id}'}.",
+        f" Below, {_missed(worst) if with_errors and len(pictured) > 1 else f'group {worst[0].group.id}'}.",
     )
 
 
@@ -151,9 +151,9 @@ def overview_pictures(shown: Sequence[Shown]) -> list[Picture]:
         alt = (
             f"{o.title.capitalize()} against {_swept(g.sweep)}, group {g.group.id}, {g.sweep.condition}:"
             f" measured {number(float(measured.min()))} to {number(float(measured.max()))} {unit_text(o.unit)};"
-            f" {g.told}."
+            f" {g.text}."
         )
-        caption = f"{g.told[:1].upper()}{g.told[1:]}." if g.told else "Readings alone."
+        caption = f"{g.text[:1].upper()}{g.text[1:]}." if g.text else "Readings alone."
         pictures.append(Picture(_uri(figures.group_figure(g.group, g.sweep, g.curves), len(shown)), alt, caption))
     return pictures
 
@@ -348,7 +348,7 @@ def gain_picture(gain: Gain) -> Picture:
     )
 
 
-def leftover_pictures(shown: Sequence[Shown], mean: FloatArray, sd: FloatArray) -> list[Picture]:
+def discrepancy_pictures(shown: Sequence[Shown], mean: FloatArray, sd: FloatArray) -> list[Picture]:
     """What no named cause describes, group by group.
 
     Parameters
@@ -362,7 +362,7 @@ def leftover_pictures(shown: Sequence[Shown], mean: FloatArray, sd: FloatArray) 
     if not parts:
         return []
     reach = float(np.clip(max(np.nanmax(np.abs(m) + 1.645 * s) for _, m, s in parts), 0.05, 3.0))
-    return [_leftover(g, m, s, reach, len(parts)) for g, m, s in parts]
+    return [_discrepancy(g, m, s, reach, len(parts)) for g, m, s in parts]
 
 
 def influence_pictures(found: Influence, shown: Sequence[Shown]) -> list[Picture]:
@@ -382,7 +382,7 @@ def influence_pictures(found: Influence, shown: Sequence[Shown]) -> list[Picture
     return pictures
 
 
-def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) -> Picture:
+def _discrepancy(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) -> Picture:
     heard = np.isfinite(sd)
     order = np.argsort(g.sweep.values[heard], kind="stable")
     x, m, s = (a[heard][order] for a in (g.sweep.values, mean, sd))
@@ -399,7 +399,6 @@ def _leftover(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: int) 
     low, high = factor(float(m.min())), factor(float(m.max()))
     return Picture(
         _uri(figure, n),
-        f"Leftover discrepancy against {_swept(g.sweep)}, group {g.group.id}:"
-        f" readings ×{low} to ×{high} of the prediction.",
+        f"Discrepancy against {_swept(g.sweep)}, group {g.group.id}: readings ×{low} to ×{high} of the prediction.",
         f"×{low} to ×{high}; band: 90 %.",
     )

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from psafit.compare import known
 from psafit.diagnose.answer import purpose_text
-from psafit.diagnose.confusable import Alike
+from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.gain import Choice, Gain
 from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Rehearsal
@@ -32,7 +32,7 @@ from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.diagnose.trials import Calibration, Rate
 from psafit.experiment import CONSTANT_UNITS, Experiment
 from psafit.inference.evidence import TRUSTED
-from psafit.model_search.ladder import set_of
+from psafit.model_search.model_set import set_of
 from psafit.observables import OBSERVABLES
 from psafit.report import diagnosis_pictures, figures
 from psafit.report import diagnosis_words as words
@@ -108,7 +108,7 @@ def growth(result: Diagnosis, experiment: Experiment) -> list[Picture]:
 
 
 def without_growth(result: Diagnosis) -> Markup | None:
-    """Groups of which no local exponent can be told."""
+    """Groups of which no local exponent can be known."""
     none = [g.group for g in result.show["baseline"].growth if not g.at]
     return words.group_ids(none) if none else None
 
@@ -145,7 +145,7 @@ def corner_rows(result: Diagnosis) -> list[list[Any]]:
         {str(c.group): c for c in result.show[name].corners} for name in ("baseline", "extended") if name in result.show
     ]
 
-    def told(c: Corner | None, *, measured: bool) -> list[str]:
+    def cells(c: Corner | None, *, measured: bool) -> list[str]:
         at = None if c is None else c.measured if measured else c.simulated
         exponents = None if c is None else c.exponents if measured else c.simulated_exponents
         if c is None or at is None or exponents is None:
@@ -160,9 +160,9 @@ def corner_rows(result: Diagnosis) -> list[list[Any]]:
     for group in dict.fromkeys(id for of_model in models for id in of_model):
         found = [of_model.get(group) for of_model in models]
         measured = next((c for c in reversed(found) if c and c.measured is not None), None)
-        row = [group, *told(measured, measured=True)]
+        row = [group, *cells(measured, measured=True)]
         for c in found:
-            row += told(c, measured=False)
+            row += cells(c, measured=False)
         rows.append(row)
     return rows
 
@@ -174,9 +174,9 @@ def session_rows(sessions: Sequence[Offset]) -> list[list[Any]]:
         middle, low, high = s.factor, s.lower, s.upper
         # Of many pairs some lie outside their 90 % interval: half of a 99 % one by the width of that.
         apart = abs(math.log(middle)) > norm.ppf(0.995) / (2 * norm.ppf(0.95)) * math.log(high / low)
-        told = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
+        badge = {"text": "differ", "kind": "warn"} if apart else {"text": "agree", "kind": "good"}
         where = count(s.n_conditions, "condition")
-        rows.append([f"{s.second} over {s.first}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", told])
+        rows.append([f"{s.second} over {s.first}", where, f"×{middle:.2f}", f"×{low:.2f} to ×{high:.2f}", badge])
     return rows
 
 
@@ -257,17 +257,17 @@ def parameter_rows(cause: CauseResult) -> list[list[Any]]:
     return rows
 
 
-def robustness(result: Diagnosis, leader: CauseResult | None) -> dict[str, Any] | None:
-    """Whose the leader's gain is; None where there is none."""
-    told = result.misfit.robustness
-    if told is None or leader is None or not leader.terms:
+def robustness(result: Diagnosis, best_model: CauseResult | None) -> dict[str, Any] | None:
+    """Whose the best model's gain is; None where there is none."""
+    found = result.misfit.robustness
+    if found is None or best_model is None or not best_model.terms:
         return None
     return {
-        "strongest": "" if told.strongest is None else str(told.strongest),
-        "without": words.nats(told.without),
-        "over_smooth": words.nats(abs(told.over_smooth)),
-        "less": told.over_smooth >= 0,
-        "rows": [[str(group), words.nats(gain)] for group, gain in told.groups],
+        "strongest": "" if found.strongest is None else str(found.strongest),
+        "without": words.nats(found.without),
+        "over_smooth": words.nats(abs(found.over_smooth)),
+        "less": found.over_smooth >= 0,
+        "rows": [[str(group), words.nats(gain)] for group, gain in found.groups],
     }
 
 
@@ -352,7 +352,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
     }
 
 
-def leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
+def discrepancy(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
     """What a smooth curve finds beside the causes, with its pictures."""
     left = result.misfit.leftover
     mean, sd = np.array(left.mean), np.array([known(x) for x in left.sd])
@@ -371,7 +371,7 @@ def leftover(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
             ]
             for g in left.groups
         ],
-        "pictures": diagnosis_pictures.leftover_pictures(first(shown), mean, sd) if whole else [],
+        "pictures": diagnosis_pictures.discrepancy_pictures(first(shown), mean, sd) if whole else [],
     }
 
 
@@ -464,16 +464,16 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
                 words.span(p.frequency_hz, "Hz"),
                 words.span(p.amplitude_v, "V"),
                 listed(changed) if changed else "as it is",
-                words.lead(p) if found.tells_apart else words.narrowing(p),
+                words.lead(p) if found.separates else words.narrowing(p),
                 words.share(p.success),
                 _left_tied(p.pairs),
             ]
         )
     several = any(len(p.pairs) > 1 for p in found.proposals)
     if not several:
-        rows = [row[: -1 if found.tells_apart else -2] for row in rows]
+        rows = [row[: -1 if found.separates else -2] for row in rows]
     about = purpose_text(found.purpose, PAGE)
-    return {"about": about, "tells": found.tells_apart, "several": several, "rows": rows}
+    return {"about": about, "tells": found.separates, "several": several, "rows": rows}
 
 
 def _read_as(proposal: Proposal) -> str:
@@ -541,11 +541,11 @@ def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[l
             words.quantity(float(g.group.amplitude_v[k]), "V"),
             fixed(value, 2),
         ]
-        for value, g, k in sorted(far, key=lambda told: -told[0])[:most]
+        for value, g, k in sorted(far, key=lambda row: -row[0])[:most]
     ]
 
 
-def alike(pairs: Sequence[Alike], most: int = 12) -> list[list[Any]]:
+def alike(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
     """Pairs of causes whose effects look alike, `most` of them, and by which angle they differ."""
     return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:most]]
 

@@ -51,10 +51,10 @@ def group_ids(ids: Iterable[GroupId]) -> Markup:
     return groups(found) if found else Markup("none")
 
 
-def leader_of(result: Diagnosis) -> CauseResult | None:
+def best_model_of(result: Diagnosis) -> CauseResult | None:
     """The adopted model; its best fit alone, where it is not among the models of the record."""
-    if result.leader:
-        return result.leader
+    if result.best_model:
+        return result.best_model
     shown = result.show.get("extended" if result.named else "baseline")
     found = {}
     for name, value in (shown.parameters if shown else {}).items():

@@ -106,7 +106,7 @@ def write_report(
         "traces": fit_pictures.trace_pictures(run, marginals),
         "priors": _prior_rows(run),
         "lmfit_report": run.fit.lmfit_report,
-        "numerics": told_numerics(numerics),
+        "numerics": numerics_content(numerics),
         "data_warnings": run.problem.experiment.warnings,
         "facts": _facts(run),
         "provenance": {
@@ -450,7 +450,7 @@ def _prior_rows(run: Run) -> list[list[Any]]:
 # Numerics and provenance ----------------------------------------------------------------------------------------
 
 
-def told_numerics(n: Numerics) -> dict[str, Any]:
+def numerics_content(n: Numerics) -> dict[str, Any]:
     """How far the predictions are converged, and what a fixed step would have needed, as a page says it."""
     return {
         "engine": n.engine,

@@ -30,8 +30,8 @@ _FORMAT: dict[str, Any] = {"float_format": significant, "na_rep": "-"}
 
 def text(headline: str, tables: Sequence[pd.DataFrame]) -> str:
     """A headline above tables, for a terminal."""
-    told = [t.to_string(**_FORMAT) for t in tables]
-    return "\n\n".join([textwrap.fill(headline, 110), *told])
+    parts = [t.to_string(**_FORMAT) for t in tables]
+    return "\n\n".join([textwrap.fill(headline, 110), *parts])
 
 
 def html(headline: str, tables: Sequence[pd.DataFrame]) -> str:
@@ -39,8 +39,8 @@ def html(headline: str, tables: Sequence[pd.DataFrame]) -> str:
     import pandas as pd
 
     with pd.option_context("display.max_colwidth", None):
-        told = [Markup(t.to_html(**_FORMAT, border=0)) for t in tables]  # pandas escapes
-    return str(Markup("<p><strong>{}</strong></p>").format(headline) + Markup("").join(told))
+        parts = [Markup(t.to_html(**_FORMAT, border=0)) for t in tables]  # pandas escapes
+    return str(Markup("<p><strong>{}</strong></p>").format(headline) + Markup("").join(parts))
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -12,7 +12,7 @@ from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 
 from psafit.errors import InputError
-from psafit.plugins import told
+from psafit.plugins import message_of
 
 _NUMBER = types.float64
 _LIST = types.CPointer(types.float64)
@@ -46,7 +46,7 @@ def address(kind: str, function: Callable[..., Any]) -> int:
     except NumbaError as error:
         code = function.__code__
         raise InputError(
-            f"{kind} cannot be compiled ({told(error)})",
+            f"{kind} cannot be compiled ({message_of(error)})",
             "keep to numbers, `math`, and indices of the arguments",
             file=code.co_filename,
             line=code.co_firstlineno,

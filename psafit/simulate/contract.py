@@ -27,7 +27,7 @@ from psafit.experiment import Constants
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline, term
 from psafit.physics.term import SLOTS, Term
-from psafit.plugins import blamed, told
+from psafit.plugins import blamed, message_of
 from psafit.simulate import stepper
 from psafit.simulate.batch import columns, path_of, simulate
 from psafit.simulate.callbacks import address
@@ -214,8 +214,8 @@ def agreement(draws: Sequence[Draw], check: str = "reference", finer: float | No
         sizes = [size if size <= 1 else d.disagreement(finer) for d, size in zip(draws, sizes, strict=True)]
     wrong = [d for d, size in zip(draws, sizes, strict=True) if not size <= 1]
     worst = max(sizes, key=_nan_last, default=0.0)
-    told = "; ".join(f"{count} {path}" for path, count in _paths(draws))
-    text = f"fast against literal in {len(draws)} draws ({told}), worst in units of the allowed error {worst:.2g}"
+    taken = "; ".join(f"{count} {path}" for path, count in _paths(draws))
+    text = f"fast against literal in {len(draws)} draws ({taken}), worst in units of the allowed error {worst:.2g}"
     if wrong:
         drive, f, v = wrong[0].point
         text = f"{text}; {len(wrong)} disagree, the first at {Drive.of(drive).label}, {f:.5g} Hz, {v:.3g} V"
@@ -307,13 +307,13 @@ def compiled(cause: Term, rng: np.random.Generator) -> Outcome:
         numbers = [float(x) for x in rng.uniform(0.1, 2.0 if kind == "law" else 9.0, n_numbers) * scale]
         out = [[3.0, 1e6, 0.1, 0.5, 0.2, 60.0]] if kind == "law" else []
         # Python first: it raises where machine code would write beside the array.
-        told = [_Numbers(numbers_) for numbers_ in out]
-        value = function(*numbers, _Numbers(p), *told)
+        buffers = [_Numbers(numbers_) for numbers_ in out]
+        value = function(*numbers, _Numbers(p), *buffers)
         number, array = c_double, POINTER(c_double)
         code = CFUNCTYPE(None if out else number, *[number] * n_numbers, *[array] * n_lists)(address(kind, function))
         lists = [(c_double * len(x))(*x) for x in (p, *out)]
         back = code(*numbers, *lists)
-        found, expected = (list(lists[1]), list(told[0])) if out else ([back], [value])
+        found, expected = (list(lists[1]), list(buffers[0])) if out else ([back], [value])
         worst = max(worst, _apart(np.array(found, float), np.array(expected, float)))
     if not faces:
         return Outcome("compiled", True, "no function of a slot to compile")
@@ -529,10 +529,7 @@ def check(
 
     def in_company() -> Outcome:
         chance = rng(4)
-        pairs = [
-            sorted((cause, other), key=lambda t: (SLOTS.index(t.slot), order.index(t.id)))
-            for other in others
-        ]  # fmt: skip
+        pairs = [sorted((cause, other), key=lambda t: (SLOTS.index(t.slot), order.index(t.id))) for other in others]
         return agreement([draw(chance, pair, constants, drives) for pair in pairs], "in company", fine)
 
     statements: list[tuple[str, Callable[[], Outcome]]] = [
@@ -566,4 +563,4 @@ def _guarded(check: str, run: Callable[[], Outcome]) -> Outcome:
         return run()
     except Exception as error:  # whatever a foreign function raises is its failure, not ours
         found = blamed(error)
-        return Outcome(check, False, told(error) if found is None else f"line {found.line}: {told(error)}")
+        return Outcome(check, False, message_of(error) if found is None else f"line {found.line}: {message_of(error)}")

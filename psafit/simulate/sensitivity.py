@@ -1,4 +1,4 @@
-r"""What a cause does to the launch range, and which causes look alike once the baseline has been refitted.
+r"""What a cause does to the launch range, and which causes are confounded once the baseline has been refitted.
 
 Effects are finite and one-sided: from the neutral value to a plausible strength, not a slope at the neutral value,
 which is zero for some causes (:math:`\sqrt{L^2 + b^2}` at :math:`b = 0`) and infinite for others (`preload`).
@@ -275,8 +275,8 @@ def _slopes(
 
 
 @dataclass(frozen=True)
-class Alike:
-    """Which causes look alike.
+class Confounding:
+    """Which causes are confounded.
 
     Parameters
     ----------
@@ -301,14 +301,14 @@ class Alike:
     status: tuple[Status, ...]
 
 
-def alike(
+def confounding(
     terms: Iterable[Term],
     design: Design,
     theta: ArrayLike = REFERENCE,
     *,
     share: float = 0.5,
     gain: bool = False,
-) -> Alike:
+) -> Confounding:
     """Compare causes by what a refit of the baseline cannot imitate.
 
     The refit is linear: the baseline's slopes at `theta` are projected out of every effect. A cause strong enough to
@@ -350,7 +350,7 @@ def alike(
                 u, c, _ = np.linalg.svd(a @ b.T)
                 nearest = u[:, 0] @ a
                 angle[i, j] = np.degrees(np.arctan2(np.linalg.norm(nearest - (nearest @ b.T) @ b), c[0]))
-    return Alike(tuple(t.id for t in chosen), angle, before, after, tuple(status))
+    return Confounding(tuple(t.id for t in chosen), angle, before, after, tuple(status))
 
 
 def _basis(rows: FloatArray, floor: float, absolute: bool = False) -> FloatArray:
@@ -493,6 +493,6 @@ def _trend(e: FloatArray, how: SymptomSettings) -> Trend:
 
 
 __all__ = [
-    "REFERENCE", "RIGS", "Alike", "Effect", "ObservedSymptom", "Side", "SymptomSettings", "UsualScatter", "alike",
-    "derivatives", "effect", "in_scatter", "observe", "plausible", "share_above", "share_of",
+    "REFERENCE", "RIGS", "Confounding", "Effect", "ObservedSymptom", "Side", "SymptomSettings", "UsualScatter",
+    "confounding", "derivatives", "effect", "in_scatter", "observe", "plausible", "share_above", "share_of",
 ]  # fmt: skip

@@ -559,7 +559,7 @@ def _moved(x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, 
 
 
 @compiled(inside=True)
-def _told_from_noise(first, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack):  # type: ignore[no-untyped-def]
+def _above_noise(first, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack):  # type: ignore[no-untyped-def]
     """Where something passes a threshold before the place `cut`, and the level of a step that shows that it does."""
     theta, floor = _crossing(first, swing, threshold, side, fresh, slip, bern, stack)
     if theta < cut and fresh and level > 0 and _is_noise(bern, DEGREE, theta, noise + floor):
@@ -639,7 +639,7 @@ def _first_event(motion, d, v2, forces, errors, held, law, bern, stack, scratch)
     cut, event = (room / h, _PIECE) if room <= h else (2.0, -1)
     side = -1.0 if regime == FREE else 1.0
     threshold = release if regime == BOND else 0.0
-    theta, shorter = _told_from_noise(d, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack)
+    theta, shorter = _above_noise(d, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack)
     if shorter < level:
         return cut, event, way, shorter, False
     if theta < cut:
@@ -655,16 +655,14 @@ def _first_event(motion, d, v2, forces, errors, held, law, bern, stack, scratch)
             cut, event = theta, _TURNS
     elif pull != 1.0 and regime == BOND:
         # Back to contact proper: only the law's exception for d >= 0 changes there.
-        theta, shorter = _told_from_noise(d, swing, 0.0, -1.0, slip, noise, cut, level, fresh, bern, stack)
+        theta, shorter = _above_noise(d, swing, 0.0, -1.0, slip, noise, cut, level, fresh, bern, stack)
         if theta < cut:
             cut, event = theta, _RETURNS
     if shorter < level:
         return cut, event, way, shorter, False
     if grip > 0.0 and not stuck:
         gained = times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball)
-        theta, shorter = _told_from_noise(
-            v2, gained + v2, 0.0, way, slip / h, noise / h, cut, level, fresh, bern, stack
-        )
+        theta, shorter = _above_noise(v2, gained + v2, 0.0, way, slip / h, noise / h, cut, level, fresh, bern, stack)
         if theta < cut:
             cut, event = theta, _RESTS
     elif grip > 0.0 and regime != FREE:
@@ -704,6 +702,12 @@ def _grown(level, error):  # type: ignore[no-untyped-def]
 
 
 @compiled(inside=True)
+def _shortened(level, error):  # type: ignore[no-untyped-def]
+    """The level that suits a step in the place of one of this error."""
+    return max(level - min(max(math.ceil(math.log2(error) / (NODES + 1.0) + 0.1), 1), 8), 0)
+
+
+@compiled(inside=True)
 def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no-untyped-def]
     """Level of the first step, which resolves the fastest mode; where that does not matter the steps grow at once."""
     rate = c_s / m + c_c * (1.0 / m + 1.0 / ball) + math.sqrt((k_s + k_c) / m + k_c / ball)
@@ -736,7 +740,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     # Friction holds the ball until a force exceeds its grip; then `opposed` opposes the motion, in its direction.
     stuck, way, opposed = grip > 0.0, 0.0, press
     x1, x2, d, regime = _at_rest(lean, gap, press, k_s, piece[_drive.AWAY], law)
-    xw = -press / wall_k if wall_mass > 0.0 and lean > 0.0 else 0.0
+    xw = -press / wall_k if wall_mass > 0.0 and lean > 0.0 else 0.0  # the wall gives way, and all with it
     x1, x2 = x1 + xw, x2 + xw
     v1 = v2 = w = vw = 0.0
     lost_d = lost_v2 = 0.0  # what the sums lack of these
@@ -748,11 +752,10 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     window = cycles / f  # until when a launched ball may be struck again
     F = kept = splat(0.0)
     level = previous = first_level = _first_level(c_s, c_c, m, ball, k_s, k_c, f, how.first_step)
-    rough = False  # whether the law has spoilt a step across the end of the contact
-    carried = False  # whether `kept` holds the force of the step before, ready to be carried on
-    new_piece = begun = True  # whether the next step is a piece's first; `first_level` suited the last such
-    fresh = True  # first step after the regime changed
-
+    # Whether the law has spoilt a step across the end of the contact, and whether `kept` holds the last step's force.
+    rough = carried = False
+    # Whether the next step is a piece's first (`first_level` suited the last such), or the first in its regime.
+    new_piece = begun = fresh = True
     for step in range(how.most_steps):  # noqa: B007
         if new_piece:
             new_piece, carried, begun = False, False, True
@@ -788,9 +791,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         )
         swing = times(ONCE_TO_BERNSTEIN, 0, w_node) * h + d
         if error > 1.0 and level > 0:
-            down = math.ceil(math.log2(error) / (NODES + 1.0) + 0.1)
-            level = max(level - min(max(down, 1), 8), 0)
-            carried = False
+            level, carried = _shortened(level, error), False
             rough = rough or (not linear and regime != FREE and w < 0.0 and found and last(swing) < 0.0)
             continue
 
@@ -801,8 +802,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
             (press, grip, pull, release, ball), law, bern, stack, nodes[3],
         )  # fmt: skip
         if shorter < level:
-            level = shorter
-            carried = carried and not disagreed
+            level, carried = shorter, carried and not disagreed
             continue
         way = new_way
 
@@ -842,13 +842,11 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
                     highest = max(highest, x2 - rest)
                 if separated_once and regime == FREE:
                     break  # the hop is over
-                v2 = lost_v2 = 0.0
-                w = v1
+                v2, lost_v2, w = 0.0, 0.0, v1
                 values, _ = basis(cut)
                 stuck, way, opposed = _held(0.0 if regime == FREE else kappa * total(values * F), press, grip)
             elif event == _TEARS:
-                stuck = False
-                opposed = press + way * grip
+                stuck, opposed = False, press + way * grip
             else:
                 if event == _ENDS and regime == FREE and separated_once and t > window:
                     break

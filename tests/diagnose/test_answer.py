@@ -13,7 +13,7 @@ from psafit.diagnose.misfit import Coincidence
 from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.report.diagnosis_answer import kind
 
 
@@ -61,17 +61,17 @@ def test_why_the_best_extension_is_no_explanation() -> None:
 
 
 def test_what_is_held_back_by_what_is_plausible_alone_is_told() -> None:
-    leader = record().causes[0]
-    sure = replace(leader, evidence=replace(leader.evidence, share=0.97))
+    best_model = record().causes[0]
+    sure = replace(best_model, evidence=replace(best_model.evidence, share=0.97))
     (named,) = of(replace(record(), causes=[sure, *record().causes[1:]]), Named)
     assert named.fits_alike and "cannot separate it from what fits as well" in named.say(PLAIN)
 
 
 def test_heavy_tails_are_told_with_the_readings_that_they_take_up() -> None:
-    leader = record().causes[0]
+    best_model = record().causes[0]
     for ends, told in (((2.1, 3.4), True), ((2.1, 80.0), False)):
         nu = ParameterResult(3.0, *ends, "1", "tails", 0.1)
-        wide = replace(leader, parameters=leader.parameters | {"nu": nu})
+        wide = replace(best_model, parameters=best_model.parameters | {"nu": nu})
         (furthest,) = of(replace(record(), causes=[wide]), Furthest)
         assert (furthest.tails == ends) == told
         assert ("heavy tails (nu 2.1 to 3.4, 90 %)" in furthest.say(PLAIN)) == told

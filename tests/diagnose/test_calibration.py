@@ -85,12 +85,12 @@ def test_data_sets_are_drawn_from_models_and_their_posteriors(hidden) -> None:
 
 
 def test_a_calibration_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
-    ladder = search_models(problem(experiment(["amplifier_lag"], [4e-5], n=6)), LAG, seed=1)
+    model_set = search_models(problem(experiment(["amplifier_lag"], [4e-5], n=6)), LAG, seed=1)
     memory, seen = Memory(tmp_path), []
 
     def run(n: int) -> list[Trial]:
         asked = {"seed": 1, "memory": memory, "settings": LITTLE, "progress": lambda k, n: seen.append((k, n))}
-        return calibrate(ladder, LAG, n, **asked).trials
+        return calibrate(model_set, LAG, n, **asked).trials
 
     one = run(1)
     both = run(2)

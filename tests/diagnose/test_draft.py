@@ -12,8 +12,8 @@ from truths import FEW, bump, experiment, problem
 
 from psafit.diagnose import diagnose
 from psafit.diagnose.answer import Drafted, answer
+from psafit.diagnose.discrepancy import Discrepancy, discrepancy
 from psafit.diagnose.draft import FILE, draft, drafted
-from psafit.diagnose.leftover import Leftover, leftover
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.words import PLAIN
 from psafit.inference.candidate import Candidate, fit
@@ -22,12 +22,12 @@ from psafit.simulate.contract import check
 from psafit.validate import log_ratio
 
 
-def made(candidate: Candidate, axis: str, place: float, strength: float = 0.4, width: float = 0.4) -> Leftover:
+def made(candidate: Candidate, axis: str, place: float, strength: float = 0.4, width: float = 0.4) -> Discrepancy:
     """What is left where readings differ by a factor about one place."""
     design = candidate.problem.design
     x = {"frequency": design.frequency, "amplitude": design.amplitude, "range": candidate.predicted}[axis]
     mean = strength * np.exp(-0.5 * (np.log(np.maximum(x, 1e-9) / place) / width) ** 2)
-    return replace(leftover(candidate), mean=0.1 + mean, sd=np.full(mean.size, 0.05))
+    return replace(discrepancy(candidate), mean=0.1 + mean, sd=np.full(mean.size, 0.05))
 
 
 @pytest.mark.parametrize(("axis", "place"), [("frequency", 1500.0), ("amplitude", 8.0), ("range", 300.0)])
@@ -65,14 +65,14 @@ def test_a_draft_that_somebody_has_edited_stays(sound, tmp_path) -> None:
 
 def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
     left, small = made(sound, "range", 300.0), made(sound, "frequency", 1500.0)
-    ladder = SimpleNamespace(leader=sound, baseline=sound)
+    model_set = SimpleNamespace(best_model=sound, baseline=sound)
     for verdict, named, remains, axis in (
         ("explained", ("gap",), False, None), ("unexplained", (), False, "range"),
         ("unexplained", ("gap",), True, "range"), ("unexplained", ("gap",), False, "frequency"),
     ):  # fmt: skip
         concluded = SimpleNamespace(verdict=verdict, named=named, remains=remains)
         bare = small if named else left
-        judged = SimpleNamespace(verdict=concluded, ladder=ladder, left=left, bare=bare)
+        judged = SimpleNamespace(verdict=concluded, model_set=model_set, left=left, bare=bare)
         found = drafted(judged, tmp_path)
         assert (found and found.axis) == axis
     record = replace(make_record(make_experiment()), draft=found)

@@ -9,8 +9,8 @@ import pytest
 from rigs import RIG
 from truths import FEW, experiment, problem
 
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.gain import over_groups, split, summarise
-from psafit.diagnose.leftover import Leftover
 from psafit.experiment import fingerprint
 from psafit.model_search import search_models
 
@@ -22,8 +22,8 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     other = replace(e, groups=(e.groups[0], *(replace(g, reading=g.reading + 9) for g in e.groups[1:])))
     found = []
     for data in (e, other):
-        ladder = search_models(problem(data, ("a",)), FEW, seed=1)
-        found.append(split(ladder, ("b", "c"), 1))
+        model_set = search_models(problem(data, ("a",)), FEW, seed=1)
+        found.append(split(model_set, ("b", "c"), 1))
     for one, two in zip(found[0].after, found[1].after, strict=True):
         assert one.median == pytest.approx(two.median)
     result = summarise("strict", e, found[:1], tmp_path, 1)
@@ -40,11 +40,13 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
 
 def test_an_unnamed_discrepancy_widens_and_moves_nothing(monkeypatch):
     """Where a group was not seen; half a unit of the logarithm makes a band about exp(0.8) wide to either side."""
-    ladder = search_models(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
+    model_set = search_models(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
     found = []
     for size in (0.0, 0.5):
-        monkeypatch.setattr(Leftover, "elsewhere", lambda self, scatter, rng, size=size: np.full(scatter.shape, size))
-        found.append(split(ladder, ("b",), 1).before[0])
+        monkeypatch.setattr(
+            Discrepancy, "elsewhere", lambda self, scatter, rng, size=size: np.full(scatter.shape, size)
+        )
+        found.append(split(model_set, ("b",), 1).before[0])
     exact, vague = found
     assert (exact.median == vague.median).all() and (exact.median > 1).any()
     clear = exact.median > 3  # elsewhere the absolute scatter adds

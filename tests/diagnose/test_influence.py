@@ -13,7 +13,7 @@ from diagnoses_by_hand import build, make_experiment, make_record
 from psafit.diagnose.answer import LivesOn, answer
 from psafit.diagnose.influence import Carried, Influence, carrying_half, influence
 from psafit.diagnose.words import PLAIN
-from psafit.model_search import Ladder
+from psafit.model_search import ModelSet
 
 
 def test_fewest_readings_that_give_half() -> None:
@@ -23,13 +23,13 @@ def test_fewest_readings_that_give_half() -> None:
     assert carrying_half([-1.0, 0.0]) == carrying_half([]) == 0
 
 
-def test_a_cause_lives_on_the_readings_that_it_changes(hidden: Ladder) -> None:
+def test_a_cause_lives_on_the_readings_that_it_changes(hidden: ModelSet) -> None:
     """A lag of 40 us changes the fast readings; and the sum is the difference of ArviZ' LOO."""
     lag = ("amplifier_lag",)
     assert influence(hidden, (), seed=1) is None
     found = influence(hidden, lag, seed=1)
     (carried,) = found.causes
-    problem = hidden.leader.problem
+    problem = hidden.best_model.problem
     nats, fast = np.array(carried.nats), problem.design.frequency > 2000
     assert carried.total == pytest.approx(nats.sum()) == pytest.approx(sum(x for _, x in carried.groups))
     assert 0.5 * hidden.gain(lag) < carried.total < 1.2 * hidden.gain(lag)

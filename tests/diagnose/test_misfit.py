@@ -9,7 +9,7 @@ import pytest
 from rigs import RIG
 from truths import FEW, TRUTH, bump, experiment, few, narrow, problem, slip, unit
 
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, _both, _character, _together, examine, shared
 from psafit.experiment import Group, fingerprint
 from psafit.inference.candidate import fit
@@ -23,7 +23,7 @@ def test_a_sound_model_is_not_accused(sound):
     assert not found.wrong
     assert found.character == "none"
     assert found.places == ()
-    assert leftover(sound).log_bayes < 0
+    assert discrepancy(sound).log_bayes < 0
 
 
 @pytest.mark.slow
@@ -52,7 +52,7 @@ def test_what_is_spoilt_is_found_where_it_is(spoil, characters, group):
     if found.character == "group":
         assert found.odd_groups == (group,)
     assert group in {p.group for p in found.places}
-    assert leftover(one).log_bayes > 3
+    assert discrepancy(one).log_bayes > 3
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from psafit.diagnose.next_experiment import (
     planned,
     proposals,
     proposed,
-    tell_apart,
+    separating,
 )
 from psafit.drives import Drive, Table
 from psafit.experiment import read_experiment, read_plan, write_experiment
@@ -26,10 +26,10 @@ from psafit.observables import OBSERVABLES
 
 
 def test_next_experiment_separates_what_is_tied(hidden):
-    leader = hidden.leader
+    best_model = hidden.best_model
     rival = hidden.of(("flight_friction",))
-    draws = [importance_sample(c, seed=1) for c in (leader, rival)]
-    found = tell_apart([(leader, draws[0]), (rival, draws[1])], seed=1)
+    draws = [importance_sample(c, seed=1) for c in (best_model, rival)]
+    found = separating([(best_model, draws[0]), (rival, draws[1])], seed=1)
     assert found[0].separation >= found[-1].separation
     assert found[0].separation > 3
     assert found[0].success > 0.5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from psafit.diagnose.next_experiment import tell_apart
+from psafit.diagnose.next_experiment import separating
 from psafit.diagnose.rehearsal import rehearse, repeat
 from psafit.inference.evidence import importance_sample
 
@@ -13,31 +13,31 @@ from psafit.inference.evidence import importance_sample
 @pytest.mark.slow
 def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
     """Readings from either of two causes, added to what was measured: the cause that made them comes out ahead."""
-    models = [(c, importance_sample(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
-    best = next(p for p in tell_apart(models, seed=1) if not p.constants)
+    models = [(c, importance_sample(c, seed=1)) for c in (hidden.best_model, hidden.of(("flight_friction",)))]
+    best = next(p for p in separating(models, seed=1) if not p.constants)
     found = rehearse(models, [0.0, 0.0], best, seed=1)
     assert found.proposal == best.text
-    assert found.truth[0] == list(hidden.leader.ids)
+    assert found.truth[0] == list(hidden.best_model.ids)
     assert found.truth[-1] == ["flight_friction"]
     assert sum(found.before[i] for i in (0, -1)) == pytest.approx(1)
-    # What was measured names the leader already; a truth that it refutes needs much to come out first.
+    # What was measured names the best model already; a truth that it refutes needs much to come out first.
     assert all(
-        after > 0.9 for ids, after in zip(found.truth, found.after, strict=True) if ids == list(hidden.leader.ids)
+        after > 0.9 for ids, after in zip(found.truth, found.after, strict=True) if ids == list(hidden.best_model.ids)
     )
     assert np.mean(found.after[-3:]) > found.before[-1]
     assert found == rehearse(models, [0.0, 0.0], best, seed=1)
     # So it is with a constant of the rig changed.
-    other = next(p for p in tell_apart(models, seed=1) if p.constants)
+    other = next(p for p in separating(models, seed=1) if p.constants)
     found = rehearse(models, [0.0, 0.0], other, seed=1)
     assert all(
-        after > 0.9 for ids, after in zip(found.truth, found.after, strict=True) if ids == list(hidden.leader.ids)
+        after > 0.9 for ids, after in zip(found.truth, found.after, strict=True) if ids == list(hidden.best_model.ids)
     )
 
 
 @pytest.mark.slow
 def test_the_same_experiment_again_tells_what_it_can_separate(hidden):
     """A lag and friction, each as fitted to readings that a lag has made; and a model against its own double."""
-    models = [(c, importance_sample(c, seed=1)) for c in (hidden.leader, hidden.of(("flight_friction",)))]
+    models = [(c, importance_sample(c, seed=1)) for c in (hidden.best_model, hidden.of(("flight_friction",)))]
     found = repeat(models, [0.0, 0.0], seed=1)
     assert found.before == pytest.approx([0.5] * 6)
     # Friction that stands for a lag came with a wide scatter, in which a lag may do as well: two of three at most.

@@ -7,18 +7,18 @@ from dataclasses import replace
 import pytest
 from truths import FEW, bump, experiment, problem
 
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.robustness import Robustness, robustness
 from psafit.inference.candidate import fit
 
 
-def whose(baseline, leader):
-    return robustness(baseline, leader, leftover(baseline), leftover(leader))
+def whose(baseline, best_model):
+    return robustness(baseline, best_model, discrepancy(baseline), discrepancy(best_model))
 
 
 def test_whose_a_gain_is(hidden, sound):
     """A hidden lag gains in both frequency sweeps, and more than any smooth curve; a bump in one sweep is its own."""
-    found = whose(hidden.baseline, hidden.leader)
+    found = whose(hidden.baseline, hidden.best_model)
     assert sum(gain for _, gain in found.groups) == pytest.approx(hidden.gain(("amplifier_lag",)), abs=1e-6)
     assert not found.of_one_group and found.without is not None and found.without > 5
     assert found.over_smooth > 3

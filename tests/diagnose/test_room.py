@@ -7,7 +7,7 @@ from truths import FEW, TRUTH, experiment, problem
 
 from psafit.diagnose.room import room
 from psafit.diagnose.screening import VISIBLE
-from psafit.model_search import Ladder, search_models
+from psafit.model_search import ModelSet, search_models
 from psafit.physics import terms
 from psafit.simulate import MICRO, Design, simulate
 
@@ -16,15 +16,15 @@ LAG, FRICTION = (next(t for t in FEW if t.id == id) for id in ("amplifier_lag", 
 
 def test_sharper_readings_leave_less() -> None:
     rough, fine = (search_models(problem(experiment(relative=r)), FEW, seed=1) for r in (0.04, 0.01))
-    assert rough.leader.ids == fine.leader.ids == ()
-    left = [room(ladder, (), FRICTION, seed=1) for ladder in (rough, fine)]
+    assert rough.best_model.ids == fine.best_model.ids == ()
+    left = [room(model_set, (), FRICTION, seed=1) for model_set in (rough, fine)]
     assert all(x is not None for x in left)
     assert 0.0 < left[1].share < 0.5 * left[0].share < 0.05  # type: ignore[union-attr]
     # In standard deviations of the scatter it is about the same.
     assert all(0.3 < x.size < 5 for x in left)  # type: ignore[union-attr]
 
 
-def test_what_is_at_work_has_as_much_room_as_its_effect(hidden: Ladder) -> None:
+def test_what_is_at_work_has_as_much_room_as_its_effect(hidden: ModelSet) -> None:
     """Beside a baseline that fails, the hidden lag changes ranges by about what it truly does."""
     left = room(hidden, (), LAG, seed=1)
     e = hidden.baseline.problem.experiment
@@ -42,5 +42,5 @@ def test_what_is_at_work_has_as_much_room_as_its_effect(hidden: Ladder) -> None:
     assert left is not None and 0.2 * true < left.share < 5 * true and left.size > VISIBLE
 
 
-def test_what_was_not_fitted_has_no_number(hidden: Ladder) -> None:
+def test_what_was_not_fitted_has_no_number(hidden: ModelSet) -> None:
     assert room(hidden, ("reading_offset", "stack_stiffness", "flight_friction"), LAG, seed=1) is None

@@ -41,16 +41,18 @@ def test_sessions_are_compared_where_they_share_a_condition(sound):
 
 def test_curves_hold_what_is_simulated_between_readings(hidden):
     """At the readings what was fitted; between them what the simulator says there, with each cause and without."""
-    leader = hidden.leader
-    (cause,) = leader.terms
+    best_model = hidden.best_model
+    (cause,) = best_model.terms
     start = 0
-    for g, line in zip(leader.problem.experiment.groups, show.lines(leader), strict=True):
+    for g, line in zip(best_model.problem.experiment.groups, show.lines(best_model), strict=True):
         x, part = (g.frequency_hz if g.varied == ("frequency",) else g.amplitude_v), slice(start, start + g.n_points)
         start = part.stop
         assert line.group == g.id and len(line.at) > 2 * g.n_points
-        assert np.interp(x, line.at, line.um) == pytest.approx(leader.predicted[part], rel=1e-9)
+        assert np.interp(x, line.at, line.um) == pytest.approx(best_model.predicted[part], rel=1e-9)
         between = simulate(
-            Design.of(leader.problem.experiment.constants, [g.filled()]), leader.values[None, :4], leader.terms
+            Design.of(best_model.problem.experiment.constants, [g.filled()]),
+            best_model.values[None, :4],
+            best_model.terms,
         )
         assert line.um == pytest.approx(between.launch_range[0] * 1e6, rel=1e-9)
         assert line.without_um.keys() == {cause.id} and line.without_um[cause.id] != line.um

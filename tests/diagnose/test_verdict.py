@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from truths import FEW, experiment, problem
 
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import ALPHA, Coincidence, examine
 from psafit.diagnose.verdict import conclude
 from psafit.inference.candidate import fit
@@ -19,16 +19,16 @@ def test_verdicts(hidden, sound):
     # Few readings let a large scatter stand for the cause; more do not.
     more = fit(problem(experiment(["amplifier_lag"], [4e-5], n=60)), (), seed=1, draws=2048, most=24)
     before = examine(more, FEW, seed=1, n_simulated=199)
-    after = examine(hidden.leader, FEW, seed=1, n_simulated=199)
+    after = examine(hidden.best_model, FEW, seed=1, n_simulated=199)
     assert before.wrong
     assert not after.wrong
-    left = leftover(hidden.leader)
-    bare = leftover(hidden.baseline)
+    left = discrepancy(hidden.best_model)
+    bare = discrepancy(hidden.baseline)
     found = conclude(hidden, before, after, left, bare)
     assert found.verdict in ("explained", "ambiguous")
     assert found.named == ("amplifier_lag",)
     assert found.inclusion["amplifier_lag"] > 0.95
-    # The same ladder whose leader leaves structure is not an explanation.
+    # The same model set whose best model leaves structure is not an explanation.
     spoilt = replace(after, p_value=ALPHA / 2)
     assert conclude(hidden, before, spoilt, left, bare).verdict == "unexplained"
     # A rival of equal probability makes a tie.
@@ -38,14 +38,14 @@ def test_verdicts(hidden, sound):
     assert tie.verdict == "ambiguous"
     assert tie.alternatives[0] == ("flight_friction",)
     # So does one that fits as well, held back by what is plausible alone; not one that is absurd, or has more causes.
-    leader, other = hidden.of(("amplifier_lag",)), hidden.of(("flight_friction",))
-    assert leader.log_likelihood - other.log_likelihood > 4.0
+    best_model, other = hidden.of(("amplifier_lag",)), hidden.of(("flight_friction",))
+    assert best_model.log_likelihood - other.log_likelihood > 4.0
     verdicts = {}
     for behind in (2.0, 4.0):
-        alike = replace(other, heights=other.heights + leader.log_likelihood - other.log_likelihood - behind)
+        alike = replace(other, heights=other.heights + best_model.log_likelihood - other.log_likelihood - behind)
         for p in (0.02, 1e-4):
             candidates = tuple(alike if c is other else c for c in hidden.candidates)
-            share = dict.fromkeys(hidden.probability, 0.0) | {leader.ids: 0.98 - p, other.ids: p}
+            share = dict.fromkeys(hidden.probability, 0.0) | {best_model.ids: 0.98 - p, other.ids: p}
             verdicts[behind, p] = conclude(
                 replace(hidden, candidates=candidates, probability=share), before, after, left, bare
             )
@@ -62,11 +62,11 @@ def test_verdicts(hidden, sound):
     assert all(unsure[ids] == pytest.approx(0.9 * p) for ids, p in sure.items()) and sum(sure.values()) > 0
     # So does what has no name in their place: a set of causes is no likelier for being a set of causes.
     none = replace(left, log_bayes=-50.0, log_evidence=left.log_evidence - left.log_bayes - 50.0)
-    # (What adds nothing visible is counted with the leader, but has no part in the leader's prior.)
+    # (What adds nothing visible is counted with the best model, but has no part in the best model's prior.)
     worth = {ids: value + hidden.log_prior(ids) for ids, value in hidden.log_evidence.items()}
-    counted = sum(np.exp(w - worth[leader.ids]) for ids, w in worth.items() if "amplifier_lag" in ids)
-    own = hidden.probability[leader.ids] / counted
-    odds = own * np.exp(hidden.log_prior(()) - hidden.log_prior(leader.ids)) / 9
+    counted = sum(np.exp(w - worth[best_model.ids]) for ids, w in worth.items() if "amplifier_lag" in ids)
+    own = hidden.probability[best_model.ids] / counted
+    odds = own * np.exp(hidden.log_prior(()) - hidden.log_prior(best_model.ids)) / 9
     as_good = replace(bare, log_evidence=none.log_evidence + 50.0)
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
@@ -77,7 +77,7 @@ def test_verdicts(hidden, sound):
     # Nothing hidden.
     plain = search_models(sound.problem, FEW, seed=1)
     quiet = replace(examine(plain.baseline, FEW, seed=1, n_simulated=199), coincidences=())
-    nothing = leftover(sound)
+    nothing = discrepancy(sound)
     assert conclude(plain, quiet, None, nothing, nothing).verdict == "adequate"
     # Nor is it adequate where readings stand out together, or only for heavy tails.
     pair = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)

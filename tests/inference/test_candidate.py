@@ -58,7 +58,7 @@ def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
 
 @pytest.mark.slow
 def test_ends_of_optimisations_at_one_mode_are_one_mode(hidden):
-    one = candidate_at(hidden.leader.problem, hidden.leader.modes[:1])
+    one = candidate_at(hidden.best_model.problem, hidden.best_model.modes[:1])
     assert one.laplace_apart == pytest.approx(one.laplace)
     width = 1 / np.sqrt(one.curvature[0, 0, 0])
     for steps, counted in ((0.0, 1.0), (0.3, 1.0), (30.0, 2.0)):

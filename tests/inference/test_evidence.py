@@ -125,9 +125,9 @@ def test_hills_weigh_what_each_weighs_alone():
     """Seven nats lower and far wider, the second mode holds most of the posterior."""
     rig, _ = rig_with_two_hills(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
-    leaders = separate_modes(found)
-    alone = [importance_sample(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in leaders]
-    assert found.heights[leaders[1]] < found.height - 5 and alone[1] > alone[0] + 1
+    tops = separate_modes(found)
+    alone = [importance_sample(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in tops]
+    assert found.heights[tops[1]] < found.height - 5 and alone[1] > alone[0] + 1
     assert importance_sample(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
 
 

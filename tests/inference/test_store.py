@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psafit.inference import store
-from psafit.inference.store import pareto_k, told_r_hat
+from psafit.inference.store import pareto_k, rounded_r_hat
 
 
 def test_pareto_k_is_that_of_the_weights():
@@ -17,7 +17,7 @@ def test_pareto_k_is_that_of_the_weights():
 
 
 def test_an_r_hat_is_told_on_its_side_of_the_goal() -> None:
-    told = [told_r_hat(value, 1.01) for value in (1.0099, 1.002, 1.00999, 1.01, 1.0100001, 1.9)]
+    told = [rounded_r_hat(value, 1.01) for value in (1.0099, 1.002, 1.00999, 1.01, 1.0100001, 1.9)]
     assert told == ["1.0099", "1.0020", "1.00999", "1.0100", "1.0101", "1.9000"]
 
 

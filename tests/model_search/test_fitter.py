@@ -19,7 +19,7 @@ from truths import FEW, experiment, problem
 from psafit.errors import ConvergenceError, InputError
 from psafit.inference.candidate import candidate_at
 from psafit.inference.memory import Memory
-from psafit.model_search import Ladder, SearchSettings, search_models
+from psafit.model_search import ModelSet, SearchSettings, search_models
 from psafit.model_search import fitter as fitting
 from psafit.model_search.fitter import Fitted, ProblemFitter
 from psafit.model_search.loop import Foreseen, Model
@@ -28,7 +28,7 @@ PAIR = ("amplifier_lag", "flight_friction")
 SETTINGS = SearchSettings(most_causes=2)
 
 
-def test_a_short_fit_comes_near_the_evidence(hidden: Ladder) -> None:
+def test_a_short_fit_comes_near_the_evidence(hidden: ModelSet) -> None:
     lag = hidden.of(("amplifier_lag",))
     fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
     known = {(): Model((), hidden.log_evidence[()], hidden.baseline.height, True, Fitted(hidden.baseline))}
@@ -36,7 +36,7 @@ def test_a_short_fit_comes_near_the_evidence(hidden: Ladder) -> None:
     assert found.log_evidence == pytest.approx(hidden.log_evidence[lag.ids], abs=1.0)
 
 
-def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladder) -> None:
+def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: ModelSet) -> None:
     fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
     lag = hidden.of(("amplifier_lag",))
     moved = lag.modes[:1].copy()
@@ -53,7 +53,7 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Ladd
     assert fitter.again([seen], origin) == []
 
 
-def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: Ladder) -> None:
+def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: ModelSet) -> None:
     pair, lag = hidden.of(("amplifier_lag", "flight_friction")), hidden.of(("amplifier_lag",))
     start = pair.problem.to_physical(fitting._merged(pair.problem, pair, lag)[None])[0]
     friction = len(lag.problem.names) - 3  # after the lag, before the scatter
@@ -61,7 +61,7 @@ def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: Ladder) -> No
     assert start[0] == pytest.approx(lag.values[0], rel=0.01)
 
 
-def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: Ladder) -> None:
+def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: ModelSet) -> None:
     fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
     whole = hidden.of(PAIR)
     known = {
@@ -77,7 +77,7 @@ def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: L
     assert low.height > few[()].height - 3.0
 
 
-def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_fitted_is_kept(hidden: ModelSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = hidden.baseline.problem
     first = search_models(one, FEW[:1], seed=1, memory=Memory(tmp_path))
     with monkeypatch.context() as patch:
@@ -87,7 +87,7 @@ def test_what_was_fitted_is_kept(hidden: Ladder, tmp_path: Path, monkeypatch: py
     assert again.log_evidence == first.log_evidence and again.probability == first.probability
 
 
-def test_a_search_of_no_causes_is_refused(hidden: Ladder) -> None:
+def test_a_search_of_no_causes_is_refused(hidden: ModelSet) -> None:
     with pytest.raises(InputError, match="choose 1 or more"):
         search_models(hidden.baseline.problem, FEW, seed=1, settings=SearchSettings(most_causes=0))
 
@@ -107,7 +107,7 @@ def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     for catalogue in (FEW, FEW[::-1]):
         found = search_models(whole, catalogue, seed=1)
-        assert set(found.leader.ids) == set(PAIR) and found.probability[found.leader.ids] > 0.9
+        assert set(found.best_model.ids) == set(PAIR) and found.probability[found.best_model.ids] > 0.9
 
 
 @pytest.mark.slow
@@ -115,17 +115,17 @@ def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
     """A model that fewer readings led to is fitted beside the baseline, and its neighbours if it leads."""
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     plain = search_models(whole, FEW, seed=1)
-    part = replace(plain.leader.problem, group_ids=("a", "b"))
-    known = candidate_at(part, plain.leader.modes)
+    part = replace(plain.best_model.problem, group_ids=("a", "b"))
+    known = candidate_at(part, plain.best_model.modes)
     begun = search_models(whole, FEW, seed=1, starts=[known])
     assert () in begun.samples
     assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
-    assert begun.leader.ids == plain.leader.ids == PAIR
+    assert begun.best_model.ids == plain.best_model.ids == PAIR
     assert begun.log_evidence[PAIR] == pytest.approx(plain.log_evidence[PAIR], abs=1.0)
 
 
 def test_idle_processes_work_ahead_and_what_is_not_needed_yet_may_fail(
-    hidden: Ladder, monkeypatch: pytest.MonkeyPatch
+    hidden: ModelSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was foreseen is looked up later; the sample itself is that of one process."""
     one, lag = hidden.baseline.problem, hidden.of(("amplifier_lag",))

@@ -256,7 +256,7 @@ def test_what_is_foreseen_is_what_follows() -> None:
     """Two that do as well: while one is sampled the other is the next; exchanges are told where they are not known."""
     told: list[tuple[Ids, list[Ids], list[Ids]]] = []
 
-    class Told(Fake):
+    class Predicted(Fake):
         def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
             if foreseen:
                 told.append((model.ids, [m.ids for m in foreseen.models], list(foreseen.sets)))
@@ -264,11 +264,11 @@ def test_what_is_foreseen_is_what_follows() -> None:
             return super().sample(model)
 
     worth = {"a": 20.0, "b": 19.0, "c": 5.0}
-    fake = Told(lambda ids: max((worth.get(id, 0.0) for id in ids), default=0.0))
+    fake = Predicted(lambda ids: max((worth.get(id, 0.0) for id in ids), default=0.0))
     search(CATALOGUE, fake, flat)
     assert told[0] == (("a",), [("b",)], [])
     assert fake.sampled == [(), ("a",), ("b",)]
-    fake = Told(additive({"a": 20.0, "b": 19.0, "c": 18.0}))
+    fake = Predicted(additive({"a": 20.0, "b": 19.0, "c": 18.0}))
     told.clear()
     search(CATALOGUE, fake, flat)
     of = {ids: sets for ids, _, sets in told}

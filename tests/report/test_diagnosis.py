@@ -13,13 +13,13 @@ from diagnoses_by_hand import CONSTANTS, build, growth, make_experiment, make_re
 from reader import HOSTILE, Reader
 
 from psafit.diagnose.answer import purpose_text
-from psafit.diagnose.confusable import Alike
+from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.next_experiment import NextExperiment, Pair, Purpose
 from psafit.diagnose.record import Confusion, Diagnosis, MisfitResult, ModelShown
 from psafit.diagnose.significance import Significance
 from psafit.experiment import Experiment, Group, fingerprint
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.records import read_json, write_json
 from psafit.report import diagnosis_pictures
 from psafit.report.catalogue import model
@@ -158,7 +158,7 @@ def test_growth_says_what_it_leaves_out():
 
 def test_page_stands_alone(page):
     images = page.all("img")
-    assert len(images) == 1 + 3 + 1 + 2 + 3 + 2  # first screen, groups, growth, screening, leftover, gain
+    assert len(images) == 1 + 3 + 1 + 2 + 3 + 2  # first screen, groups, growth, screening, discrepancy, gain
     assert all(len(i["alt"] or "") > 30 and (i["src"] or "").startswith("data:image/") for i in images)
     assert len({i["alt"] for i in images}) == len(images)
     assert not page.all("link") and not page.all("iframe")
@@ -247,7 +247,7 @@ def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_p
     record = replace(
         record,
         next_experiment=told,
-        confusion=Confusion([Alike("hysteresis", "swing_drag", 3.4)]),
+        confusion=Confusion([Confounded("hysteresis", "swing_drag", 3.4)]),
         gain=record.gain | {"strict": replace(record.gain["strict"], groups=worse)},
     )
     page = build(record, experiment, tmp_path)
@@ -376,8 +376,8 @@ def test_what_is_tied_with_the_best_extension_is_tied_with_it_by_name(undrawn, t
     experiment = make_experiment()
     record = replace(make_record(experiment), verdict="unexplained")
     text = build(record, experiment, tmp_path).first_screen
-    leader, other = model(record.named), model(record.alternatives[0])
-    assert f"Not to be told apart from {leader}: {other}; or " in text and "apart from it" not in text
+    best_model, other = model(record.named), model(record.alternatives[0])
+    assert f"Not to be told apart from {best_model}: {other}; or " in text and "apart from it" not in text
 
 
 def test_large_sets_are_told_by_what_differs():

@@ -163,7 +163,7 @@ def test_numerics_are_shown(page):
     text = page.reader.text
     assert f"step of {1e6 * numerics.stable_step:.4g} µs" in text
     assert "the two methods agree to 3.1 × 10⁻⁷" in text.replace("\N{NO-BREAK SPACE}", " ")
-    shown = fit.told_numerics(replace(numerics, stable_step=0.5e-6))
+    shown = fit.numerics_content(replace(numerics, stable_step=0.5e-6))
     assert (shown["limit_us"], shown["ratio"], shown["stable"]) == ("0.5", "2", False)
 
 

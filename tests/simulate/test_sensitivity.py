@@ -11,7 +11,7 @@ import pytest
 from psafit.experiment import Constants, read_experiment
 from psafit.physics import TERMS, term
 from psafit.simulate import Design, simulate
-from psafit.simulate.sensitivity import REFERENCE, alike, derivatives, effect, in_scatter, plausible, share_of
+from psafit.simulate.sensitivity import REFERENCE, confounding, derivatives, effect, in_scatter, plausible, share_of
 
 ROOT = Path(__file__).parents[2]
 PSA = read_experiment(ROOT / "experiments" / "psa")
@@ -57,7 +57,7 @@ def test_scatter_coordinate() -> None:
 
 def test_alike() -> None:
     """Angles against the definition, and what must come out: two of a kind, and causes a refit takes in."""
-    found = alike(TERMS, SIX)
+    found = confounding(TERMS, SIX)
     at = {id: i for i, id in enumerate(found.ids)}
     seen = [i for i, s in enumerate(found.status) if s == "visible"]
     angles = found.angle[np.ix_(seen, seen)]
@@ -73,7 +73,7 @@ def test_alike() -> None:
 
     one = Design.of(RIG, PSA.groups[:1])
     chosen = [term("gap"), term("no_tension"), term("reading_gain")]
-    found = alike(chosen, one)
+    found = confounding(chosen, one)
     slopes = derivatives(one) * (size := simulate(one, REFERENCE).launch_range) / np.hypot(0.3e-6, 0.05 * size)
     rest = []
     for cause in chosen[:2]:
@@ -83,7 +83,7 @@ def test_alike() -> None:
     assert found.angle[0, 1] == pytest.approx(np.degrees(np.arccos(cosine)), abs=1e-4)
     np.testing.assert_allclose(found.after[:2], np.linalg.norm(rest, axis=1), rtol=1e-5)
     assert found.status[2] == "absorbed"  # the gain of a single session is the baseline's to imitate
-    assert alike(chosen, one, gain=True).after[2] < 0.05
+    assert confounding(chosen, one, gain=True).after[2] < 0.05
 
 
 def test_share_is_the_prior_closer_to_neutral() -> None:

@@ -30,7 +30,7 @@ from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import UNSEEN, CauseResult, Diagnosis, ParameterResult
 from psafit.diagnose.words import PLAIN
 from psafit.inference import noise
-from psafit.model_search.ladder import CREDIBLE
+from psafit.model_search.model_set import CREDIBLE
 from psafit.physics import owner
 
 __all__ = [
@@ -67,7 +67,7 @@ _TAILS = noise.PARAMETERS[-1]
 
 
 def answer(d: Diagnosis) -> tuple[Statement, ...]:
-    """Return what a diagnosis says, in the order in which it is told.
+    """Return what a diagnosis says, in the order in which it is reported.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def _judged(d: Diagnosis) -> Judged:
 def _named(d: Diagnosis) -> Statement:
     if d.verdict == "adequate":
         return NothingShows([(c.terms, c.probability) for c in d.causes if c.terms and c.probability >= WORTH_SAYING])
-    leader, after = d.leader, d.misfit.extended
+    best_model, after = d.best_model, d.misfit.extended
     left: Literal["", "structure", "smooth", "law"] = ""
     if d.verdict == "unexplained" and d.named:
         breaks = any(set(b.terms) == set(d.named) for b in d.laws)
@@ -136,9 +136,9 @@ def _named(d: Diagnosis) -> Statement:
         verdict=d.verdict,
         causes=d.named,
         # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
-        probability=None if leader is None or d.mostly_unnamed or not d.named else leader.probability,
+        probability=None if best_model is None or d.mostly_unnamed or not d.named else best_model.probability,
         alternatives=d.alternatives,
-        fits_alike=leader is not None and leader.evidence.share >= CREDIBLE,
+        fits_alike=best_model is not None and best_model.evidence.share >= CREDIBLE,
         rejected=d.misfit.p_value < ALPHA,
         left=left,
         p_after=after.p_value if after and left and after.p_value < ALPHA else None,
@@ -152,11 +152,11 @@ def _named(d: Diagnosis) -> Statement:
 def _values(d: Diagnosis) -> Iterator[Statement]:
     """How large the causes are, and what of that is implausible."""
     tied = [c for ids in d.alternatives[:2] for c in d.causes if c.terms == ids]
-    own = _sized([d.leader] if d.leader else [])
+    own = _sized([d.best_model] if d.best_model else [])
     others = {name: p for name, p in _sized(tied).items() if name not in own}
     if own or others:
         yield Sizes(list(own.items()), list(others.items()))
-    named = [d.leader] if d.leader and d.named else []
+    named = [d.best_model] if d.best_model and d.named else []
     if odd := [(c.terms, c.strange) for c in [*named, *tied] if c.strange]:
         yield Implausible(odd)
 

@@ -11,14 +11,14 @@ from psafit.diagnose.record import Broken, ParameterResult, Reading
 from psafit.diagnose.trials import VerdictWord
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.physics import owner
 from psafit.text import significant
 
 WORTH_SAYING = 0.05
 """Probability of a discrepancy without a name, or of another set, from which on it is worth a sentence."""
 
-# Sets that do as well as what is named, and are told by name.
+# Sets that do as well as what is named, and are named one by one.
 _TIED = 6
 
 
@@ -152,10 +152,10 @@ class Named(Statement):
         what = words.causes(self.causes)
         if self.probability is not None:
             what = words.put("{} (probability {})", what, words.per_cent(self.probability))
-        told = [words.instead(self.causes, ids) for ids in self.alternatives[:_TIED]]
-        if more := len(self.alternatives) - len(told):
-            told.append(f"{more} more set{'' if more == 1 else 's'}")
-        tied = words.joined("; or ", told)
+        texts = [words.instead(self.causes, ids) for ids in self.alternatives[:_TIED]]
+        if more := len(self.alternatives) - len(texts):
+            texts.append(f"{more} more set{'' if more == 1 else 's'}")
+        tied = words.joined("; or ", texts)
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= WORTH_SAYING else ""
         if self.verdict == "explained":
@@ -182,7 +182,7 @@ class Named(Statement):
             "law": "it breaks a law that holds whatever the causes are",
         }[self.left or "structure"]
         odd = "" if self.p_after is None else f"family-wise p = {significant(self.p_after, 2)}; "
-        also = words.put(" Not to be told apart from {}: {}.", words.causes(self.causes), tied) if told else ""
+        also = words.put(" Not to be told apart from {}: {}.", words.causes(self.causes), tied) if texts else ""
         return words.put(
             "The best extension is {}, but {} ({}probability of an unnamed discrepancy {}).{}",
             what, why, odd, words.per_cent(self.unnamed), also,

@@ -11,7 +11,7 @@ from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.diagnose.trials import Calibration
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.text import fixed, significant
 
 

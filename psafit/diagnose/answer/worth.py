@@ -89,7 +89,7 @@ class Next(Statement):
         """Return the sentence."""
         first, purpose = self.found.proposals[0], self.found.purpose
         about, text = purpose_text(purpose, words), words.number(first.text)
-        if self.found.tells_apart:
+        if self.found.separates:
             lead = f"over {0.9 * CLEAR:.0f} nats"
             if first.separation <= 0.9 * CLEAR:
                 lead = f"{fixed(first.separation, 1)} +- {fixed(first.error, 1)} nats"
@@ -97,16 +97,16 @@ class Next(Statement):
         else:
             by = words.put("narrower by {}", words.per_cent(-math.expm1(-first.separation)))
         if self.found.recommended:
-            does = "{}: it best {}, with an expected lead of {}." if self.found.tells_apart else "{}: it best {}, {}."
+            does = "{}: it best {}, with an expected lead of {}." if self.found.separates else "{}: it best {}, {}."
             rest = " The other sets are not looked at: without --quick the four likeliest are."
             return words.put("Next, measure " + does + "{}", text, about, by, rest if self.more else "")
-        if self.found.tells_apart:
+        if self.found.separates:
             return words.put("No sweep that the rig allows {}: the best, {}, by {}.", about, text, by)
         return words.put("No sweep that the rig allows would tell much more: the best, {}, {}, {}.", text, about, by)
 
 
 def purpose_text(purpose: Purpose | None, words: Words) -> str:
-    """Return what proposals are for, without what the sets to be told apart share."""
+    """Return what proposals are for, without what the sets to be distinguished share."""
     if purpose is None:
         return ""
     if purpose.kind == "narrow":

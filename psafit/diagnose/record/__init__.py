@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from psafit.diagnose.confusable import Alike
+from psafit.diagnose.confusable import Confounded
 from psafit.diagnose.gain import Choice, Gain
 from psafit.diagnose.influence import Influence
 from psafit.diagnose.next_experiment import NextExperiment, Rehearsal
 from psafit.diagnose.record.misfit import (
     Axis,
     Broken,
+    DiscrepancyResult,
     Draft,
-    GroupLeftover,
+    GroupDiscrepancy,
     Law,
-    LeftoverResult,
     MisfitResult,
     Reading,
     Tests,
@@ -38,7 +38,7 @@ from psafit.diagnose.trials import Calibration, VerdictWord
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
-from psafit.model_search.ladder import LookedAt
+from psafit.model_search.model_set import LookedAt
 from psafit.records import ABSENT, Brief, Numerics
 
 __all__ = [
@@ -55,12 +55,12 @@ __all__ = [
     "CauseResult",
     "Confusion",
     "Diagnosis",
+    "DiscrepancyResult",
     "Draft",
     "Evidence",
     "ExtensionRun",
-    "GroupLeftover",
+    "GroupDiscrepancy",
     "Law",
-    "LeftoverResult",
     "MisfitResult",
     "ModelShown",
     "ParameterResult",
@@ -91,7 +91,7 @@ def is_diagnosis(folder: Path) -> bool:
     return found
 
 
-# Probability of a discrepancy without a name from which on it is told.
+# Probability of a discrepancy without a name from which on it is reported.
 _TOLD = 0.001
 
 
@@ -101,12 +101,12 @@ class Confusion:
 
     Parameters
     ----------
-    alike : list of Alike
+    alike : list of Confounded
     proposal, truth, before, after, first
         Of tied models: `psafit.diagnose.next_experiment.Rehearsal` of the same conditions again.
     """
 
-    alike: list[Alike] = field(default_factory=list)
+    alike: list[Confounded] = field(default_factory=list)
     proposal: str | None = field(default=None, metadata=ABSENT)
     truth: list[list[str]] | None = field(default=None, metadata=ABSENT)
     before: list[float] | None = field(default=None, metadata=ABSENT)
@@ -152,7 +152,7 @@ class Diagnosis(Brief):
         Probability that something is wrong which no cause describes.
     screening : list of ScreeningResult
     show : dict of str to ModelShown
-        "baseline", and "extended" where the leader has causes.
+        "baseline", and "extended" where the best model has causes.
     ledger : list of Choice
     extension : dict of str to ExtensionRun
         Causes fitted with lmfit and emcee like any run, each with its folder, groups, terms, whether the chain has
@@ -179,7 +179,7 @@ class Diagnosis(Brief):
         What no cause explains, described as a cause: see `psafit.diagnose.draft`.
     """
 
-    _told = ("verdict", "named", "title", "quick")
+    _in_repr = ("verdict", "named", "title", "quick")
 
     schema: int
     verdict: VerdictWord
@@ -218,14 +218,14 @@ class Diagnosis(Brief):
     draft: Draft | None = field(default=None, metadata=ABSENT)
 
     @property
-    def leader(self) -> CauseResult | None:
+    def best_model(self) -> CauseResult | None:
         """The adopted model, where it is among the models of the record."""
         return next((c for c in self.causes if c.terms == self.named), None)
 
     @property
     def strange(self) -> list[str]:
         """Parameters of what is named whose values are implausible, the scatter's aside."""
-        return self.leader.strange if self.leader and self.named else []
+        return self.best_model.strange if self.best_model and self.named else []
 
     @property
     def headline(self) -> str:
@@ -233,9 +233,9 @@ class Diagnosis(Brief):
         sets = [self.named] if self.named else []
         if self.verdict == "ambiguous":
             sets += self.alternatives
-        told = [ids for k, ids in enumerate(sets) if k == 0 or sum(map(len, sets[: k + 1])) <= _NAMES]
-        words = [" + ".join(ids) or "nothing" for ids in told]
-        if more := len(sets) - len(told):
+        listed = [ids for k, ids in enumerate(sets) if k == 0 or sum(map(len, sets[: k + 1])) <= _NAMES]
+        words = [" + ".join(ids) or "nothing" for ids in listed]
+        if more := len(sets) - len(listed):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
         n = len(self.screening)
         restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
@@ -255,6 +255,6 @@ class Diagnosis(Brief):
         return self.unnamed > 0.5
 
     @property
-    def tells_unnamed(self) -> bool:
+    def reports_unnamed(self) -> bool:
         """Whether a discrepancy without a name is probable enough to stand among the models."""
         return self.unnamed >= _TOLD

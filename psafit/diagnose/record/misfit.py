@@ -95,8 +95,8 @@ class Tests:
 
 
 @dataclass(frozen=True)
-class GroupLeftover:
-    """Mean and largest absolute leftover of a group, in ln units; None where no reading tells of one."""
+class GroupDiscrepancy:
+    """Mean and largest absolute discrepancy of a group, in ln units; None where no reading tells of one."""
 
     group: GroupId
     mean: float | None
@@ -104,15 +104,15 @@ class GroupLeftover:
 
 
 @dataclass(frozen=True)
-class LeftoverResult:
-    """An unnamed discrepancy beside the leader: see `psafit.diagnose.leftover.Leftover`."""
+class DiscrepancyResult:
+    """An unnamed discrepancy beside the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
 
     log_bayes: float
     amplitude: float
     level: float
     reach: float
     sigma_rel: float
-    groups: list[GroupLeftover]
+    groups: list[GroupDiscrepancy]
     mean: list[float]
     sd: list[float | None]
 
@@ -127,8 +127,8 @@ class MisfitResult:
         Of the baseline's tests.
     where : list of Where
     baseline, extended : Tests
-        The second where the leader has causes.
-    leftover : LeftoverResult
+        The second where the best model has causes.
+    leftover : DiscrepancyResult
     sessions : list of Offset
     remains : bool, optional
         Whether structure remains beside the causes of an extension that does not explain the readings.
@@ -139,7 +139,7 @@ class MisfitResult:
     p_value: float
     where: list[Where]
     baseline: Tests
-    leftover: LeftoverResult
+    leftover: DiscrepancyResult
     sessions: list[Offset] = field(default_factory=list)
     extended: Tests | None = field(default=None, metadata=ABSENT)
     remains: bool | None = field(default=None, metadata=ABSENT)
@@ -167,7 +167,7 @@ class Draft:
     width : float
         Of the departure, in the logarithm.
     share : float
-        Of the leftover's squares that it takes up, a factor common to all readings aside.
+        Of the discrepancy's squares that it takes up, a factor common to all readings aside.
     """
 
     file: str

@@ -68,7 +68,7 @@ class Evidence:
 
 @dataclass(frozen=True, repr=False)
 class CauseResult(Brief):
-    """One model of the ladder.
+    """One model of the model set.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class CauseResult(Brief):
         whose prior is uniform.
     """
 
-    _told = ("terms", "probability")
+    _in_repr = ("terms", "probability")
 
     terms: list[str]
     probability: float

@@ -55,7 +55,7 @@ class Imported:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What looks like another unit, as far as that can be told without the rig."""
+        """What looks like another unit, as far as that can be known without the rig."""
         groups = [group for table in self.tables for group in table.groups]
         units = (line for group in groups for line in suspicious_readings(group, None))
         return (*units, *disagreeing_groups(groups))
@@ -86,14 +86,14 @@ def write_import(imported: Imported, folder: Path) -> None:
         )
     parts += [rig_text(imported.rig), limits_text(imported.limits), beliefs_text(imported.beliefs)]
     for table in imported.tables:
-        parts.append(f"\n# {one_line(table.place)}: {one_line('; '.join(map(_told, table.columns)))}\n")
+        parts.append(f"\n# {one_line(table.place)}: {one_line('; '.join(map(_column_text, table.columns)))}\n")
         for group in table.groups:
             parts.append(group_text(group, group.file).lstrip("\n"))
             write_atomically(folder / group.file, table_text(group).encode())
     write_atomically(folder / DEFINITION, "".join(parts).encode())
 
 
-def _told(column: Understood) -> str:
+def _column_text(column: Understood) -> str:
     if not column.headings:
         return f"{column.column} was given"
     volts = f" {VOLTS[column.volts]}" if column.volts else ""

@@ -119,7 +119,7 @@ def _units(grid: Grid, headings: Sequence[Heading], first: int) -> tuple[tuple[U
             continue
         texts = _uncommented(row, grid.separator in BLANKS)
         found = [unit(text) for text in texts]
-        gap = grid.separator in BLANKS and len(texts) < len(headings)  # which one has no unit cannot be told
+        gap = grid.separator in BLANKS and len(texts) < len(headings)  # which one has no unit cannot be known
         if not any(found) or any(map(is_number, texts)) or len(texts) > len(headings) or gap:
             return none, first
         return (*found, *none)[: len(headings)], index + 1

@@ -96,7 +96,7 @@ def _cell(row: Row, column: Column) -> Cell:
 
 
 def _notation(grid: Grid, body: Body, columns: Sequence[Column], options: Options) -> Notation:
-    """How numbers are written in the whole file; asked for where that makes a difference and cannot be told."""
+    """How numbers are written in the whole file; asked for where that makes a difference and cannot be known."""
     if options.decimal:
         return NOTATIONS[options.decimal]
     cells = [(row.line, cell) for row in body.rows for c in columns if text_of(cell := _cell(row, c))]

@@ -267,7 +267,7 @@ class Emcee:
         every, history = found
         own = Settings(**cast(dict[str, Any], settings))
         thinned = replace(own, tuned=own.tuned // every)
-        return _told(chain_of(history, thinned), every * len(history.chain), own, every)
+        return _progress(chain_of(history, thinned), every * len(history.chain), own, every)
 
 
 SAMPLER = Emcee()
@@ -333,7 +333,7 @@ def run(
             done = backends[0].iteration
             if done:
                 chain = chain_of(History.of(backends), settings)
-                progress(_told(chain, done, settings))
+                progress(_progress(chain, done, settings))
                 if chain.converged or done >= settings.max_steps or chain.height > ceiling:
                     return chain
             if chosen is None or tuned_at != settings.tuned_at(done):
@@ -389,7 +389,7 @@ def chain_of(history: History, settings: Settings) -> Chain:
     )
 
 
-def _told(chain: Chain, steps: int, settings: Settings, every: int = 1) -> Progress:
+def _progress(chain: Chain, steps: int, settings: Settings, every: int = 1) -> Progress:
     """What a chain, of every so many-th step, says of how far it is."""
     kept, n_all = chain.draws.shape[1], chain.draws.shape[0]
     tau, r_hat = float(chain.autocorrelation_time.max()), float(chain.r_hat.max())

@@ -170,7 +170,7 @@ class Nautilus:
                     f.attrs["identity"] = target.identity
                     f.attrs["sets"], f.attrs["converged"] = sampler.n_like, enough
                 whole.replace(temporary)
-            progress(_told(int(sampler.n_like), bool(enough), settings))
+            progress(_progress(int(sampler.n_like), bool(enough), settings))
             if enough or sampler.n_like >= settings.max_steps:
                 return self._chain(target, settings, sampler, bool(enough))
 
@@ -216,10 +216,10 @@ class Nautilus:
                 steps, converged = int(f.attrs["sets"]), bool(f.attrs["converged"])
         except (OSError, KeyError, ValueError, TypeError, RuntimeError):
             return None
-        return _told(steps, converged, Settings(**settings))  # type: ignore[arg-type]
+        return _progress(steps, converged, Settings(**settings))  # type: ignore[arg-type]
 
 
-def _told(steps: int, converged: bool, settings: Settings) -> Progress:
+def _progress(steps: int, converged: bool, settings: Settings) -> Progress:
     """How far it is; nobody knows how many more sets it takes."""
     return Progress(
         steps=steps, steps_left=0 if converged else settings.chunk, chunk=settings.chunk, converged=converged

@@ -82,8 +82,8 @@ def groups_figure(groups: Sequence[Conditions], sweeps: Sequence[Sweep], curves:
     with figure_style():
         figure = Figure(figsize=(3.7 * columns + 0.3, 2.9 * rows + 0.4), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"hspace": 0.06}).ravel()
-        for axes, group, sweep, told in zip(panels, groups, sweeps, curves, strict=False):
-            draw_curves(axes, group, sweep, told, small=True)
+        for axes, group, sweep, drawn in zip(panels, groups, sweeps, curves, strict=False):
+            draw_curves(axes, group, sweep, drawn, small=True)
             title(axes, group.id, sweep.condition)
             axes.set_xlabel(sweep.label)
             axes.set_ylabel(range_label(group))

@@ -9,7 +9,7 @@ import pytest
 from rigs import RIG
 from truths import bump, experiment, problem
 
-from psafit.diagnose.leftover import DiscrepancySettings, Leftover, _Expansion, leftover, stretch
+from psafit.diagnose.discrepancy import Discrepancy, DiscrepancySettings, _Expansion, discrepancy, stretch
 from psafit.inference.candidate import fit
 from psafit.inference.problem import Problem
 from psafit.physics import terms
@@ -28,7 +28,7 @@ def test_a_reading_without_a_drive_does_not_turn_a_sweep_round():
     assert np.exp(design.along("frequency")) == pytest.approx(design.frequency)
     assert np.isfinite(Design.sweep(RIG, "sine", 1e3, 0.0).along("amplitude")).all()
     found = [fit(Problem(replace(e, groups=(one,)), ("a",)), (), seed=1, draws=512, most=8) for one in (g, more)]
-    a, b = (leftover(one).log_bayes for one in found)
+    a, b = (discrepancy(one).log_bayes for one in found)
     assert a > 3 and b == pytest.approx(a, abs=2)
 
 
@@ -63,7 +63,7 @@ def test_the_best_hill_of_an_unnamed_discrepancy_is_found(ids):
     """Its scatter may be most of the misfit or hardly any: optimisations from many random places find none higher."""
     one = replace(problem(experiment(["hysteresis"], [0.5, 20.0], relative=0.03, seed=4)), terms=terms(ids))
     candidate = fit(one, [fit(problem(one.experiment), (), seed=1)] if ids else (), seed=1)
-    found = leftover(candidate)
+    found = discrepancy(candidate)
     around = _Expansion.of(candidate, stretch(candidate), DiscrepancySettings().priors)
     rng = np.random.default_rng(2)
     ends = [
@@ -80,17 +80,17 @@ def test_a_session_not_seen_may_err_as_the_prior_says():
     for groups in (("a",), ("a", "b", "c")):
         e = experiment(groups=groups)
         candidate = fit(Problem(e, groups), (), seed=1, draws=256, most=8)
-        spreads.append(np.median(leftover(candidate).elsewhere(np.full(2000, 0.04), rng)))
+        spreads.append(np.median(discrepancy(candidate).elsewhere(np.full(2000, 0.04), rng)))
     assert 0.03 < spreads[0] < 0.3
     assert spreads[1] < 0.7 * spreads[0]
 
 
-def test_readings_that_say_nothing_do_not_dilute_a_leftover(sound):
+def test_readings_that_say_nothing_do_not_dilute_a_discrepancy(sound):
     n = sound.problem.observed.size
     mean, sd = np.full(n, 0.5), np.full(n, 0.1)
     quiet = sound.problem.design.group == 1
     quiet[:20] = True
     mean[quiet], sd[quiet] = 0.0, np.inf
-    found = Leftover(0.0, 0.0, 0.1, 0.1, 0.7, 0.04, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
+    found = Discrepancy(0.0, 0.0, 0.1, 0.1, 0.7, 0.04, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
     assert [g for g, *_ in found] == ["a", "b", "c"]
     assert np.array_equal([told for _, *told in found], [[0.5, 0.5], [np.nan, np.nan], [0.5, 0.5]], equal_nan=True)

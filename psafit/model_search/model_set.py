@@ -1,9 +1,9 @@
-"""The ladder that a search leaves: models, and a probability for each.
+"""What a search leaves: models, and a probability for each.
 
 *Prior over models.* Causes are at work independently of each other, each with the probability that its file declares
 and gives a reason for. Most are surprises: of two dozen such causes about one is expected. A few are not, as that a dry
-contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a leader is
-not certain only because its rivals were not sampled.
+contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a best model
+is not certain only because its rivals were not sampled.
 
 *What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
 refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
@@ -67,7 +67,7 @@ class LookedAt:
 
 
 @dataclass(frozen=True, eq=False)
-class Ladder:
+class ModelSet:
     """What the search found.
 
     Parameters
@@ -102,7 +102,7 @@ class Ladder:
         return self.of(())
 
     @property
-    def leader(self) -> Candidate:
+    def best_model(self) -> Candidate:
         """The most probable model."""
         return self.candidates[0]
 
@@ -168,7 +168,7 @@ def log_prior(ids: Ids, beliefs: Mapping[str, float]) -> float:
 
 def rank(
     searched: Searched[Fitted], beliefs: Mapping[str, float], settings: SearchSettings, *, shakes: int = 400
-) -> Ladder:
+) -> ModelSet:
     """Posterior probabilities of the models, what adds nothing visible counted with what it is added to.
 
     Evidences are known with an error: probabilities are averaged over so many `shakes` by it.
@@ -186,7 +186,7 @@ def rank(
             share[max(within, key=lambda i: mass[i])] += share[ids]
             share[ids] = 0.0
     order = sorted(mass, key=lambda ids: (-share[ids], -mass[ids]))
-    return Ladder(
+    return ModelSet(
         candidates=tuple(searched.models[ids].content.candidate for ids in order),
         probability={ids: share[ids] for ids in order},
         log_evidence=value,

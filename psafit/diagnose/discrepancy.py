@@ -56,7 +56,7 @@ class DiscrepancySettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Leftover:
+class Discrepancy:
     """An unnamed discrepancy.
 
     Parameters
@@ -106,18 +106,18 @@ class Leftover:
         return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + self.sigma_rel**2 - sigma_rel**2, 0.0)))
 
     def largest(self, candidate: Candidate) -> list[tuple[GroupId, float, float]]:
-        """Each group's mean and largest absolute leftover, in ln units; NaN where no reading tells of one."""
+        """Each group's mean and largest absolute discrepancy, in ln units; NaN where no reading tells of one."""
         found = []
         for group_id, _, rows in sweeps(candidate.problem):
             seen = self.mean[rows][np.isfinite(self.sd[rows])]
-            told = (float(seen.mean()), float(np.abs(seen).max())) if seen.size else (math.nan, math.nan)
-            found.append((group_id, *told))
+            sizes = (float(seen.mean()), float(np.abs(seen).max())) if seen.size else (math.nan, math.nan)
+            found.append((group_id, *sizes))
         return found
 
 
-def leftover(
+def discrepancy(
     candidate: Candidate, outlying: FloatArray | None = None, settings: DiscrepancySettings | None = None
-) -> Leftover:
+) -> Discrepancy:
     """Fit an unnamed discrepancy beside a model.
 
     Parameters
@@ -152,7 +152,7 @@ def leftover(
     mean, variance = around.discrepancy(best.v)
     heard = around.predicted > settings.silent * sigma_abs
     amplitude, level, reach = np.exp(best.v[-3:]).tolist()
-    return Leftover(
+    return Discrepancy(
         log_bayes=best.log_evidence - without.log_evidence,
         log_evidence=best.log_evidence + around.placed,
         amplitude=amplitude,

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import pytest
 from truths import FEW, experiment, narrow, problem
 
-from psafit.diagnose.leftover import leftover
+from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN
+from psafit.diagnose.results import _cause, _word, misfit_of
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import VISIBLE, screen
-from psafit.diagnose.told import _cause, _word, misfit_of
 from psafit.inference.sample import sample
 from psafit.model_search import search_models
 from psafit.parameters import Belief, Normal
@@ -48,25 +48,25 @@ def test_values_that_nobody_expects_are_flagged():
     for beliefs, flagged in (((), []), ((told,), ["amplifier_lag_tau"])):
         one = problem(replace(e, beliefs=beliefs))
         lag = replace(one, terms=terms(["amplifier_lag"])).terms
-        ladder = search_models(one, lag, seed=1)
-        cause = _cause(ladder, verdict, ladder.of(("amplifier_lag",)))
+        model_set = search_models(one, lag, seed=1)
+        cause = _cause(model_set, verdict, model_set.of(("amplifier_lag",)))
         assert cause.implausible == flagged
     widths = cause.evidence.prior_width
     assert widths["twice"] > 1 > 0 > widths["half"]
     wide = problem(replace(e, beliefs=(replace(told, prior=Normal(0.0, 2.4e-5)),)))
-    wider = sample(replace(wide, terms=terms(["amplifier_lag"])), [ladder.baseline], seed=1)[1]
+    wider = sample(replace(wide, terms=terms(["amplifier_lag"])), [model_set.baseline], seed=1)[1]
     assert widths["twice"] == pytest.approx(wider.log_evidence - cause.evidence.log_evidence, abs=0.7)
 
 
 def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):
     """And that heavy tails take them up, where they do."""
     e = experiment(spoil=narrow)
-    ladder = search_models(problem(e), FEW, seed=1)
-    before = examine(ladder.baseline, FEW, seed=1, n_simulated=99)
-    misfit = misfit_of(before, None, leftover(ladder.baseline), ladder.baseline, ladder.leader)
+    model_set = search_models(problem(e), FEW, seed=1)
+    before = examine(model_set.baseline, FEW, seed=1, n_simulated=99)
+    misfit = misfit_of(before, None, discrepancy(model_set.baseline), model_set.baseline, model_set.best_model)
     hz = e.group("a").frequency_hz[9]
     assert [r.frequency_hz for r in misfit.baseline.furthest].count(hz) == 2
     assert [w.group for w in misfit.where[:2]] == ["a", "c"] and misfit.where[0].together == ["c"]
     assert "as there in group c" in misfit.where[0].text
-    cause = _cause(ladder, SimpleNamespace(named=(), probability={(): 1.0}), ladder.baseline)
+    cause = _cause(model_set, SimpleNamespace(named=(), probability={(): 1.0}), model_set.baseline)
     assert cause.parameters["nu"].upper < 10.0

@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from psafit.diagnose import show
-from psafit.diagnose.leftover import Leftover
+from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import Coincidence, Misfit, Place, numbered
 from psafit.diagnose.record import (
     NEAREST,
     NOT_EXCLUDED,
     UNSEEN,
     CauseResult,
+    DiscrepancyResult,
     Evidence,
-    GroupLeftover,
-    LeftoverResult,
+    GroupDiscrepancy,
     MisfitResult,
     ModelShown,
     ParameterResult,
@@ -33,35 +33,35 @@ from psafit.diagnose.verdict import Verdict
 from psafit.experiment import GroupId
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
-from psafit.model_search.ladder import Ladder
+from psafit.model_search.model_set import ModelSet
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.parameters import broadened
 from psafit.simulate.sensitivity import plausible
 from psafit.validate import without_each
 
-# Drifts of a model that are told.
+# Drifts of a model that are reported.
 _DRIFTS = 8
-# Models in the result; the rest of the ladder has less than this share.
+# Models in the result; the rest of the model set has less than this share.
 _SHOWN, _LEAST = 12, 1e-4
-# Readings that are told as the furthest from a model.
+# Readings that are reported as the furthest from a model.
 _FURTHEST = 3
 
 
-def causes_of(ladder: Ladder, verdict: Verdict) -> list[CauseResult]:
-    """The models of the record, the most probable first; leader, alternatives and baseline in any case."""
-    shown = [c for c in ladder.candidates if ladder.probability[c.ids] >= _LEAST][:_SHOWN]
-    tied = [c for c in ladder.candidates if c.ids in verdict.alternatives]
-    for always in (ladder.leader, ladder.baseline, *tied):
+def causes_of(model_set: ModelSet, verdict: Verdict) -> list[CauseResult]:
+    """The models of the record, the most probable first; best model, alternatives and baseline in any case."""
+    shown = [c for c in model_set.candidates if model_set.probability[c.ids] >= _LEAST][:_SHOWN]
+    tied = [c for c in model_set.candidates if c.ids in verdict.alternatives]
+    for always in (model_set.best_model, model_set.baseline, *tied):
         if always not in shown:
             shown.append(always)
     # What the verdict names comes first.
-    shown.sort(key=lambda c: (set(c.ids) != set(verdict.named), -ladder.probability[c.ids]))
-    return [_cause(ladder, verdict, c) for c in shown]
+    shown.sort(key=lambda c: (set(c.ids) != set(verdict.named), -model_set.probability[c.ids]))
+    return [_cause(model_set, verdict, c) for c in shown]
 
 
-def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResult:
+def _cause(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> CauseResult:
     problem = candidate.problem
-    found = ladder.samples.get(candidate.ids)
+    found = model_set.samples.get(candidate.ids)
     parameters: dict[str, ParameterResult] = {}
     values = problem.to_physical(found.draws) if found else problem.to_physical(candidate.modes[:1])
     quantiles = found.quantiles(values, (0.05, 0.5, 0.95)) if found else None
@@ -73,10 +73,10 @@ def _cause(ladder: Ladder, verdict: Verdict, candidate: Candidate) -> CauseResul
             ends = [lower, upper]
         parameters[p.name] = ParameterResult(median, ends[0], ends[1], p.unit, p.description, p.prior_share(median))
     evidence = Evidence(
-        log_evidence=ladder.log_evidence[candidate.ids],
-        over_baseline=ladder.log_evidence[candidate.ids] - ladder.log_evidence[()],
-        gain=ladder.gain(candidate.ids),
-        share=ladder.probability[candidate.ids],
+        log_evidence=model_set.log_evidence[candidate.ids],
+        over_baseline=model_set.log_evidence[candidate.ids] - model_set.log_evidence[()],
+        gain=model_set.gain(candidate.ids),
+        share=model_set.probability[candidate.ids],
         # Laplace's evidence is corrected by what sampling showed it to be off by in the model next to it.
         method="adaptive importance sampling" if found else "Laplace",
     )
@@ -113,22 +113,22 @@ def _sensitivity(candidate: Candidate, found: ImportanceSample) -> dict[str, flo
 
 
 def screening_of(
-    screened: Sequence[Screened], beside: Sequence[Screened], ladder: Ladder, verdict: Verdict, seed: int
+    screened: Sequence[Screened], beside: Sequence[Screened], model_set: ModelSet, verdict: Verdict, seed: int
 ) -> list[ScreeningResult]:
     """Every cause: what it gains, and what is made of it.
 
     What could have been seen is asked `beside` the model that is adopted: a baseline that fails has a large scatter.
     """
     visible = {s.term.id: s.visible for s in beside}
-    adopted, found = () if verdict.verdict == "adequate" else ladder.leader.ids, []
+    adopted, found = () if verdict.verdict == "adequate" else model_set.best_model.ids, []
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
-        left = None if s.term.id in adopted else room(ladder, adopted, s.term, seed=seed)
+        left = None if s.term.id in adopted else room(model_set, adopted, s.term, seed=seed)
         found.append(
             ScreeningResult(
                 s.term.id,
-                _word(s, ladder, verdict, left),
-                float(s.gain[s.best]), ladder.gain((s.term.id,)), s.chance, s.log_bayes,
+                _word(s, model_set, verdict, left),
+                float(s.gain[s.best]), model_set.gain((s.term.id,)), s.chance, s.log_bayes,
                 float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
                 plausible(s.term)[0],
                 None if left is None else left.share,
@@ -138,8 +138,8 @@ def screening_of(
     return sorted(found, key=lambda s: -s.refit_gain)
 
 
-def _word(found: Screened, ladder: Ladder, verdict: Verdict, left: Room | None) -> str:
-    """What the whole ladder says of one cause; the refit knows better than the expansion what it can do.
+def _word(found: Screened, model_set: ModelSet, verdict: Verdict, left: Room | None) -> str:
+    """What the whole model set says of one cause; the refit knows better than the expansion what it can do.
 
     Not present is what would have been seen, and has less `left` to it than what would be.
     """
@@ -147,7 +147,7 @@ def _word(found: Screened, ladder: Ladder, verdict: Verdict, left: Room | None) 
         return "present" if verdict.verdict != "unexplained" else NEAREST
     if any(found.term.id in ids for ids in verdict.alternatives):
         return "as good"
-    if ladder.gain((found.term.id,)) >= max(PRESENT, found.chance):
+    if model_set.gain((found.term.id,)) >= max(PRESENT, found.chance):
         return "explains part alone"
     if found.visible < VISIBLE:
         return UNSEEN
@@ -178,8 +178,9 @@ def _where(misfit: Misfit) -> list[Where]:
     def place(group: GroupId, p: Coincidence | Place, together: list[GroupId]) -> None:
         ends = dict.fromkeys((f"{p.lower:.6g}", f"{p.upper:.6g}"))
         side = "too large" if p.log_bias > 0 else "too small"
-        told = f"the prediction is {side}, as there in group {', '.join(map(str, together))}," if together else ""
-        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}: {told or f'predictions {side}'} by a factor of"
+        elsewhere = f"the prediction is {side}, as there in group {', '.join(map(str, together))}," if together else ""
+        what = elsewhere or f"predictions {side}"
+        text = f"group {group}, {' to '.join(ends)} {unit[p.variable]}: {what} by a factor of"
         text += f" {np.exp(abs(p.log_bias)):.2f} ({abs(p.score):.1f} standard deviations)"
         found.append(Where(group, p.variable, p.lower, p.upper, text, p.log_bias, p.score, together))
 
@@ -212,25 +213,25 @@ def _furthest(misfit: Misfit, candidate: Candidate) -> list[Reading]:
 def misfit_of(
     before: Misfit,
     after: Misfit | None,
-    left: Leftover,
+    left: Discrepancy,
     baseline: Candidate,
-    leader: Candidate,
+    best_model: Candidate,
     *,
     remains: bool | None = None,
     firm: Robustness | None = None,
 ) -> MisfitResult:
-    """Return what the tests say of baseline and leader, and what a smooth curve finds beside the leader."""
+    """Return what the tests say of baseline and best model, and what a smooth curve finds beside the best model."""
     return MisfitResult(
         p_value=before.p_value,
         where=_where(before),
         baseline=_tests(before, baseline),
-        extended=None if after is None else _tests(after, leader, _where(after)),
-        leftover=LeftoverResult(
+        extended=None if after is None else _tests(after, best_model, _where(after)),
+        leftover=DiscrepancyResult(
             left.log_bayes, left.amplitude, left.level, left.reach, left.sigma_rel,
-            [GroupLeftover(g, _finite(m), _finite(x)) for g, m, x in left.largest(leader)], left.mean.tolist(),
+            [GroupDiscrepancy(g, _finite(m), _finite(x)) for g, m, x in left.largest(best_model)], left.mean.tolist(),
             [_finite(s) for s in left.sd],
         ),
-        sessions=show.offsets(leader),
+        sessions=show.offsets(best_model),
         remains=remains,
         robustness=firm,
     )  # fmt: skip
@@ -241,17 +242,19 @@ def _finite(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def shown(ladder: Ladder) -> dict[str, ModelShown]:
+def shown(model_set: ModelSet) -> dict[str, ModelShown]:
     """What is drawn of baseline and extension: growth, corners and drift."""
-    models = {"baseline": ladder.baseline} | ({"extended": ladder.leader} if ladder.leader.terms else {})
+    models = {"baseline": model_set.baseline} | (
+        {"extended": model_set.best_model} if model_set.best_model.terms else {}
+    )
     drifts = {name: show.drift(c) for name, c in models.items()}
-    # What stands out in either is told of both.
-    told = {(d.parameter, d.variable) for found in drifts.values() for d in found[:_DRIFTS]}
+    # What stands out in either is reported of both.
+    striking = {(d.parameter, d.variable) for found in drifts.values() for d in found[:_DRIFTS]}
     return {
         name: ModelShown(
             growth=show.growth(c),
             corners=show.corners(c),
-            drift=[d for d in drifts[name] if (d.parameter, d.variable) in told],
+            drift=[d for d in drifts[name] if (d.parameter, d.variable) in striking],
             lines=show.lines(c),
             predicted_um=c.predicted.tolist(),
             without_um={

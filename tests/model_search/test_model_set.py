@@ -11,15 +11,15 @@ from truths import FEW
 
 from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import Fitted
-from psafit.model_search.ladder import Ladder, beliefs, log_prior, rank
 from psafit.model_search.loop import Ids, Model, Searched
+from psafit.model_search.model_set import ModelSet, beliefs, log_prior, rank
 from psafit.physics import TERMS
 
 BELIEFS = dict.fromkeys("abcdefghijklmnopqrstuvwx", 0.04)
 
 
-def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float]) -> Ladder:
-    """The ladder of models with these evidences, some of them sampled, with a standard error."""
+def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float]) -> ModelSet:
+    """A model set with these evidences, some of them sampled, with a standard error."""
     models = {}
     for ids, value in evidence.items():
         draws = SimpleNamespace(doubt=sampled[ids]) if ids in sampled else None
@@ -44,7 +44,7 @@ def test_a_cause_that_adds_nothing_visible_is_counted_with_what_it_is_added_to()
     found = ranked({(): 0.0, ("a",): 20.0, ("a", "b"): 22.9, ("a", "c"): 23.1}, exact)
     assert found.probability["a", "b"] == 0 and found.probability["a", "c"] > 0
     assert sum(found.probability.values()) == pytest.approx(1)
-    assert found.leader.ids == ("a",)
+    assert found.best_model.ids == ("a",)
     ratio = math.log(found.probability["a", "c"] / found.probability["a",])
     price = log_prior(("a", "c"), BELIEFS) - log_prior(("a",), BELIEFS)
     assert ratio == pytest.approx(3.1 + price - math.log1p(math.exp(2.9 + price)))
@@ -71,25 +71,25 @@ def test_no_set_more_probable_than_a_listed_one_is_left_out(best: float) -> None
     heights = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
     models = tuple(fitted(ids, height) for ids, height in heights.items())
     probability = {tuple(ids): p for ids, p in likely.items()}
-    found = Ladder(models, probability, {}, {}, BELIEFS).rivals(("a",))  # type: ignore[arg-type]
+    found = ModelSet(models, probability, {}, {}, BELIEFS).rivals(("a",))  # type: ignore[arg-type]
     assert found[:3] == (("b", "c"), ("g",), ("d",))
     assert len(found) == (3 if best > 0.95 else 4)
 
 
-def test_ladder_names_a_hidden_cause(hidden: Ladder) -> None:
-    assert hidden.leader.ids == ("amplifier_lag",)
+def test_model_set_names_a_hidden_cause(hidden: ModelSet) -> None:
+    assert hidden.best_model.ids == ("amplifier_lag",)
     assert hidden.gain(("amplifier_lag",)) > 10  # nats of 72 readings
     # Sets with a further cause that nobody can see are counted with it.
     assert hidden.probability["amplifier_lag",] > 0.9
     assert hidden.probability["amplifier_lag", "reading_offset"] == 0
-    assert hidden.leader.values[3] == pytest.approx(4e-5, rel=0.3)
-    # Everything beside what leads was fitted: each cause, and each other one beside the leader.
+    assert hidden.best_model.values[3] == pytest.approx(4e-5, rel=0.3)
+    # Everything beside what leads was fitted: each cause, and each other one beside the best model.
     others = [t.id for t in FEW if t.id != "amplifier_lag"]
     assert {(), *((t.id,) for t in FEW)} <= hidden.probability.keys()
     assert all(any({"amplifier_lag", id} == set(ids) for ids in hidden.probability) for id in others)
 
 
-def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden: Ladder) -> None:
+def test_a_larger_model_is_never_much_worse_than_one_within_it(hidden: ModelSet) -> None:
     for c in hidden.candidates:
         for smaller in hidden.candidates:
             if set(smaller.ids) < set(c.ids):
