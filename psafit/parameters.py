@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import keyword
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -129,6 +130,31 @@ class Uniform:
         return "uniform" if self.coordinate == "linear" else "uniform in the logarithm"
 
 
+def _middle(part: Normal | LogNormal) -> tuple[float, float]:
+    """Centre and standard deviation, in the coordinate it lives in."""
+    if isinstance(part, Normal):
+        return part.mean, part.sd
+    return math.log(part.median), math.log(part.factor)
+
+
+def _normal_share(x: FloatArray, mean: float, sd: float, lower: float, upper: float) -> FloatArray:
+    """Part of a truncated normal density below `x`."""
+    below, above = ndtr((lower - mean) / sd), ndtr((upper - mean) / sd)
+    return np.asarray((ndtr((x - mean) / sd) - below) / (above - below))
+
+
+def _bisected(
+    share: Callable[[FloatArray], FloatArray], p: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Where a share that grows is `p`, between `low` and `high`, to the last digit."""
+    while True:
+        middle = 0.5 * (low + high)
+        if not ((low < middle) & (middle < high)).any():
+            return middle
+        short = share(middle) < p
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+
+
 @dataclass(frozen=True)
 class Tailed:
     r"""A normal prior with a broad part: what is far from plausible costs a dozen nats, not a thousand.
@@ -161,10 +187,7 @@ class Tailed:
     @property
     def middle(self) -> tuple[float, float]:
         """Centre and standard deviation of the core, in the coordinate it lives in."""
-        core = self.core
-        if isinstance(core, Normal):
-            return core.mean, core.sd
-        return math.log(core.median), math.log(core.factor)
+        return _middle(self.core)
 
     def _broad(self, lower: float, upper: float) -> tuple[float, float, float, float]:
         """Centre and half width of the broad part, and its angles at the bounds."""
@@ -183,25 +206,63 @@ class Tailed:
         """Point below which the fraction `p` of the mass lies: between the quantiles of the two parts, by bisection."""
         p = np.asarray(p, dtype=float)
         centre, width, a, b = self._broad(lower, upper)
-        mean, sd = self.middle
-        below, above = ndtr((lower - mean) / sd), ndtr((upper - mean) / sd)
         ends = [
             self.core.quantile(p, lower, upper),
             np.clip(centre + width * np.tan(a + p * (b - a)), lower, upper),
         ]
-        low, high = np.minimum(*ends), np.maximum(*ends)
-        while True:
-            middle = 0.5 * (low + high)
-            if not ((low < middle) & (middle < high)).any():
-                return middle
-            core = (ndtr((middle - mean) / sd) - below) / (above - below)
-            broad = (np.arctan((middle - centre) / width) - a) / (b - a)
-            short = (1 - self.share) * core + self.share * broad < p
-            low, high = np.where(short, middle, low), np.where(short, high, middle)
+
+        def below(x: FloatArray) -> FloatArray:
+            core = _normal_share(x, *self.middle, lower, upper)
+            broad = (np.arctan((x - centre) / width) - a) / (b - a)
+            return (1 - self.share) * core + self.share * broad
+
+        return _bisected(below, p, np.minimum(*ends), np.maximum(*ends))
 
     def describe(self) -> str:
         """Words for tables."""
         return f"{self.core.describe()}; {100 * self.share:g} % in a Cauchy tail {self.widening:g} times as wide"
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """A prior of several parts, as of a factor that is one of a few: each as likely as its weight.
+
+    Parameters
+    ----------
+    parts : tuple of (float, Normal or LogNormal)
+        Weights, which sum to one, and priors that live in one coordinate. Each is normalised over the bounds.
+    """
+
+    parts: tuple[tuple[float, Normal | LogNormal], ...]
+
+    def __post_init__(self) -> None:
+        if len({p.coordinate for _, p in self.parts}) != 1 or not math.isclose(sum(w for w, _ in self.parts), 1.0):
+            raise ValueError("parts of a mixture live in one coordinate, and their weights sum to one")
+
+    @property
+    def coordinate(self) -> Coordinate:
+        """The coordinate it lives in."""
+        return self.parts[0][1].coordinate
+
+    def log_density(self, u: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Log density at `u`, normalised over [lower, upper]."""
+        each = [math.log(w) + p.log_density(u, lower, upper) for w, p in self.parts]
+        return np.logaddexp.reduce(each, axis=0)
+
+    def quantile(self, p: FloatArray, lower: float, upper: float) -> FloatArray:
+        """Point below which the fraction `p` of the mass lies: between the quantiles of the parts, by bisection."""
+        p = np.asarray(p, dtype=float)
+        ends = [part.quantile(p, lower, upper) for _, part in self.parts]
+
+        def below(x: FloatArray) -> FloatArray:
+            shares = [w * _normal_share(x, *_middle(part), lower, upper) for w, part in self.parts]
+            return np.sum(shares, axis=0)
+
+        return _bisected(below, p, np.min(ends, axis=0), np.max(ends, axis=0))
+
+    def describe(self) -> str:
+        """Words for tables."""
+        return "; ".join(f"{100 * w:g} % {part.describe()}" for w, part in self.parts)
 
 
 def broadened(prior: Prior, factor: float) -> Prior | None:

@@ -112,6 +112,8 @@ class CauseEntry:
         That it is at work, before any reading.
     because : str
         Why.
+    drives : str
+        On which drives it has a meaning: "every", "stated" or "shifting"; see `psafit.physics.term.DRIVES`.
     plugin : str
         Leading digits of the SHA-256 of its file, where that is no part of psafit.
     """
@@ -129,6 +131,7 @@ class CauseEntry:
     path: str
     probability: float = 0.04
     because: str = ""
+    drives: str = "every"
     plugin: str = ""
 
 

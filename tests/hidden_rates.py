@@ -23,7 +23,7 @@ def is_found(kind: str, asked: Asked, seed: int) -> bool:
     rng = np.random.default_rng(seed)
     begun = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
-        hidden = hide_one(kind, rng, Path(name), asked.readings)
+        hidden = hide_one(kind, rng, Path(name), asked)
         said = answer_to(hidden, Path(name) / "diagnosis", asked.causes)
         answer, right = hidden.made.answer, is_right(hidden.made.answer, said)
     truth = answer.outside or " + ".join(answer.terms) or "nothing"

@@ -9,7 +9,7 @@ import pytest
 from scipy import integrate, stats
 
 from psafit.inference import noise
-from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Prior, Tailed, Uniform
+from psafit.parameters import Bounds, LogNormal, Mixture, Normal, Parameter, Prior, Tailed, Uniform
 from psafit.physics import baseline
 
 DECLARED = baseline.PARAMETERS + noise.PARAMETERS
@@ -83,6 +83,23 @@ def test_what_is_far_from_plausible_costs_a_dozen_nats_and_a_flag() -> None:
     cost = [float(p.log_prior(0.0) - p.log_prior(p.to_sampling(x))) for x in (0.015, 0.05, 0.25, 1.0)]
     assert 3 < cost[0] < 5 and 5 < cost[1] < cost[2] < 12 and cost[3] < 14
     assert [p.is_implausible(x) for x in (0.0, 5e-3, 0.015, 0.25)] == [False, False, True, True]
+
+
+def test_a_mixture_holds_each_part_by_its_weight() -> None:
+    prior = Mixture(((0.3, LogNormal(0.5, 1.05)), (0.7, LogNormal(2.0, 1.05))))
+    p = parameter(prior, 0.1, 10.0)
+    assert p.shape is None
+    u = np.linspace(*np.log([0.1, 10.0]), 400_001)
+    density = np.exp(p.log_prior(u))
+    assert np.trapezoid(density, u) == pytest.approx(1.0, rel=1e-6)
+    assert np.trapezoid(density[u < 0.0], u[u < 0.0]) == pytest.approx(0.3, rel=1e-4)
+    shares = np.array([0.1, 0.29, 0.31, 0.9])
+    below = [np.trapezoid(density[u < q], u[u < q]) for q in p.prior_quantile(shares)]
+    assert below == pytest.approx(shares, abs=1e-4)
+    assert [p.is_implausible(x) for x in (0.5, 1.0, 2.0)] == [False, True, False]
+    for parts in ((), ((0.5, Normal(0, 1)), (0.4, Normal(1, 1))), ((0.5, Normal(0, 1)), (0.5, LogNormal(1, 2)))):
+        with pytest.raises(ValueError, match="weights sum to one"):
+            Mixture(parts)  # type: ignore[arg-type]
 
 
 def test_outside_bounds_is_impossible() -> None:

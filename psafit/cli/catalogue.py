@@ -73,6 +73,8 @@ def _listing(entries: Sequence[CauseEntry], plain: Sequence[CauseParameterEntry]
 
 def _declaration(entry: CauseEntry) -> str:
     """A cause's declaration for a terminal 88 columns wide."""
+    from psafit.physics.term import DRIVES
+
     lines = [f"{entry.id}: {entry.title} ({entry.slot})", ""]
     for block in re.sub(r":math:`([^`]*)`", r"\1", entry.description).replace("``", "`").split("\n\n"):
         # A displayed formula stays LaTeX, which a terminal cannot set; the catalogue's page does.
@@ -95,6 +97,7 @@ def _declaration(entry: CauseEntry) -> str:
             f"{sign}; effect with frequency: {s.frequency}, with amplitude: {s.amplitude}; {' and '.join(s.waveforms)}",
         )
     )
+    lines.append(_wrapped("drives", DRIVES[entry.drives]))
     lines.append(
         _wrapped("at work", f"probability {entry.probability:g} before any reading; {entry.because or 'a surprise'}")
     )

@@ -20,11 +20,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 from scipy.sparse.csgraph import connected_components
 
 from psafit.arrays import FloatArray
@@ -83,6 +83,8 @@ class Split:
     readings : int
     waveform : str
     frequency_hz, amplitude_v : list of float
+    drive : dict
+        What else the drive has: see `psafit.diagnose.next_experiment.Proposal`.
     nats : float
         By which the pair of the block that is hardest to tell apart is reported, with this sweep and what is planned.
     splits : bool
@@ -94,6 +96,7 @@ class Split:
     waveform: str
     frequency_hz: list[float]
     amplitude_v: list[float]
+    drive: dict[str, Any]
     nats: float
     splits: bool
 
@@ -149,44 +152,49 @@ class _Effects:
     """What causes do at one place, in standard deviations of the scatter.
 
     `slopes` (n, n_points) belong to the baseline's parameters; `rows` holds by cause and strength the
-    (n_directions, n_points) effects. Causes in `latent` have a direction for each session.
+    (n_directions, n_points) effects. A cause in `typical` has a direction for each session, and there by strength what
+    it does where all sessions are at their medians, (n_points,).
     """
 
     slopes: FloatArray
     rows: dict[tuple[str, float], FloatArray]
-    latent: frozenset[str]
+    typical: dict[tuple[str, float], FloatArray]
 
     @classmethod
     def at(cls, design: Design, theta: FloatArray, terms: Sequence[Term], settings: IsolabilitySettings) -> _Effects:
         """The effects in a design, at a place of the baseline."""
         relative, absolute = settings.relative, settings.absolute * 1e-6
-        slopes, rows = derivatives(design, theta), {}
+        slopes, rows, typical = derivatives(design, theta), {}, {}
         for term in terms:
             for share in {settings.strength, *settings.imitating}:
                 one = effect(term, design, theta, plausible(term, share))
                 rows[term.id, share] = one.in_units_of(relative, absolute)
+                if term.latent:
+                    middle = replace(one, launch_range=one.typical[None])
+                    typical[term.id, share] = middle.in_units_of(relative, absolute)[0]
                 size = one.neutral / np.hypot(absolute, relative * one.neutral)
-        return cls(slopes * size, rows, frozenset(t.id for t in terms if t.latent))
+        return cls(slopes * size, rows, typical)
 
     def of(self, ids: Sequence[str]) -> _Effects:
         """Those of some causes."""
-        return _Effects(self.slopes, {key: rows for key, rows in self.rows.items() if key[0] in ids}, self.latent)
+        return _Effects(self.slopes, {key: rows for key, rows in self.rows.items() if key[0] in ids}, self.typical)
 
     def with_part(self, other: _Effects, points: NDArray[np.intp]) -> _Effects:
         """The same with some readings of one more session."""
         rows = {}
         for (id, share), one in self.rows.items():
             more = other.rows[id, share][:, points]
-            if id in self.latent:
-                rows[id, share] = np.asarray(block_diag(one, more))
+            if (id, share) in self.typical:
+                old, new = self.typical[id, share], other.typical[id, share][points]
+                rows[id, share] = np.block([[one, np.tile(new, (len(one), 1))], [np.tile(old, (len(more), 1)), more]])
             else:
                 rows[id, share] = np.hstack([one, more])
-        return _Effects(np.hstack([self.slopes, other.slopes[:, points]]), rows, self.latent)
+        return _Effects(np.hstack([self.slopes, other.slopes[:, points]]), rows, {})
 
     def refitted(self) -> _Effects:
         """What a refit of the baseline cannot imitate."""
         known = _basis(self.slopes)
-        return _Effects(self.slopes, {key: _outside(rows, known) for key, rows in self.rows.items()}, self.latent)
+        return _Effects(self.slopes, {key: _outside(rows, known) for key, rows in self.rows.items()}, {})
 
     def against(self, truth: Sequence[str], rival: Sequence[str], settings: IsolabilitySettings) -> float:
         """Nats by which readings of some causes speak against others; the least over the strengths of one other."""
@@ -323,9 +331,10 @@ def _cheapest(
                 for a, b in itertools.permutations(ids, 2)
             )
             if best is None or least > best.nats:
-                waveform = d.drives[d.drive[0]].waveform
+                drive = d.drives[d.drive[0]]
                 f, v = d.frequency[points].tolist(), d.amplitude[points].tolist()
-                best = Split(sweep.text, points.size, waveform, f, v, least, least >= settings.apart)
+                apart = least >= settings.apart
+                best = Split(sweep.text, points.size, drive.waveform, f, v, drive.settings, least, apart)
         if best is not None and best.splits:
             return best
     return best

@@ -453,16 +453,14 @@ def _look(
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
         "predicted size": np.log(predicted * problem.per_um + 0.05),
-        "waveform": design.waveform.astype(float),
         "order in the file": in_session(design),
-        "observable": problem.scatter_of(design.measured).astype(float),
     }
+    kinds = {"waveform": design.kinds, "observable": problem.scatter_of(design.measured)}
     n = e.shape[1]
     for name, value in covariates.items():
         if np.ptp(value) < 1e-9:
             continue
         t = 2 * (value - value.min()) / np.ptp(value) - 1
-        # A polynomial through as many values as there are, of waveforms or observables, tells each from the others.
         degree = min(5, len(np.unique(value)) - 1)
         basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(t, degree))
         found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis[:, 1:]).sum(axis=1))
@@ -472,6 +470,12 @@ def _look(
             where = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, 11)
             bins = np.array([(where == b) / math.sqrt(max((where == b).sum(), 1)) for b in range(12)])
             found[f"bins of {name}", "mean", None] = np.sqrt(np.square(e @ bins.T).sum(axis=1))
+    for name, kind in kinds.items():
+        if np.ptp(kind):
+            # What is left of each kind's own level once the common one is taken away.
+            levels = np.eye(kind.max() + 1)[kind]
+            basis = _spanned(levels[:, 1:] - levels[:, 1:].mean(axis=0))
+            found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis).sum(axis=1))
     size = np.log(predicted * problem.per_um + 0.05)
     size = (size - size.mean()) / max(float(size.std()), 1e-9)
     square = np.minimum(e**2, 9.0)
@@ -504,6 +508,12 @@ def _repeated(problem: Problem, e: FloatArray, least: int) -> dict[Key, FloatArr
             (means + 1e-9) / (_scattered(e, replicates) / spare + 1e-9)
         )
     return found
+
+
+def _spanned(columns: FloatArray) -> FloatArray:
+    """Orthonormal columns that span the given ones, of which some may be zero."""
+    directions, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(directions[:, size > 1e-9 * size.max(initial=1.0)])
 
 
 def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:

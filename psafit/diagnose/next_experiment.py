@@ -19,14 +19,14 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
-from psafit.drives import Drive
+from psafit.drives import TABLE, Drive
 from psafit.experiment import Conditions, Constants, Experiment, GroupId, changes_text
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
@@ -94,7 +94,8 @@ class Proposal:
     pairs : list of Pair
         How far it separates each two of the models; empty for one model alone.
     drive : dict
-        What else the drive has of a group's keys, such as `bias_v`; empty for a plain waveform.
+        What else the drive has of a group's keys, such as `bias_v`, or `drive`, the file of a table; empty for a plain
+        waveform.
     observable : str, optional
         What is to be read, where that is not what the readings so far are of.
     """
@@ -108,7 +109,7 @@ class Proposal:
     success: float | None
     error: float
     pairs: list[Pair] = field(default_factory=list)
-    drive: dict[str, float] = field(default_factory=dict)
+    drive: dict[str, Any] = field(default_factory=dict)
     observable: str | None = field(default=None, metadata=ABSENT)
 
     @property
@@ -314,7 +315,30 @@ def proposals(
     same_rig : float
         Constants closer than this, in their logarithm, are the same rig.
     """
-    every, limits = Design.of(constants, groups), dict(allowed)
+    # A recorded voltage is as it is: it can be played again, and to another rig.
+    swept, limits = [g for g in groups if not g.drive.recorded], dict(allowed)
+    again = [g for g in groups if g.drive.recorded]
+    found: list[Possible] = []
+    for words, changed in _rigs(constants, limits, factors, same_rig):
+        rig = replace(constants, **changed)
+        found += _sweeps(rig, swept, limits, words, changed, points) if swept else []
+        for g in again:
+            f, v = g.frequency_hz[0], g.amplitude_v[0]
+            text = f"{points} launches by the recording {g.drive.file}{words}"
+            found.append(Possible(text, Design.sweep(rig, g.drive, np.full(points, f), v), changed))
+    return list({p.text: p for p in found}.values())
+
+
+def _sweeps(
+    rig: Constants,
+    groups: Sequence[Conditions],
+    limits: Mapping[str, tuple[float, float]],
+    words: str,
+    changed: dict[str, float],
+    points: int,
+) -> Iterator[Possible]:
+    """Sweeps of a rig by frequency and by amplitude, within limits or the span of some groups."""
+    every = Design.of(rig, groups)
     low_f, high_f = limits.get("frequency_hz") or np.quantile(every.frequency, (0.02, 0.98)).tolist()
     span = f"{_say(low_f)} to {_say(high_f)} Hz"
     shares = (1.0, 0.5, 0.2) if _say(low_f) != _say(high_f) else ()
@@ -327,23 +351,18 @@ def proposals(
         bottom = float(every.amplitude[every.amplitude > 0].min())
         if top <= 1.5 * bottom:
             bottom = top / 10
-    # Who drives with a plain sine or square may do either; a table stands for one voltage alone.
-    used = list(dict.fromkeys(g.drive for g in groups if g.drive.table is None))
-    drives = dict.fromkeys([*_EITHER, *used] if set(_EITHER) & set(used) else used)
-    found = []
-    for words, changed in _rigs(constants, limits, factors, same_rig):
-        rig = replace(constants, **changed)
-        for drive in drives:
-            for share in shares:
-                volts = max(top * share, min(bottom, top))
-                sweep = np.geomspace(low_f, high_f, points)
-                text = f"{drive.label}, {_say(volts)} V, {span}{words}"
-                found.append(Possible(text, Design.sweep(rig, drive, sweep, volts), changed))
-            for at in fixed:
-                sweep = np.linspace(bottom, top, points)
-                text = f"{drive.label}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
-                found.append(Possible(text, Design.sweep(rig, drive, at, sweep), changed))
-    return list({p.text: p for p in found}.values())
+    # Who drives with a plain sine or square may do either.
+    used = list(dict.fromkeys(g.drive for g in groups))
+    for drive in dict.fromkeys([*_EITHER, *used] if set(_EITHER) & set(used) else used):
+        name = f"{drive.label} {drive.file}" if drive.table else drive.label
+        for share in shares:
+            volts = max(top * share, min(bottom, top))
+            sweep = np.geomspace(low_f, high_f, points)
+            yield Possible(f"{name}, {_say(volts)} V, {span}{words}", Design.sweep(rig, drive, sweep, volts), changed)
+        for at in fixed:
+            sweep = np.linspace(bottom, top, points)
+            text = f"{name}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
+            yield Possible(text, Design.sweep(rig, drive, at, sweep), changed)
 
 
 def _possible(candidate: Candidate) -> list[Possible]:
@@ -582,6 +601,22 @@ def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArr
     return -0.5 * np.log(np.clip(left, 1e-3, 1.0)), 0.5 * error / np.clip(left, 1e-3, None)
 
 
+def proposed(waveform: str, settings: Mapping[str, Any], groups: Iterable[Conditions]) -> Drive:
+    """The drive of a proposal to groups that hold the tables.
+
+    Raises
+    ------
+    ValueError
+        If none of them has the table.
+    """
+    if waveform != TABLE:
+        return Drive.with_settings(waveform, settings)
+    for group in groups:
+        if group.drive.table and group.drive.settings == settings:
+            return group.drive
+    raise ValueError(f"no group has the drive {settings.get('drive')!r}")
+
+
 def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions:
     """The sweep that a proposal asks for, as a group of what was measured.
 
@@ -595,7 +630,7 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
     names = itertools.chain(["planned.csv"], (f"planned{k}.csv" for k in itertools.count(2)))
     return Conditions(
         id,
-        Drive.with_settings(proposal.waveform, proposal.drive),
+        proposed(proposal.waveform, proposal.drive, measured.groups),
         next(name for name in names if name not in taken),
         f,
         v,

@@ -17,8 +17,7 @@ import numpy as np
 from scipy.special import softmax
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.next_experiment import Proposal, Rehearsal
-from psafit.drives import Drive
+from psafit.diagnose.next_experiment import Proposal, Rehearsal, proposed
 from psafit.experiment import Group
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
@@ -157,7 +156,7 @@ def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.rando
     """Readings of the proposed sweep, of a truth drawn from a model's posterior."""
     frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
     rig = replace(problem.experiment.constants, **proposal.constants)
-    drive = Drive.with_settings(proposal.waveform, proposal.drive)
+    drive = proposed(proposal.waveform, proposal.drive, problem.experiment.groups)
     measured = proposal.measured(problem)
     design = replace(Design.sweep(rig, drive, frequency, voltage), measured=np.full(frequency.size, measured))
     true = readings(design, problem.theta(u, [NEW], rng), problem.terms)

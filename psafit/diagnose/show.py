@@ -131,7 +131,8 @@ class Drift:
     ----------
     parameter : str
     variable : {"frequency", "amplitude", "range", "waveform", "order"}
-        The last from the first reading of each session to its last; waveform from sine to square.
+        The last from the first reading of each session to its last; waveform from the first kind of drive, a sine
+        where there is one, to the kind that differs most from it.
     gain : float
         Nats, in the expansion, with the scatter refitted.
     factor : float
@@ -336,7 +337,6 @@ def drift(candidate: Candidate, *, knots: int = 4, in_order: float = 0.9) -> lis
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
         "range": np.log(candidate.predicted * problem.per_um + 0.05),
-        "waveform": design.waveform.astype(float),
     }
     # Sweeps that were read from one end to the other do not tell the time from what was swept.
     if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < in_order:
@@ -344,19 +344,25 @@ def drift(candidate: Candidate, *, knots: int = 4, in_order: float = 0.9) -> lis
     # A weak prior keeps directions that the readings leave open at rest.
     rest, _ = _solve(known, target)
     result = []
+    hats = {name: _hats(x, knots) for name, x in covariates.items() if np.ptp(x) >= 0.1}
+    if np.ptp(design.kinds):
+        hats["waveform"] = np.eye(design.kinds.max() + 1)[design.kinds]
     for i in range(problem.n_model):
-        for name, x in covariates.items():
-            if np.ptp(x) < 0.1:
-                continue
-            at = np.linspace(x.min(), x.max(), knots)
-            hats = np.array([np.interp(x, at, np.eye(knots)[k]) for k in range(knots)]).T
-            columns = known[:, i : i + 1] * hats
+        for name, hat in hats.items():
+            columns = known[:, i : i + 1] * hat
             wide = np.hstack([np.delete(known, i, axis=1), columns])
             left, solution = _solve(wide, target)
             gain = 0.5 * n * float(np.log(rest / left)) if left > 0 else 0.0
-            values = solution[-knots:]
-            result.append(Drift(problem.names[i], name, gain, float(np.exp(np.clip(values[-1] - values[0], -9, 9)))))
+            change = solution[-hat.shape[1] :] - solution[-hat.shape[1]]
+            end = change[np.argmax(np.abs(change))] if name == "waveform" else change[-1]
+            result.append(Drift(problem.names[i], name, gain, float(np.exp(np.clip(end, -9, 9)))))
     return sorted(result, key=lambda d: -d.gain)
+
+
+def _hats(x: FloatArray, n: int) -> FloatArray:
+    """Piecewise linear functions of a covariate, (n_points, n_knots): a hat on each knot."""
+    knots = np.linspace(x.min(), x.max(), n)
+    return np.array([np.interp(x, knots, np.eye(n)[k]) for k in range(n)]).T
 
 
 def _sorted(places: NDArray[np.intp]) -> float:

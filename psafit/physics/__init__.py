@@ -18,15 +18,18 @@ from psafit.parameters import Belief, Parameter
 from psafit.physics import (
     adhesion,
     amplifier_lag,
+    amplitude_scale,
     anchored_stroke,
     baseline,
     drive_saturation,
     field_dependent_d33,
     flight_friction,
+    frame_compliance,
     gap,
     hertz_exponent,
     hunt_crossley,
     hysteresis,
+    idle_level,
     indentation_damping,
     modal_mass,
     no_tension,
@@ -36,6 +39,7 @@ from psafit.physics import (
     reading_offset,
     repeat_impacts,
     separation_height,
+    session_lean,
     slew_limit,
     sliding_support,
     soft_layer,
@@ -51,11 +55,11 @@ __all__ = ["TERMS", "baseline", "informed", "owner", "plugin_versions", "recorde
 _BUILT_IN: tuple[Term, ...] = tuple(
     module.TERM
     for module in (
-        amplifier_lag, slew_limit, start_phase,  # drive
+        amplifier_lag, slew_limit, start_phase, amplitude_scale, idle_level,  # drive
         anchored_stroke, field_dependent_d33, drive_saturation, hysteresis,  # stack: its stroke
-        modal_mass, stack_stiffness, stroke_tolerance,  # stack: its body
+        modal_mass, stack_stiffness, stroke_tolerance, frame_compliance,  # stack: its body
         hertz_exponent, soft_layer, hunt_crossley, indentation_damping,  # contact: its law
-        no_tension, adhesion, gap, preload, repeat_impacts,  # contact: its begin and end
+        no_tension, adhesion, gap, preload, session_lean, repeat_impacts,  # contact: its begin and end
         flight_friction, sliding_support, swing_drag, separation_height,  # flight
         reading_offset, reading_gain,  # reading
     )

@@ -13,8 +13,8 @@ _TABLE_3 = {
 }  # fmt: skip
 _NEUTRAL = {
     "phase": 0.0, "lag": 0.0, "inverse_slew": 0.0, "gap": 0.0, "lean": 0.0, "bond": 0.0, "pull": 1.0, "cycles": 0.0,
-    "grip": 0.0,
-    "rub": 0.0,
+    "grip": 0.0, "rub": 0.0, "scale": 1.0, "idle": 0.0, "wall_mass": 0.0,
+    "wall_stiffness": 0.0, "wall_damping": 0.0,
 }  # fmt: skip
 
 

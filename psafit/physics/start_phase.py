@@ -73,4 +73,5 @@ TERM = Term(
     ),
     literal=literal,
     setup=setup,
+    drives="shifting",
 )

@@ -20,12 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
+from psafit.drives import WAVEFORMS, Drive
 from psafit.experiment import Constants
 from psafit.parameters import Parameter
 
 Memory = Callable[[float, float, float], float]
 Slot = Literal["drive", "stack", "contact", "flight", "reading"]
 Trend = Literal["grows", "falls", "flat", "mixed"]
+Drives = Literal["every", "stated", "shifting"]
+DRIVES: dict[str, str] = {
+    "every": "acts on every drive",
+    "stated": "acts on every drive but a recorded one, whose voltage is known",
+    "shifting": "acts on waveforms whose phase is free: not on those of jumps, nor on tables and recordings",
+}
+"""On which drives a cause has a meaning, in words."""
 SLOTS: tuple[Slot, ...] = ("drive", "stack", "contact", "flight", "reading")
 
 
@@ -71,6 +79,12 @@ class Setup:
         rest is held by up to as much.
     rub : array, m/s^2
         The same in the hop.
+    wall_mass, wall_stiffness, wall_damping : array, kg, N/m, N s/m
+        Of the wall that the stack stands on; without a mass it stands still.
+    scale : array
+        Factor on the amplitude of the command; a recorded voltage ignores it.
+    idle : array, V
+        Added to the voltage at which the drive rests before and after; a recorded voltage, which shows it, ignores it.
     """
 
     k_c: FloatArray
@@ -92,6 +106,11 @@ class Setup:
     cycles: FloatArray
     grip: FloatArray
     rub: FloatArray
+    scale: FloatArray
+    idle: FloatArray
+    wall_mass: FloatArray
+    wall_stiffness: FloatArray
+    wall_damping: FloatArray
 
     @classmethod
     def of(cls, constants: Constants, theta: FloatArray) -> Setup:
@@ -100,7 +119,8 @@ class Setup:
         given = {name: np.full(len(theta), getattr(constants, name)) for name in ("m", "M", "k_s", "q", "l", "g")}
         names = [f.name for f in dataclasses.fields(cls)]
         neutral = {name: np.zeros(len(theta)) for name in names[names.index("phase") :]}
-        return cls(k_c, c_s, c_c, **given, **neutral | {"pull": np.ones(len(theta))})
+        one = np.ones(len(theta))
+        return cls(k_c, c_s, c_c, **given, **neutral | {"pull": one, "scale": one})
 
     def take(self, sets: NDArray[np.intp] | slice) -> Setup:
         """Some of the parameter sets."""
@@ -159,6 +179,11 @@ class World:
     cycles: float = 0.0
     grip: float = 0.0
     rub: float = 0.0
+    scale: float = 1.0
+    idle: float = 0.0
+    wall_mass: float = 0.0
+    wall_stiffness: float = 0.0
+    wall_damping: float = 0.0
     stroke: Callable[[float], float] = field(init=False)
     memories: list[Memory] = field(default_factory=list)
     elastic: Callable[[float, float], float] = field(init=False)
@@ -190,7 +215,7 @@ class Symptom:
     frequency, amplitude : {"grows", "falls", "flat", "mixed"}
         How the relative effect changes with drive frequency and with voltage.
     waveforms : tuple of str
-        On which the cause acts.
+        On which of sine and square the cause acts.
     """
 
     text: str
@@ -248,7 +273,8 @@ class Term:
     because : str
         Why, where that is not the default.
     setup : callable, optional
-        ``setup(rig, p)`` returns the changed `Setup`; `p` is (n_sets, n_parameters).
+        ``setup(rig, p)`` returns the changed `Setup`; `p` is (n_sets, n_parameters). With a latent parameter it is
+        asked for one session after the other, and `p` has one more column: the session's own value.
     law : callable, optional
         ``law(d, rate, p, out)`` changes the contact force in place; `out` holds the elastic force, its derivatives
         by indentation and rate, then the damping force and its two.
@@ -268,10 +294,13 @@ class Term:
         drive frequency, Hz, and amplitude, V, (n_points,). It describes what depends on the condition and names no
         mechanism.
     latent : Parameter, optional
-        One more parameter for every session, appended to `p` in the order of the sessions.
+        One more parameter for every session, appended to `p` in the order of the sessions; to that of `setup`, the one
+        of the session in question.
     limit : (str, tuple of float), optional
         Where a vanishing strength does not tend to the baseline: the cause it tends to, with that one's values. The
         description says why.
+    drives : {"every", "stated", "shifting"}
+        On which drives it has a meaning; see `DRIVES`.
     plugin : str
         Leading digits of the SHA-256 of the file, where that is no part of psafit; set when it is read.
     """
@@ -298,6 +327,7 @@ class Term:
     condition: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None
     latent: Parameter | None = None
     limit: tuple[str, tuple[float, ...]] | None = None
+    drives: Drives = "every"
     plugin: str = ""
 
     def __post_init__(self) -> None:
@@ -314,6 +344,8 @@ class Term:
             raise ValueError(f"{self.id}: probability {self.probability} is not between 0 and 1")
         if not self.checks:
             raise ValueError(f"{self.id}: no check by hand")
+        if self.drives not in DRIVES:
+            raise ValueError(f"{self.id}: no drives {self.drives!r}; there are {', '.join(DRIVES)}")
         if not self.faces:
             raise ValueError(f"{self.id}: neither sets a number of the rig nor fills a slot")
 
@@ -341,6 +373,17 @@ class Term:
         """What a search among causes knows it by: the signature, its probability, and those of its parameters."""
         latent = [self.latent] if self.latent else []
         return [self.signature, self.probability, *(p.signature for p in (*self.parameters, *latent))]
+
+    def acts_on(self, drive: Drive) -> bool:
+        """Whether it has a meaning on a drive."""
+        if self.drives == "shifting":
+            return drive.waveform in WAVEFORMS and WAVEFORMS[drive.waveform].shifts
+        return self.drives == "every" or not drive.recorded
+
+    @property
+    def by_session(self) -> bool:
+        """Whether every session has a rig of its own, and not only a reading."""
+        return self.latent is not None and self.setup is not None
 
     @property
     def stepped(self) -> bool:

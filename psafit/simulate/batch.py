@@ -101,12 +101,16 @@ def _own(terms: Sequence[Term], n_sessions: int) -> list[slice]:
     return slices
 
 
-def rig_of(constants: Constants, theta: FloatArray, terms: Sequence[Term] = (), n_sessions: int = 1) -> Setup:
-    """Return the rig's numbers for parameter sets, as the causes leave them."""
+def rig_of(
+    constants: Constants, theta: FloatArray, terms: Sequence[Term] = (), n_sessions: int = 1, session: int = 0
+) -> Setup:
+    """Return the rig's numbers for parameter sets, as the causes leave them in a session."""
     rig = Setup.of(constants, theta[:, : len(baseline.PARAMETERS)])
     for term, own in zip(terms, _own(terms, n_sessions), strict=True):
         if term.setup:
-            rig = term.setup(rig, theta[:, own])
+            n = len(term.parameters)
+            p = theta[:, own]
+            rig = term.setup(rig, np.column_stack([p[:, :n], p[:, n + session]]) if term.latent else p)
     return rig
 
 
@@ -116,7 +120,7 @@ def path_of(terms: Sequence[Term]) -> str:
     for term in terms:
         if term.setup:
             values = [p.bounds.upper if p.neutral != p.bounds.upper else p.bounds.lower for p in term.parameters]
-            probe = term.setup(probe, np.array([values]))
+            probe = term.setup(probe, np.array([[*values, *([0.0] if term.latent else [])]]))
     return "stepper" if any(t.stepped for t in terms) or _needs_steps(probe)[0] else "closed form"
 
 
@@ -124,8 +128,9 @@ def _needs_steps(rig: Setup) -> NDArray[np.bool_]:
     """Where the motion is not one linear phase from rest to separation."""
     turned = (rig.phase < 0.0) | (rig.phase > 0.5 * np.pi)
     return (
-        (rig.inverse_slew > 0.0) | (rig.gap > 0.0) | (rig.pull != 1.0) | (rig.cycles > 0.0) | (rig.grip > 0.0) | turned
-    )
+        (rig.inverse_slew > 0.0) | (rig.gap > 0.0) | (rig.pull != 1.0) | (rig.cycles > 0.0) | (rig.grip > 0.0)
+        | (rig.wall_mass > 0.0) | turned
+    )  # fmt: skip
 
 
 def _contact(
@@ -245,11 +250,12 @@ def simulate(
     if path not in (None, *PATHS):
         raise ValueError(f"no path {path!r}; there are {' and '.join(PATHS)}")
 
-    if not design.others:  # a search calls this thousands of times
+    by_session = n_sessions > 1 and any(t.by_session for t in terms)
+    if not (design.others or by_session):  # a search calls this thousands of times
         return _simulate(design, sets, terms, n_sessions, path, tolerance, forces)
-    rows = design.rows
-    parts = [_simulate(design.points(some), sets, terms, n_sessions, path, tolerance, forces) for some in rows]
-    back = np.argsort(np.concatenate(rows), kind="stable")
+    split = design.of_sessions if by_session else design.of_rigs
+    parts = [_simulate(part, sets, terms, n_sessions, path, tolerance, forces) for part, _ in split]
+    back = np.argsort(np.concatenate([rows for _, rows in split]), kind="stable")
     engines = {p.engine for p in parts}
     return Simulation(
         **{
@@ -295,18 +301,21 @@ def _simulate(
     tolerance: float,
     forces: bool,
 ) -> Simulation:
-    """The same at points of one rig."""
-    own = _own(terms, n_sessions)
-    # Sets that differ only in what happens after the launch share their contact.
+    """The same at points of one rig, and of one session where every session has its own."""
+    own, session = _own(terms, n_sessions), int(design.group[0]) if design.n_points else 0
+    # Sets that differ only in what happens after the launch, or in another session, share their contact.
     after = np.zeros(sets.shape[1], bool)
     for term, columns_ in zip(terms, own, strict=True):
         after[columns_] = term.setup is None and not term.stepped
+        if term.by_session:
+            latent = columns_.start + len(term.parameters)
+            after[latent : columns_.stop] = np.arange(n_sessions) != session
     first: NDArray[np.intp] | slice = slice(None)
     back: NDArray[np.intp] | slice = slice(None)
     if after.any():
         _, first, inverse = np.unique(sets[:, ~after], axis=0, return_index=True, return_inverse=True)
         back = inverse.ravel()
-    rig = rig_of(design.constants, sets, terms, n_sessions)
+    rig = rig_of(design.constants, sets, terms, n_sessions, session)
     weight = np.zeros(len(sets))
     for term, columns_ in zip(terms, own, strict=True):
         if term.swing_offset:

@@ -37,8 +37,31 @@ from numpy.typing import NDArray
 
 from psafit.arrays import ComplexArray, FloatArray
 from psafit.physics.term import Setup
-from psafit.simulate.command import FREQUENCY, IDLE, LENGTH, OMEGA, REACH, command, first_move, first_row, phase_of
-from psafit.simulate.compiled import compiled, prange
+from psafit.simulate.command import (
+    BEGIN,
+    BIAS,
+    COMMAND,
+    COUNT,
+    FIRST,
+    FREQUENCY,
+    IDLE,
+    LAST,
+    LENGTH,
+    LEVEL,
+    OMEGA,
+    PERIOD,
+    RATE,
+    REACH,
+    SCALE,
+    SLOPE,
+    TURN,
+    command,
+    driven,
+    first_move,
+    first_row,
+    phase_of,
+)
+from psafit.simulate.compiled import WIDTH, compiled, load, prange, size, splat, store, total
 from psafit.simulate.design import Design
 
 # A command that begins this close to its idle voltage, relative to its size, begins there.
@@ -496,6 +519,60 @@ def _is_apart(place, amplitude, n, span, lift):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
+def _follow(n, rows, point, index, a, b, before, horizon, lift, work):  # type: ignore[no-untyped-def]
+    """Go on from the end of one line of a table, through others as long, while a bound holds the tip at the ball.
+
+    As `_separate` does it, with a mode in each lane. `index` is that line's number, from the start of the first period;
+    `a` and `b` are level and slope at its end. Returns how many lines, the integral of the indentation over them, and
+    level, slope and time at the end of the last.
+    """
+    place, amplitude, by_level, by_slope, grow, growth, _, _, held = work
+    first, count, rate, scale = int(point[FIRST]), int(point[COUNT]), point[RATE], point[SCALE]
+    number = index % count
+    origin, limit = (index // count) * point[PERIOD] - point[TURN], min(horizon, point[LAST])
+    for k in range(WIDTH):
+        s, g, c = (place[k], grow[k], growth[k]) if k < n else (0j, 0j, 0j)
+        p, q, z = (amplitude[k], by_level[k], by_slope[k]) if k < n else (0j, 0j, 0j)
+        held[0, k], held[1, k], held[2, k], held[3, k] = p.real, p.imag, g.real, g.imag
+        held[4, k], held[5, k], held[6, k], held[7, k] = q.real, q.imag, z.real, z.imag
+        held[8, k], held[9, k], held[10, k], held[11, k] = s.real, s.imag, c.real, c.imag
+    real, imag = load(held, 0), load(held, WIDTH)
+    turn, fade = load(held, 2 * WIDTH), load(held, 3 * WIDTH)
+    level_real, level_imag = load(held, 4 * WIDTH), load(held, 5 * WIDTH)
+    slope_real, slope_imag = load(held, 6 * WIDTH), load(held, 7 * WIDTH)
+    s_real, s_imag = load(held, 8 * WIDTH), load(held, 9 * WIDTH)
+    c_real, c_imag = load(held, 10 * WIDTH), load(held, 11 * WIDTH)
+    square = s_real * s_real + s_imag * s_imag
+    swept = splat(0.0)
+    done, now = 0, (origin + rows[first + number + 1, BEGIN]) / rate if number + 1 < count else math.inf
+    while number + 1 < count:
+        at = first + number + 1
+        end = (origin + (rows[at + 1, BEGIN] if number + 2 < count else point[PERIOD])) / rate
+        span = end - now
+        if end > limit or abs(span - before) > _ROUNDING * end:
+            break
+        level, slope = point[BIAS] + scale * rows[at, LEVEL], scale * rows[at, SLOPE] * rate
+        da, db = level - a, slope - b
+        new_real = real * turn - imag * fade + level_real * da + slope_real * db
+        new_imag = real * fade + imag * turn + level_imag * da + slope_imag * db
+        modulus = size(new_real) + size(new_imag)
+        most = total(modulus)
+        falls = min(total(new_real * s_real - new_imag * s_imag), 0.0) * span
+        left = total(new_real) + lift + falls - 0.5 * total(modulus * square) * span * span
+        if not left > _NOISE * (most + lift):
+            break
+        real, imag = new_real, new_imag
+        swept = swept + (real * c_real - imag * c_imag)
+        a, b, now = level + slope * span, slope, end
+        number, done = number + 1, done + 1
+    store(held, 0, real)
+    store(held, WIDTH, imag)
+    for k in range(n):
+        amplitude[k] = complex(held[0, k], held[1, k])
+    return done, total(swept), a, b, now
+
+
+@compiled(borrows=True)
 def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work
 ):  # fmt: skip
@@ -505,7 +582,7 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
 
     The time is infinite without a separation, and negative where the tip first draws back from the ball.
     """
-    place, amplitude, by_level, by_slope, grow, growth, force, table = work
+    place, amplitude, by_level, by_slope, grow, growth, force, table, _ = work
     omega = point[OMEGA]
     swings = omega != 0.0
     drive = 1j * omega
@@ -575,6 +652,10 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
             for j in range(n):
                 once += (amplitude[j] * growth[j]).real
             a, b, now, k = level + slope * span, slope, end, k + 1
+            if ramps and phase == 0.0:
+                more, swept, a, b, later = _follow(n, rows, point, row + k - 1, a, b, before, horizon, lift, work)
+                if more:
+                    once, now, k = once + swept, later, k + more
             continue
         _tabulate(place, amplitude, n, table)
         # Infinity, whether there is no zero or too little motion for one, ends this piece only.
@@ -598,16 +679,18 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
 
 
 def _launch(  # type: ignore[no-untyped-def]
-    pole, weight, lead, roots, spring, damper, lift, lean, phase, horizon, placed, forced, rows, points,
+    pole, weight, lead, roots, spring, damper, lift, lean, phase, scale, idle, horizon, placed, forced, rows, points,
     when, speed, where, status, peak,
 ):  # fmt: skip
     n_sets, n_points = when.shape
     for i in prange(n_sets):
         width = pole.shape[1] + 1
         lines = np.empty((7, width), np.complex128)
-        work = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], np.empty((width, 7))
+        held = np.empty((12, WIDTH))
+        work = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], np.empty((width, 7)), held
+        point = np.empty(COMMAND)
         for j in range(n_points):
-            point = points[j]
+            driven(points[j], scale[i], idle[i], point)
             when[i, j], speed[i, j], where[i, j], status[i, j], peak[i, j] = 0.0, 0.0, 0.0, AT_REST, math.nan
             if point[REACH] == 0.0:
                 continue
@@ -685,7 +768,7 @@ def separation(
             found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in every)
             launch(
                 batch.pole, batch.weight, batch.lead, batch.roots, one.k_c / one.M, one.c_c / one.M,
-                (press + one.bond) / one.k_c, one.lean, one.phase,
+                (press + one.bond) / one.k_c, one.lean, one.phase, one.scale, one.idle,
                 contact_horizon(one.k_c, one.M), placed, forced, *design.commands, *found,
             )  # fmt: skip
             if forced:

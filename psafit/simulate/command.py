@@ -21,10 +21,28 @@ from psafit.simulate.compiled import compiled
 # Places in the record of a point's command, and its length.
 (
     RATE, SCALE, BIAS, IDLE, REST, TURN, LAST, PERIOD, SHIFTS, FIRST, COUNT, OMEGA, FREQUENCY, REACH, JUMPS, LENGTH,
-    COMMAND,
-) = range(17)  # fmt: skip
+    LOW, HIGH, COMMAND,
+) = range(19)  # fmt: skip
 # Places in the record of a piece of a waveform.
 BEGIN, LEVEL, SLOPE, SWING, ANGLE = range(5)
+# What counts as a jump, as a part of the greatest change of the voltage.
+_JUMP = 0.1
+
+
+@compiled(inside=True)
+def driven(point, scale, idle, own):  # type: ignore[no-untyped-def]
+    """Write a point's command into `own`, its amplitude and its idle voltage changed; a recording's stay."""
+    for k in range(COMMAND):
+        own[k] = point[k]
+    if (scale == 1.0 and idle == 0.0) or point[LENGTH] > 0.0:
+        return
+    own[SCALE] *= scale
+    own[IDLE] += idle
+    own[REST] += idle
+    above = own[BIAS] - own[IDLE]
+    own[REACH] = max(abs(own[SCALE] * own[HIGH] + above), abs(own[SCALE] * own[LOW] + above))
+    if abs(idle) > _JUMP * own[REACH]:
+        own[JUMPS] = 1.0
 
 
 @compiled(inside=True)
@@ -116,10 +134,14 @@ def _span(rows: FloatArray, table: Table | None, end: float) -> tuple[float, flo
     begin, level, slope, swing, angle = rows.T
     last = level + slope * (np.append(begin[1:], end) - begin)
     if swing.any():
-        return float(level[0] - swing[0]), float(level[0] + swing[0]), abs(level[0] + swing[0] * np.sin(angle[0])) > 0.1
+        return (
+            float(level[0] - swing[0]),
+            float(level[0] + swing[0]),
+            abs(level[0] + swing[0] * np.sin(angle[0])) > _JUMP,
+        )
     ends = np.concatenate([level, last])
-    jumps = bool((np.abs(np.append(level[0], last[:-1]) - level) > 0.1 * np.ptp(ends)).any())
-    return float(ends.min()), float(ends.max()), (jumps or abs(level[0]) > 0.1) and table is None
+    jumps = bool((np.abs(np.append(level[0], last[:-1]) - level) > _JUMP * np.ptp(ends)).any())
+    return float(ends.min()), float(ends.max()), (jumps or abs(level[0]) > _JUMP) and table is None
 
 
 def commands(
@@ -153,6 +175,8 @@ def commands(
                               abs(low * (1.0 if once else volt) + d.bias_v - d.idle_v)),
             JUMPS: float(jumps),
             LENGTH: end if once else 0.0,
+            LOW: low,
+            HIGH: high,
         }  # fmt: skip
         for place, value in values.items():
             points[own, place] = value

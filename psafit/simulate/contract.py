@@ -172,16 +172,22 @@ def some(p: Parameter, rng: np.random.Generator) -> float:
     return float(p.to_physical(p.prior_quantile(rng.uniform())))
 
 
-def draw(rng: np.random.Generator, causes: Sequence[Term] = (), constants: Constants = STUDY, **fixed: float) -> Draw:
-    """A launch at random conditions, with parameters from the priors but for those that are fixed."""
+def draw(
+    rng: np.random.Generator,
+    causes: Sequence[Term] = (),
+    constants: Constants = STUDY,
+    drives: Sequence[Drive] = (Drive("square"), Drive("sine")),
+    **fixed: float,
+) -> Draw:
+    """A launch by one of some drives at random conditions, with parameters from the priors but for those fixed."""
 
     def value(p: Parameter) -> float:
         drawn = some(p, rng)
         return fixed.get(p.name, drawn)
 
     values = tuple([value(p) for p in (*t.parameters, *([t.latent] if t.latent else []))] for t in causes)
-    waveform = "sine" if rng.random() < 0.5 else "square"
-    point = Point(Drive(waveform), float(np.exp(rng.uniform(np.log(30), np.log(3e4)))), float(rng.uniform(1, 40)))
+    drive = drives[min(int(len(drives) * rng.random()), len(drives) - 1)]
+    point = Point(drive, float(np.exp(rng.uniform(np.log(30), np.log(3e4)))), float(rng.uniform(1, 40)))
     return Draw(point, [value(p) for p in baseline.PARAMETERS], tuple(causes), values, constants)
 
 
@@ -400,14 +406,32 @@ def _size(sets: FloatArray, design: Design) -> str:
 # --- what it does ---------------------------------------------------------------------------------------------------
 
 
-def symptom(cause: Term, constants: Constants = STUDY) -> Outcome:
-    """The declared symptom is what the simulator shows."""
+def symptom(cause: Term, constants: Constants = STUDY, drives: Sequence[Drive] = (), volts: float = 20.0) -> Outcome:
+    """The declared symptom is what the simulator shows.
+
+    It is declared for sine and square. Of other `drives`, driven up to `volts`, it is told what the simulator shows,
+    which must not be the opposite sign, nor anything where the cause has no meaning.
+    """
+    if any(not d.plain or d.waveform not in ("sine", "square") for d in drives):
+        return _symptom_on(cause, constants, drives, volts)
     declared, observed = cause.symptom, observe(cause, constants)
     names = ("sign", "frequency", "amplitude", "waveforms")
     pairs = [(name, getattr(declared, name), getattr(observed, name)) for name in names]
     wrong = [f"{name} {_word(said)} declared, {_word(seen)} computed" for name, said, seen in pairs if said != seen]
     agreed = ", ".join(f"{name} {_word(seen)}" for name, _, seen in pairs)
     return Outcome("symptom", not wrong, "; ".join(wrong) or f"as declared: {agreed}")
+
+
+def _symptom_on(cause: Term, constants: Constants, drives: Sequence[Drive], volts: float) -> Outcome:
+    seen = observe(cause, constants, drives, volts)
+    meant = list(dict.fromkeys(d.label for d in drives if cause.acts_on(d)))
+    wrong = []
+    if seen.sign * cause.symptom.sign < 0:
+        wrong.append(f"sign {cause.symptom.sign} declared, {seen.sign} computed")
+    wrong += [f"does something on {label}, where it has no meaning" for label in seen.waveforms if label not in meant]
+    wrong += [f"does nothing on {label}" for label in meant if label not in seen.waveforms]
+    does = f"sign {seen.sign}, frequency {seen.frequency}, amplitude {seen.amplitude}"
+    return Outcome("symptom", not wrong, "; ".join(wrong) or f"on {_word(tuple(meant)) or 'no drive here'}: {does}")
 
 
 def _word(value: Any) -> str:
@@ -483,7 +507,8 @@ def check(
     """
     design = usual_design() if design is None else design
     few = design.points(np.arange(0, design.n_points, max(1, design.n_points // 30)))
-    constants = design.constants
+    constants, drives = design.constants, design.used
+    volts = float(design.amplitude.max())
     others = [t for t in TERMS if t.id != cause.id]
     order = [t.id for t in (*TERMS, cause)]
 
@@ -492,13 +517,12 @@ def check(
 
     def alone() -> Outcome:
         chance = rng(2)
-        return agreement([draw(chance, [cause], constants) for _ in range(draws)], finer=fine)
+        return agreement([draw(chance, [cause], constants, drives) for _ in range(draws)], finer=fine)
 
     def at_bounds() -> Outcome:
         chance = rng(3)
-        return agreement(
-            [draw(chance, [cause], constants, **e) for e in edges(cause.parameters) for _ in range(2)], "bounds", fine
-        )
+        twice = [e for e in edges(cause.parameters) for _ in range(2)]
+        return agreement([draw(chance, [cause], constants, drives, **e) for e in twice], "bounds", fine)
 
     def in_company() -> Outcome:
         chance = rng(4)
@@ -506,7 +530,7 @@ def check(
             sorted((cause, other), key=lambda t: (SLOTS.index(t.slot), order.index(t.id)))
             for other in others
         ]  # fmt: skip
-        return agreement([draw(chance, pair, constants) for pair in pairs], "in company", fine)
+        return agreement([draw(chance, pair, constants, drives) for pair in pairs], "in company", fine)
 
     statements: list[tuple[str, Callable[[], Outcome]]] = [
         ("declaration", partial(declaration, cause)),
@@ -520,7 +544,7 @@ def check(
         ("bounds", at_bounds),
         ("in company", in_company),
         ("path", partial(path, cause, design, usual)),
-        ("symptom", partial(symptom, cause, constants)),
+        ("symptom", partial(symptom, cause, constants, drives, volts)),
         ("parameters", partial(moved, cause, design)),
     ]
     if cause.law:

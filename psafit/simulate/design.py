@@ -119,6 +119,18 @@ class Design:
         return np.array([NAMES.index(d.waveform) for d in self.drives])[self.drive]
 
     @cached_property
+    def kinds(self) -> NDArray[np.intp]:
+        """Number of each point's kind of drive: those that are called the same, as all recordings are, are one."""
+        labels = list(dict.fromkeys(d.label for d in self.drives))
+        number = np.array([labels.index(d.label) for d in self.drives])
+        return np.unique(number[self.drive], return_inverse=True)[1]
+
+    @property
+    def used(self) -> tuple[Drive, ...]:
+        """The drives that some point has."""
+        return tuple(self.drives[k] for k in np.unique(self.drive))
+
+    @cached_property
     def launches(self) -> tuple[Design, NDArray[np.intp]] | None:
         """Conditions without repetition, and which of them each point is; None where launch ranges alone are read.
 
@@ -135,10 +147,19 @@ class Design:
         """Constants of each rig, as `rig` counts them."""
         return (self.constants, *self.others)
 
-    @property
-    def rows(self) -> list[NDArray[np.intp]]:
-        """Indices of the points of each rig that has any."""
-        return [np.flatnonzero(self.rig == k) for k in np.unique(self.rig)]
+    def _split(self, label: NDArray[np.int64]) -> list[tuple[Design, NDArray[np.intp]]]:
+        rows = [np.flatnonzero(label == k) for k in np.unique(label)]
+        return [(self.points(some), some) for some in rows]
+
+    @cached_property
+    def of_rigs(self) -> list[tuple[Design, NDArray[np.intp]]]:
+        """The points of each rig that has any, as a design of their own, and which they are."""
+        return self._split(self.rig)
+
+    @cached_property
+    def of_sessions(self) -> list[tuple[Design, NDArray[np.intp]]]:
+        """The same of each session of each rig."""
+        return self._split(self.rig * (int(self.group.max(initial=0)) + 1) + self.group)
 
     @classmethod
     def of(cls, constants: Constants, groups: Sequence[Conditions]) -> Design:

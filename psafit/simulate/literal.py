@@ -3,14 +3,16 @@ r"""Scalar reference of the extended model: one trajectory at a time, to the las
 The causes edit a `World`; this module integrates that world literally, as the ordinary differential equations
 
 .. math::
-    m \ddot x_1 &= -c_s \dot x_1 - k_s x_1 + k_s (S(u) - \textstyle\sum z) - F_c, \qquad M \ddot x_2 = F_c - P_0 - R, \\
+    m \ddot x_1 &= -c_s (\dot x_1 - \dot x_w) - k_s (x_1 - x_w) + k_s (S(u) - \textstyle\sum z) - F_c, \qquad
+    M \ddot x_2 = F_c - P_0 - R, \\
     F_c &= F_\mathrm{elastic}(d, \dot d) + F_\mathrm{damping}(d, \dot d), \qquad d = x_1 - x_2 - g_0, \\
     \dot u &= \text{lag and slew of the amplifier}, \qquad \dot z_i = \texttt{memories}_i(z_i, u, \dot u),
 
 with :math:`P_0 = M g x_0/l` and Coulomb's friction :math:`R = M r \operatorname{sgn}\dot x_2`, which holds a ball at
-rest by up to :math:`M r`. The launch range is the apex of the first hop, from the ball's rest: a flight that the tip
-ends before its apex is none. A ball that makes no hop reads the highest place to which the tip carried it, where its
-place counts at all. It knows no closed form of the motion and shares no code with the batch simulator.
+rest by up to :math:`M r`. The wall behind the stack, if it gives way, has :math:`M_w \ddot x_w = -k_w x_w - c_w
+\dot x_w - F_c - m \ddot x_1`. The launch range is the apex of the first hop, from the ball's rest: a flight that the
+tip ends before its apex is none. A ball that makes no hop reads the highest place to which the tip carried it, where
+its place counts at all. It knows no closed form of the motion and shares no code with the batch simulator.
 
 Method: Radau IIA collocation (`psafit.simulate.literal_scheme`), piece by piece. The right-hand side is smooth within
 every piece: edges and quarter periods of the command, kinks of the amplifier, zeros of the voltage, of its rate and of
@@ -139,7 +141,8 @@ def energy(
         return 0.0, 0.0
     _, speed, place = launch
     seat = drive.seat
-    stored = seat * (seat / world.k_s + _seated(world, seat)) if seat > 0.0 else 0.0
+    give = 1 / world.k_s + (1 / world.wall_stiffness if world.wall_mass > 0.0 else 0.0)
+    stored = seat * (seat * give + _seated(world, seat)) if seat > 0.0 else 0.0
     return 0.5 * world.M * speed * speed + seat * place, drive.work + stored
 
 
@@ -178,19 +181,19 @@ class _Command:
     its rate are monotonic.
     """
 
-    def __init__(self, point: Point, phase: float) -> None:
+    def __init__(self, point: Point, world: World) -> None:
         drive = Drive.of(point.drive)
         table = drive.table
-        self.idle, self.bias = drive.idle_v, drive.bias_v
-        self.volt, self.frequency = point.amplitude, point.frequency
+        self.idle, self.bias = drive.idle_v + (0.0 if drive.recorded else world.idle), drive.bias_v
+        self.volt, self.frequency = world.scale * point.amplitude, point.frequency
         self.omega = 2.0 * math.pi * point.frequency
-        self.rest, self.length, self.period, self.end = drive.idle_v, 0.0, 1.0, drive.cycles / point.frequency
+        self.rest, self.length, self.period, self.end = self.idle, 0.0, 1.0, drive.cycles / point.frequency
         self.pace = point.frequency  # phases per second
         turn = drive.phase_deg / 360.0
         if table is None:
             form = WAVEFORMS[drive.waveform]
             self.corners, self.shape, self.slope = list(form.corners), form.value, form.rate
-            turn += phase / (2.0 * math.pi) if form.shifts else 0.0
+            turn += world.phase / (2.0 * math.pi) if form.shifts else 0.0
         else:
             rows = list(zip(table.at.tolist(), table.value.tolist(), strict=True))
             if table.recorded and rows[0][0] > 0.0:
@@ -205,7 +208,7 @@ class _Command:
                 self.rest = rows[-1][1]
         self.per_period = len(self.corners)
         turn %= 1.0
-        if min(turn, 1.0 - turn) <= 4 * EPS * max(1.0, abs(phase)):
+        if min(turn, 1.0 - turn) <= 4 * EPS * max(1.0, abs(world.phase)):
             turn = 0.0
         near = [k for k, corner in enumerate(self.corners) if abs(turn - corner) <= 4 * EPS]
         turn = self.corners[near[0]] if near else turn
@@ -316,15 +319,15 @@ def jump(rate: Memory, q: float, z: float, start: float, end: float, rtol: float
 
 # --- the motion while the drive acts ------------------------------------------------------------------
 
-_X1, _V1, _D, _W, _P, _U, _E, _Z = range(8)
+_X1, _V1, _D, _W, _P, _U, _E, _XW, _VW, _Z = range(10)
 _Amplifier = Literal["follow", "lag", "up", "down"]
 
 
 class _Drive:
     """The rig from rest to the last separation; also the equations of the piece it is in.
 
-    State: x1, x1', d, d', P, u, the drive's work E (J), then every z. In contact P is the ball's speed less ``c_c
-    d/M`` (where the damping is ``c_c d'``), otherwise the speed.
+    State: x1, x1', d, d', P, u, the drive's work E (J), the wall's x and x', then every z. In contact P is the ball's
+    speed less ``c_c d/M`` (where the damping is ``c_c d'``), otherwise the speed.
     """
 
     active: list[int]
@@ -333,7 +336,7 @@ class _Drive:
         self.world, self.counts_work = world, counts_work
         self.work = 0.0  # until the launch
         self.peak = self.peak_until_launch = 0.0
-        self.command = _Command(point, world.phase)
+        self.command = _Command(point, world)
         self.seat = world.M * world.g * world.lean / world.l
         self.grip = world.M * world.grip
         # Held by friction, or sliding this way.
@@ -395,7 +398,7 @@ class _Drive:
 
     def field(self, tau: float, y: list[float]) -> list[float]:
         world = self.world
-        x1, v1, d, w, _, u, _, *states = y
+        x1, v1, d, w, _, u, _, xw, vw, *states = y
         u, du = self.voltage(tau, u)
         if not self.contact:
             force, effort = 0.0, 0.0
@@ -407,13 +410,17 @@ class _Drive:
             force = elastic + damping
             effort = elastic + (damping - self.damper * w)  # exactly the elastic force where the damping is c_c d'
         free = world.stroke(u) - sum(states) - self.settled
-        power = world.k_s * free * v1 if self.counts_work else 0.0
-        a1 = (world.k_s * (free - x1) - world.c_s * v1 - force) / world.m
+        power = world.k_s * free * (v1 - vw) if self.counts_work else 0.0
+        reaction = world.k_s * (free - (x1 - xw)) - world.c_s * (v1 - vw)
+        a1 = (reaction - force) / world.m
+        wall = [0.0, 0.0]
+        if world.wall_mass > 0.0:
+            wall = [vw, -(world.wall_stiffness * xw + world.wall_damping * vw + reaction) / world.wall_mass]
         rates = [rate(z, u, du) for rate, z in zip(self.memories, states, strict=True)]
         if self.held:
-            return [v1, a1, w, a1, (effort - force) / world.M, du, power, *rates]
+            return [v1, a1, w, a1, (effort - force) / world.M, du, power, *wall, *rates]
         against = self.seat + self.way * self.grip
-        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, power, *rates]
+        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, power, *wall, *rates]
 
     def speed(self, y: Sequence[float] | FloatArray) -> float:
         """The ball's."""
@@ -441,7 +448,7 @@ class _Drive:
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, size = self.world, self.clock.size
-        _, v1, d, w, _, u, _, *states = y
+        _, v1, d, w, _, u, _, _, vw, *states = y
         by_d = by_w = 0.0
         if self.contact:
             e = max(1e-6 * abs(d), 1e-9 * float(size[_D]), 1e-60)
@@ -470,18 +477,28 @@ class _Drive:
         m, ball = world.m, math.inf if self.held else world.M
         by_p = (0.0 if self.held else by_w) - self.damper if self.contact else 0.0
         force = world.k_s * (world.stroke(self.voltage(tau, u)[0]) - sum(states) - self.settled)
-        still, by_z = [0.0] * n, [-world.k_s / m] * n
+        stiff, damp = world.k_s / m, world.c_s / m
+        still, by_z = [0.0] * n, [-stiff] * n
+        wall = [[0.0] * (_Z + n), [0.0] * (_Z + n)]
+        if world.wall_mass > 0.0:
+            share = m / world.wall_mass
+            own = (world.wall_stiffness / world.wall_mass, world.wall_damping / world.wall_mass)
+            wall = [
+                [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, *still],
+                [
+                    stiff * share, damp * share, 0.0, 0.0, 0.0, -by_u / world.wall_mass, 0.0,
+                    -own[0] - stiff * share, -own[1] - damp * share, *(-b * share for b in by_z),
+                ],
+            ]  # fmt: skip
         return [
-            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
-            [-world.k_s / m, -world.c_s / m, -by_d / m, -by_w / m, 0.0, by_u / m, 0.0, *by_z],
-            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *still],
-            [
-                -world.k_s / m, -world.c_s / m, -by_d / m - by_d / ball, -by_w / m - by_w / ball, 0.0,
-                by_u / m, 0.0, *by_z,
-            ],
-            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, 0.0, *still],
-            [0.0, 0.0, 0.0, 0.0, 0.0, lag, 0.0, *still],
-            [0.0, force, 0.0, 0.0, 0.0, by_u * v1, 0.0, *(m * v1 * b for b in by_z)],
+            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
+            [-stiff, -damp, -by_d / m, -by_w / m, 0.0, by_u / m, 0.0, stiff, damp, *by_z],
+            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
+            [-stiff, -damp, -by_d / m - by_d / ball, -by_w / m - by_w / ball, 0.0, by_u / m, 0.0, stiff, damp, *by_z],
+            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
+            [0.0, 0.0, 0.0, 0.0, 0.0, lag, 0.0, 0.0, 0.0, *still],
+            [0.0, force, 0.0, 0.0, 0.0, by_u * (v1 - vw), 0.0, 0.0, -force, *(m * (v1 - vw) * b for b in by_z)],
+            *wall,
             *memory,
         ]  # fmt: skip
 
@@ -492,7 +509,9 @@ class _Drive:
         kick = pushes / world.m * h / (1.0 + h * self.stack_rate)
         # P is a quadrature over the others, as accurate as they are.
         near = min(far, kick * h)
-        return 4 * EPS * np.array([near, kick, near, kick, math.inf, self.volt, math.inf, *[far] * len(self.memories)])
+        wall = [near, kick]
+        tip = [near, kick, near, kick, math.inf, self.volt, math.inf]
+        return 4 * EPS * np.array([*tip, *wall, *[far] * len(self.memories)])
 
     # what ends a piece
 
@@ -574,7 +593,8 @@ class _Drive:
             ahead or command.rate(0.0) or command.value(min(0.5 * command.remaining(), 1.0 / command.frequency)) - idle
         )
         if self.seat > 0.0:
-            y[_X1] = -self.seat / world.k_s
+            y[_XW] = -self.seat / world.wall_stiffness if world.wall_mass > 0.0 else 0.0
+            y[_X1] = y[_XW] - self.seat / world.k_s
             y[_D] = _seated(world, self.seat)
             self.contact = True
         else:
@@ -626,6 +646,7 @@ class _Drive:
             if self.amplifier != "follow":
                 self.active.append(_U)
             self.active += [_E] if self.counts_work else []
+            self.active += [_XW, _VW] if world.wall_mass > 0.0 else []
             self.active += range(_Z, y.size)
             tau, y, event = advance(self, y, end, clock, self.monitors())
             idle = idle + 1 if tau == 0.0 else 0

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psafit.arrays import FloatArray
+from psafit.drives import Drive
 from psafit.experiment import Constants
 from psafit.parameters import Parameter
 from psafit.physics import baseline
@@ -49,6 +50,9 @@ RIGS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 
 REFERENCE = RIGS["study"]
 """Where effects are shown unless another place is asked for."""
+
+# Part of a normal density below one standard deviation.
+_ONE_UP = 0.8413447460685429
 
 
 @dataclass(frozen=True)
@@ -129,13 +133,16 @@ class Effect:
     neutral : (n_points,) array, m
         Launch ranges without it.
     launch_range : (n_directions, n_points) array, m
-        With it. One row; for a cause that every session has for itself, one a session, the others at neutral.
+        With it. One row; for a cause that every session has for itself, one a session, the others at their medians.
+    typical : (n_points,) array, m
+        With it, all sessions at their medians.
     """
 
     id: str
     values: FloatArray
     neutral: FloatArray
     launch_range: FloatArray
+    typical: FloatArray
 
     @property
     def log_change(self) -> FloatArray:
@@ -177,6 +184,7 @@ def effect(
     design: Design,
     theta: ArrayLike = REFERENCE,
     values: ArrayLike | None = None,
+    share: float = _ONE_UP,
     tolerance: float = 1e-9,
 ) -> Effect:
     """The finite effect of a cause.
@@ -189,6 +197,8 @@ def effect(
         The baseline's parameters.
     values : (n_parameters,) array, optional
         The cause's parameters; those of `plausible` by default.
+    share : float
+        Part of the latent parameter's prior below the value that a session has: one standard deviation up by default.
     tolerance : float
         Of the stepper.
     """
@@ -197,12 +207,13 @@ def effect(
     neutral = simulate(design, base, tolerance=tolerance).launch_range[0]
     sets = np.concatenate([base, own])[None, :]
     if term.latent:
-        # A spread has no effect by itself: each session in turn lies one standard deviation of the latent above.
-        one = float(term.latent.to_physical(term.latent.prior_quantile(0.8413447460685429)))
-        sessions = np.eye(int(design.group.max(initial=0)) + 1) * one
+        # A spread has no effect by itself: each session in turn lies off the latent's median.
+        usual, one = term.latent.to_physical(term.latent.prior_quantile(np.array([0.5, share])))
+        n = int(design.group.max(initial=0)) + 1
+        sessions = np.vstack([np.zeros(n), np.eye(n)]) * (one - usual) + usual
         sets = np.hstack([np.repeat(sets, len(sessions), axis=0), sessions])
     found = simulate(design, sets, (term,), tolerance=tolerance).launch_range
-    return Effect(term.id, own, neutral, found)
+    return Effect(term.id, own, neutral, found[1:] if term.latent else found, found[0])
 
 
 def derivatives(
@@ -387,12 +398,19 @@ class ObservedSymptom:
     waveforms: tuple[str, ...]
 
 
-def observe(term: Term, constants: Constants, settings: SymptomSettings | None = None) -> ObservedSymptom:
+def observe(
+    term: Term,
+    constants: Constants,
+    drives: Sequence[Drive | str] = ("sine", "square"),
+    volts: float = 20.0,
+    settings: SymptomSettings | None = None,
+) -> ObservedSymptom:
     r"""Work out a cause's symptom, on every rig of `RIGS`.
 
-    The effect is :math:`e = \ln L - \ln L_\mathrm{neutral}`, with sine and square, at 46 frequencies from 100 Hz to 25
-    kHz at 20 V and at 15 voltages from 1 to 20 V at 1.2 and 3 kHz: the ranges of the study's groups. Strengths are
-    those of `plausible`, on both sides of neutral where there are two.
+    The effect is :math:`e = \ln L - \ln L_\mathrm{neutral}`, with each of some drives, at 46 frequencies from 100 Hz to
+    25 kHz at 20 V and at 15 voltages from 1 to 20 V at 1.2 and 3 kHz: the ranges of the study's groups, or in
+    proportion to another highest amplitude `volts`. A recorded voltage is one reading, and has no trend. Strengths
+    are those of `plausible`, on both sides of neutral where there are two.
 
     - `sign`: +1 or -1 if a larger value has one sign of effect throughout; 0 if both occur at that strength or
       a tenth of it, each beyond 0.01 (0.05 of the largest effect, if that is less).
@@ -400,22 +418,19 @@ def observe(term: Term, constants: Constants, settings: SymptomSettings | None =
       "falls" if the mean :math:`|e|` of the upper third exceeds that of the lower by more than that factor, or the
       reverse, and the middle third lies between (to 2 %); "mixed" otherwise, or where the sign changes. Over several
       sweeps, what all of them say, or "mixed". Sweeps in which the cause does nothing are not heard.
-    - `waveforms`: those on which it does something, :math:`|e| > 10^{-8}`.
+    - `waveforms`: the drives, as they are called, on which it does something, :math:`|e| > 10^{-8}`.
     """
     how = settings or SymptomSettings()
-    frequencies = np.geomspace(100.0, 25e3, 46)
-    volts = np.linspace(1.0, 20.0, 15)
     sides: list[Side] = [1] if term.strength.neutral == term.strength.bounds.lower else [1, -1]
     heard: dict[str, set[Trend]] = {"frequency": set(), "amplitude": set()}
     signed: list[FloatArray] = []
     both_signs = False
+    given = dict.fromkeys(map(Drive.of, drives))
     active = set()
     for theta in RIGS.values():
         at_rig = []
-        for waveform in ("sine", "square"):
-            sweeps = [("frequency", Design.sweep(constants, waveform, frequencies, 20.0))]
-            sweeps += [("amplitude", Design.sweep(constants, waveform, f, volts)) for f in (1200.0, 3000.0)]
-            for variable, design in sweeps:
+        for drive in given:
+            for variable, design in _sweeps(constants, drive, volts):
                 for side in sides:
                     strong = plausible(term, side=side)
                     e = _clipped(effect(term, design, theta, strong), how)
@@ -424,11 +439,12 @@ def observe(term: Term, constants: Constants, settings: SymptomSettings | None =
                     near = _neutral(p)
                     weak[0] = p.to_physical(near + 0.1 * (float(p.to_sampling(strong[0])) - near))
                     at_rig += [side * e, side * _clipped(effect(term, design, theta, weak), how)]
-                    if term.latent:  # which lies below neutral as often as above
-                        at_rig.append(-side * e)
+                    if term.latent:  # which lies below its median as often as above
+                        at_rig.append(side * _clipped(effect(term, design, theta, strong, 1 - _ONE_UP), how))
                     if e.any():
-                        active.add(waveform)
-                        heard[variable].add(_trend(e, how))
+                        active.add(drive)
+                        if e.size > 1:
+                            heard[variable].add(_trend(e, how))
         both_signs |= _has_both_signs(np.concatenate(at_rig), how)
         signed += at_rig
     everything = np.concatenate(signed)
@@ -436,13 +452,23 @@ def observe(term: Term, constants: Constants, settings: SymptomSettings | None =
         0 if both_signs or _has_both_signs(everything, how) else int(np.sign(everything[np.argmax(np.abs(everything))]))
     )
     trends: dict[str, Trend] = {name: said.pop() if len(said) == 1 else "mixed" for name, said in heard.items()}
-    return ObservedSymptom(
-        sign, trends["frequency"], trends["amplitude"], tuple(w for w in ("sine", "square") if w in active)
-    )
+    acting = dict.fromkeys(d.label for d in given if d in active)
+    return ObservedSymptom(sign, trends["frequency"], trends["amplitude"], tuple(acting))
+
+
+def _sweeps(constants: Constants, drive: Drive, volts: float) -> list[tuple[str, Design]]:
+    """What a drive is looked at by: the variable swept, and the conditions."""
+    if drive.recorded:
+        return [("frequency", Design.sweep(constants, drive, 1200.0, volts))]
+    steps = np.linspace(0.05, 1.0, 15) * volts
+    sweeps = [("frequency", Design.sweep(constants, drive, np.geomspace(100.0, 25e3, 46), volts))]
+    return sweeps + [("amplitude", Design.sweep(constants, drive, f, steps)) for f in (1200.0, 3000.0)]
 
 
 def _clipped(found: Effect, how: SymptomSettings) -> FloatArray:
-    e = np.log(np.maximum(found.launch_range[0], how.least * found.neutral) / found.neutral)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        e = np.log(np.maximum(found.launch_range[0], how.least * found.neutral) / found.neutral)
+    e = np.where(found.neutral > 0.0, e, 0.0)  # what a rig does not launch has no symptom
     return np.where(np.abs(e) > how.nothing, e, 0.0)
 
 

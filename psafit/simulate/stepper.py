@@ -9,7 +9,9 @@ method prescribes, by matrices that depend on the step's length alone,
     d = \alpha - h^2 A^2 (S + I/M) f, \quad \dot d = \beta - h A (S + I/M) f,
 
 so that one scalar law :math:`f = F(d, \dot d)` remains at every node; Newton's method solves it. Steps are powers of
-two, so their matrices are made once for all measurement points of a parameter set.
+two, so their matrices are made once for all measurement points of a parameter set. A wall that gives way (mass
+:math:`M_w`, :math:`Q_w = h c_w A + h^2 k_w A^2`) is eliminated before: with :math:`Q = h c_s A + h^2 k_s A^2` and
+:math:`B = (M_w I + Q + Q_w)^{-1}` the stack answers by :math:`S = (m I + Q B (M_w I + Q_w))^{-1}`.
 
 The drive is known in advance (`drive`). A step may look past the end of a piece, or past an event, with all
 formulas carried on smoothly; it is then cut there. Events are the first zeros of the step's polynomials, searched in
@@ -46,7 +48,7 @@ from psafit.simulate.collocation import (
     C,
     basis,
 )
-from psafit.simulate.command import FREQUENCY, IDLE, JUMPS, LENGTH, REACH
+from psafit.simulate.command import COMMAND, FREQUENCY, IDLE, JUMPS, LENGTH, REACH, driven
 from psafit.simulate.compiled import compiled, last, least, load, prange, size, solve, splat, store, times, total
 from psafit.simulate.design import Design
 
@@ -110,11 +112,18 @@ class StepSettings(NamedTuple):
 
 
 @compiled
-def _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2):  # type: ignore[no-untyped-def]
-    """Matrices of steps of length ``2^(level + finest)``."""
+def _make_level(level, m, ball, c_s, k_s, mass, damping, stiffness, S, T1, T2, U1, U2, wall):  # type: ignore[no-untyped-def]
+    """Matrices of steps of length ``2^(level + finest)``; last the wall's mass, damping and stiffness, and its own."""
     h = 2.0 ** (level + _FINEST)
     # Scaled by the largest of its three parts, so that the inverse exists for every length.
-    matrix = np.eye(NODES) * m + (h * c_s) * A + (h * h * k_s) * A2
+    own = (h * c_s) * A + (h * h * k_s) * A2
+    matrix = np.eye(NODES) * m + own
+    if mass > 0.0:
+        back = np.eye(NODES) * mass + (h * damping) * A + (h * h * stiffness) * A2
+        answer = np.linalg.inv(back + own)
+        passed = own @ answer
+        matrix = np.eye(NODES) * m + passed @ back
+        wall[0, level], wall[1, level], wall[2, level] = answer.T, passed.T, own.T
     inverse = np.linalg.inv(matrix)
     once = h * (A @ inverse)
     twice = h * (A @ once)
@@ -436,13 +445,17 @@ def _settled(q, idle, theta_at, calls, mem_z, mem_u):  # type: ignore[no-untyped
 
 
 @compiled(inside=True)
-def _at_rest(lean, gap, press, k_s, away, law):  # type: ignore[no-untyped-def]
-    """Places of tip and ball before the drive begins, the indentation, and the regime that it begins with."""
+def _at_rest(lean, gap, press, k_s, wall_k, away, law):  # type: ignore[no-untyped-def]
+    """Places of wall, tip and ball before the drive begins, the indentation, and the regime that it begins with.
+
+    A wall that does not give way has no stiffness here.
+    """
     if lean > 0.0:
         d = _seat(press, law)
+        xw = -press / wall_k if wall_k > 0.0 else 0.0
         x1 = -press / k_s
-        return x1, x1 - d, d, PUSH
-    return 0.0, 0.0, -gap, FREE if gap > 0.0 or away <= 0.0 else PUSH
+        return xw, x1 + xw, x1 - d + xw, d, PUSH
+    return 0.0, 0.0, 0.0, -gap, FREE if gap > 0.0 or away <= 0.0 else PUSH
 
 
 @compiled(inside=True)
@@ -487,12 +500,19 @@ def _pressed(alpha, beta, d, w, contact, answer, step, kept, cache, law, nodes, 
 
 
 @compiled(inside=True)
-def _unforced(stroke, x1, v1, d, w, against, k_s, c_s, T1, T2, at, h):  # type: ignore[no-untyped-def]
-    """What is known of the motion without the contact force: the stack's load, indentation and its rate."""
+def _unforced(stroke, x1, v1, d, w, against, k_s, c_s, wall, T1, T2, at, h):  # type: ignore[no-untyped-def]
+    """What is known of the motion without the contact force: the stack's load, the wall's, indentation and its rate."""
     elapsed = load(C, 0) * h
     r = (stroke - (elapsed * v1 + x1)) * k_s - c_s * v1
+    back = splat(0.0)
+    mass, stiffness, damping, xw, vw, answers = wall
+    if mass > 0.0:
+        still = elapsed * vw + xw
+        r = r + (still * k_s + c_s * vw)
+        back = still * -stiffness - (r + damping * vw)
+        r = r + times(answers, _LEVELS * NODES * NODES + at, back)
     alpha = times(T2, at, r) + ((elapsed * (0.5 * against) + w) * elapsed + d)
-    return r, alpha, times(T1, at, r) + (elapsed * against + w)
+    return r, back, alpha, times(T1, at, r) + (elapsed * against + w)
 
 
 @compiled(inside=True)
@@ -510,6 +530,22 @@ def _judged(r, F, kappa, beta, V1, S, at, h, found, stuck, opposed, v2, ball, to
         reference = max(reference, abs(v2 + h * total(load(A, (NODES - 1) * NODES) * push) / ball))
     error = h * (_tail(F) * kappa / ball + _tail(acceleration)) / (tolerance * reference)
     return acceleration, w_node, push, reference, error
+
+
+@compiled(inside=True)
+def _wall_moved(wall, back, acceleration, cut, at, h):  # type: ignore[no-untyped-def]
+    """Place and speed of the wall at the end of a step, or where it is cut."""
+    mass, _, _, xw, vw, answers = wall
+    if mass == 0.0:
+        return xw, vw
+    if cut > 1.0:
+        cut = 1.0
+        once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
+    else:
+        _, once = basis(cut)
+        twice = times(A, 0, once)
+    own = times(answers, at, back + times(answers, 2 * _LEVELS * NODES * NODES + at, acceleration))
+    return xw + h * (cut * vw + h * total(twice * own)), vw + h * total(once * own)
 
 
 @compiled(inside=True)
@@ -690,7 +726,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
     gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
-    S, T1, T2, U1, U2, _, made, _ = cache
+    wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
+    S, T1, T2, U1, U2, _, made, _, answers = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
     law = (k_c, c_c, calls[0], calls[1], theta_at, nodes[0], nodes[0].ctypes.data)
     linear = len(calls[0]) == 0
@@ -703,9 +740,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     press, grip, release = ball * g * lean / length, ball * hold, -bond / k_c
     # Friction holds the ball until a force exceeds its grip; then `opposed` opposes the motion, in its direction.
     stuck, way, opposed = grip > 0.0, 0.0, press
-    x1, x2, d, regime = _at_rest(lean, gap, press, k_s, piece[_drive.AWAY], law)
-    v1 = v2 = w = 0.0
-    lost_d = lost_v2 = 0.0  # what the sums lack of these
+    gives = wall_k if wall_mass > 0.0 else 0.0
+    xw, x1, x2, d, regime = _at_rest(lean, gap, press, k_s, gives, piece[_drive.AWAY], law)
+    v1 = v2 = w = vw = lost_d = lost_v2 = 0.0  # the last two: what the sums lack of speed and indentation
     t = piece[_drive.BEGIN]
     rest, highest, peak, separated_once = x2, 0.0, 0.0, False
     last_time, last_speed, last_place, last_peak = math.nan, 0.0, 0.0, 0.0
@@ -727,7 +764,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         room = piece[_drive.END] - t
         level = _level_for(level, room, rough, w, d, F, how.last_impulse * tolerance * ball * reference)
         if not made[level]:
-            _make_level(level, m, ball, c_s, k_s, S, T1, T2, U1, U2)
+            _make_level(level, m, ball, c_s, k_s, wall_mass, wall_c, wall_k, S, T1, T2, U1, U2, answers)
             made[level] = True
         h = _LENGTH[level]
         at = level * NODES * NODES
@@ -735,7 +772,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         # A ball that is held does not answer the force.
         V1, V2 = (T1, T2) if stuck else (U1, U2)
         stroke = _strokes(piece, load(C, 0) * h + t, q, settled, theta_at, calls, mem_z, mem_u, nodes[3])
-        r, alpha, beta = _unforced(stroke, x1, v1, d, w, 0.0 if stuck else opposed / ball, k_s, c_s, T1, T2, at, h)
+        against, wall = 0.0 if stuck else opposed / ball, (wall_mass, wall_k, wall_c, xw, vw, answers)
+        r, back, alpha, beta = _unforced(stroke, x1, v1, d, w, against, k_s, c_s, wall, T1, T2, at, h)
         kappa = 0.0 if regime == FREE else pull if regime == PULL else 1.0
         F, start, found = _pressed(
             alpha, beta, d, w, (regime, stuck, kappa), (V1, V2), (level, previous, carried), kept, cache, law, nodes,
@@ -760,7 +798,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
             continue
 
         slip, unsure = error * tolerance * reached * h, how.resolved * error * tolerance
-        cut, event, new_way, shorter, disagreed = _first_event(
+        cut, event, way, shorter, disagreed = _first_event(
             (regime, stuck, way, fresh, level, h, room), d, v2, (F, kappa, push, w_node, swing),
             (slip, how.resolved * slip, unsure * reached * ball / h, unsure * reference * ball / h, allowed),
             (press, grip, pull, release, ball), law, bern, stack, nodes[3],
@@ -769,7 +807,6 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
             level = shorter
             carried = carried and not disagreed
             continue
-        way = new_way
 
         # Advance to the end of the step or to the cut.
         whole, before, x2_before = cut > 1.0, v2, x2
@@ -778,9 +815,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
             x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
         )
+        xw, vw = _wall_moved(wall, back, acceleration, cut, at, h)
         cut = min(cut, 1.0)
-        if grows:
-            reference = max(reference, abs(v2))
+        reference = max(reference, abs(v2)) if grows else reference
         if before > 0.0 >= v2 and not separated_once:
             highest = max(highest, _top(before, push, h, ball, bern, stack) + x2_before - rest)
         w = v1 - v2
@@ -801,8 +838,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         else:
             carried, fresh, lost_d = False, True, 0.0
             if event == _RESTS:
-                if not separated_once:
-                    highest = max(highest, x2 - rest)
+                highest = highest if separated_once else max(highest, x2 - rest)
                 if separated_once and regime == FREE:
                     break  # the hop is over
                 v2 = lost_v2 = 0.0
@@ -855,15 +891,16 @@ def _one_set(  # type: ignore[no-untyped-def]
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
         np.empty((_LEVELS, n, n)), np.empty((4, _LEVELS, n, n)), np.zeros(_LEVELS, np.bool_),
-        np.zeros((4, _LEVELS), np.bool_),
+        np.zeros((4, _LEVELS), np.bool_), np.empty((3 if rig[21] > 0.0 else 0, _LEVELS, n, n)),
     )  # fmt: skip
     nodes = (np.empty(6), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     work = (
         np.empty(_drive.PIECE), nodes, np.empty(n + 1), np.empty((50, n + 3)), np.empty(_MOST_BRANCHES),
         np.empty(_MOST_BRANCHES),
     )  # fmt: skip
+    point = np.empty(COMMAND)
     for j in range(len(points)):
-        point = points[j]
+        driven(points[j], rig[19], rig[20], point)
         if point[REACH] == 0.0 or not wanted[j]:
             when[j], speed[j], place[j], status[j], peak[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, math.nan, 0
             continue

@@ -9,6 +9,8 @@ import pytest
 from truths import experiment
 
 from psafit.diagnose.isolability import IsolabilitySettings, _Effects, isolability
+from psafit.diagnose.next_experiment import proposals, proposed
+from psafit.drives import Drive, Table
 from psafit.physics import terms
 from psafit.simulate import Design
 from psafit.simulate.sensitivity import RIGS
@@ -51,6 +53,39 @@ def test_nats_are_half_the_least_squares_that_the_rival_leaves():
     left = made - columns @ np.linalg.lstsq(columns, made, rcond=None)[0]
     told = raw.refitted().against(["amplifier_lag"], ["indentation_damping"], settings)
     assert told == pytest.approx(0.5 * left @ left, rel=1e-6)
+
+
+def test_a_part_of_a_session_to_come_is_as_in_the_whole_design():
+    """Of a cause by session too: what it does to the others it does to that one, at its usual value."""
+    e, settings = experiment(), IsolabilitySettings()
+    theta, by_session = np.array(RIGS["damped"]), terms(["session_lean", "reading_gain"])
+    parts = [
+        _Effects.at(Design.of(e.constants, g), theta, by_session, settings) for g in (e.groups[:-1], e.groups[-1:])
+    ]
+    whole = _Effects.at(Design.of(e.constants, e.groups), theta, by_session, settings)
+    joined = parts[0].with_part(parts[1], np.arange(e.groups[-1].n_points))
+    for key, rows in whole.rows.items():
+        assert np.allclose(joined.rows[key], rows, rtol=1e-6, atol=1e-9), key
+
+
+@pytest.mark.parametrize("table", [False, True], ids=["bias", "recorded"])
+def test_a_rig_keeps_its_drives(table):
+    """What would split causes is a sweep of the whole drive, or the recording played again."""
+    e = experiment()
+    time = np.linspace(0, 2e-3, 50)
+    recorded = Table(time, 10 * np.sin(2 * np.pi * 800 * time) ** 2, True)
+    drive = Drive("table", table=recorded, file="record.csv") if table else Drive("sine", bias_v=10.0, idle_v=10.0)
+    groups = [replace(g, drive=drive) for g in e.groups]
+    alike = terms(["hunt_crossley", "indentation_damping"])
+    found = isolability(
+        "a rig", e.constants, groups, (), alike, settings=IsolabilitySettings(apart=1e-3, readings=(4,))
+    )
+    splits = [b.split for b in found.blocks if b.split]
+    for possible in proposals(e.constants, groups, ()):
+        assert possible.design.used == (drive,)
+    for split in splits:
+        assert proposed(split.waveform, split.drive, groups) == drive
+    assert proposed(drive.waveform, drive.settings, groups) == drive
 
 
 def test_more_scatter_tells_less(found):

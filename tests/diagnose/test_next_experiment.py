@@ -10,7 +10,17 @@ from rigs import RIG
 from truths import experiment
 
 from psafit.diagnose import next_experiment
-from psafit.diagnose.next_experiment import ProposalSettings, determine, proposals, separating
+from psafit.diagnose.next_experiment import (
+    Proposal,
+    ProposalSettings,
+    determine,
+    planned,
+    proposals,
+    proposed,
+    separating,
+)
+from psafit.drives import Drive, Table
+from psafit.experiment import read_experiment, read_plan, write_experiment
 from psafit.inference.evidence import importance_sample
 from psafit.observables import OBSERVABLES
 
@@ -181,3 +191,40 @@ def test_a_planned_contact_time_waits_for_its_column(sound):
     scatter = problem.scatter_to_come(sound.modes[:1], int(sweep.measured[0]))
     assert scatter[0].tolist() == [p.prior_median for p in sweep.observable.scatter]
     assert problem.scatter_to_come(sound.modes[:1], 0)[0] == pytest.approx(problem.noise_values(sound.modes[:1])[0])
+
+
+def a_table(recorded: bool) -> Drive:
+    if recorded:
+        time = np.linspace(0, 2e-3, 51)
+        return Drive("table", table=Table(time, 10 * np.sin(2 * np.pi * 800 * time) ** 2, True), file="drive.csv")
+    return Drive("table", table=Table(np.array([0.0, 0.25, 1.0]), np.array([0.0, 1.0, 0.0]), False), file="drive.csv")
+
+
+@pytest.mark.parametrize("recorded", [True, False], ids=["recording", "table"])
+def test_a_rig_that_has_tables_only_is_offered_them(recorded, tmp_path):
+    """A recording again, as it is or for another rig; one period of a table in sweeps. The plan keeps the drive."""
+    e, drive = experiment(n=6, groups=("a",)), a_table(recorded)
+    group = replace(e.groups[0], drive=drive, frequency_hz=np.full(6, 800.0), amplitude_v=np.full(6, 10.0))
+    write_experiment(replace(e, groups=(group,)), tmp_path / "measured")
+    measured = read_experiment(tmp_path / "measured")
+    possible = proposals(measured.constants, measured.groups, measured.limits)
+    assert possible and all(p.design.used == (measured.groups[0].drive,) for p in possible)
+    assert recorded == all(np.ptp(p.design.frequency) == np.ptp(p.design.amplitude) == 0.0 for p in possible)
+    assert {bool(p.changed) for p in possible} == {True, False}
+    sweep = planned(possible[0].judged((1.0, None, 0.1)), "next", measured)
+    write_experiment(measured, tmp_path / "plan", [sweep])
+    assert read_plan(tmp_path / "plan").groups[-1].drive == measured.groups[0].drive
+
+
+def test_a_table_that_no_group_has_is_no_proposal():
+    settings = {"drive": "lost.csv"}
+    lost = Proposal("", "table", [1.0], [1.0], {}, 1.0, None, 0.1, drive=settings)
+    with pytest.raises(ValueError, match="no group has the drive"):
+        proposed(lost.waveform, lost.drive, experiment(n=6).groups)
+
+
+def test_a_rig_whose_limits_are_its_recording_s_narrows_nothing_by_sweeps(sound):
+    """Nothing is asked of frequencies and amplitudes that a recording only bears as names."""
+    groups = [replace(g, drive=a_table(True)) for g in sound.problem.experiment.groups]
+    found = proposals(RIG, groups, [("frequency_hz", (100.0, 200.0)), ("amplitude_v", (1.0, 2.0))])
+    assert {p.text for p in found} == {"16 launches by the recording drive.csv"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from scripts import loaded
 
+from psafit.drives import Drive, Table
 from psafit.experiment import Constants, read_experiment
 from psafit.parameters import Bounds, Normal, Parameter
 from psafit.physics import TERMS, baseline, term
@@ -155,6 +157,21 @@ def test_scalar_functions_compile(cause: Term) -> None:
 @CAUSES
 def test_symptom_is_what_the_simulator_shows(cause: Term) -> None:
     holds(contract.symptom(cause, RIG))
+
+
+def test_the_symptom_on_other_drives_is_what_the_simulator_shows() -> None:
+    """On a rig's own drives it is told what is seen, and what is not seen where it should be."""
+    time = np.linspace(0, 1e-3, 40)
+    recorded = Drive("table", table=Table(time, 10 * np.sin(2e3 * time) ** 2, True))
+    own, idle = (Drive("unipolar_sine", idle_v=1.0), recorded), term("idle_level")
+    for cause, drives in (("preload", "unipolar sine (idle 1 V) and recorded drive"), ("idle_level", "unipolar sine")):
+        outcome = contract.symptom(term(cause), RIG, own)
+        holds(outcome)
+        assert drives in outcome.text
+    everywhere = contract.symptom(replace(idle, drives="every"), RIG, own)
+    assert not everywhere.passed and "does nothing on recorded drive" in everywhere.text
+    phase = contract.symptom(replace(term("preload"), drives="shifting"), RIG, own)
+    assert not phase.passed and "recorded drive, where it has no meaning" in phase.text
 
 
 @CAUSES

@@ -54,12 +54,14 @@ def test_groups_of_other_rigs_are_simulated_as_such() -> None:
     rig = replace(RIG, M=0.013, l=0.04)
     assert [g.rig(RIG) for g in groups] == [rig, RIG, rig]
     design = Design.of(RIG, groups)
-    assert [rows.tolist() for rows in design.rows] == [[3, 4], [0, 1, 2, 5, 6, 7]]
+    assert [rows.tolist() for _, rows in design.of_rigs] == [[3, 4], [0, 1, 2, 5, 6, 7]]
     assert design.point(4).constants == RIG and design.point(6).constants == rig
     assert Design.of(RIG, groups[:1]).constants == rig  # all of one rig: it is the rig
     cases: list[tuple[tuple[str, ...], list[float], list[float]]] = [
         ((), [], []),
         (("gap", "reading_gain"), [2e-7, 0.1], [0.5, -1.0, 0.3]),
+        (("session_lean",), [3e-3, 0.4], [0.5, -1.0, 0.3]),
+        (("gap", "session_lean"), [2e-7, 3e-3, 0.4], [0.5, -1.0, 0.3]),
     ]
     for causes, own, latent in cases:
         chosen = terms(causes)
@@ -75,6 +77,6 @@ def test_groups_of_other_rigs_are_simulated_as_such() -> None:
             first += g.n_points
         names = columns(chosen)[: 3 + len(own)]
         parameters = dict(zip(names, sets[0].tolist(), strict=False))
-        parameters |= {session_name("reading_gain_z", g.id): z for g, z in zip(groups, latent, strict=False)}
+        parameters |= {session_name(chosen[-1].latent.name, g.id): z for g, z in zip(groups, latent, strict=False)}  # type: ignore[union-attr]
         literal = simulate_literally(design, parameters, chosen, [g.id for g in groups])
         assert together.launch_range[0] * 1e6 == pytest.approx(literal, rel=1e-5)

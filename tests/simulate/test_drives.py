@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rigs import RIG, TRUTH
 
 from psafit.drives import WAVEFORMS, Drive, Table
-from psafit.physics import terms
+from psafit.physics import TERMS, term, terms
 from psafit.simulate import Design, simulate
 from psafit.simulate.contract import Draw, draw
 from psafit.simulate.reference import Point
+from psafit.simulate.sensitivity import plausible
 
-CAUSES = ((), ("amplifier_lag",), ("hysteresis",), ("hertz_exponent",), ("sliding_support",), ("preload",))
+# Of what a drive makes of its command, every cause; one of each other slot.
+OF_THE_DRIVE = tuple((t.id,) for t in TERMS if t.slot in ("drive", "stack"))
+CAUSES = ((), *OF_THE_DRIVE, ("hertz_exponent",), ("sliding_support",), ("preload",))
 CLOSED, STEPPED = 1e-8, 1e-6
 ATOM = 1e-10  # m
 
@@ -131,12 +135,39 @@ def test_hysteresis_starts_from_where_the_idle_voltage_has_left_it() -> None:
     assert ranges[1].launch_range[0, 0] > 1.1 * ranges[0].launch_range[0, 0]
 
 
-def test_the_start_phase_acts_where_there_is_one() -> None:
-    acts = {
-        name: bool(
-            simulate(Design.sweep(RIG, name, 900.0, 12.0), [*TRUTH, 0.3], terms(["start_phase"])).launch_range
-            != simulate(Design.sweep(RIG, name, 900.0, 12.0), TRUTH).launch_range
+@pytest.mark.parametrize("id", [id for (id,) in OF_THE_DRIVE])
+def test_a_cause_acts_on_the_drives_on_which_it_has_a_meaning(id: str) -> None:
+    cause = term(id)
+    strong = plausible(cause, 0.8)
+    for kind, drive in drives(np.random.default_rng(1)).items():
+        design = Design.sweep(RIG, drive, [900.0, 4000.0], 12.0)
+        found, plain = (
+            simulate(design, [*TRUTH, *more], chosen, tolerance=1e-9).launch_range
+            for more, chosen in ((strong, [cause]), ([], []))
         )
-        for name in WAVEFORMS
-    }
-    assert acts == {name: w.shifts for name, w in WAVEFORMS.items()}
+        assert (np.abs(found - plain) > 1e-7 * plain).any() == cause.acts_on(drive), kind
+
+
+def test_the_amplitude_s_factor_is_another_amplitude() -> None:
+    """It leaves bias and idle level alone; of a stack that saturates it is no factor of the stroke."""
+    biased, causes = Drive("sine", bias_v=6.0, idle_v=2.0), terms(["amplitude_scale", "drive_saturation"])
+    frequency = np.array([300.0, 1500.0])
+    half = simulate(Design.sweep(RIG, biased, frequency, 16.0), [*TRUTH, 0.5, 0.03], causes).launch_range
+    plain = simulate(Design.sweep(RIG, biased, frequency, 8.0), [*TRUTH, 0.03], causes[1:]).launch_range
+    assert half == pytest.approx(plain, rel=1e-9)
+    stroke = simulate(Design.sweep(RIG, "sine", frequency, 16.0), [*TRUTH, 0.5], terms(["stroke_tolerance"]))
+    scale = simulate(Design.sweep(RIG, "sine", frequency, 16.0), [*TRUTH, 0.5], causes[:1])
+    assert scale.launch_range == pytest.approx(stroke.launch_range, rel=1e-12)
+
+
+def test_an_idle_level_is_an_idle_voltage() -> None:
+    """A square wave that rests at minus its amplitude kicks with twice the voltage."""
+    idle = terms(["idle_level"])
+    for drive in (Drive("square"), Drive("sine", bias_v=4.0, idle_v=1.0), Drive("triangle", cycles=1.5)):
+        design = Design.sweep(RIG, drive, [200.0, 1500.0], 9.0)
+        stated = Design.sweep(RIG, replace(drive, idle_v=drive.idle_v - 5.0), [200.0, 1500.0], 9.0)
+        found = simulate(design, [*TRUTH, -5.0], idle).launch_range
+        assert found == pytest.approx(simulate(stated, TRUTH).launch_range, rel=1e-12)
+    slow = [simulate(Design.sweep(RIG, "square", 5.0, v), [*TRUTH, u], idle).launch_range[0, 0]
+            for v, u in ((9.0, -9.0), (18.0, 0.0))]  # fmt: skip
+    assert slow[0] == pytest.approx(slow[1], rel=1e-9)

@@ -1,0 +1,108 @@
+r"""A stack that stands on a wall which gives way.
+
+.. math::
+    M_w \ddot x_w = -k_w x_w - c_w \dot x_w - R, \qquad
+    m \ddot x_1 = R - F_c, \qquad R = k_s\,(q u - x_1 + x_w) - c_s\,(\dot x_1 - \dot x_w).
+
+What pushes the tip forward pushes the holder back. The baseline holds the stack's foot still; a holder of mass
+:math:`M_w` on its bolts, its rail or its table, of stiffness :math:`k_w`, swings with the reaction `R` and moves tip
+and ball with it. Ranges change by 1-4 % near and above its resonance :math:`f_w = \sqrt{k_w/M_w}/2\pi` where 1 kg
+resonates at 1 kHz, and by up to 10 % where 0.25 kg does. Sampled as the compliance :math:`1/k_w`, which vanishes where
+the wall is rigid, with :math:`f_w` and the damping ratio :math:`\zeta_w`. Assumed: one resonance, along the stack.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from psafit.arrays import FloatArray
+from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Tailed
+from psafit.physics.checks import plain_rig
+from psafit.physics.term import Check, Setup, Symptom, Term, World
+
+
+def setup(rig: Setup, p: FloatArray) -> Setup:
+    """Put the stack on the wall; a wall without compliance is none."""
+    compliance, frequency, ratio = p.T
+    omega = 2 * np.pi * frequency
+    soft = compliance > 0.0
+    k_w = np.divide(1.0, compliance, out=np.zeros_like(omega), where=soft)
+    return rig.change(wall_mass=k_w / omega**2, wall_stiffness=k_w, wall_damping=2 * ratio * k_w / omega)
+
+
+def literal(world: World, p: Sequence[float]) -> None:
+    """Wall of stiffness ``1/p_0`` and the mass that resonates at ``p_1``."""
+    compliance, frequency, ratio = p
+    if compliance > 0:
+        world.wall_stiffness = 1 / compliance
+        world.wall_mass = world.wall_stiffness / (2 * math.pi * frequency) ** 2
+        world.wall_damping = 2 * ratio * math.sqrt(world.wall_stiffness * world.wall_mass)
+
+
+def _wall(compliance: float, frequency: float, ratio: float) -> Setup:
+    return setup(plain_rig(), np.array([[compliance, frequency, ratio]]))
+
+
+TERM = Term(
+    id="frame_compliance",
+    slot="stack",
+    title="frame gives way",
+    equation=r"M_w \ddot x_w = -k_w x_w - c_w \dot x_w - R",
+    description=__doc__ or "",
+    parameters=(
+        Parameter(
+            "frame_compliance",
+            "1/k_w",
+            "m/N",
+            Bounds(0.0, 1e-5),
+            Tailed(Normal(0.0, 3e-8)),
+            "compliance of the wall behind the stack",
+            "holders of 0.1-2 kg that resonate between 0.5 and 3 kHz have 1e-9 to 1e-7 m/N (an estimate: M6 bolts and"
+            " steel blocks; no source read). At 1e-5 m/N the wall is softer than the ball's contact",
+            neutral=0.0,
+        ),
+        Parameter(
+            "frame_frequency",
+            "f_w",
+            "Hz",
+            Bounds(20.0, 2e4),
+            LogNormal(1000.0, 2.5),
+            "resonance of the wall",
+            "optical tables and their posts resonate at 100-500 Hz, blocks on bolts at 1-5 kHz (an estimate)",
+        ),
+        Parameter(
+            "frame_damping",
+            r"\zeta_w",
+            "1",
+            Bounds(1e-3, 1.0),
+            LogNormal(0.03, 2.0),
+            "damping ratio of the wall",
+            "bolted joints 1-5 % (an estimate)",
+        ),
+    ),
+    symptom=Symptom(
+        "every sweep of frequency is lowered by some per cent, most near the wall's resonance and above it, and may be"
+        " raised a little below, at the same place for every voltage",
+        sign=0,
+        frequency="mixed",
+        amplitude="flat",
+    ),
+    reference="J. P. Den Hartog, Mechanical Vibrations, 4th ed., 1956, ch. 3 (two degrees of freedom)",
+    checks=(
+        Check(
+            "1e-8 m/N: 1e8 N/m; at 1 kHz 1e8/(2 pi 1e3)^2 = 2.5330296 kg",
+            lambda: float(_wall(1e-8, 1e3, 0.03).wall_mass[0]),
+            2.5330295910584444,
+        ),
+        Check(
+            "5 % of critical at 4e7 N/m and 500 Hz: 2 x 0.05 x 4e7/(2 pi 500) = 1273.24 N s/m",
+            lambda: float(_wall(2.5e-8, 500.0, 0.05).wall_damping[0]),
+            4e6 / (1e3 * math.pi),
+        ),
+    ),
+    literal=literal,
+    setup=setup,
+)
