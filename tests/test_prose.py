@@ -19,8 +19,8 @@ AVOIDED = re.compile(
 # Words that are gone from the code, too. Keys of files stay: `short_climbs` of a diagnosis' settings, the tasks "climb"
 # and "weigh", the `discrepancy` of a misfit.
 GONE = re.compile(
-    r"(?<![a-z])(hills?|climb(s|ed|ing)?|ascen(d|ds|ded|t)|rungs?|cliffs?|scouted|leftovers?|ladders?|leaders?)(?![a-z])",
-    re.IGNORECASE,
+    r"(?<![a-zA-Z])(hills?|Hills|[Cc]limb(s|ed|ing)?|[Aa]scen(d|ds|ded|t)|rungs?|cliffs?|scouted|[Ll]eftovers?"
+    r"|[Ll]adders?|[Ll]eaders?)(?![a-z])"
 )
 KEYS = re.compile(r"W\. Hill|(short|carried)_climbs|\"climb\"|\.leftover|leftover=|leftover ?:")
 

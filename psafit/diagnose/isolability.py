@@ -333,8 +333,8 @@ def _cheapest(
             if best is None or least > best.nats:
                 drive = d.drives[d.drive[0]]
                 f, v = d.frequency[points].tolist(), d.amplitude[points].tolist()
-                told = least >= settings.apart
-                best = Split(sweep.text, points.size, drive.waveform, f, v, drive.settings, least, told)
+                apart = least >= settings.apart
+                best = Split(sweep.text, points.size, drive.waveform, f, v, drive.settings, least, apart)
         if best is not None and best.splits:
             return best
     return best

@@ -521,11 +521,8 @@ def check(
 
     def at_bounds() -> Outcome:
         chance = rng(3)
-        return agreement(
-            [draw(chance, [cause], constants, drives, **e) for e in edges(cause.parameters) for _ in range(2)],
-            "bounds",
-            fine,
-        )
+        twice = [e for e in edges(cause.parameters) for _ in range(2)]
+        return agreement([draw(chance, [cause], constants, drives, **e) for e in twice], "bounds", fine)
 
     def in_company() -> Outcome:
         chance = rng(4)

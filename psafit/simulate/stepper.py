@@ -445,13 +445,17 @@ def _settled(q, idle, theta_at, calls, mem_z, mem_u):  # type: ignore[no-untyped
 
 
 @compiled(inside=True)
-def _at_rest(lean, gap, press, k_s, away, law):  # type: ignore[no-untyped-def]
-    """Places of tip and ball before the drive begins, the indentation, and the regime that it begins with."""
+def _at_rest(lean, gap, press, k_s, wall_k, away, law):  # type: ignore[no-untyped-def]
+    """Places of wall, tip and ball before the drive begins, the indentation, and the regime that it begins with.
+
+    A wall that does not give way has no stiffness here.
+    """
     if lean > 0.0:
         d = _seat(press, law)
+        xw = -press / wall_k if wall_k > 0.0 else 0.0
         x1 = -press / k_s
-        return x1, x1 - d, d, PUSH
-    return 0.0, 0.0, -gap, FREE if gap > 0.0 or away <= 0.0 else PUSH
+        return xw, x1 + xw, x1 - d + xw, d, PUSH
+    return 0.0, 0.0, 0.0, -gap, FREE if gap > 0.0 or away <= 0.0 else PUSH
 
 
 @compiled(inside=True)
@@ -529,8 +533,11 @@ def _judged(r, F, kappa, beta, V1, S, at, h, found, stuck, opposed, v2, ball, to
 
 
 @compiled(inside=True)
-def _wall_moved(xw, vw, back, acceleration, answers, cut, at, h):  # type: ignore[no-untyped-def]
+def _wall_moved(wall, back, acceleration, cut, at, h):  # type: ignore[no-untyped-def]
     """Place and speed of the wall at the end of a step, or where it is cut."""
+    mass, _, _, xw, vw, answers = wall
+    if mass == 0.0:
+        return xw, vw
     if cut > 1.0:
         cut = 1.0
         once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
@@ -702,12 +709,6 @@ def _grown(level, error):  # type: ignore[no-untyped-def]
 
 
 @compiled(inside=True)
-def _shortened(level, error):  # type: ignore[no-untyped-def]
-    """The level that suits a step in the place of one of this error."""
-    return max(level - min(max(math.ceil(math.log2(error) / (NODES + 1.0) + 0.1), 1), 8), 0)
-
-
-@compiled(inside=True)
 def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no-untyped-def]
     """Level of the first step, which resolves the fastest mode; where that does not matter the steps grow at once."""
     rate = c_s / m + c_c * (1.0 / m + 1.0 / ball) + math.sqrt((k_s + k_c) / m + k_c / ball)
@@ -739,11 +740,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     press, grip, release = ball * g * lean / length, ball * hold, -bond / k_c
     # Friction holds the ball until a force exceeds its grip; then `opposed` opposes the motion, in its direction.
     stuck, way, opposed = grip > 0.0, 0.0, press
-    x1, x2, d, regime = _at_rest(lean, gap, press, k_s, piece[_drive.AWAY], law)
-    xw = -press / wall_k if wall_mass > 0.0 and lean > 0.0 else 0.0  # the wall gives way, and all with it
-    x1, x2 = x1 + xw, x2 + xw
-    v1 = v2 = w = vw = 0.0
-    lost_d = lost_v2 = 0.0  # what the sums lack of these
+    gives = wall_k if wall_mass > 0.0 else 0.0
+    xw, x1, x2, d, regime = _at_rest(lean, gap, press, k_s, gives, piece[_drive.AWAY], law)
+    v1 = v2 = w = vw = lost_d = lost_v2 = 0.0  # the last two: what the sums lack of speed and indentation
     t = piece[_drive.BEGIN]
     rest, highest, peak, separated_once = x2, 0.0, 0.0, False
     last_time, last_speed, last_place, last_peak = math.nan, 0.0, 0.0, 0.0
@@ -752,10 +751,11 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     window = cycles / f  # until when a launched ball may be struck again
     F = kept = splat(0.0)
     level = previous = first_level = _first_level(c_s, c_c, m, ball, k_s, k_c, f, how.first_step)
-    # Whether the law has spoilt a step across the end of the contact, and whether `kept` holds the last step's force.
-    rough = carried = False
-    # Whether the next step is a piece's first (`first_level` suited the last such), or the first in its regime.
-    new_piece = begun = fresh = True
+    rough = False  # whether the law has spoilt a step across the end of the contact
+    carried = False  # whether `kept` holds the force of the step before, ready to be carried on
+    new_piece = begun = True  # whether the next step is a piece's first; `first_level` suited the last such
+    fresh = True  # first step after the regime changed
+
     for step in range(how.most_steps):  # noqa: B007
         if new_piece:
             new_piece, carried, begun = False, False, True
@@ -791,20 +791,22 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         )
         swing = times(ONCE_TO_BERNSTEIN, 0, w_node) * h + d
         if error > 1.0 and level > 0:
-            level, carried = _shortened(level, error), False
+            down = math.ceil(math.log2(error) / (NODES + 1.0) + 0.1)
+            level = max(level - min(max(down, 1), 8), 0)
+            carried = False
             rough = rough or (not linear and regime != FREE and w < 0.0 and found and last(swing) < 0.0)
             continue
 
         slip, unsure = error * tolerance * reached * h, how.resolved * error * tolerance
-        cut, event, new_way, shorter, disagreed = _first_event(
+        cut, event, way, shorter, disagreed = _first_event(
             (regime, stuck, way, fresh, level, h, room), d, v2, (F, kappa, push, w_node, swing),
             (slip, how.resolved * slip, unsure * reached * ball / h, unsure * reference * ball / h, allowed),
             (press, grip, pull, release, ball), law, bern, stack, nodes[3],
         )  # fmt: skip
         if shorter < level:
-            level, carried = shorter, carried and not disagreed
+            level = shorter
+            carried = carried and not disagreed
             continue
-        way = new_way
 
         # Advance to the end of the step or to the cut.
         whole, before, x2_before = cut > 1.0, v2, x2
@@ -813,11 +815,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
             x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
         )
-        if wall_mass > 0.0:
-            xw, vw = _wall_moved(xw, vw, back, acceleration, answers, cut, at, h)
+        xw, vw = _wall_moved(wall, back, acceleration, cut, at, h)
         cut = min(cut, 1.0)
-        if grows:
-            reference = max(reference, abs(v2))
+        reference = max(reference, abs(v2)) if grows else reference
         if before > 0.0 >= v2 and not separated_once:
             highest = max(highest, _top(before, push, h, ball, bern, stack) + x2_before - rest)
         w = v1 - v2
@@ -838,15 +838,16 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         else:
             carried, fresh, lost_d = False, True, 0.0
             if event == _RESTS:
-                if not separated_once:
-                    highest = max(highest, x2 - rest)
+                highest = highest if separated_once else max(highest, x2 - rest)
                 if separated_once and regime == FREE:
                     break  # the hop is over
-                v2, lost_v2, w = 0.0, 0.0, v1
+                v2 = lost_v2 = 0.0
+                w = v1
                 values, _ = basis(cut)
                 stuck, way, opposed = _held(0.0 if regime == FREE else kappa * total(values * F), press, grip)
             elif event == _TEARS:
-                stuck, opposed = False, press + way * grip
+                stuck = False
+                opposed = press + way * grip
             else:
                 if event == _ENDS and regime == FREE and separated_once and t > window:
                     break
