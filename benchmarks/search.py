@@ -141,9 +141,9 @@ def counted() -> Iterator[dict[str, int]]:
         count["closed form"] += len(rig.k_c) * design.n_points
         return exact(design, rig, *rest)
 
-    def counted_steps(design: Any, rig: Any, sets: Any, calls: Any, tolerance: float, wanted: Any, *rest: Any) -> Any:
+    def counted_steps(design: Any, rig: Any, sets: Any, calls: Any, tolerance: float, wanted: Any, **more: Any) -> Any:
         count["stepper"] += int(np.count_nonzero(wanted))
-        return steps(design, rig, sets, calls, tolerance, wanted, *rest)
+        return steps(design, rig, sets, calls, tolerance, wanted, **more)
 
     closed_form.separation, stepper.separation = counted_exact, counted_steps
     try:

@@ -45,7 +45,7 @@ class Prior:
         progress(Progress(steps=7, steps_left=0, chunk=7, converged=True))
         return Chain(draws, height, np.ones(n), np.ones(n), 0, 1.0, True, draws[best], float(height[best]))
     def look(self, path, settings, n_dim, values):
-        return Progress(int(path.read_bytes()), 0, 7, True) if path.exists() else None
+        return Progress(steps=int(path.read_bytes()), steps_left=0, chunk=7, converged=True) if path.exists() else None
 
 SAMPLER = Prior()
 '''

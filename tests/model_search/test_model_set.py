@@ -22,7 +22,7 @@ def ranked(evidence: dict[Ids, float], sampled: dict[Ids, float]) -> ModelSet:
     """A model set with these evidences, some of them sampled, with a standard error."""
     models = {}
     for ids, value in evidence.items():
-        draws = SimpleNamespace(doubt=sampled[ids]) if ids in sampled else None
+        draws = SimpleNamespace(standard_error=sampled[ids]) if ids in sampled else None
         fitted = Fitted(SimpleNamespace(ids=ids), draws)  # type: ignore[arg-type]
         models[ids] = Model(ids, value, 0.0, ids in sampled, fitted)
     return rank(Searched(models, frozenset()), BELIEFS, SearchSettings())
