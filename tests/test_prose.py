@@ -22,7 +22,7 @@ GONE = re.compile(
     r"(?<![a-zA-Z])(hills?|Hills|[Cc]limb(s|ed|ing)?|[Aa]scen(d|ds|ded|t)|rungs?|cliffs?|scouted|[Ll]eftovers?"
     r"|[Ll]adders?|[Ll]eaders?)(?![a-z])"
 )
-KEYS = re.compile(r"(short|carried)_climbs|\"climb\"|\.leftover|leftover=|leftover ?:")
+KEYS = re.compile(r"W\. Hill|(short|carried)_climbs|\"climb\"|\.leftover|leftover=|leftover ?:")
 
 
 def prose(text: str) -> str:

@@ -237,8 +237,8 @@ def _value(e: Estimate | None) -> list[str]:
 
 
 def _same(overlap: float, least: float = 0.5) -> bool:
-    """Whether two intervals share at least this part of the shorter one."""
-    return overlap >= least
+    """Whether two intervals share at least this part of the shorter one; NaN, of one without width, parts none."""
+    return not overlap < least
 
 
 def _parameter_row(p: ParameterPair) -> list[Any]:

@@ -526,10 +526,7 @@ def check(
 
     def in_company() -> Outcome:
         chance = rng(4)
-        pairs = [
-            sorted((cause, other), key=lambda t: (SLOTS.index(t.slot), order.index(t.id)))
-            for other in others
-        ]  # fmt: skip
+        pairs = [sorted((cause, other), key=lambda t: (SLOTS.index(t.slot), order.index(t.id))) for other in others]
         return agreement([draw(chance, pair, constants, drives) for pair in pairs], "in company", fine)
 
     statements: list[tuple[str, Callable[[], Outcome]]] = [

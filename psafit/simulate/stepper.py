@@ -709,6 +709,12 @@ def _grown(level, error):  # type: ignore[no-untyped-def]
 
 
 @compiled(inside=True)
+def _shortened(level, error):  # type: ignore[no-untyped-def]
+    """The level that suits a step in the place of one of this error."""
+    return max(level - min(max(math.ceil(math.log2(error) / (NODES + 1.0) + 0.1), 1), 8), 0)
+
+
+@compiled(inside=True)
 def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no-untyped-def]
     """Level of the first step, which resolves the fastest mode; where that does not matter the steps grow at once."""
     rate = c_s / m + c_c * (1.0 / m + 1.0 / ball) + math.sqrt((k_s + k_c) / m + k_c / ball)
@@ -751,11 +757,10 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     window = cycles / f  # until when a launched ball may be struck again
     F = kept = splat(0.0)
     level = previous = first_level = _first_level(c_s, c_c, m, ball, k_s, k_c, f, how.first_step)
-    rough = False  # whether the law has spoilt a step across the end of the contact
-    carried = False  # whether `kept` holds the force of the step before, ready to be carried on
-    new_piece = begun = True  # whether the next step is a piece's first; `first_level` suited the last such
-    fresh = True  # first step after the regime changed
-
+    # Whether the law has spoilt a step across the end of the contact, and whether `kept` holds the last step's force.
+    rough = carried = False
+    # Whether the next step is a piece's first (`first_level` suited the last such), or the first in its regime.
+    new_piece = begun = fresh = True
     for step in range(how.most_steps):  # noqa: B007
         if new_piece:
             new_piece, carried, begun = False, False, True
@@ -791,9 +796,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         )
         swing = times(ONCE_TO_BERNSTEIN, 0, w_node) * h + d
         if error > 1.0 and level > 0:
-            down = math.ceil(math.log2(error) / (NODES + 1.0) + 0.1)
-            level = max(level - min(max(down, 1), 8), 0)
-            carried = False
+            level, carried = _shortened(level, error), False
             rough = rough or (not linear and regime != FREE and w < 0.0 and found and last(swing) < 0.0)
             continue
 
@@ -804,8 +807,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
             (press, grip, pull, release, ball), law, bern, stack, nodes[3],
         )  # fmt: skip
         if shorter < level:
-            level = shorter
-            carried = carried and not disagreed
+            level, carried = shorter, carried and not disagreed
             continue
 
         # Advance to the end of the step or to the cut.
@@ -841,13 +843,11 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
                 highest = highest if separated_once else max(highest, x2 - rest)
                 if separated_once and regime == FREE:
                     break  # the hop is over
-                v2 = lost_v2 = 0.0
-                w = v1
+                v2, lost_v2, w = 0.0, 0.0, v1
                 values, _ = basis(cut)
                 stuck, way, opposed = _held(0.0 if regime == FREE else kappa * total(values * F), press, grip)
             elif event == _TEARS:
-                stuck = False
-                opposed = press + way * grip
+                stuck, opposed = False, press + way * grip
             else:
                 if event == _ENDS and regime == FREE and separated_once and t > window:
                     break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from reader import HOSTILE, Reader
 from sides import made
 
 from psafit.compare import compare
-from psafit.report.comparison import write_comparison
+from psafit.report.comparison import _what_differs, write_comparison
 
 
 def test_hostile_names_are_escaped(tmp_path: Path) -> None:
@@ -20,3 +21,12 @@ def test_hostile_names_are_escaped(tmp_path: Path) -> None:
     assert page.foreign.lower().count("<script") == 1 and page.html.count("</style>") == 1
     assert page.all("script") == [{"type": "application/json"}, {}] and HOSTILE in page.text
     assert len(page.html) < 5e6
+
+
+def test_an_interval_of_no_width_is_not_told_as_apart() -> None:
+    """Of such intervals nothing says how much they share."""
+    one, other = made("one", 1.0, spread=0.0), made("other", 2.0)
+    found = compare(one, other)
+    assert math.isnan(found.parameters[0].overlap or 0.0)
+    assert "share less" not in _what_differs(found) and "1 parameter in both" in _what_differs(found)
+    assert "share less" in _what_differs(compare(made("one", 1.0), other))
