@@ -11,10 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fits_by_hand import make_group, make_predictions, make_run, sweep_groups
+from matplotlib.figure import Figure
 
 from psafit.experiment import Conditions, Experiment, Group
 from psafit.report import figures, fit
 from psafit.report.figures import curves
+from psafit.report.figures.axes import scale_axis
 from psafit.report.figures.groups import titled
 from psafit.report.page import figure_data_uri
 from psafit.report.style import PALETTE
@@ -33,6 +35,23 @@ def test_same_results_same_bytes(tmp_path):
     assert first == second
     small = figure_data_uri(drawn(p), svg_limit=0)
     assert small.startswith("data:image/png") and len(small) < 0.8 * len(first)
+
+
+@pytest.mark.parametrize(
+    ("high", "few", "labelled"),
+    [
+        (400.0, False, [100, 200, 300, 400]),  # too few powers of ten to be read
+        (1100.0, False, [100, 200, 500, 1000]),
+        (2e4, False, [100, 300, 1000, 3000, 1e4]),
+        (2e4, True, [100, 1000, 1e4]),
+        (3e6, False, [100, 1000, 1e4, 1e5, 1e6]),
+        (3e6, True, [100, 1e4, 1e6]),
+    ],
+)
+def test_a_logarithmic_axis_is_labelled_by_its_decades(high, few, labelled):
+    axes = Figure().subplots()
+    scale_axis(axes, "x", 90.0, high, log=True, few=few)
+    assert [t for t in axes.get_xticks() if 90.0 <= t <= high] == pytest.approx(labelled)
 
 
 def test_figures_do_not_compute():
