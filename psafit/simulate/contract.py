@@ -507,8 +507,7 @@ def check(
     """
     design = usual_design() if design is None else design
     few = design.points(np.arange(0, design.n_points, max(1, design.n_points // 30)))
-    constants, drives = design.constants, design.used
-    volts = float(design.amplitude.max())
+    constants, drives, volts = design.constants, design.used, float(design.amplitude.max())
     others = [t for t in TERMS if t.id != cause.id]
     order = [t.id for t in (*TERMS, cause)]
 
@@ -521,11 +520,8 @@ def check(
 
     def at_bounds() -> Outcome:
         chance = rng(3)
-        return agreement(
-            [draw(chance, [cause], constants, drives, **e) for e in edges(cause.parameters) for _ in range(2)],
-            "bounds",
-            fine,
-        )
+        at = [draw(chance, [cause], constants, drives, **e) for e in edges(cause.parameters) for _ in range(2)]
+        return agreement(at, "bounds", fine)
 
     def in_company() -> Outcome:
         chance = rng(4)

@@ -112,9 +112,10 @@ class StepSettings(NamedTuple):
 
 
 @compiled
-def _make_level(level, m, ball, c_s, k_s, mass, damping, stiffness, S, T1, T2, U1, U2, wall):  # type: ignore[no-untyped-def]
-    """Matrices of steps of length ``2^(level + finest)``; last the wall's mass, damping and stiffness, and its own."""
+def _make_level(level, rig, S, T1, T2, U1, U2, wall):  # type: ignore[no-untyped-def]
+    """Matrices of steps of length ``2^(level + finest)``; last those of the wall."""
     h = 2.0 ** (level + _FINEST)
+    c_s, m, ball, k_s, mass, stiffness, damping = rig[1], rig[3], rig[4], rig[5], rig[21], rig[22], rig[23]
     # Scaled by the largest of its three parts, so that the inverse exists for every length.
     own = (h * c_s) * A + (h * h * k_s) * A2
     matrix = np.eye(NODES) * m + own
@@ -445,13 +446,15 @@ def _settled(q, idle, theta_at, calls, mem_z, mem_u):  # type: ignore[no-untyped
 
 
 @compiled(inside=True)
-def _at_rest(lean, gap, press, k_s, away, law):  # type: ignore[no-untyped-def]
-    """Places of tip and ball before the drive begins, the indentation, and the regime that it begins with."""
+def _at_rest(rig, press, away, law):  # type: ignore[no-untyped-def]
+    """Places of tip and ball before the drive begins, the indentation, the wall's place, and the first regime."""
+    k_s, gap, lean = rig[5], rig[12], rig[13]
     if lean > 0.0:
         d = _seat(press, law)
-        x1 = -press / k_s
-        return x1, x1 - d, d, PUSH
-    return 0.0, 0.0, -gap, FREE if gap > 0.0 or away <= 0.0 else PUSH
+        xw = -press / rig[22] if rig[21] > 0.0 else 0.0
+        x1 = xw - press / k_s
+        return x1, x1 - d, d, xw, PUSH
+    return 0.0, 0.0, -gap, 0.0, FREE if gap > 0.0 or away <= 0.0 else PUSH
 
 
 @compiled(inside=True)
@@ -496,16 +499,16 @@ def _pressed(alpha, beta, d, w, contact, answer, step, kept, cache, law, nodes, 
 
 
 @compiled(inside=True)
-def _unforced(stroke, x1, v1, d, w, against, k_s, c_s, wall, T1, T2, at, h):  # type: ignore[no-untyped-def]
+def _unforced(stroke, x1, v1, d, w, xw, vw, opposed, rig, answers, T1, T2, at, h):  # type: ignore[no-untyped-def]
     """What is known of the motion without the contact force: the stack's load, the wall's, indentation and its rate."""
     elapsed = load(C, 0) * h
+    c_s, k_s, against = rig[1], rig[5], opposed / rig[4]
     r = (stroke - (elapsed * v1 + x1)) * k_s - c_s * v1
     back = splat(0.0)
-    mass, stiffness, damping, xw, vw, answers = wall
-    if mass > 0.0:
+    if rig[21] > 0.0:
         still = elapsed * vw + xw
         r = r + (still * k_s + c_s * vw)
-        back = still * -stiffness - (r + damping * vw)
+        back = still * -rig[22] - (r + rig[23] * vw)
         r = r + times(answers, _LEVELS * NODES * NODES + at, back)
     alpha = times(T2, at, r) + ((elapsed * (0.5 * against) + w) * elapsed + d)
     return r, back, alpha, times(T1, at, r) + (elapsed * against + w)
@@ -529,8 +532,10 @@ def _judged(r, F, kappa, beta, V1, S, at, h, found, stuck, opposed, v2, ball, to
 
 
 @compiled(inside=True)
-def _wall_moved(xw, vw, back, acceleration, answers, cut, at, h):  # type: ignore[no-untyped-def]
-    """Place and speed of the wall at the end of a step, or where it is cut."""
+def _wall_moved(xw, vw, back, acceleration, rig, answers, cut, at, h):  # type: ignore[no-untyped-def]
+    """Place and speed of the wall at the end of a step, or where it is cut; one without a mass stands still."""
+    if rig[21] == 0.0:
+        return xw, vw
     if cut > 1.0:
         cut = 1.0
         once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
@@ -720,8 +725,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     """
     k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
-    gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
-    wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
+    lean, bond, pull, cycles, hold = rig[13], rig[14], rig[15], rig[16], rig[17]
     S, T1, T2, U1, U2, _, made, _, answers = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
     law = (k_c, c_c, calls[0], calls[1], theta_at, nodes[0], nodes[0].ctypes.data)
@@ -735,11 +739,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     press, grip, release = ball * g * lean / length, ball * hold, -bond / k_c
     # Friction holds the ball until a force exceeds its grip; then `opposed` opposes the motion, in its direction.
     stuck, way, opposed = grip > 0.0, 0.0, press
-    x1, x2, d, regime = _at_rest(lean, gap, press, k_s, piece[_drive.AWAY], law)
-    xw = -press / wall_k if wall_mass > 0.0 and lean > 0.0 else 0.0
-    x1, x2 = x1 + xw, x2 + xw
-    v1 = v2 = w = vw = 0.0
-    lost_d = lost_v2 = 0.0  # what the sums lack of these
+    x1, x2, d, xw, regime = _at_rest(rig, press, piece[_drive.AWAY], law)
+    v1 = v2 = w = vw = lost_d = lost_v2 = 0.0  # of `d` and `v2`, what the sums lack
     t = piece[_drive.BEGIN]
     rest, highest, peak, separated_once = x2, 0.0, 0.0, False
     last_time, last_speed, last_place, last_peak = math.nan, 0.0, 0.0, 0.0
@@ -761,16 +762,15 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         room = piece[_drive.END] - t
         level = _level_for(level, room, rough, w, d, F, how.last_impulse * tolerance * ball * reference)
         if not made[level]:
-            _make_level(level, m, ball, c_s, k_s, wall_mass, wall_c, wall_k, S, T1, T2, U1, U2, answers)
+            _make_level(level, rig, S, T1, T2, U1, U2, answers)
             made[level] = True
         h = _LENGTH[level]
         at = level * NODES * NODES
 
         # A ball that is held does not answer the force.
-        V1, V2 = (T1, T2) if stuck else (U1, U2)
         stroke = _strokes(piece, load(C, 0) * h + t, q, settled, theta_at, calls, mem_z, mem_u, nodes[3])
-        against, wall = 0.0 if stuck else opposed / ball, (wall_mass, wall_k, wall_c, xw, vw, answers)
-        r, back, alpha, beta = _unforced(stroke, x1, v1, d, w, against, k_s, c_s, wall, T1, T2, at, h)
+        load_on, V1, V2 = (0.0, T1, T2) if stuck else (opposed, U1, U2)
+        r, back, alpha, beta = _unforced(stroke, x1, v1, d, w, xw, vw, load_on, rig, answers, T1, T2, at, h)
         kappa = 0.0 if regime == FREE else pull if regime == PULL else 1.0
         F, start, found = _pressed(
             alpha, beta, d, w, (regime, stuck, kappa), (V1, V2), (level, previous, carried), kept, cache, law, nodes,
@@ -813,8 +813,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
             x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
         )
-        if wall_mass > 0.0:
-            xw, vw = _wall_moved(xw, vw, back, acceleration, answers, cut, at, h)
+        xw, vw = _wall_moved(xw, vw, back, acceleration, rig, answers, cut, at, h)
         cut = min(cut, 1.0)
         if grows:
             reference = max(reference, abs(v2))
