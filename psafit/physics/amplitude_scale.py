@@ -73,7 +73,7 @@ TERM = Term(
         frequency="flat",
         amplitude="flat",
     ),
-    reference="elementary: a linear drive; P. Horowitz and W. Hill, The Art of Electronics, 3rd ed., 2015, ch. 1",
+    reference="elementary: a linear drive; P. Horowitz, The Art of Electronics, 3rd ed., 2015, ch. 1",
     checks=(
         Check(
             "20 V peak to peak are an amplitude of 10 V: c = 0.5",
