@@ -316,12 +316,18 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to follow a page in: few readings, short chains, few candidates."""
     from psafit import api, diagnose
     from psafit.diagnose.settings import Settings as Effort
+    from psafit.inference.problem import Problem
     from psafit.inference.samplers.emcee import Settings
     from psafit.physics import terms
 
     write_experiment(thinned(read_experiment(ROOT / "experiments" / "psa")), tmp_path / "experiments" / "psa")
     short = Settings(chunk=50, tuned=15, autocorrelation_times=1.0, effective_samples=1.0, r_hat=100.0)
-    monkeypatch.setattr(Settings, "of", classmethod(lambda cls, problem: short))
+    usual = Settings.of
+
+    def of(problem: Problem) -> Settings:
+        return replace(short, n_walkers=usual(problem).n_walkers)
+
+    monkeypatch.setattr(Settings, "of", of)
     whole, effort = diagnose.diagnose, Effort(simulated=49, searches=1)
 
     def few(*given: Any, **options: Any) -> Any:
