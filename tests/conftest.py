@@ -113,8 +113,6 @@ def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Experimen
 
 # Slow tests that fail today, each for a reason that is still to be found; nothing else may be listed here.
 KNOWN_FAILURES = (
-    "test_fast_equals_reference_over_many_draws[session_lean]",
-    "test_every_block_of_a_page_runs[docs/howto/speeds-and-times.md]",
     "test_a_notebook_runs[diagnose-a-rig]",
     "test_the_pages_quote_what_the_commands_print",
 )

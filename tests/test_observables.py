@@ -14,6 +14,7 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, describe, fingerprint, read_experiment, read_plan, write_experiment
 from psafit.experiment.writer import table_text
 from psafit.inference import noise
+from psafit.inference.candidate import optimised
 from psafit.inference.optimise import gradient
 from psafit.inference.optimiser import expansion, slopes
 from psafit.inference.problem import Problem
@@ -152,6 +153,20 @@ def test_gradient_of_a_mixed_likelihood(experiment: Experiment) -> None:
     direct = gradient(problem.log_posterior, u[0], problem.bounds)
     assert found[0] == pytest.approx(direct, rel=2e-2, abs=0.05)
     assert np.linalg.eigvalsh(curvature[0]).min() > 0
+
+
+def test_groups_without_an_observable_are_fitted_without_it(experiment: Experiment) -> None:
+    """Contact times that the other group alone was read in leave their scatter to its prior."""
+    made = simulated(replace(experiment, groups=experiment.groups[2:4]))
+    first, second = made.groups
+    some = first.at(np.flatnonzero(first.measured < 2))
+    one = Problem(replace(made, groups=(some, second)), (some.id,))
+    u = one.prior_transform(np.full((1, one.n_dim), 0.45))
+    predicted = one.predict(u)
+    found, curvature = expansion(one, u, predicted, slopes(one, u, predicted), one.observed[None])
+    assert found[0] == pytest.approx(gradient(one.log_posterior, u[0], one.bounds), rel=2e-2, abs=0.05)
+    assert np.linalg.eigvalsh(curvature[0]).min() > 0
+    assert np.isfinite(optimised(one, u).height)
 
 
 def test_each_observable_is_scored_in_its_own_unit(experiment: Experiment, tmp_path: Path) -> None:

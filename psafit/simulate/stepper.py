@@ -411,11 +411,11 @@ def _is_noise(bern, n, theta, resolved):  # type: ignore[no-untyped-def]
 
 
 @compiled(inside=True)
-def _top(speed, push, h, ball, bern, stack):  # type: ignore[no-untyped-def]
-    """How far the ball gets in a step in which it turns back."""
+def _top(speed, push, h, within, ball, bern, stack):  # type: ignore[no-untyped-def]
+    """How far the ball gets in a step in which it turns back, or in the part of it that is `within` the horizon."""
     bern[0] = speed
     store(bern, 1, times(ONCE_TO_BERNSTEIN, 0, push) * (h / ball) + speed)
-    theta = min(_first_root(bern, DEGREE, 0.0, stack), 1.0)
+    theta = min(_first_root(bern, DEGREE, 0.0, stack), 1.0, within)
     _, once = basis(theta)
     return h * (theta * speed + h * total(times(A, 0, once) * push) / ball)
 
@@ -819,9 +819,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         cut = min(cut, 1.0)
         reference = max(reference, abs(v2)) if grows else reference
         if before > 0.0 >= v2 and not separated_once:
-            highest = max(highest, _top(before, push, h, ball, bern, stack) + x2_before - rest)
-        w = v1 - v2
-        t = t + cut * h
+            within = ((waiting if regime == FREE else horizon) - t) / h
+            highest = max(highest, _top(before, push, h, within, ball, bern, stack) + x2_before - rest)
+        w, t = v1 - v2, t + cut * h
         if t > (waiting if regime == FREE else horizon):
             break  # what the step met was beyond
         if whole or event == _PIECE:

@@ -283,3 +283,12 @@ def test_the_first_hop_does_not_depend_on_how_long_the_drive_runs_on() -> None:
     assert ranges[0] == pytest.approx(ranges[1], rel=1e-6)
     # Where the hop of the first contact ends before the tip is back, it is that hop.
     assert np.mean(np.abs(ranges[0] / once - 1) < 1e-6) > 0.3
+
+
+def test_a_top_behind_the_horizon_does_not_count() -> None:
+    """A pressed ball that is never launched reads its highest place until the horizon, however long a step is."""
+    point = Point("sine", 115.21126968311815, 21.74823072063209)
+    theta = [175752.75441105544, 28.031291512202046, 2019.604251716704]
+    draw = Draw(point, theta, tuple(terms(["preload"])), ([3.3899e-3],))
+    assert not simulate(Design.sweep(draw.constants, *point[:3]), [*theta, 3.3899e-3], draw.causes).launched[0, 0]
+    assert draw.disagreement() <= 1
