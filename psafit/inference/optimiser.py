@@ -181,7 +181,7 @@ def expansion(
     gradient, curvature = np.zeros((n, d)), np.zeros((n, d, d))
     tails = noise.tail_score(z, nu)
     for j, here in enumerate(problem.rows_of_scatter):  # of each observable, whose scatter is its own
-        if not here.size:
+        if not z[:, here].size:
             continue  # of one that these groups do not read, nothing but the prior is known
         own = k + 3 * j
         at = np.r_[0:k, own, own + 1]
