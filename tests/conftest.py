@@ -27,9 +27,6 @@ pytest.register_assert_rewrite("campaigns", "folders")  # they assert, though th
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the longest test: at the end one worker would wait for the other."""
     items.sort(key=lambda item: item.path.name != "test_hidden_effects.py")
-    for item in items:
-        if item.name in KNOWN_FAILURES:
-            item.add_marker(pytest.mark.xfail(reason="known, still to be mended", strict=False))
 
 
 @pytest.fixture(scope="session")
@@ -109,10 +106,3 @@ def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Experimen
     )
     write_table(folder / record.predictions, COLUMNS, rows)
     return folder, experiment
-
-
-# Slow tests that fail today, each for a reason that is still to be found; nothing else may be listed here.
-KNOWN_FAILURES = (
-    "test_a_notebook_runs[diagnose-a-rig]",
-    "test_the_pages_quote_what_the_commands_print",
-)
