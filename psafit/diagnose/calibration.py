@@ -28,12 +28,11 @@ from psafit.diagnose.settings import Settings
 from psafit.diagnose.trials import Calibration, Trial, summed
 from psafit.experiment import Experiment
 from psafit.inference import noise
-from psafit.inference.memory import Memory, lent
+from psafit.inference.memory import Memory, shared_out
 from psafit.inference.problem import Problem
 from psafit.model_search import ModelSet
 from psafit.physics.term import Term
 from psafit.records import plain
-from psafit.workers import ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +103,7 @@ def calibrate(
         catalogue=catalogue, seed=seed, settings=settings,
     )  # fmt: skip
     truths = drawn(model_set, n, seed=seed)
-    if memory.lasts:
-        memory.begin()
-        calls = [(again, memory, truth) for truth in truths]
-        ahead(lent, calls, jobs, progress, scheduler=scheduler, take=memory.receive)
-    trials = []
-    for k, truth in enumerate(truths):
-        progress(k, n)
-        trials.append(again(memory, truth))
+    trials = shared_out(again, memory, truths, jobs=jobs, scheduler=scheduler, progress=progress)
     progress(n, n)
     return summed(trials)
 

@@ -654,7 +654,7 @@ def _character(
             without = refitted(others, candidate)
             p = examine(
                 without, catalogue, seed=seed, n_simulated=settings.n_without, exact=False, influence=False,
-                settings=settings,
+                tails=False, settings=settings,
             ).p_value  # fmt: skip
             if p > 0.1:
                 clean.append((p, group_id))

@@ -24,11 +24,10 @@ import numpy as np
 from psafit.diagnose.searching import searched
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
-from psafit.inference.memory import Memory, lent
+from psafit.inference.memory import Memory, shared_out
 from psafit.model_search import ModelSet, SearchSettings
 from psafit.physics.term import Term
 from psafit.records import plain, read_json
-from psafit.workers import ahead
 
 NULL_LEADS = Path(__file__).parent / "null_leads.json"
 """The stored table."""
@@ -207,14 +206,7 @@ def significance(
     settings = settings or SearchSettings()
     baseline, own = model_set.baseline, lead(model_set)
     again = partial(_again, baseline=baseline, catalogue=catalogue, seed=seed, settings=settings)
-    if memory.lasts:
-        memory.begin()
-        calls = [(again, memory, k) for k in range(n_searches)]
-        ahead(lent, calls, jobs, progress, scheduler=scheduler, take=memory.receive)
-    null = []
-    for k in range(n_searches):
-        progress(k, n_searches)
-        null.append(again(memory, k))
+    null = shared_out(again, memory, range(n_searches), jobs=jobs, scheduler=scheduler, progress=progress)
     n = int(baseline.problem.observed.size)
     return Significance(own, null, _p_value(own, null), readings=[n, n])
 

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from psafit.files import digest, read_bytes, sha256, write_atomically
 from psafit.inference.problem import Problem
-from psafit.workers import scratch
+from psafit.workers import ahead, scratch
 
 _SEAL = "sha256"
 # Parts of the package that work nothing out.
 _TELLERS = ("report", "challenge", "cli", "api", "progress", "compare", "reproduce")
 Arrays = Mapping[str, NDArray[np.float64]]
+Result = TypeVar("Result")
 
 
 @cache
@@ -146,6 +147,40 @@ def lent(work: Callable[..., object], memory: Memory, *call: Any) -> dict[str, b
     with scratch() as folder:
         work(Memory(folder), *call)
         return {path.name: path.read_bytes() for path in sorted(folder.glob("*.npz"))}
+
+
+def shared_out(
+    work: Callable[..., Result],
+    memory: Memory,
+    things: Sequence[object],
+    *,
+    jobs: int,
+    scheduler: str | None,
+    progress: Callable[[int, int], None],
+) -> list[Result]:
+    """Results of work on each of some things; where the memory lasts, other processes do it first.
+
+    Parameters
+    ----------
+    work : callable
+        Called with the memory, which keeps what it finds, and one thing.
+    memory : Memory
+    things : sequence
+    jobs : int
+    scheduler : str, optional
+        As of `psafit.workers.ahead`.
+    progress : callable
+        Called with (things done, things).
+    """
+    if memory.lasts:
+        memory.begin()
+        calls = [(work, memory, thing) for thing in things]
+        ahead(lent, calls, jobs, progress, scheduler=scheduler, take=memory.receive)
+    found = []
+    for k, thing in enumerate(things):
+        progress(k, len(things))
+        found.append(work(memory, thing))
+    return found
 
 
 def _sealed(arrays: Arrays) -> bytes:
