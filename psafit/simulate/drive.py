@@ -238,8 +238,6 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
     piece[AWAY] = _sign(v0 - point[IDLE], v1, v2, size0, size1)
     if split:
         sign, direction = piece[SIGN], piece[DIRECTION]
-        if sign != 0.0:
-            end = min(end, _first_zero(sign * a, sign * b, sign * c, r, sign * G, w, phi, end))
         if direction != 0.0 and (c != 0.0 or G != 0.0):
             quarter = 0.5 * math.pi
             end = min(
@@ -248,4 +246,8 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
                     direction * b, 0.0, -direction * r * c, r, direction * w * G, w, phi + quarter, end
                 ),
             )  # fmt: skip
+        # Up to where it turns it passes zero once at most, and only if it is beyond it there: one that only touches
+        # zero, as a drive from 0 V does, keeps its sign.
+        if sign != 0.0 and (end == math.inf or sign * _value(a, b, c, r, G, w, phi, end) < -_ENDED * size0):
+            end = min(end, _first_zero(sign * a, sign * b, sign * c, r, sign * G, w, phi, end))
     piece[END] = until if end == until - t else t + end

@@ -12,7 +12,9 @@ from rigs import RIG, TRUTH
 from psafit.drives import WAVEFORMS, Drive, Table
 from psafit.physics import TERMS, term, terms
 from psafit.simulate import Design, simulate
+from psafit.simulate.command import COMMAND, driven
 from psafit.simulate.contract import Draw, draw
+from psafit.simulate.drive import END, PIECE, SIGN, first_piece, next_piece, voltage
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import plausible
 
@@ -112,6 +114,21 @@ def test_a_recording_of_a_sine_tends_to_the_sine() -> None:
     # Amplitude and frequency of a recording are only what it is called.
     found = simulate(Design.sweep(RIG, record, 1000.0, 1.0), TRUTH).launch_range
     assert found[0, 0] == pytest.approx(plain[0, 0], rel=1e-4)
+
+
+def test_a_voltage_that_only_touches_zero_keeps_its_sign() -> None:
+    """Rounding puts the touch on either side of zero; a piece ends where the voltage turns, at once and once."""
+    rng = np.random.default_rng(3)
+    point, piece = np.empty(COMMAND), np.empty(PIECE)
+    for k in range(200):
+        f, volt = float(np.exp(rng.uniform(4, 10))), float(rng.uniform(1, 100))
+        drive = Drive("sine", bias_v=volt, idle_v=0.0, phase_deg=-90.0) if k % 2 else Drive("unipolar_sine")
+        rows, points = Design.sweep(RIG, drive, f, volt).commands
+        driven(points[0], 1.0, 0.0, point)
+        first_piece(piece, rows, point, 0.0, 0.0, 0.0, True)
+        for half in range(1, 8):
+            assert piece[SIGN] == 1.0 and piece[END] * f == pytest.approx(half / 2, rel=1e-12)
+            next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, 0.0, 0.0, True)
 
 
 @pytest.mark.parametrize(
