@@ -19,7 +19,7 @@ from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment.rig import Rig
 from psafit.experiment.text import listed, one_line, shown
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
 from psafit.parameters import Belief
 
 GroupId = int | str
@@ -30,8 +30,8 @@ _HELD = 0.02
 # Conditions of a sweep that is filled, and how many may come between two of its own.
 _FILLED, _BETWEEN = 150, 8
 CONDITION_COLUMNS = ("frequency_hz", "amplitude_v")
-READING_COLUMNS = tuple(o.column for o in OBSERVABLES)
-SIGMA_COLUMNS = tuple(dict.fromkeys(o.sigma_column for o in OBSERVABLES))
+READING_COLUMNS = tuple(o.column for o in OF_LAUNCHES)
+SIGMA_COLUMNS = tuple(dict.fromkeys(o.sigma_column for o in OF_LAUNCHES))
 CONSTANT_UNITS = {"M": "kg", "m": "kg", "q": "m/V", "l": "m", "k_s": "N/m", "g": "m/s^2"}
 
 
@@ -79,6 +79,8 @@ class Conditions:
         What is read, or is to be, as `psafit.observables.OBSERVABLES` counts; launch ranges by default.
     row : (n_points,) int array, optional
         Row of the file that each reading stands in: those of one launch share it. By default each has its own.
+    time_us : (n_points,) array, us, optional
+        Of the samples of a trace, from the start of the drive; none where launches as a whole are read.
 
     Raises
     ------
@@ -95,10 +97,11 @@ class Conditions:
     sigma: FloatArray | None = field(default=None, kw_only=True)
     measured: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8), kw_only=True)
     row: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp), kw_only=True)
+    time_us: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "drive", Drive.of(self.drive))
-        for name in (*CONDITION_COLUMNS, "reading", "sigma"):
+        for name in (*CONDITION_COLUMNS, "reading", "sigma", "time_us"):
             given = getattr(self, name, None)
             if given is None and name not in CONDITION_COLUMNS:
                 continue
@@ -106,7 +109,8 @@ class Conditions:
             if array.ndim != 1 or array.size == 0 or array.shape != np.shape(self.frequency_hz):
                 raise ValueError(f"group {self.id}: {name} has shape {array.shape}")
             positive = name == "frequency_hz"
-            if not np.all(np.isfinite(array) & ((array > 0) if positive else (array >= 0))):
+            signed = name == "reading" and self.time_us is not None
+            if not np.all(np.isfinite(array) & (signed | ((array > 0) if positive else (array >= 0)))):
                 sign = "positive" if positive else "non-negative"
                 raise ValueError(f"group {self.id}: {name} must be finite and {sign}")
             self._keep(name, array)
@@ -122,7 +126,7 @@ class Conditions:
 
     def at(self, rows: Any) -> Self:
         """Some of its readings; `rows` indexes an array."""
-        names = ("frequency_hz", "amplitude_v", "reading", "sigma", "measured", "row")
+        names = ("frequency_hz", "amplitude_v", "reading", "sigma", "measured", "row", "time_us")
         held = {name: array for name in names if (array := getattr(self, name, None)) is not None}
         return replace(self, **{name: array[rows] for name, array in held.items()})
 
@@ -356,6 +360,8 @@ def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
         if group.observables != (LAUNCH_RANGE,):
             read = (OBSERVABLES[k].column for k in group.measured)
             digest.update("".join(f"{k} {name}\n" for k, name in zip(group.row, read, strict=True)).encode())
+        if group.time_us is not None:
+            digest.update(b"time_us\n" + group.time_us.astype("<f8").tobytes())
     return digest.hexdigest()
 
 
