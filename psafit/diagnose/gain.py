@@ -248,7 +248,7 @@ def _forecasts(
         group = problem.experiment.group(group_id)
         rng = np.random.default_rng([seed, 11, k, problem.experiment.groups.index(group)])
         found = problem.predict(draws, [group_id], rng)
-        scatter = problem.noise_values(draws, group.measured)
+        scatter = problem.noise_values(draws, group)
         ranges.append(found)
         off = left[ids].elsewhere(noise.columns(scatter)[0][:, 0], rng)[:, None] * rng.standard_normal(found.shape)
         found = found * np.exp(off)
@@ -339,7 +339,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
     for one in splits:
         for before, after in zip(one.before, one.after, strict=True):
             group, silent = before.group, silences[before.group.label]
-            errors = [log_ratio(f.median, f.measured, group.observable.offset) for f in (before, after)]
+            errors = [log_ratio(f.median, f.measured, *group.observable.metric) for f in (before, after)]
             change = changes(group, errors, [before.log_density, after.log_density], rng)
             rows.append(
                 GroupGain(

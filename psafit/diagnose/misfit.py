@@ -239,8 +239,7 @@ def normal_scores(
 ) -> FloatArray:
     """Normal scores of readings under fits, cut off at `clip`; (n_sets, n_points)."""
     values = problem.noise_values(u)
-    s = noise.scale(predicted, values, problem.known_sigma)
-    z, nu = (observed - predicted) / s, noise.columns(values)[2]
+    z, nu = noise.innovations(observed, predicted, values, problem.known_sigma), noise.columns(values)[2]
     # The probability integral loses its digits in the tails; there the score grows with the log density instead.
     p = noise.cumulative(observed, predicted, values, problem.known_sigma)
     body = ndtri(np.clip(p, 1e-12, 1 - 1e-12))
@@ -373,10 +372,15 @@ def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, s
     predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
     scatter = np.repeat(candidate.noise, n_simulated, axis=0)
     # An instrument does not show ranges below zero.
-    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
+    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), problem.floor)
     starts = np.repeat(candidate.modes[:1], n_simulated, axis=0)
     refit = maximise_linearly(
-        problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8
+        problem,
+        starts,
+        np.maximum(predicted, np.where(problem.design.traced, -np.inf, 1e-9)),
+        candidate.relative_slope,
+        fake,
+        iterations=8,
     )
     if exact:
         refit = maximise(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
@@ -587,7 +591,7 @@ def _places(
         [np.abs(_windows(simulated[:, rows], settings.windows)[0]).max(axis=1) for _, _, rows in ordered], axis=0
     )
     bar = float(np.quantile(null, 0.95))
-    error = log_ratio(predicted, problem.observed, problem.offset)
+    error = log_ratio(predicted, problem.observed, *problem.metric)
     places = []
     for group_id, variable, rows in ordered:
         score, spans = _windows(e[None, rows], settings.windows)
@@ -610,7 +614,7 @@ def _coincidences(
 ) -> tuple[Coincidence, ...]:
     """Readings that stand out together further than simulated data sets show at any condition, at the tests' level."""
     design = problem.design
-    error = log_ratio(predicted, problem.observed, problem.offset)
+    error = log_ratio(predicted, problem.observed, *problem.metric)
     found = []
     everywhere = shared(problem)
     null = np.max([_both(simulated[:, rows]) for meeting in everywhere.values() for rows in meeting], axis=0, initial=0)

@@ -23,6 +23,7 @@ from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observabl
 from psafit.parameters import Belief
 
 GroupId = int | str
+Swept = Literal["frequency", "amplitude", "time"]
 
 DEFINITION = "experiment.toml"
 # A setting that drifts by less than this (relative) was meant to be held.
@@ -163,8 +164,10 @@ class Conditions:
         return int(self.frequency_hz.size)
 
     @property
-    def swept(self) -> Literal["frequency", "amplitude"]:
-        """The variable that a sweep varies: the one that spans the larger ratio."""
+    def swept(self) -> Swept:
+        """The variable that a sweep varies: the one that spans the larger ratio; along a trace, time."""
+        if self.time_us is not None:
+            return "time"
         driven = self.amplitude_v[self.amplitude_v > 0]  # readings without a drive are no end of a sweep
         wider = driven.size and np.ptp(np.log(driven)) > np.ptp(np.log(self.frequency_hz))
         return "amplitude" if wider else "frequency"
@@ -173,6 +176,8 @@ class Conditions:
     def in_sweep(self) -> NDArray[np.intp]:
         """Rows in the order of the sweep, whatever the order of the file; those of each observable together."""
         f, v, kind = self.frequency_hz, self.amplitude_v, self.measured
+        if self.time_us is not None:
+            return np.argsort(self.time_us)
         return np.lexsort((f, v, kind)) if self.swept == "amplitude" else np.lexsort((v, f, kind))
 
     @property
@@ -184,14 +189,19 @@ class Conditions:
 
     @property
     def along(self) -> FloatArray | None:
-        """What a sweep of one variable goes through, Hz or V; None where both were varied or neither."""
+        """What a sweep of one variable, or a trace, goes through, Hz, V or us; None where both were varied or neither."""
+        if self.time_us is not None:
+            return self.time_us
         if len(self.varied) != 1:
             return None
         return self.amplitude_v if self.varied == ("amplitude",) else self.frequency_hz
 
     def filled(self) -> Conditions:
-        """The sweep with conditions between its own, ascending, to draw a curve through; as it is if it is none."""
-        if self.along is None:
+        """The sweep with conditions between its own, ascending, to draw a curve through; as it is if it is none.
+
+        A trace is a curve already.
+        """
+        if self.along is None or self.time_us is not None:
             return self
         f, v = self.frequency_hz, self.amplitude_v
         _, first = np.unique(self.along, return_index=True)
@@ -373,8 +383,8 @@ def describe(experiment: Experiment) -> dict[str, Any]:
     dict
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
         `prior`, `source`), and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
-        `frequency_hz`, `amplitude_v` and those of what is read, `launch_range_um` or another column, as
-        [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates` (readings
+        `frequency_hz`, `amplitude_v`, of a trace `time_us`, and those of what is read, `launch_range_um` or another
+        column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates` (readings
         beyond the first at the same condition) and `has_sigma`.
     """
     return {
@@ -395,8 +405,10 @@ def _lone(group: Group) -> str:
 
 
 def _describe_group(group: Group) -> dict[str, Any]:
-    conditions = np.column_stack([group.frequency_hz, group.amplitude_v, group.measured])
-    spans = {name: getattr(group, name) for name in CONDITION_COLUMNS}
+    own = [group.frequency_hz, group.amplitude_v, group.measured]
+    conditions = np.column_stack(own if group.time_us is None else [*own, group.time_us])
+    names = CONDITION_COLUMNS if group.time_us is None else (*CONDITION_COLUMNS, "time_us")
+    spans = {name: getattr(group, name) for name in names}
     spans |= {part.observable.column: part.reading for part in group.parts}
     return {
         "id": group.id,

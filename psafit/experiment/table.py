@@ -18,28 +18,28 @@ from psafit.arrays import FloatArray
 from psafit.errors import Faults, InputError
 from psafit.experiment.records import CONDITION_COLUMNS, READING_COLUMNS, SIGMA_COLUMNS
 from psafit.experiment.text import listed, read_text, shown
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
+from psafit.observables import LAUNCH_RANGE, OF_LAUNCHES, Observable
 
 # Hard limits of each column, far beyond any rig, within which nothing overflows; a wrong unit is only warned of.
 LIMITS = {
     "frequency_hz": (1e-3, 1e9),
     "amplitude_v": (0.0, 1e6),
-    **{o.column: o.limits for o in OBSERVABLES},
+    **{o.column: o.limits for o in OF_LAUNCHES},
     **dict.fromkeys(SIGMA_COLUMNS, (1e-9, 1e9)),
 }
 
-_POSITIVE = tuple(o.column for o in OBSERVABLES if o.blank)
+_POSITIVE = tuple(o.column for o in OF_LAUNCHES if o.blank)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _IMPORT = "psafit import reads other forms"
 _USUAL = (*CONDITION_COLUMNS, LAUNCH_RANGE.column)
 _HEADER_REMEDY = f"the first line must read {','.join(_USUAL)} (and {LAUNCH_RANGE.sigma_column} if known)"
-_OTHERS = f"; other readings are {listed(o.column for o in OBSERVABLES if o is not LAUNCH_RANGE)}"
+_OTHERS = f"; other readings are {listed(o.column for o in OF_LAUNCHES if o is not LAUNCH_RANGE)}"
 _UNITS = {"frequency_hz": "Hz", "amplitude_v": "V"}
-_UNITS |= {name: o.unit for o in OBSERVABLES for name in (o.column, o.sigma_column)}
+_UNITS |= {name: o.unit for o in OF_LAUNCHES for name in (o.column, o.sigma_column)}
 _EMPTY = "is empty", "enter the value, or delete the row if nothing was read"
-_BY_COLUMN = {o.column: o for o in OBSERVABLES}
+_BY_COLUMN = {o.column: o for o in OF_LAUNCHES}
 
 
 def read_csv(
@@ -76,7 +76,7 @@ def read_csv(
         raise cells
     names = _header(cells, planned, file, line)
     blank = _may_be_blank(names)
-    here = {o.column for o in OBSERVABLES if o.column in names}
+    here = {o.column for o in OF_LAUNCHES if o.column in names}
     columns: list[list[float]] = [[] for _ in names]
     faults = RowFaults(file)
     n_rows = 0
@@ -121,7 +121,7 @@ def read_csv(
 
 def _may_be_blank(names: Sequence[str]) -> dict[str, str]:
     """Columns whose cells may be empty, with the observable's: those of observables that do not stand alone."""
-    here = [o for o in OBSERVABLES if o.column in names]
+    here = [o for o in OF_LAUNCHES if o.column in names]
     if len(here) < 2:
         return {}
     return {name: o.column for o in here for name in (o.column, o.sigma_column) if name in names}
@@ -147,7 +147,7 @@ def readings_of(columns: dict[str, FloatArray]) -> dict[str, Any]:
         Without `reading` where no cell holds one: such a file is a plan, of what its empty columns are, launch ranges
         without any.
     """
-    cells = [(k, o) for k, o in enumerate(OBSERVABLES) if o.column in columns]
+    cells = [(k, o) for k, o in enumerate(OF_LAUNCHES) if o.column in columns]
     if not cells:
         sigma = {"sigma": columns["sigma_um"]} if "sigma_um" in columns else {}
         return {name: columns[name] for name in CONDITION_COLUMNS} | sigma
@@ -311,6 +311,9 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
     if separator := _other_separator(names):
         add(f"columns are separated by {separator}", f"separate them with commas, and write decimal points; {_IMPORT}")
         faults.end()
+    if "time_us" in names:
+        add("column time_us: these are samples of a trace", "name the file with trace in the place of file")
+        faults.end()
     if all(_NUMBER.fullmatch(name) for name in names):
         add(f"unknown column {shown(names[0])}: the file begins with numbers, without a header", _HEADER_REMEDY)
         faults.end()
@@ -348,7 +351,7 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
             if what == "missing column" and wrong == [shown("launch_range_um")]:
                 remedy += f"{_OTHERS}; without readings it is a plan, which psafit simulate takes"
             add(f"{what}{'s' * (len(wrong) > 1)} {listed(wrong[:5])}{', ...' * (len(wrong) > 5)}", remedy)
-    for o in OBSERVABLES:
+    for o in OF_LAUNCHES:
         if o.sigma_column in names and o.column not in names and not (planned and o is LAUNCH_RANGE):
             add(f"{o.sigma_column} without {o.column}", "give what it is the uncertainty of, or delete the column")
     faults.end()

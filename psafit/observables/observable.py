@@ -110,6 +110,11 @@ class Observable:
             raise ValueError(f"{self.name}: the offset must be positive, got {self.offset}")
 
     @property
+    def metric(self) -> tuple[float, bool]:
+        """What the error metric takes: the offset, and whether readings have either sign."""
+        return self.offset, self.traced
+
+    @property
     def plural(self) -> str:
         """More than one of them."""
         return f"{self.title.split()[-1]}s"

@@ -144,13 +144,13 @@ def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
     return pictures
 
 
-def _offset(shown: Shown) -> float:
-    return shown.prediction.group.observable.offset
+def _metric(shown: Shown) -> tuple[float, bool]:
+    return shown.prediction.group.observable.metric
 
 
 def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
     """Logarithmic errors, group by group, on one scale."""
-    errors = [log_ratio(g.prediction.median, g.prediction.group.reading, _offset(g)) for g in pictured]
+    errors = [log_ratio(g.prediction.median, g.prediction.group.reading, *_metric(g)) for g in pictured]
     view = figures.residual_view(errors)
     pictures = []
     for g, error in zip(pictured, errors, strict=True):
@@ -161,7 +161,7 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
             if o is not g and o.sweep.variable == w.variable != "order"
         ]
         # Where readings should lie, seen as an error of the median.
-        band = (log_ratio(p.median, p.upper, _offset(g)), log_ratio(p.median, p.lower, _offset(g)))
+        band = (log_ratio(p.median, p.upper, *_metric(g)), log_ratio(p.median, p.lower, *_metric(g)))
         worst = int(np.argmax(np.abs(error)))
         at = f"{w.values[worst]:g}"
         place = {"frequency": f"{at} Hz", "amplitude": f"{at} V"}.get(w.variable, f"reading {at}")

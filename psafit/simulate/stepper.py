@@ -787,7 +787,9 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
 
 
 @compiled(borrows=True)
-def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced, moments, tipped, seen):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
+def _fly(
+    rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced, moments, tipped, seen
+):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     """Follow one trajectory to the launch, and where it is `tipped`, the tip to the last of some moments.
 
     What is to be `seen` at them is written there, as by `_watched`.
@@ -948,7 +950,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
             break
     if tipped:
         tip = (t, x1, v1, xw, vw, tip_rest, level, watched, new_piece)
-        _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, tip, moments, seen)
+        _tip_alone(
+            rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, tip, moments, seen
+        )
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
         slow = last_speed < how.slow * reference and tolerance * reference > how.rounding * q * point[REACH] * f
@@ -999,8 +1003,21 @@ def _one_set(  # type: ignore[no-untyped-def]
         total_steps = 0
         for k in range(12):
             outcome, t, v, x, top, count = _fly(
-                rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, k == 0, forced, moments[j],
-                tipped, seen[j],
+                rig,
+                theta_at,
+                rows,
+                point,
+                calls,
+                cache,
+                work,
+                tolerance,
+                how,
+                reference,
+                k == 0,
+                forced,
+                moments[j],
+                tipped,
+                seen[j],
             )
             total_steps += count
             if outcome != _TOO_SLOW:
