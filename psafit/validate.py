@@ -267,8 +267,7 @@ def _predicted(
     below = noise.cumulative(group.reading, ranges, scatter, group.sigma)
     pit = below.mean(axis=0)
     # Readings of zero are all that the law has below it: they lie anywhere there.
-    floor = -np.inf if group.time_us is not None else 0.0
-    pit = np.where(group.reading > floor, pit, pit * chance.uniform(size=pit.size))
+    pit = np.where(group.reading > group.floor, pit, pit * chance.uniform(size=pit.size))
     # What is met more closely than any instrument reads says nothing of a band.
     quiet = (
         noise.at_least(np.median(scatter, axis=0)[None])[0] and np.mean(ndtri(np.clip(pit, 1e-9, 1 - 1e-9)) ** 2) < 1.0
@@ -284,9 +283,9 @@ def _predicted(
         model_lower=model_lower,
         model_upper=model_upper,
         # A reading is never negative; the law's tail below zero is the reading zero.
-        lower=np.maximum(quantiles[0], floor),
+        lower=np.maximum(quantiles[0], group.floor),
         upper=quantiles[3],
-        lower_50=np.maximum(quantiles[1], floor),
+        lower_50=np.maximum(quantiles[1], group.floor),
         upper_50=quantiles[2],
         log_density=logsumexp(density, axis=0) - math.log(len(draws)),
         crps=crps(readings, group.reading),

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from psafit.arrays import FloatArray
 from psafit.drives import Drive, Table
 from psafit.errors import InputError
-from psafit.experiment import Conditions, Experiment, describe, read_experiment, read_plan, write_experiment
+from psafit.experiment import Conditions, describe, read_experiment, read_plan, write_experiment
 from psafit.inference import noise
 from psafit.inference.candidate import optimised
 from psafit.inference.optimise import gradient
@@ -180,7 +180,7 @@ def test_faults_of_a_trace_name_line_and_remedy(tmp_path: Path, text: str, line:
     ],
 )
 def test_faults_of_a_traces_group(tmp_path: Path, group: str, said: str) -> None:
-    with pytest.raises(InputError, match="experiment.toml") as caught:
+    with pytest.raises(InputError, match=r"experiment\.toml") as caught:
         read_experiment(folder(tmp_path, GOOD, group))
     assert said in str(caught.value)
 

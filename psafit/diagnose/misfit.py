@@ -1,6 +1,7 @@
 r"""Is anything wrong? Tests of a fitted model against its own simulated data, refitted.
 
-Residuals are normal scores :math:`e = \Phi^{-1}(F(y))` of the readings under the fitted scatter. Statistics look for
+Residuals are normal scores :math:`e = \Phi^{-1}(F(y))` of the readings under the fitted scatter, along a trace given
+the samples before: what its errors have in common is no order. Statistics look for
 what a sound fit leaves at random: order along each sweep (runs, lag one, windows), levels of groups and of waveforms,
 trends against every covariate, the directions in which any cause of the catalogue would move the ranges, the spread
 of groups and of sizes, single readings, readings of several groups that stand out together at one condition, conditions
@@ -31,7 +32,7 @@ from scipy.special import ndtri
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.screening import extended
-from psafit.experiment import GroupId
+from psafit.experiment import GroupId, Swept
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate, optimised, refitted
 from psafit.inference.optimiser import maximise, maximise_linearly
@@ -44,7 +45,7 @@ from psafit.validate import log_ratio
 ALPHA = 0.02
 """Level of the family: a false alarm in fifty sound models."""
 
-Variable = Literal["frequency", "amplitude"]
+Variable = Swept
 Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
 CHARACTERS: dict[Character, str] = {
     "none": "no particular character",
@@ -131,9 +132,9 @@ class Place:
     Parameters
     ----------
     group : group id
-    variable : {"frequency", "amplitude"}
-        What the sweep varies.
-    lower, upper : float, Hz or V
+    variable : {"frequency", "amplitude", "time"}
+        What the sweep varies, or along a trace.
+    lower, upper : float, Hz, V or us
     log_bias : float
         Mean of ln(predicted/measured) there.
     score : float
@@ -456,7 +457,7 @@ def _look(
     covariates = {
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
-        "predicted size": np.log(predicted * problem.per_um + 0.05),
+        "predicted size": np.log(np.abs(predicted) * problem.per_um + 0.05),
         "order in the file": in_session(design),
     }
     kinds = {"waveform": design.kinds, "observable": problem.scatter_of(design.measured)}
@@ -480,7 +481,7 @@ def _look(
             levels = np.eye(kind.max() + 1)[kind]
             basis = _spanned(levels[:, 1:] - levels[:, 1:].mean(axis=0))
             found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis).sum(axis=1))
-    size = np.log(predicted * problem.per_um + 0.05)
+    size = np.log(np.abs(predicted) * problem.per_um + 0.05)
     size = (size - size.mean()) / max(float(size.std()), 1e-9)
     square = np.minimum(e**2, 9.0)
     found["spread against predicted size", "spread", None] = np.abs(
@@ -527,7 +528,8 @@ def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
     """
     ordered: dict[tuple[Variable, int], list[NDArray[np.intp]]] = {}
     for _, variable, rows in sweeps(problem):
-        ordered.setdefault((variable, int(problem.design.measured[rows[0]])), []).append(rows)
+        if variable != "time":  # two traces at one time are not alike
+            ordered.setdefault((variable, int(problem.design.measured[rows[0]])), []).append(rows)
     found: dict[Variable, list[NDArray[np.intp]]] = {}
     for (variable, _), groups in ordered.items():
         value, group = problem.design.swept(variable), problem.design.group
@@ -554,11 +556,12 @@ def in_session(design: Design) -> FloatArray:
 
 
 def conditions(design: Design) -> list[NDArray[np.intp]]:
-    """Rows of every condition of the rig."""
+    """Rows of every condition of the rig, and of every moment of a trace."""
     seen: dict[tuple[float, ...], list[int]] = {}
+    time = np.where(design.traced, design.time, -1.0)
     for i in range(design.n_points):
         rig = int(design.drive[i]), int(design.rig[i]), int(design.measured[i])
-        key = (float(design.frequency[i]), float(design.amplitude[i]), *rig)
+        key = (float(design.frequency[i]), float(design.amplitude[i]), float(time[i]), *rig)
         seen.setdefault(key, []).append(i)
     return [np.array(rows) for rows in seen.values()]
 

@@ -189,7 +189,7 @@ class Conditions:
 
     @property
     def along(self) -> FloatArray | None:
-        """What a sweep of one variable, or a trace, goes through, Hz, V or us; None where both were varied or neither."""
+        """What a sweep of one variable (Hz, V) or a trace (us) goes through; None where both were varied or neither."""
         if self.time_us is not None:
             return self.time_us
         if len(self.varied) != 1:
@@ -240,6 +240,11 @@ class Group(Conditions):
     """
 
     reading: FloatArray
+
+    @property
+    def floor(self) -> float:
+        """What no instrument shows less of: zero, of launches; nothing, along a trace."""
+        return 0.0 if self.time_us is None else -math.inf
 
     @property
     def launch_range_um(self) -> FloatArray:
@@ -384,8 +389,8 @@ def describe(experiment: Experiment) -> dict[str, Any]:
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
         `prior`, `source`), and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
         `frequency_hz`, `amplitude_v`, of a trace `time_us`, and those of what is read, `launch_range_um` or another
-        column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates` (readings
-        beyond the first at the same condition) and `has_sigma`.
+        column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates`
+        (readings beyond the first at the same condition) and `has_sigma`.
     """
     return {
         "title": experiment.title,

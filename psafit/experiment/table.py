@@ -293,10 +293,23 @@ def _miscounted(cells: list[str], names: list[str]) -> tuple[str, str]:
     return what, "give one cell a column: decimal points, no thousands separators, no comments, no row numbers"
 
 
-def _other_separator(cells: list[str]) -> str:
+def _other_separator(cells: Sequence[str]) -> str:
     """What stands in the place of commas in a row that has none; empty where nothing does."""
     marks = {";": "semicolons", "\t": "tabs"}
     return next((name for mark, name in marks.items() if len(cells) == 1 and mark in cells[0]), "")
+
+
+def _foreign(names: Sequence[str]) -> tuple[str, str] | None:
+    """What is wrong with a header that is none of launches at all, and the remedy."""
+    if separator := _other_separator(names):
+        return (
+            f"columns are separated by {separator}", f"separate them with commas, and write decimal points; {_IMPORT}"
+        )  # fmt: skip
+    if all(_NUMBER.fullmatch(name) for name in names):
+        return f"unknown column {shown(names[0])}: the file begins with numbers, without a header", _HEADER_REMEDY
+    if "time_us" in names:
+        return "column time_us: these are samples of a trace", "name the file with trace in the place of file"
+    return None
 
 
 def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]:
@@ -308,14 +321,8 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
     def add(what: str, remedy: str) -> None:
         faults.add(InputError(what, remedy, file=file, line=line))
 
-    if separator := _other_separator(names):
-        add(f"columns are separated by {separator}", f"separate them with commas, and write decimal points; {_IMPORT}")
-        faults.end()
-    if "time_us" in names:
-        add("column time_us: these are samples of a trace", "name the file with trace in the place of file")
-        faults.end()
-    if all(_NUMBER.fullmatch(name) for name in names):
-        add(f"unknown column {shown(names[0])}: the file begins with numbers, without a header", _HEADER_REMEDY)
+    if foreign := _foreign(names):
+        add(*foreign)
         faults.end()
     if not names[-1]:
         add("the header ends with a comma", "delete it, and the last comma of each row")

@@ -165,7 +165,7 @@ class Candidate:
 
     @cached_property
     def relative_slope(self) -> FloatArray:
-        """Derivatives of the launch ranges' logarithms, of a trace's samples, by the coordinates; (n_model, n_points)."""
+        """Derivatives of the ranges' logarithms, of a trace's samples, by the coordinates; (n_model, n_points)."""
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.where(self.predicted > 0, self.slope / self.predicted, 0.0)
         return np.asarray(np.where(self.problem.design.traced, self.slope, relative))

@@ -273,14 +273,14 @@ class Problem:
         return self.noise_of(self.to_physical(u)[:, self.n_model :], design)
 
     def noise_along(self, values: FloatArray, here: NDArray[np.intp] | slice) -> FloatArray:
-        """Values of one observable's scatter, (n_sets, 3 or 4), as `noise.scale` takes them for some fitted readings."""
+        """Values of one observable's scatter, (n_sets, 3 or 4), as `noise.scale` takes them for some readings."""
         if values.shape[1] == 3:
             return values
         rho = np.exp(-self.design.elapsed[here] / (values[:, 3:] * 1e-6))
         return np.concatenate([np.repeat(values[:, :3, None], rho.shape[1], axis=2), rho[:, None]], axis=1)
 
     def noise_of(self, values: FloatArray, design: Design) -> FloatArray:
-        """Values of the scatter's parameters, (n_sets, n_dim - n_model), as `noise_values` returns them for a design."""
+        """Values of the scatter's parameters, (n_sets, n_dim - n_model), as `noise_values` has them for a design."""
         if len(self.observables) == 1 and not self.observables[0].traced:
             return values
         starts = np.array([at.start for at in self.scatter_at])[self.scatter_of(design.measured)]
@@ -313,7 +313,8 @@ class Problem:
     @cached_property
     def floor(self) -> FloatArray:
         """What no instrument shows less of at each reading, (n_points,): zero, of launches; nothing, along a trace."""
-        return np.where(self.design.traced, -np.inf, 0.0)
+        groups = (self.experiment.group(g) for g in self.group_ids)
+        return np.concatenate([np.full(g.n_points, g.floor) for g in groups])
 
     @cached_property
     def per_um(self) -> FloatArray:

@@ -20,7 +20,7 @@ from psafit.report import figures
 from psafit.report.catalogue import TITLES
 from psafit.report.figures.curves import ROLE_COLOR
 from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
-from psafit.report.figures.sweep import SWEPT
+from psafit.report.figures.sweep import SWEPT, UNITS
 from psafit.report.page import Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
 from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
@@ -164,7 +164,7 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         band = (log_ratio(p.median, p.upper, *_metric(g)), log_ratio(p.median, p.lower, *_metric(g)))
         worst = int(np.argmax(np.abs(error)))
         at = f"{w.values[worst]:g}"
-        place = {"frequency": f"{at} Hz", "amplitude": f"{at} V"}.get(w.variable, f"reading {at}")
+        place = f"{at} {unit_text(UNITS[w.variable])}" if w.variable in UNITS else f"reading {at}"
         furthest = factor(float(error[worst]))
         pictures.append(
             Picture(

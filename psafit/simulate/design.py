@@ -99,8 +99,8 @@ class Design:
         return int(np.size(self.frequency))
 
     def swept(self, variable: str) -> NDArray[np.float64]:
-        """What "frequency" (Hz) or "amplitude" (V) is at each point."""
-        return self.amplitude if variable == "amplitude" else self.frequency
+        """What "frequency" (Hz), "amplitude" (V) or "time" (us, along a trace) is at each point."""
+        return {"amplitude": self.amplitude, "time": self.time * 1e6}.get(variable, self.frequency)
 
     def along(self, variable: str) -> NDArray[np.float64]:
         """Its logarithm; that of 0 V, which has none, is that of the smallest drive."""

@@ -787,9 +787,9 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
 
 
 @compiled(borrows=True)
-def _fly(
+def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced, moments, tipped, seen
-):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
+):  # fmt: skip
     """Follow one trajectory to the launch, and where it is `tipped`, the tip to the last of some moments.
 
     What is to be `seen` at them is written there, as by `_watched`.
@@ -977,8 +977,8 @@ def _usual_speed(rig, theta_at, point, calls, out):  # type: ignore[no-untyped-d
 
 @compiled
 def _one_set(  # type: ignore[no-untyped-def]
-    rig, theta_at, wanted, rows, points, calls, tolerance, how, forced, moments, tipped, when, speed, place, status, peak,
-    steps, seen,
+    rig, theta_at, wanted, rows, points, calls, tolerance, how, forced, moments, tipped, when, speed, place, status,
+    peak, steps, seen,
 ):  # fmt: skip
     n = NODES
     cache = (
