@@ -483,7 +483,7 @@ def table_name(stem: str, observable: Observable) -> str:
 
 
 def columns_of(observable: Observable) -> tuple[str, ...]:
-    """`COLUMNS` with the column and the unit of an observable in the place of the launch range's."""
+    """`COLUMNS` with an observable's column and unit in the place of the launch range's; of a trace, with `time_us`."""
     unit = observable.column.removeprefix(observable.name)
     return tuple(
         observable.column
@@ -491,14 +491,20 @@ def columns_of(observable: Observable) -> tuple[str, ...]:
         else name.removesuffix("_um") + unit
         if name.endswith("_um")
         else name
-        for name in COLUMNS
+        for name in timed(COLUMNS, observable)
     )
+
+
+def timed(columns: Sequence[str], observable: Observable) -> tuple[str, ...]:
+    """`COLUMNS`, for a trace with the time behind the conditions."""
+    at = columns.index("amplitude_v") + 1
+    return (*columns[:at], *(["time_us"] if observable.traced else []), *columns[at:])
 
 
 def prediction_rows(
     group: Group, median: FloatArray, lower: FloatArray, upper: FloatArray, role: str
 ) -> Iterator[list[object]]:
-    """Cells of `COLUMNS` for each reading of a group.
+    """Cells of `COLUMNS` for each reading of a group; of a trace, with the time behind the conditions.
 
     Parameters
     ----------
@@ -507,7 +513,8 @@ def prediction_rows(
         See `Prediction`.
     role : {"fit", "holdout"}
     """
-    columns = (group.frequency_hz, group.amplitude_v, group.reading, median, lower, upper)
+    time = () if group.time_us is None else (group.time_us,)
+    columns = (group.frequency_hz, group.amplitude_v, *time, group.reading, median, lower, upper)
     for row in zip(*columns, strict=True):
         yield [group.id, group.waveform, *(float(x) for x in row), role]
 

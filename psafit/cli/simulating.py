@@ -167,7 +167,9 @@ def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
     from psafit.validate import columns_of
 
     kinds = dict.fromkeys(o for g in groups for o in g.observables)
-    column, said = columns_of(next(iter(kinds)))[4:6], len(kinds) > 1
+    first, said = next(iter(kinds)), len(kinds) > 1
+    names = columns_of(first)
+    column = names[names.index(first.column) :][:2]
     named = ("observable", "measured", "predicted") if said else column
     timed = any(g.time_us is not None for g in groups)
     rows = [",".join(("group,waveform,frequency_hz,amplitude_v", *(["time_us"] if timed else []), *named))]

@@ -213,7 +213,7 @@ def growth(candidate: Candidate, *, window: int = 9) -> list[Growth]:
 def _logarithms(
     candidate: Candidate,
 ) -> Iterator[tuple[GroupId, str, FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Each sweep of the first observable, no trace: group, variable, logarithms of it, readings, predictions; scatter."""
+    """Each sweep of the first observable, no trace: group, variable, logarithms of it, readings, model; scatter."""
     problem = candidate.problem
     for group_id, variable, rows in sweeps(problem):
         if problem.design.measured[rows[0]] != problem.design.measured.min() or variable == "time":
