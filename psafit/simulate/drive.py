@@ -48,6 +48,8 @@ def _first_zero(a, b, c, r, G, w, psi, end, loose=0.0, most=100_000):  # type: i
     """
     if c == 0.0 and G == 0.0:
         return -a / b if b < 0.0 and a > 0.0 else math.inf
+    if a == 0.0 and b == 0.0 and G == 0.0:
+        return math.inf  # what only decays does not reach zero
     s = 0.0
     rising = True
     for _ in range(most):
@@ -189,6 +191,7 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
             G, phi = swing * math.cos(shift), psi - shift
             a = steady - lag * gain
             c = u - a - G * math.sin(phi)
+            c = c if abs(c) > _ENDED * size0 else 0.0  # it has caught up, all but for rounding
             direction = _sign(ahead, _ENDED * size0, direction)
             if limited:
                 # c_cmd - u = lag (b + G w cos(w s + phi)) - c exp(-r s)
