@@ -271,7 +271,7 @@ def sweeps(problem: Problem) -> list[tuple[GroupId, Variable, NDArray[np.intp]]]
 def of_what(problem: Problem, rows: NDArray[np.intp]) -> str:
     """What readings of one observable are of, behind a noun; empty for launch ranges."""
     observable = OBSERVABLES[problem.design.measured[rows[0]]]
-    return "" if observable is LAUNCH_RANGE else f" of {observable.title}s"
+    return "" if observable is LAUNCH_RANGE else f" of {observable.titles}"
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:

@@ -271,7 +271,7 @@ class Possible:
     def reading(self, measured: int, usual: int) -> Possible:
         """It with another observable."""
         o, design = OBSERVABLES[measured], replace(self.design, measured=np.full(self.design.n_points, measured))
-        text = self.text if measured == usual else f"{self.text}, and read {o.title}s"
+        text = self.text if measured == usual else f"{self.text}, and read {o.titles}"
         return replace(self, text=text, design=design, other=measured != usual)
 
     def judged(self, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:

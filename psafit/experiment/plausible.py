@@ -142,7 +142,7 @@ def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> 
     elif r_max > most:
         # Ten centimetres read better than 1e+05 um.
         beyond = "10 cm" if o is LAUNCH_RANGE else f"{most:g} {o.unit}"
-        found.append(f"{o.title}s reach {r_max:g} {o.unit}, above {beyond}; given in {o.mistaken[1]}?")
+        found.append(f"{o.titles} reach {r_max:g} {o.unit}, above {beyond}; given in {o.mistaken[1]}?")
     if part.sigma is not None and r_max > 0 and float(part.sigma.min()) > r_max:
         found.append(
             f"every {o.sigma_column} exceeds every {o.title} (least {part.sigma.min():g} {o.unit}); given in another"

@@ -84,7 +84,7 @@ def _off_scale(
 ) -> list[str]:
     """What is suspicious of the readings of one observable; see the module."""
     nearly_all, far = settings.nearly_all, math.log(settings.factor)
-    read, other_units = f"{observable.title}s", observable.mistaken
+    read, other_units = observable.titles, observable.mistaken
     every = -(-sum(g.n_points for g in moving) // settings.readings)
     problem = Problem(thinned(replace(experiment, groups=moving), every), tuple(g.id for g in moving))
     quantiles = np.random.default_rng(0).random((settings.draws, problem.n_dim))

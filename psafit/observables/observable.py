@@ -115,9 +115,14 @@ class Observable:
         return self.offset, self.traced
 
     @property
+    def titles(self) -> str:
+        """More than one of them, in sentences."""
+        return f"{self.title.removesuffix('y')}ies" if self.title.endswith("y") else f"{self.title}s"
+
+    @property
     def plural(self) -> str:
-        """More than one of them."""
-        return f"{self.title.split()[-1]}s"
+        """The same in one word."""
+        return self.titles.split()[-1]
 
     @property
     def sigma_column(self) -> str:
