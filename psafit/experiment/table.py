@@ -196,6 +196,26 @@ def csv_rows(file: Path, most_bytes: int) -> Iterator[tuple[int, list[str] | Inp
             yield line, cells
 
 
+def pairs(
+    rows: Iterator[tuple[int, list[str] | InputError]], faults: RowFaults, most_rows: int, what: str, remedy: str
+) -> Iterator[tuple[int, list[str]]]:
+    """Rows of a table of two columns, counted, up to so many; what is none becomes a fault.
+
+    `what` is what a row holds, more than one of them, and `remedy` is for too many.
+    """
+    for line, cells in rows:
+        faults.n_rows += 1
+        if faults.n_rows > most_rows:
+            faults.add("", f"more than {most_rows} {what}", remedy, line)
+            return
+        if isinstance(cells, InputError):
+            faults.add("", cells.what, cells.remedy, line)
+        elif len(cells) != 2:
+            faults.add("", f"{len(cells)} cells in the row, 2 in the header", "give one cell a column", line)
+        else:
+            yield line, [cell.strip() for cell in cells]
+
+
 def _unparsed(row: str, error: csv.Error) -> tuple[str, str]:
     """What is wrong with a row that is no CSV, and the remedy."""
     if '"' not in row:  # nothing else than a cell's length ends the reading
@@ -222,6 +242,7 @@ class RowFaults:
 
     file: Path
     most: int = 10
+    n_rows: int = 0
     # Readings below zero by column: line, cell, values of the row.
     below: dict[str, list[tuple[int, str, dict[str, float]]]] = field(default_factory=dict)
     _kinds: dict[tuple[str, str], tuple[list[InputError], list[int]]] = field(default_factory=dict)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from psafit.errors import InputError
-from psafit.experiment.table import CellFault, RowFaults, csv_rows, plain
+from psafit.experiment.table import CellFault, RowFaults, csv_rows, pairs, plain
 from psafit.experiment.text import listed, shown
 from psafit.observables import OBSERVABLES
 
@@ -64,27 +64,18 @@ def read_trace(
     faults = RowFaults(file)
     found: list[tuple[float, float]] = []
     blank: list[int] = []
-    n_rows = 0
-    for line, cells in rows:
-        n_rows += 1
-        if n_rows > most_rows:
-            faults.add("", f"more than {most_rows} samples", "keep every second one, or every tenth", line)
-            break
-        if isinstance(cells, InputError):
-            faults.add("", cells.what, cells.remedy, line)
-        elif len(cells) != 2:
-            faults.add("", f"{len(cells)} cells in the row, 2 in the header", "give one cell a column", line)
-        else:
-            by_name = dict(zip(names, map(str.strip, cells), strict=True))
-            time = _value(TIME, by_name[TIME], 0.0, _LATEST_US, faults, line)
-            if found and time <= found[-1][0]:
-                what = f"{time:g} comes after {found[-1][0]:g}"
-                faults.add(TIME, what, "sort the rows by time, and give each time once", line)
-            if not by_name[column]:
-                blank.append(line)
-            ends = OBSERVABLES[TRACES[column]].limits
-            reading = _value(column, by_name[column], *ends, faults, line) if by_name[column] else math.nan
-            found.append((time, reading))
+    ends = OBSERVABLES[TRACES[column]].limits
+    for line, two in pairs(rows, faults, most_rows, "samples", "keep every second one, or every tenth"):
+        by_name = dict(zip(names, two, strict=True))
+        time = _value(TIME, by_name[TIME], 0.0, _LATEST_US, faults, line)
+        if found and time <= found[-1][0]:
+            what = f"{time:g} comes after {found[-1][0]:g}"
+            faults.add(TIME, what, "sort the rows by time, and give each time once", line)
+        if not by_name[column]:
+            blank.append(line)
+        reading = _value(column, by_name[column], *ends, faults, line) if by_name[column] else math.nan
+        found.append((time, reading))
+    n_rows = faults.n_rows
     to_come = planned and len(blank) == n_rows
     for line in () if to_come else blank:
         faults.add(column, "is empty", "enter the value, or delete the row if nothing was read", line)

@@ -83,7 +83,7 @@ class Design:
                 array = np.repeat(array, self.n_points, axis=0)
             if array.shape[:1] != (self.n_points,) or array.ndim != (2 if name == "moments" else 1):
                 raise ValueError(f"{name} has shape {array.shape}, expected ({self.n_points},)")
-            array.setflags(write=False)
+            array.setflags(write=name == "moments")  # as the engines take an empty one: they are compiled once
             object.__setattr__(self, name, array)
         for name, sound, wanted in (
             ("drive", (self.drive >= 0) & (self.drive < len(self.drives)), f"0 to {len(self.drives) - 1}"),

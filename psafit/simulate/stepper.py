@@ -566,11 +566,22 @@ def _moved(x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, 
 
 
 @compiled(inside=True)
-def _watched(moments, k, begin, end, state, acceleration, push, h, ball, rest, seen):  # type: ignore[no-untyped-def]
-    """Write ball, its speed and tip, from rest, at the moments from number `k` on until `end`; the next one's number.
+def _last_of(trace):  # type: ignore[no-untyped-def]
+    """The last moment of a trace; minus infinity where there is none."""
+    found = -math.inf
+    for moment in trace[0]:
+        if moment < math.inf:
+            found = moment
+    return found
 
-    They lie in a step that began at `begin` with some `state`.
+
+@compiled(inside=True)
+def _watched(trace, k, begin, end, state, acceleration, push, h, ball, rest):  # type: ignore[no-untyped-def]
+    """Write ball, its speed and tip, from rest, at a trace's moments from number `k` on until `end`; the next one's.
+
+    They lie in a step that began at `begin` with some `state`, or before the first step.
     """
+    moments, _, seen = trace
     x1, v1, x2, v2 = state
     while k < len(moments) and moments[k] <= end:
         theta = min(max((moments[k] - begin) / h, 0.0), 1.0)
@@ -734,32 +745,57 @@ def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no
     return min(max(level, 0), _LEVELS - 1)
 
 
-@compiled(borrows=True)
-def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, tip, moments, seen):  # type: ignore[no-untyped-def]
-    """Follow the tip, from which the ball has gone for good, to the last of some moments."""
-    c_s, m, k_s, q, phase, lag, inverse_slew = rig[1], rig[3], rig[5], rig[6], rig[9], rig[10], rig[11]
-    wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
+@compiled(inside=True)
+def _ready(level, rig, cache):  # type: ignore[no-untyped-def]
+    """Make the matrices of steps of a length that were not needed before."""
     S, T1, T2, U1, U2, _, made, _, answers = cache
+    if not made[level]:
+        _make_level(
+            level, rig[3], rig[4], rig[1], rig[5], rig[21], rig[23], rig[22], S, T1, T2, U1, U2, answers
+        )  # fmt: skip
+        made[level] = True
+
+
+@compiled(inside=True)
+def _finer(level, error):  # type: ignore[no-untyped-def]
+    """The level at which a step with too large an error is tried again."""
+    return max(level - min(max(math.ceil(math.log2(error) / (NODES + 1.0) + 0.1), 1), 8), 0)
+
+
+@compiled(inside=True)
+def _passed(rig, theta_at, rows, point, calls, work):  # type: ignore[no-untyped-def]
+    """Go on to the drive's next piece; the time at which it begins."""
+    piece, _, _, _, mem_z, mem_u = work
+    now = _drive.voltage(piece, piece[_drive.END])
+    _remember(now, rig[6], theta_at, calls, mem_z, mem_u)
+    t = piece[_drive.END]
+    split = len(calls[2]) > 0 or len(calls[4]) > 0
+    _drive.next_piece(piece, now, rows, point, rig[9], rig[10], rig[11], split)
+    return t
+
+
+@compiled(borrows=True)
+def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip):  # type: ignore[no-untyped-def]
+    """Follow the tip, from which the ball has gone for good, to the last moment of a trace that wants it."""
+    moments, tipped, seen = trace
+    if not tipped:
+        return
+    c_s, k_s, q = rig[1], rig[5], rig[6]
+    wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
+    S, T1, T2, _, _, _, _, _, answers = cache
     piece, nodes, _, _, mem_z, mem_u = work
     t, x1, v1, xw, vw, tip_rest, level, watched, new_piece = tip
-    split = len(calls[2]) > 0 or len(calls[4]) > 0
     for _ in range(how.most_steps):
         if watched == len(moments) or moments[watched] == math.inf:
             break
         if t >= piece[_drive.END]:
-            now = _drive.voltage(piece, piece[_drive.END])
-            _remember(now, q, theta_at, calls, mem_z, mem_u)
-            t = piece[_drive.END]
-            _drive.next_piece(piece, now, rows, point, phase, lag, inverse_slew, split)
-            new_piece = True
+            t, new_piece = _passed(rig, theta_at, rows, point, calls, work), True
         if new_piece:
             new_piece = False
             _remember(_drive.voltage(piece, t), q, theta_at, calls, mem_z, mem_u)
         room = piece[_drive.END] - t
         level = _level_for(level, room, False, 0.0, 0.0, splat(0.0), 0.0)
-        if not made[level]:
-            _make_level(level, m, rig[4], c_s, k_s, wall_mass, wall_c, wall_k, S, T1, T2, U1, U2, answers)
-            made[level] = True
+        _ready(level, rig, cache)
         h = _LENGTH[level]
         at = level * NODES * NODES
         stroke = _strokes(piece, load(C, 0) * h + t, q, settled, theta_at, calls, mem_z, mem_u, nodes[3])
@@ -769,7 +805,7 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
         reference = max(reference, abs(v1))
         error = h * _tail(acceleration) / (tolerance * reference)
         if error > 1.0 and level > 0:
-            level = max(level - min(max(math.ceil(math.log2(error) / (NODES + 1.0) + 0.1), 1), 8), 0)
+            level = _finer(level, error)
             continue
         cut = min(room / h, 1.0)
         end = piece[_drive.END] if room <= h else t + h
@@ -787,12 +823,8 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
 
 
 @compiled(borrows=True)
-def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
-    rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced, moments, tipped, seen
-):  # fmt: skip
-    """Follow one trajectory to the launch, and where it is `tipped`, the tip to the last of some moments.
-
-    What is to be `seen` at them is written there, as by `_watched`.
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced, trace):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
+    """Follow one trajectory to the launch, and beyond where a trace (moments, whether of the tip, what is seen) does.
 
     Returns (outcome, time, speed of the ball, its place, highest force until then, steps taken); the place is the
     highest where it is not launched.
@@ -801,7 +833,7 @@ def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
     gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
     wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
-    S, T1, T2, U1, U2, _, made, _, answers = cache
+    S, T1, T2, U1, U2, _, _, _, answers = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
     law = (k_c, c_c, calls[0], calls[1], theta_at, nodes[0], nodes[0].ctypes.data)
     linear = len(calls[0]) == 0
@@ -819,16 +851,9 @@ def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     v1 = v2 = w = vw = lost_d = lost_v2 = 0.0  # the last two: what the sums lack of speed and indentation
     t = piece[_drive.BEGIN]
     rest, highest, peak, separated_once = x2, 0.0, 0.0, False
-    tip_rest, watched, last_moment = x1, 0, -math.inf
-    while watched < len(moments) and moments[watched] < math.inf:
-        last_moment = moments[watched]
-        watched += 1
-    watched = 0
-    while watched < len(moments) and moments[watched] <= t:
-        seen[watched] = 0.0
-        watched += 1
+    tip_rest, watched = x1, 0
     last_time, last_speed, last_place, last_peak = math.nan, 0.0, 0.0, 0.0
-    waiting = max(point[LENGTH] + HORIZON_PERIODS / f, last_moment)
+    waiting = max(point[LENGTH] + HORIZON_PERIODS / f, _last_of(trace))
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
     F = kept = splat(0.0)
@@ -845,9 +870,7 @@ def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
             level = min(level, first_level)
         room = piece[_drive.END] - t
         level = _level_for(level, room, rough, w, d, F, how.last_impulse * tolerance * ball * reference)
-        if not made[level]:
-            _make_level(level, m, ball, c_s, k_s, wall_mass, wall_c, wall_k, S, T1, T2, U1, U2, answers)
-            made[level] = True
+        _ready(level, rig, cache)
         h = _LENGTH[level]
         at = level * NODES * NODES
 
@@ -873,9 +896,7 @@ def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
         )
         swing = times(ONCE_TO_BERNSTEIN, 0, w_node) * h + d
         if error > 1.0 and level > 0:
-            down = math.ceil(math.log2(error) / (NODES + 1.0) + 0.1)
-            level = max(level - min(max(down, 1), 8), 0)
-            carried = False
+            level, carried = _finer(level, error), False
             rough = rough or (not linear and regime != FREE and w < 0.0 and found and last(swing) < 0.0)
             continue
 
@@ -894,11 +915,9 @@ def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
         whole, before, x2_before = cut > 1.0, v2, x2
         if forced and regime != FREE:
             peak = _peak(F, kappa, min(cut, 1.0), peak, bern, stack)
-        if watched < len(moments):
-            watched = _watched(
-                moments, watched, t, t + min(cut, 1.0) * h, (x1, v1, x2, v2), acceleration, push, h, ball,
-                (tip_rest, rest), seen,
-            )  # fmt: skip
+        watched = _watched(
+            trace, watched, t, t + min(cut, 1.0) * h, (x1, v1, x2, v2), acceleration, push, h, ball, (tip_rest, rest)
+        )
         x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
             x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
         )
@@ -917,11 +936,7 @@ def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
             level = _grown(level, error)
             begun, first_level = False, level if begun else first_level
             if event == _PIECE:
-                now = _drive.voltage(piece, piece[_drive.END])
-                _remember(now, q, theta_at, calls, mem_z, mem_u)
-                t = piece[_drive.END]
-                _drive.next_piece(piece, now, rows, point, phase, lag, inverse_slew, split)
-                new_piece = True
+                t, new_piece = _passed(rig, theta_at, rows, point, calls, work), True
         else:
             carried, fresh, lost_d = False, True, 0.0
             if event == _RESTS:
@@ -948,11 +963,8 @@ def _fly(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
                     window = cycles / f if opposed <= 0.0 else min(cycles / f, t + v2 * ball / opposed)
         if (separated_once and regime == FREE and t > window) or t > (waiting if regime == FREE else horizon):
             break
-    if tipped:
-        tip = (t, x1, v1, xw, vw, tip_rest, level, watched, new_piece)
-        _tip_alone(
-            rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, tip, moments, seen
-        )
+    tip = (t, x1, v1, xw, vw, tip_rest, level, watched, new_piece)
+    _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip)
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
         slow = last_speed < how.slow * reference and tolerance * reference > how.rounding * q * point[REACH] * f
@@ -1003,22 +1015,9 @@ def _one_set(  # type: ignore[no-untyped-def]
         total_steps = 0
         for k in range(12):
             outcome, t, v, x, top, count = _fly(
-                rig,
-                theta_at,
-                rows,
-                point,
-                calls,
-                cache,
-                work,
-                tolerance,
-                how,
-                reference,
-                k == 0,
-                forced,
-                moments[j],
-                tipped,
-                seen[j],
-            )
+                rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, k == 0, forced,
+                (moments[j], tipped, seen[j]),
+            )  # fmt: skip
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
