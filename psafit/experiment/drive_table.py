@@ -9,7 +9,7 @@ import numpy as np
 
 from psafit.drives import Table
 from psafit.errors import InputError
-from psafit.experiment.table import CellFault, RowFaults, csv_rows, pairs, plain
+from psafit.experiment.table import CellFault, RowFaults, headed, pairs, plain
 from psafit.experiment.text import listed, shown
 
 PERIOD, RECORDED = ("phase", "level"), ("time_us", "voltage_v")
@@ -35,11 +35,8 @@ def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, mo
     InputError
         With every fault of the file.
     """
-    rows = csv_rows(file, most_bytes)
-    line, cells = next(rows, (1, InputError("the file is empty", _HEADER, file=file, line=1)))
-    if isinstance(cells, InputError):
-        raise cells
-    names = tuple(cell.strip().lower() for cell in cells)
+    line, header, rows = headed(file, most_bytes, _HEADER)
+    names = tuple(map(str.lower, header))
     if names not in (PERIOD, RECORDED):
         raise InputError(f"columns {listed(map(shown, names))} are not those of a drive", _HEADER, file=file, line=line)
     faults = RowFaults(file)

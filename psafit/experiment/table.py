@@ -196,9 +196,19 @@ def csv_rows(file: Path, most_bytes: int) -> Iterator[tuple[int, list[str] | Inp
             yield line, cells
 
 
-def pairs(
-    rows: Iterator[tuple[int, list[str] | InputError]], faults: RowFaults, most_rows: int, what: str, remedy: str
-) -> Iterator[tuple[int, list[str]]]:
+Rows = Iterator[tuple[int, list[str] | InputError]]
+
+
+def headed(file: Path, most_bytes: int, remedy: str) -> tuple[int, list[str], Rows]:
+    """Line and names of a file's header, and the rows below; the `remedy` is for a file without any."""
+    rows = csv_rows(file, most_bytes)
+    line, cells = next(rows, (1, InputError("the file is empty", remedy, file=file, line=1)))
+    if isinstance(cells, InputError):
+        raise cells
+    return line, [cell.strip() for cell in cells], rows
+
+
+def pairs(rows: Rows, faults: RowFaults, most_rows: int, what: str, remedy: str) -> Iterator[tuple[int, list[str]]]:
     """Rows of a table of two columns, counted, up to so many; what is none becomes a fault.
 
     `what` is what a row holds, more than one of them, and `remedy` is for too many.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from psafit.errors import InputError
-from psafit.experiment.table import CellFault, RowFaults, csv_rows, pairs, plain
+from psafit.experiment.table import CellFault, RowFaults, headed, pairs, plain
 from psafit.experiment.text import listed, shown
 from psafit.observables import OBSERVABLES
 
@@ -55,11 +55,7 @@ def read_trace(
     InputError
         With every fault of the file.
     """
-    rows = csv_rows(file, most_bytes)
-    line, cells = next(rows, (1, InputError("the file is empty", _HEADER, file=file, line=1)))
-    if isinstance(cells, InputError):
-        raise cells
-    names = [cell.strip() for cell in cells]
+    line, names, rows = headed(file, most_bytes, _HEADER)
     column = _column(names, file, line)
     faults = RowFaults(file)
     found: list[tuple[float, float]] = []
