@@ -165,18 +165,20 @@ class Effect:
 
 
 def in_scatter(
-    launch_range: ArrayLike, relative: float = UsualScatter.relative, absolute: float = UsualScatter.absolute_m
+    reading: ArrayLike,
+    relative: float | FloatArray = UsualScatter.relative,
+    absolute: float | FloatArray = UsualScatter.absolute_m,
 ) -> FloatArray:
-    """Map launch ranges to the coordinate in which the scatter has standard deviation 1.
+    """Map launch ranges, or other readings, to the coordinate in which the scatter has standard deviation 1.
 
     Parameters
     ----------
-    launch_range : array
+    reading : (..., n_points) array
         In the unit of `absolute`, m by default.
-    relative, absolute : float
-        The scatter.
+    relative, absolute : float or (n_points,) array
+        The scatter, of all readings or of each.
     """
-    return np.asarray(np.arcsinh(relative * np.asarray(launch_range, dtype=float) / absolute)) / relative
+    return np.asarray(np.arcsinh(relative * np.asarray(reading, dtype=float) / absolute)) / relative
 
 
 def effect(
