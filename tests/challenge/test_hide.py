@@ -19,7 +19,7 @@ from psafit.challenge.hide import HideSettings, Outside, make, simulate_literall
 from psafit.challenge.oracle import consult
 from psafit.drives import Drive, Table
 from psafit.errors import InputError
-from psafit.experiment import Experiment, read_experiment, read_plan, write_experiment
+from psafit.experiment import Experiment, read_experiment, write_experiment
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics import TERMS, term
 from psafit.simulate import Design, readings, simulate
@@ -144,10 +144,10 @@ def test_drawn_designs_have_every_drive_and_observable_and_other_stacks(tmp_path
     few = [e for e in every if sum(g.n_points for g in e.groups) <= 60]
     # Of 120 with a chance of 0.4 fewer than 30 or more than 66 come in one run of a thousand.
     assert 30 <= len(few) <= 66 and len({e.constants.k_s for e in every}) > 30
-    for e in every[:20]:  # the files hold them as they are
-        write_experiment(e, tmp_path / e.fingerprint)
-        for mine, read in zip(e.groups, read_plan(tmp_path / e.fingerprint).groups, strict=True):
-            assert mine.drive == read.drive and np.array_equal(mine.frequency_hz, read.frequency_hz)
+    for e in every[:8]:  # the files hold them as they are
+        whole = e.with_readings(np.ones(sum(g.n_points for g in e.groups)))
+        write_experiment(whole, tmp_path / e.fingerprint)
+        assert read_experiment(tmp_path / e.fingerprint).fingerprint == whole.fingerprint
 
 
 def test_a_design_shows_what_is_hidden_in_it() -> None:
@@ -190,23 +190,22 @@ def test_any_drive_and_observable_holds_what_the_reference_makes_of_it(tmp_path:
 def test_a_launch_that_fails_has_no_time(tmp_path: Path) -> None:
     """Its cell stays empty, its range reads zero."""
     weak = mixed()
-    a = weak.groups[0]
-    volts = np.where(a.row < 2, 1e-6, a.amplitude_v)
-    make(5, tmp_path, design_of=replace(weak, groups=(replace(a, amplitude_v=volts), weak.groups[1])), kind="nothing")
+    a, b = weak.groups
+    a = replace(a, amplitude_v=np.where(a.row < 2, 0.0, a.amplitude_v), drive=Drive("unipolar_sine"))
+    make(5, tmp_path, design_of=replace(weak, groups=(a, b)), kind="nothing")
     experiment, answer = unseal(tmp_path)
     first = experiment.groups[0]
     assert [int(np.sum(first.measured == k)) for k in (0, 2, 3)] == [8, 6, 6]
     assert len(answer.true_readings) == first.n_points + experiment.groups[1].n_points
 
 
-@pytest.mark.slow
 def test_the_answer_says_what_was_drawn(tmp_path: Path) -> None:
-    made = make(2, tmp_path / "a", kind="nothing")
+    made = make(7, tmp_path / "a", kind="nothing")
     told = made.answer.drawn
     assert told is not None and made.answer.design == "drawn"
     assert told.drives == {str(g.id): g.drive.label for g in made.experiment.groups}
     assert told.constants["M"] == made.experiment.constants.M
-    assert files(tmp_path / "a") == files(make(2, tmp_path / "b", kind="nothing").folder)
+    assert files(tmp_path / "a") == files(make(7, tmp_path / "b", kind="nothing").folder)
 
 
 @pytest.mark.parametrize(
