@@ -22,7 +22,7 @@ from psafit.observables import OBSERVABLES
 
 CONSTANTS = {"M": 0.027, "m": 0.005, "q": 1.2e-7, "l": 0.09, "k_s": 4.89e7, "g": 9.81}
 FACTS = {
-    "ball_radius": (1e-3, 2e-2), "source_resistance": (1.0, 1e4), "capacity": (1e-8, 1e-5),
+    "ball_radius": (1e-3, 2e-2), "source_resistance": (1.0, 1e3), "capacity": (1e-8, 5e-6),
     "rated_voltage": (20.0, 1000.0), "rated_stroke": (1e-6, 1e-4), "layer_thickness": (2e-5, 2e-3),
 }  # fmt: skip
 SETTINGS = {"bias_v": (-100.0, 100.0), "idle_v": (-100.0, 100.0), "phase_deg": (-360.0, 360.0), "cycles": (0.5, 50.0)}
