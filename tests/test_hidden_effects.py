@@ -219,8 +219,8 @@ def test_a_stubborn_diagnosis_can_do_one_kind() -> None:
     assert not any(is_right(answer, told) for answer in answers)
 
 
-# Parts of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by two, the tests and
-# the discrepancy; either sees what is hidden here.)
+# Parts of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by two, the tests with
+# what they say of tails and coincidences, and the discrepancy; either sees what is hidden here.)
 PARTS = {
     "what has no name": "outside",
     "single causes": "one",
@@ -234,7 +234,8 @@ PAID = 30.0  # nats a cause: more than one costs that does nothing
 def without(part: str, patch: pytest.MonkeyPatch) -> None:
     """Take a part away."""
     if part == "what has no name":
-        patch.setattr(judging, "examine", lambda *a, **k: replace(examine(*a, **k), p_value=1.0, places=()))
+        silent = {"p_value": 1.0, "places": (), "coincidences": (), "usual_tails": None}
+        patch.setattr(judging, "examine", lambda *a, **k: replace(examine(*a, **k), **silent))
 
         def nothing(model: Candidate, outlying: Any = None) -> Discrepancy:
             found = discrepancy(model, outlying)
