@@ -165,7 +165,8 @@ def _rig(rng: random.Random) -> dict[str, Any]:
 
 def _number(rng: random.Random, low: float, high: float) -> float:
     value = rng.uniform(low, high)
-    return rng.choice([value, float(f"{value:.3g}"), float(f"{value:.1g}")])
+    texts = [repr(value), f"{value:.3g}", f"{value:.1g}"]
+    return rng.choice([x for x in map(float, texts) if low <= x <= high])
 
 
 def _group(rng: random.Random, folder: Path, number: int, spoil: Callable[[Keys, Lines], None]) -> tuple[Held, Keys]:
