@@ -1,9 +1,9 @@
 """Hostile input by the thousand: every file psafit reads, and the options of every command (`make fuzz`).
 
-Each case runs one command, in a copy of a small folder of which one file, or the command line, was spoilt; commands that
-do more than read files run in a process of their own. Whatever it meets, psafit must end within a time limit with exit code 0, 1 or 2; where it refuses,
-with a line on standard error for each fault, no traceback, and nothing left behind. A case is determined by the seed
-and its number: ``python tests/fuzz.py --seed S --only N`` repeats it.
+Each case runs one command, in a copy of a small folder of which one file, or the command line, was spoilt. Commands
+that do more than read run in a process of their own. Whatever it meets, psafit must end within a time limit with exit
+code 0, 1 or 2; where it refuses, with a line on standard error for each fault, no traceback, and nothing left behind.
+A case is determined by the seed and its number: ``python tests/fuzz.py --seed S --only N`` repeats it.
 """
 
 from __future__ import annotations
