@@ -47,11 +47,13 @@ def _asked(name: str) -> bool:
 
 def _conditions(experiment: Path) -> Experiment:
     """The experiment whose conditions are simulated."""
-    from psafit.experiment import read_experiment
+    from psafit.experiment import read_experiment, refuse_traces
 
     if not _asked("experiment") and not experiment.exists():
         raise InputError(f"there is no {experiment} here", "say whose conditions to simulate: --experiment EXP")
-    return read_experiment(experiment)
+    found = read_experiment(experiment)
+    refuse_traces(found.groups, "psafit challenge")
+    return found
 
 
 @click.group(cls=Group, short_help="Hide effects, and measure how well a diagnosis finds them.")

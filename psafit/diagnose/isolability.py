@@ -30,9 +30,9 @@ from scipy.sparse.csgraph import connected_components
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Possible, proposals
-from psafit.experiment import Constants
+from psafit.experiment import Constants, refuse_traces
 from psafit.experiment.records import Conditions
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
 from psafit.physics.term import Term
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings
@@ -308,6 +308,7 @@ def isolability(
     -------
     Isolability
     """
+    refuse_traces(groups, "--isolability")
     settings = settings or IsolabilitySettings()
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
     usual = int(design.measured.min())
@@ -325,7 +326,7 @@ def isolability(
     blocks = _blocks(ids, visible, nats, settings.apart)
     alike = [t for t in catalogue if any(t.id in block for block in blocks)]
     others: dict[str, list[_Effects]] = {}
-    for k, o in enumerate(OBSERVABLES):
+    for k, o in enumerate(OF_LAUNCHES):
         if alike and k not in design.measured:
             also = Design.of(constants, [_reading_also(g, k) for g in groups])
             others[o.name] = [_Effects.at(also, theta, alike, settings).refitted() for theta in at]

@@ -34,6 +34,7 @@ from psafit.experiment.records import (
     describe,
     fingerprint,
     read_as,
+    refuse_traces,
     session_name,
 )
 from psafit.experiment.rig import Rig
@@ -60,6 +61,7 @@ __all__ = [
     "read_as",
     "read_experiment",
     "read_plan",
+    "refuse_traces",
     "session_name",
     "write_experiment",
 ]
