@@ -32,7 +32,7 @@ from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Possible, proposals
 from psafit.experiment import Constants
 from psafit.experiment.records import Conditions
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
 from psafit.physics.term import Term
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings
@@ -310,7 +310,7 @@ def isolability(
     """
     settings = settings or IsolabilitySettings()
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
-    usual = int(design.measured.min())
+    usual = int(design.measured[~design.traced].min(initial=len(OF_LAUNCHES)) % len(OF_LAUNCHES))
     sweeps = [p.reading(usual, usual) for p in proposals(constants, groups, limits) if not p.changed]
     raw = [_Effects.at(design, theta, catalogue, settings) for theta in at]
     effects = [one.refitted() for one in raw]
@@ -325,7 +325,7 @@ def isolability(
     blocks = _blocks(ids, visible, nats, settings.apart)
     alike = [t for t in catalogue if any(t.id in block for block in blocks)]
     others: dict[str, list[_Effects]] = {}
-    for k, o in enumerate(OBSERVABLES):
+    for k, o in enumerate(OF_LAUNCHES):
         if alike and k not in design.measured:
             also = Design.of(constants, [_reading_also(g, k) for g in groups])
             others[o.name] = [_Effects.at(also, theta, alike, settings).refitted() for theta in at]
@@ -371,7 +371,9 @@ def _blocks(
 
 
 def _reading_also(group: Conditions, measured: int) -> Conditions:
-    """A sweep in which one observable more is read of every launch."""
+    """A sweep in which one observable more is read of every launch; a trace as it is."""
+    if group.time_us is not None:
+        return group
     _, first = np.unique(group.row, return_index=True)
     kinds = np.concatenate([group.measured, np.full(first.size, measured)])
     return replace(group.at(np.concatenate([np.arange(group.n_points), first])), measured=kinds)
