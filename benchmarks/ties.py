@@ -27,7 +27,7 @@ from psafit.diagnose.isolability import IsolabilitySettings
 from psafit.experiment import Experiment, read_experiment
 from psafit.inference.optimise import gradient
 from psafit.inference.problem import Problem
-from psafit.observables import OBSERVABLES
+from psafit.observables import OF_LAUNCHES
 from psafit.physics import baseline, terms
 from psafit.simulate.sensitivity import RIGS, in_scatter, plausible
 
@@ -46,7 +46,7 @@ TIES = (
     ("hunt_crossley", "no_tension"),
     ("hysteresis+stroke_tolerance", "hysteresis+amplifier_lag"),
 )
-SETS = tuple(tuple(sorted({0, k})) for k in range(len(OBSERVABLES)))
+SETS = tuple(tuple(sorted({0, k})) for k in range(len(OF_LAUNCHES)))
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def conditions(every: int) -> Experiment:
     groups = []
     for g in study.groups:
         g = replace(g.at(np.arange(g.n_points)[::every]), sigma=None)
-        rows, kinds = np.tile(np.arange(g.n_points), len(OBSERVABLES)), np.repeat(range(len(OBSERVABLES)), g.n_points)
+        rows, kinds = np.tile(np.arange(g.n_points), len(OF_LAUNCHES)), np.repeat(range(len(OF_LAUNCHES)), g.n_points)
         g = g.at(rows)
         groups.append(replace(g, row=rows, measured=kinds))
     return replace(study, groups=tuple(groups))
@@ -108,7 +108,7 @@ def left(
     """What a model leaves of readings without scatter, refitted from some starts, nats; and where that is."""
     measured = problem.design.measured
     scale = IsolabilitySettings().scatter(measured)
-    blank = np.array([OBSERVABLES[k].blank for k in measured])
+    blank = np.array([OF_LAUNCHES[k].blank for k in measured])
     used = np.isin(measured, kinds) & ~(blank & (exact == 0.0))
     target, n = in_scatter(exact, *scale), problem.n_model
     bounds = problem.bounds[:n]
@@ -157,12 +157,12 @@ def key(one: Refit) -> tuple[str, str, str, str]:
 
 
 def names(kinds: Sequence[int]) -> list[str]:
-    return [OBSERVABLES[k].name for k in kinds]
+    return [OF_LAUNCHES[k].name for k in kinds]
 
 
 def table(found: Sequence[Refit], apart: float) -> str:
     """A row for each side of a tie that launch ranges leave at some place, and in a cell the places one by one."""
-    heads = ["ranges" + (f" and {OBSERVABLES[s[-1]].plural}" if s[1:] else "") for s in SETS]
+    heads = ["ranges" + (f" and {OF_LAUNCHES[s[-1]].plural}" if s[1:] else "") for s in SETS]
     lines = [f"| readings of | fitted by | {' | '.join(heads)} |", "|---|---|" + "---|" * len(SETS)]
     for truth, rival in (side for pair in TIES for side in (pair, pair[::-1])):
         by = {(r.place, *r.observables): r for r in found if (r.truth, r.rival) == (truth, rival)}

@@ -18,7 +18,7 @@ from typing import Any
 from psafit.drives import WAVEFORMS
 from psafit.experiment import Experiment
 from psafit.experiment.rig import MATERIALS
-from psafit.observables import OBSERVABLES
+from psafit.observables import OF_LAUNCHES
 
 CONSTANTS = {"M": 0.027, "m": 0.005, "q": 1.2e-7, "l": 0.09, "k_s": 4.89e7, "g": 9.81}
 FACTS = {
@@ -125,7 +125,7 @@ def _another_unit(keys: Keys, table: Lines) -> None:
 
 
 def _an_error_of_nothing(keys: Keys, table: Lines) -> None:
-    names = [o.sigma_column for o in OBSERVABLES if o.column not in table[0] and o.sigma_column not in table[0]]
+    names = [o.sigma_column for o in OF_LAUNCHES if o.column not in table[0] and o.sigma_column not in table[0]]
     for k, row in enumerate(table):
         row.append((names[0] if names else "sigma_s") if k == 0 else "0.1")
 
@@ -209,7 +209,7 @@ def _recording(rng: random.Random) -> list[tuple[float, float]]:
 
 def _readings(rng: random.Random) -> tuple[list[Cell], Lines]:
     """Cells of a table, and the table as it is written."""
-    read = rng.sample(OBSERVABLES, rng.choice([1, 1, 2, 3]))
+    read = rng.sample(OF_LAUNCHES, rng.choice([1, 1, 2, 3]))
     stated = [o for o in read if rng.random() < 0.3 and sum(p.sigma_column == o.sigma_column for p in read) == 1]
     names = ["frequency_hz", "amplitude_v", *(o.column for o in read), *(o.sigma_column for o in stated)]
     order = names[:]
@@ -257,7 +257,7 @@ def read_plainly(folder: Path) -> list[Held]:
         head, *rows = _rows(folder / keys["file"])
         for row in rows:
             cell = dict(zip(head, row, strict=True))
-            for o in OBSERVABLES:
+            for o in OF_LAUNCHES:
                 if cell.get(o.column):
                     error = float(cell[o.sigma_column]) if cell.get(o.sigma_column) else None
                     held.cells.append(
@@ -301,7 +301,7 @@ def differs(experiment: Experiment, groups: list[Held], rig: dict[str, Any] | No
         errors = [None] * g.n_points if g.sigma is None else [s or None for s in g.sigma.tolist()]
         columns = (g.frequency_hz, g.amplitude_v, g.measured, g.reading)
         cells = [
-            (f, v, OBSERVABLES[int(k)].column, y, s)
+            (f, v, OF_LAUNCHES[int(k)].column, y, s)
             for f, v, k, y, s in zip(*(c.tolist() for c in columns), errors, strict=True)
         ]
         if sorted(cells, key=repr) != sorted(held.cells, key=repr):

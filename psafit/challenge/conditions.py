@@ -16,7 +16,7 @@ from psafit.arrays import FloatArray
 from psafit.challenge.answer import DrawnDesign
 from psafit.drives import TABLE, Drive, Table
 from psafit.experiment import Constants, Experiment, Group, fingerprint
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, OF_LAUNCHES
 from psafit.physics.term import Term
 
 # Streams of random numbers: of designs like the study's, and of what departs from it.
@@ -216,7 +216,7 @@ def _reads(rng: np.random.Generator, s: ConditionSettings, ranges: bool) -> list
     other, which = rng.uniform() < s.other_reads, rng.choice(len(s.reads), p=_odds([w for _, w in s.reads]))
     if other:
         names = s.reads[int(which)][0]
-    return [k for k, o in enumerate(OBSERVABLES) if o.name in names or (ranges and o is LAUNCH_RANGE)]
+    return [k for k, o in enumerate(OF_LAUNCHES) if o.name in names or (ranges and o is LAUNCH_RANGE)]
 
 
 def _odds(weights: Sequence[float]) -> FloatArray:

@@ -185,6 +185,12 @@ def make(
     settings = settings or HideSettings()
     if strength is not None and (kind == "nothing" or outside is not None):
         raise InputError("a strength of no cause is asked for", "leave it out")
+    if design_of is not None and any(g.time_us is not None for g in design_of.groups):
+        raise InputError(
+            "holds traces, in which challenges are not hidden",
+            "give a folder without the groups that have a trace",
+            file=design_of.folder,
+        )
     kind, chosen = _request(seed, kind, terms, outside, settings.odds)
     if strength is not None and not (np.isfinite(strength) and strength > 0):
         raise InputError(f"a gain of {strength:g} nats cannot be asked for", "give a number above 0")

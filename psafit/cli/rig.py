@@ -104,7 +104,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
     from psafit.cli.simulating import PICTURES
     from psafit.diagnose.isolability import isolability
     from psafit.experiment import read_plan
-    from psafit.observables import OBSERVABLES
+    from psafit.observables import OF_LAUNCHES
     from psafit.physics import TERMS, informed
     from psafit.progress import watcher
 
@@ -136,7 +136,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
                 what = "are told apart by" if s.splits else "none tells all apart; the best is"
                 click.echo(f"  {what} {s.readings} readings, {s.text} (the closest pair by {fixed(s.nats, 1)} nats)")
             if (other := block.also) is not None:
-                titles = {o.name: f"{o.title}s" for o in OBSERVABLES}
+                titles = {o.name: o.titles for o in OF_LAUNCHES}
                 told = "them all" if other.splits else ", ".join(" from ".join(pair) for pair in other.pairs)
                 click.echo(f"  {titles[other.observable]}, read of the same launches, would tell {told} apart")
         if found.pairs:

@@ -311,7 +311,7 @@ def isolability(
     refuse_traces(groups, "--isolability")
     settings = settings or IsolabilitySettings()
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
-    usual = int(design.measured.min())
+    usual = int(design.measured[~design.traced].min(initial=len(OF_LAUNCHES)) % len(OF_LAUNCHES))
     sweeps = [p.reading(usual, usual) for p in proposals(constants, groups, limits) if not p.changed]
     raw = [_Effects.at(design, theta, catalogue, settings) for theta in at]
     effects = [one.refitted() for one in raw]
@@ -372,7 +372,9 @@ def _blocks(
 
 
 def _reading_also(group: Conditions, measured: int) -> Conditions:
-    """A sweep in which one observable more is read of every launch."""
+    """A sweep in which one observable more is read of every launch; a trace as it is."""
+    if group.time_us is not None:
+        return group
     _, first = np.unique(group.row, return_index=True)
     kinds = np.concatenate([group.measured, np.full(first.size, measured)])
     return replace(group.at(np.concatenate([np.arange(group.n_points), first])), measured=kinds)

@@ -20,7 +20,7 @@ from psafit.challenge.oracle import consult
 from psafit.drives import Drive, Table
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment, write_experiment
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, OF_LAUNCHES
 from psafit.physics import TERMS, term
 from psafit.simulate import Design, readings, simulate
 
@@ -140,7 +140,7 @@ def test_drawn_designs_have_every_drive_and_observable_and_other_stacks(tmp_path
     }  # fmt: skip
     assert all(any(getattr(g.drive, key) not in (0.0, math.inf) for g in groups)
                for key in ("bias_v", "idle_v", "phase_deg", "cycles"))  # fmt: skip
-    assert {o for g in groups for o in g.observables} == set(OBSERVABLES)
+    assert {o for g in groups for o in g.observables} == set(OF_LAUNCHES)
     few = [e for e in every if sum(g.n_points for g in e.groups) <= 60]
     # Of 120 with a chance of 0.4 fewer than 30 or more than 66 come in one run of a thousand.
     assert 30 <= len(few) <= 66 and len({e.constants.k_s for e in every}) > 30
@@ -175,7 +175,7 @@ def mixed() -> Experiment:
 def test_any_drive_and_observable_holds_what_the_reference_makes_of_it(tmp_path: Path) -> None:
     made = make(5, tmp_path, design_of=mixed(), kind="nothing")
     experiment, answer = unseal(tmp_path)
-    assert answer.scatter.keys() == {p.name for o in OBSERVABLES for p in o.scatter}
+    assert answer.scatter.keys() == {p.name for o in OF_LAUNCHES for p in o.scatter}
     assert [g.observables for g in experiment.groups] == [g.observables for g in mixed().groups]
     design = Design.of(experiment.constants, experiment.groups)
     theta = [answer.parameters[name] for name in ("k_c", "c_s", "c_c")]
@@ -225,6 +225,15 @@ def test_a_request_that_contradicts_itself_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=what):
         make(1, tmp_path / "x", design_of=known, **options)
+    assert not (tmp_path / "x").exists()
+
+
+def test_nothing_is_hidden_in_traces(known: Experiment, tmp_path: Path) -> None:
+    first = known.groups[0]
+    n = first.n_points
+    trace = replace(first, time_us=np.arange(1.0, n + 1), measured=np.full(n, len(OF_LAUNCHES)))
+    with pytest.raises(InputError, match="holds traces"):
+        make(5, tmp_path / "x", design_of=replace(known, groups=(trace,)), kind="nothing")
     assert not (tmp_path / "x").exists()
 
 

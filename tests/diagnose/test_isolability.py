@@ -16,7 +16,7 @@ from psafit.diagnose.next_experiment import proposals, proposed
 from psafit.drives import Drive, Table
 from psafit.experiment import Experiment
 from psafit.inference.problem import Problem
-from psafit.observables import CONTACT_TIME, OBSERVABLES, PEAK_FORCE
+from psafit.observables import CONTACT_TIME, OF_LAUNCHES, PEAK_FORCE
 from psafit.physics import terms
 from psafit.simulate import Design
 from psafit.simulate.sensitivity import RIGS
@@ -132,14 +132,14 @@ def test_another_observable_that_would_tell_causes_apart_is_named(pair, strength
 def test_refits_lose_by_that_observable_what_ranges_leave(pair, strength, other):
     """By least squares with the simulator itself, of the side that is harder to tell."""
     ties = loaded(ROOT / "benchmarks" / "ties.py")
-    e = read_of(experiment(n=16), range(len(OBSERVABLES)))
+    e = read_of(experiment(n=16), range(len(OF_LAUNCHES)))
     sides = []
     for truth, rival in (pair, pair[::-1]):
         made = Problem(e, e.ids, terms([truth]))
         exact = made.predict(ties.start(made, RIGS["study"], strength, None)[None])[0]
         wrong = replace(made, terms=terms([rival]))
         near = [ties.start(wrong, RIGS["study"], share, None) for share in (0.2, 0.5, 0.8)]
-        whole, end = ties.left(wrong, near, exact, (0, OBSERVABLES.index(other)), 30)
+        whole, end = ties.left(wrong, near, exact, (0, OF_LAUNCHES.index(other)), 30)
         sides.append((ties.left(wrong, [*near, end], exact, (0,), 30)[0], whole))
     (ranges, both) = map(min, zip(*sides, strict=True))
     apart = IsolabilitySettings().apart
