@@ -11,10 +11,9 @@ from folders import write
 from scipy.stats import multivariate_normal
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.isolability import isolability
 from psafit.drives import Drive, Table
 from psafit.errors import InputError
-from psafit.experiment import Conditions, describe, read_experiment, read_plan, refuse_traces, write_experiment
+from psafit.experiment import Conditions, describe, read_experiment, read_plan, write_experiment
 from psafit.inference import noise
 from psafit.inference.candidate import optimised
 from psafit.inference.optimise import gradient
@@ -319,10 +318,3 @@ def test_sessions_keep_their_columns_beside_traces() -> None:
     large = replace(problem, terms=(gain,))
     u = large.prior_transform(np.full((2, large.n_dim), 0.5))
     assert np.isfinite(large.predict(u)).all()
-
-
-def test_what_knows_launches_alone_refuses_a_trace(tmp_path: Path) -> None:
-    groups = read_experiment(folder(tmp_path)).groups
-    refuse_traces(groups[:1], "psafit challenge")
-    with pytest.raises(InputError, match="group 9 is a trace"):
-        isolability("", STUDY, groups, (), ())

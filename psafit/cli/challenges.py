@@ -47,13 +47,11 @@ def _asked(name: str) -> bool:
 
 def _conditions(experiment: Path) -> Experiment:
     """The experiment whose conditions are simulated."""
-    from psafit.experiment import read_experiment, refuse_traces
+    from psafit.experiment import read_experiment
 
     if not _asked("experiment") and not experiment.exists():
         raise InputError(f"there is no {experiment} here", "say whose conditions to simulate: --experiment EXP")
-    found = read_experiment(experiment)
-    refuse_traces(found.groups, "psafit challenge")
-    return found
+    return read_experiment(experiment)
 
 
 @click.group(cls=Group, short_help="Hide effects, and measure how well a diagnosis finds them.")

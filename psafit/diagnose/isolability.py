@@ -30,7 +30,7 @@ from scipy.sparse.csgraph import connected_components
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Possible, proposals
-from psafit.experiment import Constants, refuse_traces
+from psafit.experiment import Constants
 from psafit.experiment.records import Conditions
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
 from psafit.physics.term import Term
@@ -308,7 +308,6 @@ def isolability(
     -------
     Isolability
     """
-    refuse_traces(groups, "--isolability")
     settings = settings or IsolabilitySettings()
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
     usual = int(design.measured[~design.traced].min(initial=len(OF_LAUNCHES)) % len(OF_LAUNCHES))

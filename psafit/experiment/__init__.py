@@ -34,7 +34,6 @@ from psafit.experiment.records import (
     describe,
     fingerprint,
     read_as,
-    refuse_traces,
     session_name,
 )
 from psafit.experiment.rig import Rig
@@ -61,7 +60,6 @@ __all__ = [
     "read_as",
     "read_experiment",
     "read_plan",
-    "refuse_traces",
     "session_name",
     "write_experiment",
 ]

@@ -252,13 +252,6 @@ class Group(Conditions):
         return self.reading[self.measured == OBSERVABLES.index(LAUNCH_RANGE)]
 
 
-def refuse_traces(groups: Iterable[Conditions], who: str) -> None:
-    """Refuse groups that are traces, for `who` knows launches as a whole alone; `InputError` names the first."""
-    for group in groups:
-        if group.time_us is not None:
-            raise InputError(f"group {group.id} is a trace", f"leave it out: {who} knows launches as a whole alone")
-
-
 def by_group(groups: Iterable[Conditions], values: FloatArray) -> list[FloatArray]:
     """Values, (n_points,), one group after the other, as one array a group."""
     return np.split(values, np.cumsum([g.n_points for g in groups])[:-1])
