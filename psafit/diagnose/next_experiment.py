@@ -164,7 +164,7 @@ class Purpose:
         if self.kind == "narrow":
             return f"determines {self.parameter}"
         first, *others = ((" + ".join(ids) or "the baseline") for ids in self.sets)
-        return f"tells {first} from {', '.join(others)}"
+        return f"separates {first} from {', '.join(others)}"
 
 
 @dataclass(frozen=True)

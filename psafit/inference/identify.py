@@ -320,5 +320,5 @@ def describe(
     if word == "not determined":
         why = "neither side of its profile closes" if points else "its interval is little narrower than the prior's"
     else:
-        why = f"the data set no {'lower' if word == 'bounded above' else 'upper'} limit"
+        why = f"these readings give no {'lower' if word == 'bounded above' else 'upper'} limit"
     return f"{name} {supported(unit, points, interval, word)}; {why}"

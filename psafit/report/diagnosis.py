@@ -28,6 +28,7 @@ from psafit.report.page import render, worst
 from psafit.report.wording import (
     NBSP,
     compared,
+    offsets,
     percent,
     typeset,
 )
@@ -108,6 +109,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "data_warnings": experiment.warnings,
         "facts": _facts(result, experiment),
         "alpha": percent(ALPHA),
+        "offsets": offsets(g.group for g in shown),
         "provenance": {
             "psafit": result.versions.get("psafit", "?"),
             "seed": result.seed,

@@ -58,7 +58,7 @@ from psafit.report.wording import (
 )
 from psafit.text import fixed, significant
 
-_COVARIATES: Final = {**SWEPT, "range": "launch range", "order": "order in each session"}
+_COVARIATES: Final = {**SWEPT, "range": "predicted reading", "order": "order in each session"}
 _SCREENED: Final = {
     "present": "bad",
     NEAREST: "warn",
@@ -345,7 +345,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
                 _LOOKS_AT.get(s.kind, s.kind),
                 typeset(fixed(s.excess, 2)),
                 p_value(s.p_value),
-                {"text": "significant", "kind": "bad"} if s.significant else "no",
+                {"text": "yes", "kind": "bad" if tests.p_value < ALPHA else "warn"} if s.significant else "no",
             ]
             for s in tests.statistics[:most]
         ],

@@ -30,6 +30,7 @@ from psafit.report.wording import (
     listed,
     noted,
     number,
+    offsets,
     p_value,
     percent,
     prefixed,
@@ -79,6 +80,7 @@ def write_report(
     pictured = fit_pictures.pictured(shown)
     marginals = fit_pictures.marginals(run)
     content = {
+        "offsets": offsets(g.prediction.group for g in shown),
         "title": f"Fit of {groups(run.fit.groups).unescape()}: {run.fit.title}",
         "warning": None if run.summary.converged else run.summary.message,
         "verdict": _verdict(validation),

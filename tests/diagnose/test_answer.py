@@ -64,7 +64,7 @@ def test_what_is_held_back_by_what_is_plausible_alone_is_told() -> None:
     best_model = record().causes[0]
     sure = replace(best_model, evidence=replace(best_model.evidence, share=0.97))
     (named,) = of(replace(record(), causes=[sure, *record().causes[1:]]), Named)
-    assert named.fits_alike and "cannot separate it from what fits as well" in named.say(PLAIN)
+    assert named.fits_alike and "only by its priors" in named.say(PLAIN)
 
 
 def test_heavy_tails_are_told_with_the_readings_that_they_take_up() -> None:
@@ -150,5 +150,5 @@ def test_how_often_chance_finds_as_much() -> None:
 def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, told: str) -> None:
     assert (
         Searched(looked_at, 0.03).say(PLAIN)
-        == f"{told} The chance that a better set was missed is 3 %, a part of every probability."
+        == f"{told} The probabilities allow for a chance of 3 % that a better set was missed."
     )

@@ -59,7 +59,7 @@ def test_what_an_adequate_baseline_does_not_exclude_is_told_apart(tmp_path):
     assert found.verdict == "adequate" and found.next_experiment.proposals
     open_ = [c for c in found.causes if c.terms and c.probability >= 0.05]
     assert found.next_experiment.separates == bool(open_)
-    assert found.next_experiment.about.startswith("tells the baseline from" if open_ else "determines ")
+    assert found.next_experiment.about.startswith("separates the baseline from" if open_ else "determines ")
     assert found.confusion == Confusion()
 
 

@@ -323,7 +323,7 @@ def test_constants_that_nobody_gave_are_left_to_be_filled_in(
     monkeypatch.chdir(tmp_path)
     write(Path("sinus.csv"), GERMAN)
     assert run(monkeypatch, "import", "sinus.csv", "--waveform", "sine", "--out", "rig", "--set", "M=27:g") == 0
-    assert "no file tells m, q, l, k_s, g: fill them in" in capsys.readouterr().out
+    assert "not in the files: m, q, l, k_s, g; write what is missing into" in capsys.readouterr().out
     assert run(monkeypatch, "check", "rig") == 2
     assert "experiment.toml:4: constants m, q, l, k_s, g are missing" in capsys.readouterr().err
     assert "# l = # m, the string" in " ".join(Path("rig/experiment.toml").read_text("utf-8").split())

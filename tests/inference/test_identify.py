@@ -124,4 +124,4 @@ def test_what_has_no_profile_is_judged_by_what_the_readings_say(name, likelihood
     if word == "bounded below":
         low, high = parameter.to_physical(np.quantile(draws, [0.05, 0.95]))
         text = identify.describe(name, "1", 0.5 * (low + high), (low, high), [], word)
-        assert text == f"{name} at least {identify.significant(low, low)} (95 %); the data set no upper limit"
+        assert text == f"{name} at least {identify.significant(low, low)} (95 %); these readings give no upper limit"

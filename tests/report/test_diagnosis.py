@@ -112,7 +112,7 @@ def test_first_screen_answers(page):
     missed = "group 1, which the baseline misses most, and of the others the one that the extended model misses most, "
     assert f"Below, {missed}group " in text
     assert "22,000 times" in text
-    apart = "tells hysteresis of the stack from gap at rest + slew-limited amplifier"
+    apart = "separates hysteresis of the stack from gap at rest + slew-limited amplifier"
     assert f"Next, measure sine, 20 V: it best {apart}, with an expected lead of 12.5 ± 0.4 nats." in text
 
 
@@ -251,7 +251,7 @@ def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_p
         gain=record.gain | {"strict": replace(record.gain["strict"], groups=worse)},
     )
     page = build(record, experiment, tmp_path)
-    rivals = "tells hysteresis of the stack from gap at rest + slew-limited amplifier and drag on the swing"
+    rivals = "separates hysteresis of the stack from gap at rest + slew-limited amplifier and drag on the swing"
     assert rivals in page.first_screen
     assert "12.5 ± 0.4 nats 93 % none" in page.text
     assert "1.5 ± 0.1 nats – hysteresis of the stack and gap at rest + slew-limited amplifier" in page.text
@@ -377,7 +377,7 @@ def test_what_is_tied_with_the_best_extension_is_tied_with_it_by_name(undrawn, t
     record = replace(make_record(experiment), verdict="unexplained")
     text = build(record, experiment, tmp_path).first_screen
     best_model, other = model(record.named), model(record.alternatives[0])
-    assert f"Not to be told apart from {best_model}: {other}; or " in text and "apart from it" not in text
+    assert f"As good as {best_model}: {other}; or " in text and "As good as it" not in text
 
 
 def test_large_sets_are_told_by_what_differs():
@@ -391,7 +391,10 @@ def test_large_sets_are_told_by_what_differs():
     assert _instead(["gap"], ["preload"]) == model(["preload"])
     sets = [["hysteresis", "gap"], ["hysteresis", "preload"], ["hysteresis", "slew_limit"]]
     shared = purpose_text(Purpose("separate", sets), PAGE)
-    assert "tells gap at rest from ball leans on the tip and slew-limited amplifier (beside what they share)" in shared
+    assert (
+        "separates gap at rest from ball leans on the tip and slew-limited amplifier (apart from what they share)"
+        in shared
+    )
     assert "share" not in purpose_text(Purpose("separate", [["hysteresis"], ["hysteresis", "preload"]]), PAGE)
 
 
@@ -401,11 +404,11 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     best = replace(record.next_experiment.proposals[0], separation=0.36, error=0.05, success=0.0)
     record = replace(record, next_experiment=replace(record.next_experiment, proposals=[best]))
     text = build(record, experiment, tmp_path).first_screen
-    assert "No sweep that the rig allows tells hysteresis of the stack from" in text and "by 0.4 ± 0.1 nats" in text
+    assert "No sweep that the rig allows separates hysteresis of the stack from" in text and "by 0.4 ± 0.1 nats" in text
     weak = replace(best, separation=0.05, error=0.02, success=None, pairs=[])
     record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c")))
     text = build(record, experiment, tmp_path).first_screen
-    assert "would tell much more: the best, sine, 20 V, determines kc, narrower by 5 %. More" in text
+    assert "would show much more: the best, sine, 20 V, determines kc, narrower by 5 %. More" in text
 
 
 def test_no_gain_is_told_where_no_cause_was_named(undrawn, tmp_path):

@@ -171,6 +171,12 @@ def test_a_long_name_leaves_room_in_the_head_of_a_figure():
     assert axes.get_title(loc="left") == "the seco…of May 12: sine, 20 V"
 
 
+def test_one_reading_far_off_does_not_flatten_the_residuals() -> None:
+    near = np.linspace(-0.2, 0.2, 40)
+    low, high = figures.residual_view([near, np.append(near, 7.3)])
+    assert -0.6 < low < -0.2 and 0.2 < high < 1.0
+
+
 def test_residual_axis_is_common_and_holds_every_error(tmp_path):
     run = make_run(tmp_path)
     view = figures.residual_view([np.array([-0.1, 2.0]), np.array([0.5])])

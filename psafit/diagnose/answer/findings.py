@@ -169,9 +169,9 @@ class Named(Statement):
             return words.put(how, what, other, rest)
         if self.verdict == "ambiguous":
             if self.fits_alike:
-                how = "{} is most plausible, but these readings cannot separate it from what fits as well: {}.{}"
+                how = "{} is most plausible, but only by its priors: these readings are fitted as well by {}.{}"
                 return words.put(how, what, tied, rest)
-            how = "These readings cannot tell which of {} sets of causes it is: {}; or {}.{}"
+            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}"
             return words.put(how, len(self.alternatives) + 1, what, tied, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
@@ -182,7 +182,7 @@ class Named(Statement):
             "law": "it breaks a law that holds whatever the causes are",
         }[self.left or "structure"]
         odd = "" if self.p_after is None else f"family-wise p = {significant(self.p_after, 2)}; "
-        also = words.put(" Not to be told apart from {}: {}.", words.causes(self.causes), tied) if texts else ""
+        also = words.put(" As good as {}: {}.", words.causes(self.causes), tied) if texts else ""
         return words.put(
             "The best extension is {}, but {} ({}probability of an unnamed discrepancy {}).{}",
             what, why, odd, words.per_cent(self.unnamed), also,
@@ -327,6 +327,6 @@ class Room(Statement):
     def say(self, words: Words) -> str:
         """Return the sentence."""
         return words.put(
-            "What is not named may change a reading by {} at most and stay unseen ({}; 95 %).",
+            "A cause that is not named changes a reading by at most {} ({}; 95 %).",
             words.fraction(self.share), words.cause(self.cause),
         )  # fmt: skip
