@@ -23,9 +23,7 @@ from psafit.simulate.compiled import WIDTH, compiled, fma, load, store
 
 # Places in the record of a piece: beginning, end, the five coefficients with the two rates, where it stands, and the
 # command's piece that it is in: which, from where the first one's period is counted, and when that ends.
-BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, DIRECTION, NUMBER, ROW, UNTIL, AWAY, PIECE = range(
-    16
-)
+BEGIN, END, CONSTANT, SLOPE, DECAY, RATE, SWING, OMEGA, PSI, SIGN, NUMBER, ROW, UNTIL, AWAY, PIECE = range(15)
 
 _NOISE = 8 * np.finfo(float).eps
 # A quantity this close to zero at the beginning of a piece is what ended the piece before.
@@ -43,13 +41,15 @@ def _value(a, b, c, r, G, w, psi, s):  # type: ignore[no-untyped-def]
 
 
 @compiled(borrows=True)
-def _first_zero(a, b, c, r, G, w, psi, end, most=100_000):  # type: ignore[no-untyped-def]
+def _first_zero(a, b, c, r, G, w, psi, end, loose=0.0, most=100_000):  # type: ignore[no-untyped-def]
     """First s > 0 at which a member of the family, positive just after 0, is zero; infinity where none before `end`.
 
-    It is looked for in `most` steps.
+    It is looked for in `most` steps. `loose` is what the rounding of the coefficients is worth at the beginning.
     """
     if c == 0.0 and G == 0.0:
         return -a / b if b < 0.0 and a > 0.0 else math.inf
+    if a == 0.0 and b == 0.0 and G == 0.0:
+        return math.inf  # what only decays does not reach zero
     s = 0.0
     rising = True
     for _ in range(most):
@@ -64,7 +64,7 @@ def _first_zero(a, b, c, r, G, w, psi, end, most=100_000):  # type: ignore[no-un
         if b >= 0.0 and a + b * s > abs(e) + abs(G) + floor:
             return math.inf  # what decays and what swings can no longer reach zero
         if rising:
-            floor *= _ENDED / _NOISE
+            floor = max(floor * _ENDED / _NOISE, loose)
         if g0 <= floor:
             if g1 <= 0.0 and not rising:
                 return s
@@ -82,15 +82,9 @@ def _first_zero(a, b, c, r, G, w, psi, end, most=100_000):  # type: ignore[no-un
 
 
 @compiled(borrows=True)
-def _sign(v0, v1, v2, size0, size1):  # type: ignore[no-untyped-def]
-    """Sign just after now of a quantity with these derivatives."""
-    if abs(v0) > _ENDED * size0:
-        return math.copysign(1.0, v0)
-    if abs(v1) > _ENDED * size1:
-        return math.copysign(1.0, v1)
-    if v2 == 0.0:
-        return 0.0
-    return math.copysign(1.0, v2)
+def _sign(value, noise, otherwise):  # type: ignore[no-untyped-def]
+    """Sign of what is more than noise."""
+    return math.copysign(1.0, value) if abs(value) > noise else otherwise
 
 
 @compiled(borrows=True)
@@ -178,6 +172,10 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
     now, rate, bend = steady + swing * sin, gain + w * swing * cos, -w * w * swing * sin
 
     a, b, c, r, G, phi = steady, gain, 0.0, 0.0, swing, psi
+    # Which way it goes: as the command's rate or, where that is zero, as it bends; what lags goes after the command.
+    size0 = abs(steady) + abs(u) + abs(swing) + point[REACH]
+    direction = _sign(bend, 0.0, 0.0)
+    direction = _sign(rate, _ENDED * (abs(gain) + w * abs(swing)), direction)
     limited = inverse_slew > 0.0
     top = 1.0 / inverse_slew if limited else math.inf
     ahead = now - u
@@ -193,6 +191,8 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
             G, phi = swing * math.cos(shift), psi - shift
             a = steady - lag * gain
             c = u - a - G * math.sin(phi)
+            c = c if abs(c) > _ENDED * size0 else 0.0  # it has caught up, all but for rounding
+            direction = _sign(ahead, _ENDED * size0, direction)
             if limited:
                 # c_cmd - u = lag (b + G w cos(w s + phi)) - c exp(-r s)
                 quarter = 0.5 * math.pi
@@ -209,6 +209,7 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
                 end, _first_zero(side * (steady - u) - edge, side * gain - top, 0.0, 0.0, side * swing, w, psi, end)
             )
             a, b, c, r, G = u, side * top, 0.0, 0.0, 0.0
+            direction = side
     elif limited:
         met = abs(ahead) <= loose
         fits = abs(rate) < top * (1.0 - 1e-13) or (abs(rate) <= top * (1.0 + 1e-13) and rate * bend <= 0.0)
@@ -223,27 +224,23 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
             side = math.copysign(1.0, rate if met else ahead)
             end = min(end, _first_zero(side * (steady - u), side * gain - top, 0.0, 0.0, side * swing, w, psi, end))
             a, b, G = u, side * top, 0.0
+            direction = side
 
     piece[BEGIN] = t
     piece[CONSTANT], piece[SLOPE], piece[DECAY], piece[RATE] = a, b, c, r
     piece[SWING], piece[OMEGA], piece[PSI] = G, w, phi
-    e, sin, cos = c, math.sin(phi), math.cos(phi)
-    v0, v1, v2 = a + e + G * sin, b - r * e + w * G * cos, r * r * e - w * w * G * sin
-    v3 = -r * r * r * e - w * w * w * G * cos
-    size0 = abs(a) + abs(e) + abs(G) + point[REACH]
-    size1 = abs(b) + r * abs(e) + w * abs(G)
-    size2 = r * r * abs(e) + w * w * abs(G)
-    piece[SIGN] = _sign(v0, v1, v2, size0, size1)
-    piece[DIRECTION] = _sign(v1, v2, v3, size1, size2)
-    piece[AWAY] = _sign(v0 - point[IDLE], v1, v2, size0, size1)
+    # What begins at zero takes the sign of its rate, however flat it begins.
+    v0 = a + c + G * math.sin(phi)
+    piece[SIGN] = sign = _sign(v0, _ENDED * size0, direction)
+    piece[AWAY] = _sign(v0 - point[IDLE], _ENDED * size0, direction)
     if split:
-        sign, direction = piece[SIGN], piece[DIRECTION]
         if direction != 0.0 and (c != 0.0 or G != 0.0):
             quarter = 0.5 * math.pi
             end = min(
                 end,
                 _first_zero(
-                    direction * b, 0.0, -direction * r * c, r, direction * w * G, w, phi + quarter, end
+                    direction * b, 0.0, -direction * r * c, r, direction * w * G, w, phi + quarter, end,
+                    _ENDED * r * size0,
                 ),
             )  # fmt: skip
         # Up to where it turns it passes zero once at most, and only if it is beyond it there: one that only touches

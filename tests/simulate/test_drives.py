@@ -14,7 +14,7 @@ from psafit.physics import TERMS, term, terms
 from psafit.simulate import Design, simulate
 from psafit.simulate.command import COMMAND, driven
 from psafit.simulate.contract import Draw, draw
-from psafit.simulate.drive import END, PIECE, SIGN, first_piece, next_piece, voltage
+from psafit.simulate.drive import BEGIN, END, PIECE, SIGN, first_piece, next_piece, voltage
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import plausible
 
@@ -129,6 +129,32 @@ def test_a_voltage_that_only_touches_zero_keeps_its_sign() -> None:
         for half in range(1, 8):
             assert piece[SIGN] == 1.0 and piece[END] * f == pytest.approx(half / 2, rel=1e-12)
             next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, 0.0, 0.0, True)
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_within_a_piece_the_voltage_goes_one_way_on_one_side_of_zero(limited: bool) -> None:
+    """With lags and slew limits of any size, on drives that start flat, touch zero, jump or have corners."""
+    rng = np.random.default_rng(4)
+    point, piece = np.empty(COMMAND), np.empty(PIECE)
+    for k in range(600):
+        f, volt = float(np.exp(rng.uniform(4, 10))), float(rng.uniform(1, 100))
+        touching = Drive("sine", bias_v=volt, phase_deg=-90.0)
+        one = [*map(Drive, ("unipolar_sine", "sine", "unipolar_square", "triangle", "square")), touching][k % 6]
+        lag = float(np.exp(rng.uniform(-25, 0))) / f
+        slew = float(np.exp(rng.uniform(-5, 5))) / (math.pi * f * volt) if limited else 0.0
+        rows, points = Design.sweep(RIG, one, f, volt).commands
+        driven(points[0], 1.0, 0.0, point)
+        first_piece(piece, rows, point, 0.0, lag, slew, True)
+        for _ in range(12):
+            begin, end = piece[BEGIN], min(piece[END], piece[BEGIN] + 1 / f)
+            u = np.array([voltage(piece, t) for t in np.linspace(begin, end, 65)])
+            steps, rounded = np.diff(u), volt * (1e-11 + 1e-15 * end / lag)  # the latter by times
+            assert max(piece[SIGN] * u.min(), piece[SIGN] * u.max()) >= 0.0
+            assert (piece[SIGN] * u >= -rounded).all(), (one, f, volt, lag, slew)
+            assert min(steps.max(), -steps.min()) <= rounded, (one, f, volt, lag, slew)
+            if piece[END] == math.inf:
+                break
+            next_piece(piece, voltage(piece, piece[END]), rows, point, 0.0, lag, slew, True)
 
 
 @pytest.mark.parametrize(
