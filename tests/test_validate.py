@@ -16,7 +16,7 @@ from psafit.diagnose.misfit import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running
-from psafit.inference.optimiser import heights
+from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
 from psafit.inference.samplers.emcee import Settings
 from psafit.physics import terms
@@ -87,7 +87,7 @@ def test_stated_errors_reach_fit_and_bands(known: Experiment) -> None:
     seen = law((1, 2))
     assert problem.log_likelihood(u)[0] == pytest.approx(seen.logpdf(problem.observed).sum())
     predicted = problem.predict(u)
-    assert heights(problem, u, predicted, problem.observed)[0] == pytest.approx(problem.log_posterior(u)[0])
+    assert log_posteriors(problem, u, predicted, problem.observed)[0] == pytest.approx(problem.log_posterior(u)[0])
     scores = normal_scores(problem, u, predicted, problem.observed)[0]
     expected = stats.norm.ppf(seen.cdf(problem.observed))
     assert scores[np.abs(expected) < 4] == pytest.approx(expected[np.abs(expected) < 4])

@@ -88,8 +88,8 @@ def test_the_pace_is_that_of_the_last_checkpoints(running: Path) -> None:
     later = (state.written or 0) + 3
     with h5py.File(running / "chain.h5", "a") as f:
         group = f["psafit"]
-        chain, height = group["chain"][:], group["log_prob"][:]
-        for name, values in (("chain", chain), ("log_prob", height)):
+        chain, log_posterior = group["chain"][:], group["log_prob"][:]
+        for name, values in (("chain", chain), ("log_prob", log_posterior)):
             group[name].resize(2 * len(values), axis=0)
             group[name][len(values) :] = values
         group.attrs["iteration"] = 120

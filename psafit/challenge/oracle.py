@@ -110,8 +110,8 @@ def consult(
     truth = truth_of(plain, answer)
     best = fit(plain, (), seed=seed, draws=draws, most=starts)
     tops = [polish(plain, u)[0] for u in (best.modes[0], truth)]
-    heights = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
-    base = tops[int(np.argmax(heights))]
+    log_posteriors = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
+    base = tops[int(np.argmax(log_posteriors))]
     base_likelihood = _likelihood(plain, base)
     without: dict[str, float] = {}
     fitted: dict[str, float] = {}

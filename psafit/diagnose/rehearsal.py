@@ -135,7 +135,7 @@ def _judged(
             rng = np.random.default_rng([*stream, k, trial])
             measured = measure(candidate, own, rng)
             # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
-            height = [
+            log_posterior = [
                 d.log_evidence
                 + _optimised(measured(c.problem), c, d, rng, settings).laplace_apart
                 - c.laplace_apart
@@ -143,8 +143,8 @@ def _judged(
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))
-            after.append(float(softmax(height)[k]))
-            first += int(np.argmax(height) == k)
+            after.append(float(softmax(log_posterior)[k]))
+            first += int(np.argmax(log_posterior) == k)
     return Rehearsal(what, truth, np.repeat(before, settings.trials).tolist(), after, first)
 
 

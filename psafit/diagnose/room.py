@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from psafit.inference.evidence import TRUSTED, laplace_mixture, quantiles
-from psafit.inference.optimiser import heights
+from psafit.inference.optimiser import log_posteriors
 from psafit.inference.store import pareto_k
 from psafit.model_search import Ids, ModelSet
 from psafit.physics.term import Term
@@ -73,7 +73,7 @@ def room(
         u = proposal.scatter(draws, rng)
         u = u[((u >= problem.bounds[:, 0]) & (u <= problem.bounds[:, 1])).all(axis=1)]
         predicted = problem.predict(u)
-        log_weight = heights(problem, u, predicted, problem.observed) - proposal.log_density(u)
+        log_weight = log_posteriors(problem, u, predicted, problem.observed) - proposal.log_density(u)
         draws *= 2
     weights = np.exp(log_weight - logsumexp(log_weight))
     plain = model_set.of(adopted)

@@ -121,7 +121,7 @@ def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSett
         candidate.problem, candidate.modes[:1], candidate.predicted[None], candidate.relative_slope,
         iterations=settings.iterations,
     )  # fmt: skip
-    top = float(alone.height[0])
+    top = float(alone.log_posterior[0])
     scatter = candidate.scatter * np.random.default_rng(0).standard_normal(
         (settings.n_simulated, candidate.predicted.size)
     )
@@ -139,7 +139,7 @@ def _screen(
     catalogue: Sequence[Term],
     settings: ScreenSettings,
 ) -> Screened:
-    """One cause beside a model whose own expansion ends at a height `top`; `nothing` is simulated scatter."""
+    """One cause beside a model whose own expansion ends at a log posterior `top`; `nothing` is simulated scatter."""
     large = extended(candidate.problem, term, catalogue)
     at, shared = candidate.within(large)
     own = [large.names.index(p.name) for p in term.parameters]
@@ -162,7 +162,7 @@ def _screen(
         end = maximise_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
-        gain = end.height - prior - neutral - top
+        gain = end.log_posterior - prior - neutral - top
         return np.where(np.isfinite(gain), gain, -1e3)
 
     q = np.array(settings.quantiles)

@@ -295,7 +295,7 @@ class _Work:
             chain = self._drawn(found, importance, limit, ceiling)
             # The summary goes first and comes last: it must never describe other draws than those beside it.
             (folder / "posterior.json").unlink(missing_ok=True)
-            if chain.height <= ceiling:
+            if chain.highest_log_posterior <= ceiling:
                 break
             record = self._improved(record, found, chain)
             limit = settings.max_steps
@@ -325,8 +325,8 @@ class _Work:
         tops, evaluations = [], 0
         for k, mode in enumerate(found.modes):
             self.watcher.update(k, len(found.modes), "modes polished")
-            top, height, result = polish(problem, mode)
-            tops.append((height if math.isfinite(height) else -math.inf, k, top, result))
+            top, log_posterior, result = polish(problem, mode)
+            tops.append((log_posterior if math.isfinite(log_posterior) else -math.inf, k, top, result))
             evaluations += int(result.nfev) * (1 + 2 * problem.n_dim)
         polished = candidate_at(problem, np.array([top for _, _, top, _ in tops]), found.starts)
         _, _, top, result = max(tops, key=lambda polish: (polish[0], -polish[1]))
@@ -387,8 +387,8 @@ class _Work:
         """Add the mode that the search has missed, and begin the chain anew."""
         problem = self.asked.problem
         self.watcher.stage("climb")
-        top, height, result = polish(problem, chain.highest)
-        if not height > chain.height:
+        top, log_posterior, result = polish(problem, chain.highest)
+        if not log_posterior > chain.highest_log_posterior:
             top = chain.highest
         better = principal(
             candidate_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts]))
@@ -521,8 +521,10 @@ def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
 def _entries(found: Candidate) -> list[MinimumEntry]:
     problem = found.problem
     return [
-        MinimumEntry(dict(zip(problem.names, values.tolist(), strict=True)), float(height), int(starts))
-        for values, height, starts in zip(problem.to_physical(found.modes), found.heights, found.starts, strict=True)
+        MinimumEntry(dict(zip(problem.names, values.tolist(), strict=True)), float(log_posterior), int(starts))
+        for values, log_posterior, starts in zip(
+            problem.to_physical(found.modes), found.log_posteriors, found.starts, strict=True
+        )
     ]
 
 
@@ -643,9 +645,11 @@ def _compared(
     )
 
 
-def _apart(names: Sequence[str], heights: Sequence[float], r_hat: FloatArray, goal: float, near: float = 5.0) -> str:
+def _apart(
+    names: Sequence[str], log_posteriors: Sequence[float], r_hat: FloatArray, goal: float, near: float = 5.0
+) -> str:
     """What keeps walkers apart, where the search ended in several places within so many nats of the best."""
-    alike = sum(height > max(heights) - near for height in heights)
+    alike = sum(log_posterior > max(log_posteriors) - near for log_posterior in log_posteriors)
     if alike < 2 or r_hat.max() < goal:
         return ""
     return (

@@ -91,7 +91,7 @@ class Chain:
         Whether the sampler's own rule was met.
     highest : (n_dim,) array
         The draw of highest posterior, burn-in included.
-    height : float
+    highest_log_posterior : float
         Its log posterior.
     """
 
@@ -103,7 +103,7 @@ class Chain:
     acceptance: float
     converged: bool
     highest: FloatArray
-    height: float
+    highest_log_posterior: float
 
 
 @dataclass(frozen=True, kw_only=True)

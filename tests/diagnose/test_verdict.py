@@ -42,7 +42,9 @@ def test_verdicts(hidden, sound):
     assert best_model.log_likelihood - other.log_likelihood > 4.0
     verdicts = {}
     for behind in (2.0, 4.0):
-        alike = replace(other, heights=other.heights + best_model.log_likelihood - other.log_likelihood - behind)
+        alike = replace(
+            other, log_posteriors=other.log_posteriors + best_model.log_likelihood - other.log_likelihood - behind
+        )
         for p in (0.02, 1e-4):
             candidates = tuple(alike if c is other else c for c in hidden.candidates)
             share = dict.fromkeys(hidden.probability, 0.0) | {best_model.ids: 0.98 - p, other.ids: p}

@@ -78,7 +78,7 @@ def test_chains_begin_on_a_bent_ridge(known: Experiment, tmp_path: Path) -> None
     bent = Problem(known, (1,), terms(["slew_limit", "soft_layer", "flight_friction"]))
     one = target(bent, tmp_path / "c.h5")
     chain = SAMPLER.draw(one, replace(Settings.of(bent), chunk=1, max_steps=1), silent)
-    below = one.found.height - chain.log_posterior.ravel()
+    below = one.found.log_posterior - chain.log_posterior.ravel()
     assert np.median(below) < 3 * bent.n_dim and np.quantile(below, 0.9) < 6 * bent.n_dim
 
 

@@ -62,8 +62,8 @@ def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place):
     # Of the other parameters all places above agree, so that a line tells the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)
     line[:, k] = np.linspace(0, 10, 501) / scale
-    height = one.log_posterior(line)
-    mass = np.exp(height - height.max())
+    log_posterior = one.log_posterior(line)
+    mass = np.exp(log_posterior - log_posterior.max())
     expected = np.interp([0.05, 0.5, 0.95], np.cumsum(mass) / mass.sum(), np.linspace(0, 10, 501))
     assert found.effective > 300
     # Three standard errors of a median of so many draws, evenly spread.
@@ -86,8 +86,8 @@ def test_one_draw_far_above_all_others_is_no_width(sound):
     """A first round that misses a narrow posterior but once: the emulator must still say something of other places."""
     mixture, random = laplace_mixture(sound), np.random.default_rng(0)
     u = np.vstack([sound.modes[:1], mixture.draw(256, random).clip(*sound.problem.bounds.T)])
-    height = np.where(np.arange(len(u)) == 0, 0.0, -1e6)
-    found = Emulated(sound, Pool(u, height, height, len(u)), sound.problem.predict(u), mixture, random)
+    log_posterior = np.where(np.arange(len(u)) == 0, 0.0, -1e6)
+    found = Emulated(sound, Pool(u, log_posterior, log_posterior, len(u)), sound.problem.predict(u), mixture, random)
     draws = found.draw(64, random)
     assert np.isfinite(found.log_density(draws)).sum() > 32
     assert np.ptp(draws, axis=0).min() > 0
@@ -99,14 +99,16 @@ def test_evidence_of_a_corner():
     bounds, width = np.repeat([[0.0, 1.0]], rate.size, axis=0), np.ones(rate.size)
     first = StudentMixture.of([(np.zeros(rate.size), 0.3**2 * np.eye(rate.size), 1.0)])
 
-    def height(u):
+    def log_posterior(u):
         return np.sum(np.log(rate) - rate * u, axis=1)
 
     def adapted(found, last):
         return last.mixture.around(found.u, found.weights, width)
 
     assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
-    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)).sample()
+    found = _sample(
+        log_posterior, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)
+    ).sample()
     assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
     assert found.effective > 60
     with pytest.raises(ConvergenceError, match="within the bounds"):
@@ -127,7 +129,7 @@ def test_hills_weigh_what_each_weighs_alone():
     found = fit(rig, (), seed=1, draws=4096, most=48)
     tops = separate_modes(found)
     alone = [importance_sample(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in tops]
-    assert found.heights[tops[1]] < found.height - 5 and alone[1] > alone[0] + 1
+    assert found.log_posteriors[tops[1]] < found.log_posterior - 5 and alone[1] > alone[0] + 1
     assert importance_sample(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
 
 

@@ -47,7 +47,7 @@ def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
             at[free] = others
             return -float(problem.log_likelihood(at[None])[0])
 
-        heights = []
+        log_posteriors = []
         near = [p for p in points if p.drop < 4.0]
         for point in near[:: max(len(near) // 4, 1)]:
             at = top.copy()
@@ -56,9 +56,9 @@ def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
                 depth, np.clip(top[free], low, high), (at,), "Nelder-Mead", bounds=list(zip(low, high, strict=True)),
                 options={"maxfev": 2000, "fatol": 1e-4, "xatol": 1e-4},
             )  # fmt: skip
-            heights.append(-found.fun + point.drop)
+            log_posteriors.append(-found.fun + point.drop)
         # Every point lies as far below one and the same top.
-        assert np.ptp(heights) < 0.05, (problem.names[index], heights)
+        assert np.ptp(log_posteriors) < 0.05, (problem.names[index], log_posteriors)
 
 
 def test_a_profile_does_not_lean_on_what_a_cause_cannot_be() -> None:

@@ -141,13 +141,13 @@ def test_a_minimum_that_the_search_missed_is_added(
     wrong = true.modes[0].copy()
     wrong[:3] += [1.5, -1.0, 1.0]
     poor = candidate_at(problem, wrong[None], np.array([3]), Effort(6, 0, 10))
-    assert poor.height < true.height - 10
+    assert poor.log_posterior < true.log_posterior - 10
     monkeypatch.setattr(running, "sample", lambda *a, **k: (poor, None))
 
     def stuck(problem: Problem, start: np.ndarray) -> Any:
         """Lmfit, which does not get away from where the search has ended."""
-        top, height, result = polish(problem, start)
-        return (start, poor.height, result) if (start == wrong).all() else (top, height, result)
+        top, log_posterior, result = polish(problem, start)
+        return (start, poor.log_posterior, result) if (start == wrong).all() else (top, log_posterior, result)
 
     monkeypatch.setattr(running, "polish", stuck)
     monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
@@ -155,7 +155,7 @@ def test_a_minimum_that_the_search_missed_is_added(
     run = running.fit(known, [1], tmp_path / "a", **arguments)
     best = run.fit.minima[0]
     assert run.fit.n_missed >= 1 and best.starts == 0 and run.fit.n_followed == 6
-    assert best.log_posterior > true.height - 1 and run.draws.log_posterior.max() <= best.log_posterior + 1
+    assert best.log_posterior > true.log_posterior - 1 and run.draws.log_posterior.max() <= best.log_posterior + 1
     assert read_json(tmp_path / "a" / "fit.json", Fit, sealed=True) == run.fit
     # Killed where it hurts most, between the chain and the record, it comes to the same.
     written = running.write_json

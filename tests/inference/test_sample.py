@@ -26,8 +26,8 @@ def test_a_sample_goes_on_to_what_its_draws_show() -> None:
     best = fit(one, (), seed=3, draws=1024, most=24)
     found, draws = sample(one, seed=1)
     better = SearchSettings().better
-    assert found.height == pytest.approx(best.height, abs=better)
-    assert draws.height <= found.height + better and draws.standard_error < 1.0
+    assert found.log_posterior == pytest.approx(best.log_posterior, abs=better)
+    assert draws.log_posterior <= found.log_posterior + better and draws.standard_error < 1.0
 
 
 @pytest.mark.slow
@@ -58,8 +58,8 @@ def test_a_top_behind_cliffs_is_found_by_a_population(seed):
     truth = p.to_sampling(np.array([134594.6, 9937.6, 35.3157, 6.4217e-7, 0.0362, 0.0536, 60.0]))
     y = noise.draw(p.predict(truth[None]), p.noise_values(truth[None]), None, np.random.default_rng(seed))[0]
     rig = replace(p, experiment=design.with_readings(np.maximum(y, 0.0)))
-    there = float(maximise(rig, truth[None]).height[0])
+    there = float(maximise(rig, truth[None]).log_posterior[0])
     plain = fit(replace(rig, terms=()), (), seed=1, draws=4096, most=48)
     optimised = fit(rig, [plain], seed=1, fresh=False)
-    assert optimised.height < there - 3
-    assert sample(rig, [optimised], seed=1)[0].height > there - 0.5
+    assert optimised.log_posterior < there - 3
+    assert sample(rig, [optimised], seed=1)[0].log_posterior > there - 0.5

@@ -39,11 +39,12 @@ class Prior:
     def draw(self, target, settings, progress):
         random, n = np.random.default_rng(target.seed), target.problem.n_dim
         draws = target.problem.prior_transform(random.uniform(size=(2, settings.size, n)))
-        height = target.problem.log_posterior(draws.reshape(-1, n)).reshape(2, -1)
-        best = np.unravel_index(height.argmax(), height.shape)
+        log_posterior = target.problem.log_posterior(draws.reshape(-1, n)).reshape(2, -1)
+        best = np.unravel_index(log_posterior.argmax(), log_posterior.shape)
         target.path.write_bytes(b"7")
         progress(Progress(steps=7, steps_left=0, chunk=7, converged=True))
-        return Chain(draws, height, np.ones(n), np.ones(n), 0, 1.0, True, draws[best], float(height[best]))
+        top = float(log_posterior[best])
+        return Chain(draws, log_posterior, np.ones(n), np.ones(n), 0, 1.0, True, draws[best], top)
     def look(self, path, settings, n_dim, values):
         return Progress(steps=int(path.read_bytes()), steps_left=0, chunk=7, converged=True) if path.exists() else None
 

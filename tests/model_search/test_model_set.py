@@ -65,11 +65,13 @@ def test_no_set_more_probable_than_a_listed_one_is_left_out(best: float) -> None
     """Sets of no more causes that fit as well are listed however improbable; then all between them are."""
     likely = {"a": best, "bc": 0.015, "g": 0.014, "d": 0.013, "ef": 0.001}
 
-    def fitted(ids: str, height: float) -> SimpleNamespace:
-        return SimpleNamespace(ids=tuple(ids), log_likelihood=height, problem=SimpleNamespace(n_dim=3 + len(ids)))
+    def fitted(ids: str, log_posterior: float) -> SimpleNamespace:
+        return SimpleNamespace(
+            ids=tuple(ids), log_likelihood=log_posterior, problem=SimpleNamespace(n_dim=3 + len(ids))
+        )
 
-    heights = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
-    models = tuple(fitted(ids, height) for ids, height in heights.items())
+    log_posteriors = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
+    models = tuple(fitted(ids, log_posterior) for ids, log_posterior in log_posteriors.items())
     probability = {tuple(ids): p for ids, p in likely.items()}
     found = ModelSet(models, probability, {}, {}, BELIEFS).rivals(("a",))  # type: ignore[arg-type]
     assert found[:3] == (("b", "c"), ("g",), ("d",))

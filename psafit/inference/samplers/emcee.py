@@ -334,7 +334,7 @@ def run(
             if done:
                 chain = chain_of(History.of(backends), settings)
                 progress(_progress(chain, done, settings))
-                if chain.converged or done >= settings.max_steps or chain.height > ceiling:
+                if chain.converged or done >= settings.max_steps or chain.highest_log_posterior > ceiling:
                     return chain
             if chosen is None or tuned_at != settings.tuned_at(done):
                 tuned_at = settings.tuned_at(done)
@@ -406,7 +406,7 @@ def _progress(chain: Chain, steps: int, settings: Settings, every: int = 1) -> P
         wanted_times=settings.autocorrelation_times,
         r_hat=r_hat,
         wanted_r_hat=settings.r_hat,
-        log_posterior=chain.height,
+        log_posterior=chain.highest_log_posterior,
     )
 
 
