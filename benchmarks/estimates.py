@@ -42,7 +42,7 @@ from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import ProblemFitter
 from psafit.physics import TERMS, terms
 
-LEAST_UM = 1.0  # median of the readings: a ball that hardly moves tells nothing
+LEAST_UM = 1.0  # median of the readings: a ball that hardly moves shows nothing
 
 
 def drawn(rng: np.random.Generator, ids: tuple[str, ...], rig: str) -> Problem:

@@ -316,7 +316,7 @@ def run(
     quick: bool = False,
     jobs: int = 1,
     truths: Mapping[str, Mapping[str, Any]] | None = None,
-    tell: Callable[[str], None] = print,
+    say: Callable[[str], None] = print,
 ) -> int:
     """Search the data sets that the file has no record of, and add theirs; how many could not be searched.
 
@@ -324,7 +324,7 @@ def run(
     """
     failed = 0
     for k, id in enumerate(ids, 1):
-        tell(f"{k} of {len(ids)}: {id}")
+        say(f"{k} of {len(ids)}: {id}")
         try:
             data = get(id)
             most = 4 if quick else data.most
@@ -336,12 +336,12 @@ def run(
             record = measure(data, seed, most=most, jobs=jobs, known=known, progress=_shown)
         except Exception:  # hours of other searches do not end with one that fails
             failed += 1
-            tell(traceback.format_exc())
+            say(traceback.format_exc())
             continue
         records[id] = record
         lines = (json.dumps(one) for one in records.values())
         write_atomically(file, "".join(f"{line}\n" for line in lines).encode())
-        tell(f"  {in_words(record)}")
+        say(f"  {in_words(record)}")
     return failed
 
 
@@ -556,7 +556,7 @@ def main() -> int:
             quick=words.quick,
             jobs=words.jobs,
             truths=read(words.truths) if words.truths else None,
-            tell=lambda text: print(text, flush=True),
+            say=lambda text: print(text, flush=True),
         )
     except KeyboardInterrupt:
         print("interrupted; repeat the same command to go on where it stopped", file=sys.stderr)

@@ -218,11 +218,11 @@ def likeness() -> Iterator[str]:
             f"**{name}.** The refit absorbs {listed(absorbed)}. At a plausible strength too small to be seen:"
             f" {listed(idle)}."
         )
-    told = [
+    reported = [
         f"`{id}`" for id, one, all_six in zip(first.ids, first.status, six.status, strict=True)
         if all_six == "visible" != one
     ]  # fmt: skip
-    yield f"What the amplitude sweeps and the square waves add: they bring out {listed(told)}, and part most pairs."
+    yield f"What the amplitude sweeps and the square waves add: they bring out {listed(reported)}, and part most pairs."
     rows = ["| confounded in group 1 or in all six | group 1 | all six |", "|---|---|---|"]
     pairs = itertools.combinations(range(len(six.ids)), 2)
     angles = [(float(six.angle[i, j]), float(first.angle[i, j]), i, j) for i, j in pairs]

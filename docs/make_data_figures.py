@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 FIGURES = ROOT / "docs" / "figures"
 OFFSET_UM = 0.3  # of the error metric log_rmse
-# Okabe-Ito colours; the marker tells the groups apart without colour.
+# Okabe-Ito colours; the marker distinguishes the groups without colour.
 LOOK = {
     1: ("#0072B2", "o", "1: sine 20 V"),
     2: ("#E69F00", "s", "2: sine 15 V"),

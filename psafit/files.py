@@ -304,7 +304,7 @@ def filling(folder: Path) -> Iterator[None]:
 
 
 def usual_folder(experiment: Path, *what: str) -> Path:
-    """Where a result goes unless told otherwise: below `fits`, named after the experiment and what was done."""
+    """Where a result goes by default: below `fits`, named after the experiment and what was done."""
     return Path("fits") / "-".join([experiment.resolve().name, *what])
 
 

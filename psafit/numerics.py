@@ -73,7 +73,7 @@ def refine(
         Of the run that stands for the truth of a model without closed form. Its own error is a hundredth of that of the
         finest of the others, or less.
     least_m : float, m
-        Ranges below this are not told from zero by any reading; their relative error says nothing.
+        Ranges below this are not distinguished from zero by any reading; their relative error says nothing.
     common_step : float, s
         The fixed step that many would take, a round microsecond as in the study.
     """

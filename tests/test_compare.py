@@ -66,7 +66,7 @@ def test_without_a_group_to_judge_by_nobody_wins(tmp_path: Path) -> None:
     found = compare(one, other)
     assert found.judged == [] and found.log_rmse is None
     page = Reader(write_comparison(one, other, found, tmp_path / "c.html").read_text("utf-8"))
-    assert "no group to judge by" in page.text and "Nobody can tell" in page.text
+    assert "no group to judge by" in page.text and "Nobody can say" in page.text
 
 
 def test_what_is_not_determined_has_no_interval_beside_another(tmp_path: Path) -> None:

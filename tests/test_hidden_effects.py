@@ -202,21 +202,21 @@ def test_a_stubborn_diagnosis_can_do_one_kind() -> None:
     """One that always finds the baseline adequate, or always something without a name, misses all other kinds."""
     hidden = {"nothing": [], "one": ["gap"], "two": ["gap", "preload"], "outside": []}
     for verdict in ("adequate", "unexplained"):
-        told = {"verdict": verdict, "named": [], "alternatives": [], "causes": [], "misfit": {}}
+        printed = {"verdict": verdict, "named": [], "alternatives": [], "causes": [], "misfit": {}}
         answers = [
             Answer("0", 1, kind, causes, {}, {}, None, {}, True, {}, None, "", [], "given", 0, [], "")  # type: ignore[arg-type]
             for kind, causes in hidden.items()
         ]
-        assert sum(is_right(answer, told) for answer in answers) == 1
+        assert sum(is_right(answer, printed) for answer in answers) == 1
     # Nor is it an answer to name everything that there is.
-    told = {
+    printed = {
         "verdict": "ambiguous",
         "named": ["gap"],
         "alternatives": [[t.id] for t in TERMS],
         "causes": [],
         "misfit": {},
     }
-    assert not any(is_right(answer, told) for answer in answers)
+    assert not any(is_right(answer, printed) for answer in answers)
 
 
 # Parts of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by two, the tests with

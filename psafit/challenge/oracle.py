@@ -36,7 +36,7 @@ from psafit.simulate.sensitivity import Side, in_scatter, plausible
 
 @dataclass(frozen=True)
 class RivalSettings:
-    """How causes are looked for that nobody can tell from the truth.
+    """How causes are looked for that nobody can distinguish from the truth.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Oracle:
         Parameters of the true model at its top; empty for an effect outside the catalogue.
     confusable : list of str, optional
         Causes that come within 3 nats of the truth on ranges without scatter, so that no diagnosis can be asked to
-        tell them apart; None where nobody looked. Each was found at work: what is not listed may still be confusable.
+        distinguish them; None where nobody looked. Each was found at work: what is not listed may still be confusable.
     seconds : float
     """
 
@@ -97,7 +97,8 @@ def consult(
     seed : int
         Of the search for the baseline's top.
     rivals_from : float, nats, optional
-        Gain from which to look for causes that nobody can tell from the truth (one cause only); never by default.
+        Gain from which to look for causes that nobody can distinguish from the truth (one cause only); never by
+        default.
     starts : int
         Of the search for the tops of models that lack something. With eight, a baseline that fails was one time in two
         fitted below its top, and what that lacks would count as strength.

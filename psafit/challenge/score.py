@@ -68,7 +68,7 @@ class Row:
     located : bool
         Of an outside effect: whether the misfit points where it acts.
     confusable : list of str
-        Causes that nobody can tell from the truth here.
+        Causes that nobody can distinguish from the truth here.
     set_size : int
     probability : float, optional
         Printed for exactly the truth.

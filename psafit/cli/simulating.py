@@ -250,7 +250,7 @@ def _models_of(run: Path, most: int = 4) -> tuple[list[_Model], tuple[Group, ...
 
 
 def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:
-    """What tells sets of causes apart, in words."""
+    """What distinguishes sets of causes, in words."""
     shared = set(sets[0]).intersection(*sets[1:])
     plain = "these alone" if shared else "the baseline"
     return [" + ".join(t.id for t in terms if t not in shared) or plain for terms in sets]

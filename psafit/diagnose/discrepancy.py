@@ -31,7 +31,7 @@ from psafit.parameters import Parameter
 
 @dataclass(frozen=True)
 class DiscrepancySettings:
-    """What is believed of a discrepancy, and which readings tell of one.
+    """What is believed of a discrepancy, and which readings show one.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class Discrepancy:
         return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + self.sigma_rel**2 - sigma_rel**2, 0.0)))
 
     def largest(self, candidate: Candidate) -> list[tuple[GroupId, float, float]]:
-        """Each group's mean and largest absolute discrepancy, in ln units; NaN where no reading tells of one."""
+        """Each group's mean and largest absolute discrepancy, in ln units; NaN where no reading shows one."""
         found = []
         for group_id, _, rows in sweeps(candidate.problem):
             seen = self.mean[rows][np.isfinite(self.sd[rows])]

@@ -1,4 +1,4 @@
-r"""Which causes a design can tell apart, before anything is measured.
+r"""Which causes a design can distinguish, before anything is measured.
 
 At a place :math:`\theta` of the baseline, cause :math:`i` at a plausible strength changes the ranges by :math:`e_i`, in
 standard deviations of the scatter (`psafit.simulate.sensitivity`). With :math:`P` the projection on what refitted
@@ -74,7 +74,7 @@ class LookAlike:
 
 @dataclass(frozen=True)
 class Split:
-    """The cheapest sweep that tells the causes of a block apart.
+    """The cheapest sweep that distinguishes the causes of a block.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class Split:
     drive : dict
         What else the drive has: see `psafit.diagnose.next_experiment.Proposal`.
     nats : float
-        By which the pair of the block that is hardest to tell apart is reported, with this sweep and what is planned.
+        By which the pair of the block that is hardest to distinguish is reported, with this sweep and what is planned.
     splits : bool
         Whether every pair is reported; else the sweep is the best of those that the rig allows.
     """
@@ -111,7 +111,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Isolability:
-    """Which causes a design can tell apart.
+    """Which causes a design can distinguish.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def isolability(
     places: Sequence[Sequence[float]] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Isolability:
-    """Ask which causes a design can tell apart.
+    """Ask which causes a design can distinguish.
 
     Parameters
     ----------
@@ -316,7 +316,7 @@ def _cheapest(
     terms: Sequence[Term],
     settings: IsolabilitySettings,
 ) -> Split | None:
-    """The sweep of fewest readings that tells all pairs of some causes apart; the best one where none does."""
+    """The sweep of fewest readings that distinguishes all pairs of some causes; the best one where none does."""
     ids = [t.id for t in terms]
     before = [one.of(ids) for one in planned]
     further = [[_Effects.at(s.design, theta, terms, settings) for theta in places] for s in sweeps]

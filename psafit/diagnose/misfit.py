@@ -498,7 +498,7 @@ def _repeated(problem: Problem, e: FloatArray, least: int) -> dict[Key, FloatArr
     if in_sessions:
         found["one condition in two sessions", "replicate", None] = np.sqrt(_scattered(e, in_sessions))
     replicates = [rows[design.group[rows] == k] for rows in alike for k in np.unique(design.group[rows])]
-    # What agrees to the last digit is a copy, or an instrument too coarse to tell.
+    # What agrees to the last digit is a copy, or an instrument with too few digits.
     replicates = [rows for rows in replicates if rows.size > 1 and np.ptp(problem.observed[rows]) > 0]
     spare = sum(rows.size - 1 for rows in replicates)
     if spare >= least:

@@ -134,7 +134,8 @@ def _judged(
             progress(settings.trials * k + trial, settings.trials * len(tied))
             rng = np.random.default_rng([*stream, k, trial])
             measured = measure(candidate, own, rng)
-            # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
+            # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not change
+            # it.
             log_posterior = [
                 d.log_evidence
                 + _optimised(measured(c.problem), c, d, rng, settings).laplace_apart

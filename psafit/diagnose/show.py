@@ -338,7 +338,7 @@ def drift(candidate: Candidate, *, knots: int = 4, in_order: float = 0.9) -> lis
         "amplitude": design.along("amplitude"),
         "range": np.log(candidate.predicted * problem.per_um + 0.05),
     }
-    # Sweeps that were read from one end to the other do not tell the time from what was swept.
+    # Sweeps that were read from one end to the other do not separate the time from what was swept.
     if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < in_order:
         covariates["order"] = in_session(design)
     # A weak prior keeps directions that the readings leave open at rest.

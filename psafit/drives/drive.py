@@ -48,7 +48,7 @@ class Table:
 
     @property
     def key(self) -> tuple[bool, bytes, bytes]:
-        """What tells it from others."""
+        """What distinguishes it from others."""
         return self.recorded, self.at.tobytes(), self.value.tobytes()
 
     def __eq__(self, other: object) -> bool:

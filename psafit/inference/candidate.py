@@ -285,7 +285,7 @@ def fit(
         begun, n_fresh = starts_of(trial, seed, most, draws)
         races.append((begun, s.fresh))
         n_drawn += n_fresh
-    # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
+    # Some of the readings may mislead where few of them count: what is known is looked at on all of them, too, and its
     # best go on. (They hold the smaller models' optima: no optimisation ends below those.)
     there = problem.log_posterior(known)
     trials = [

@@ -434,8 +434,8 @@ class Emulated:
     """The posterior of a model whose launch ranges are polynomials in its parameters, fitted to simulated draws.
 
     Ranges are emulated in the coordinate in which the fitted scatter has unit width, so that all readings have equal
-    rights and none becomes negative. Linear terms start from the slopes at the mode; what the draws do not tell stays
-    there.
+    rights and none becomes negative. Linear terms start from the slopes at the mode; what the draws do not determine
+    stays there.
     """
 
     def __init__(

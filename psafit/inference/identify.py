@@ -41,7 +41,7 @@ class ProfileSettings:
     first : float
         First step, in widths of the likelihood there.
     flattest : float
-        Curvature of what the data do not tell at all.
+        Curvature of what the data do not determine at all.
     """
 
     closed: float = 3.0

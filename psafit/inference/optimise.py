@@ -253,7 +253,7 @@ def joined_values(problem: Problem, values: Mapping[str, float]) -> FloatArray:
 def halved(parameter: Parameter, halvings: FloatArray) -> FloatArray:
     """Coordinates of a strength that approach its neutral value by halves: from each bound, `halvings` times.
 
-    Strengths differ by orders of magnitude in what they do; how far the readings want one, no prior tells.
+    Strengths differ by orders of magnitude in what they do; how far the readings want one, no prior says.
 
     Returns
     -------

@@ -381,7 +381,7 @@ class _Work:
         self.watcher.stage("sample")
         target = Target(found, importance, asked.seed, self.folder / "chain.h5", asked.identity, ceiling)
         settings = replace(asked.settings, max_steps=limit)
-        return sampler(asked.sampled_by).draw(target, settings, _teller(self.watcher, limit))
+        return sampler(asked.sampled_by).draw(target, settings, _reporter(self.watcher, limit))
 
     def _improved(self, record: Fit, found: Candidate, chain: Chain) -> Fit:
         """Add the mode that the search has missed, and begin the chain anew."""
@@ -534,7 +534,7 @@ def _found(problem: Problem, record: Fit) -> Candidate:
     return candidate_at(problem, problem.to_sampling(values), np.array([m.starts for m in record.minima]))
 
 
-def _teller(watcher: Watcher, limit: int) -> Callable[[Progress], None]:
+def _reporter(watcher: Watcher, limit: int) -> Callable[[Progress], None]:
     def show(s: Progress) -> None:
         words = [f"steps (at most {limit})"]
         if s.r_hat is not None:
@@ -591,7 +591,7 @@ def _summarise(
     kept = chain.draws.shape[1]
     reached = kept / float(chain.autocorrelation_time.max())
     goal = record.sampler.get("r_hat", math.inf)
-    # Rounded so that what misses its goal is never told as meeting it.
+    # Rounded so that what misses its goal is never printed as meeting it.
     mixed = store.rounded_r_hat(float(chain.r_hat.max()), goal)
     message = f"{math.floor(reached)} autocorrelation times, R-hat at most {mixed}"
     if not chain.converged:

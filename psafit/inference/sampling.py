@@ -108,7 +108,7 @@ class Chain:
 
 @dataclass(frozen=True, kw_only=True)
 class Convergence:
-    """How far chains have come; None where a sampler has no such thing, or has not told it yet.
+    """How far chains have come; None where a sampler has no such thing, or has not reported it yet.
 
     Parameters
     ----------

@@ -119,7 +119,7 @@ def _off_scale(
 
 
 def _moving(group: Group) -> Group | None:
-    """Those of its readings that tell a scale: the ball was driven, and moved."""
+    """Those of its readings that give a scale: the ball was driven, and moved."""
     rows = (group.reading > 0) & (group.amplitude_v > 0)
     return replace(group.at(rows), sigma=None) if rows.any() else None
 

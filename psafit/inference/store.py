@@ -182,7 +182,7 @@ def pareto_k(log_weights: FloatArray) -> float:
 
 
 def rounded_r_hat(value: float, goal: float) -> str:
-    """An R-hat rounded up, to as many digits as tell whether it is below its goal; at least four."""
+    """An R-hat rounded up, to as many digits as show whether it is below its goal; at least four."""
     if not math.isfinite(value):
         return "not defined"
     texts = (f"{math.ceil(10**n * value) / 10**n:.{n}f}" for n in range(4, 12))

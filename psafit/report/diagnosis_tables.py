@@ -473,7 +473,7 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
     if not several:
         rows = [row[: -1 if found.separates else -2] for row in rows]
     about = purpose_text(found.purpose, PAGE)
-    return {"about": about, "tells": found.separates, "several": several, "rows": rows}
+    return {"about": about, "separates": found.separates, "several": several, "rows": rows}
 
 
 def _read_as(proposal: Proposal) -> str:

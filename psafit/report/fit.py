@@ -148,10 +148,10 @@ def _what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
 
 
 def _what_it_predicts(validation: Validation) -> Markup:
-    unseen, seen = _telling(validation, "holdout"), _telling(validation, "fit")
+    unseen, seen = _informative(validation, "holdout"), _informative(validation, "fit")
     if not unseen:
         held_out = any(s.role == "holdout" for s in validation.groups)
-        why = "there is no group that could tell" if held_out else "every group was fitted"
+        why = "there is no group that could show it" if held_out else "every group was fitted"
         return Markup(
             "<strong>Does it predict what it has not seen?</strong> Not tested: {}, so nothing is left to test the"
             " prediction on. The fitted readings themselves are typically off by {}."
@@ -183,7 +183,7 @@ def _verdict(validation: Validation) -> dict[str, str]:
     mean = validation.holdout_log_rmse
     if mean is None:
         return {"text": "not tested", "kind": "warn"}
-    if mean <= GOOD and too_narrow(_telling(validation, "holdout")):
+    if mean <= GOOD and too_narrow(_informative(validation, "holdout")):
         return {"text": "comes near, too sure", "kind": "warn"}
     if mean <= GOOD:
         return {"text": "predicts", "kind": "good"}
@@ -204,11 +204,11 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     return Markup(" ").join([head, trend, _what_is_not_determined(run), *_what_is_implausible(run)])
 
 
-def _telling(validation: Validation, role: str) -> list[GroupScore]:
-    """The groups of a role that enter means; all of them where none tells anything."""
+def _informative(validation: Validation, role: str) -> list[GroupScore]:
+    """The groups of a role that enter means; all of them where none shows anything."""
     scores = [s for s in validation.groups if s.role == role]
-    telling = [s for s in scores if s.informative]
-    return telling if telling or role == "holdout" else scores
+    informative = [s for s in scores if s.informative]
+    return informative if informative or role == "holdout" else scores
 
 
 def _mean_log_rmse(scores: Sequence[GroupScore]) -> float:
@@ -254,7 +254,7 @@ def _what_is_implausible(run: Run) -> list[Markup]:
 
 
 def _tiles(validation: Validation) -> list[dict[str, str]]:
-    unseen, seen = _telling(validation, "holdout"), _telling(validation, "fit")
+    unseen, seen = _informative(validation, "holdout"), _informative(validation, "fit")
     tiles = [{"value": f"×{factor(_mean_log_rmse(seen))}", "label": "typical factor, fitted readings" + _spread(seen)}]
     if unseen:
         tiles.append(

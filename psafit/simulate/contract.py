@@ -409,8 +409,8 @@ def _size(sets: FloatArray, design: Design) -> str:
 def symptom(cause: Term, constants: Constants = STUDY, drives: Sequence[Drive] = (), volts: float = 20.0) -> Outcome:
     """The declared symptom is what the simulator shows.
 
-    It is declared for sine and square. Of other `drives`, driven up to `volts`, it is told what the simulator shows,
-    which must not be the opposite sign, nor anything where the cause has no meaning.
+    It is declared for sine and square. Of other `drives`, driven up to `volts`, it also checks what the simulator
+    shows, which must not be the opposite sign, nor anything where the cause has no meaning.
     """
     if any(not d.plain or d.waveform not in ("sine", "square") for d in drives):
         return _symptom_on(cause, constants, drives, volts)

@@ -37,7 +37,7 @@ def test_a_seed_gives_the_same_bytes_however_the_work_is_shared(known: Experimen
     assert files(tmp_path / "one")["experiment/group1.csv"] != files(tmp_path / "other")["experiment/group1.csv"]
 
 
-def test_the_folder_tells_nothing(known: Experiment, lagged: Path, tmp_path: Path) -> None:
+def test_the_folder_reveals_nothing(known: Experiment, lagged: Path, tmp_path: Path) -> None:
     make(123456, tmp_path, design_of=known, kind="nothing")
     plain, hidden = files(tmp_path / "experiment"), files(lagged / "experiment")
     assert plain.keys() == hidden.keys() == {"experiment.toml", "group1.csv", "group2.csv", "group3.csv"}
@@ -148,7 +148,7 @@ def test_a_request_that_contradicts_itself_is_refused(
     assert not (tmp_path / "x").exists()
 
 
-def test_a_drive_that_launches_nothing_is_told(known: Experiment, tmp_path: Path) -> None:
+def test_a_drive_that_launches_nothing_is_reported(known: Experiment, tmp_path: Path) -> None:
     still = tuple(replace(g, amplitude_v=np.full(g.n_points, 1e-6)) for g in known.groups)
     with pytest.raises(InputError, match="nothing launches at these conditions"):
         make(

@@ -1,4 +1,4 @@
-"""Which causes a design can tell apart, before anything is measured."""
+"""Which causes a design can distinguish, before anything is measured."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def test_nats_are_half_the_least_squares_that_the_rival_leaves():
     made = raw.rows["amplifier_lag", 0.5][0]
     columns = np.vstack([raw.slopes, raw.rows["indentation_damping", 0.5]]).T
     left = made - columns @ np.linalg.lstsq(columns, made, rcond=None)[0]
-    told = raw.refitted().against(["amplifier_lag"], ["indentation_damping"], settings)
-    assert told == pytest.approx(0.5 * left @ left, rel=1e-6)
+    reported = raw.refitted().against(["amplifier_lag"], ["indentation_damping"], settings)
+    assert reported == pytest.approx(0.5 * left @ left, rel=1e-6)
 
 
 def test_a_part_of_a_session_to_come_is_as_in_the_whole_design():
@@ -88,7 +88,7 @@ def test_a_rig_keeps_its_drives(table):
     assert proposed(drive.waveform, drive.settings, groups) == drive
 
 
-def test_more_scatter_tells_less(found):
+def test_more_scatter_separates_less(found):
     e = experiment()
     wide = isolability(
         "a rig", e.constants, e.groups, (), FEW, settings=replace(found.settings, relative=0.2, absolute=1.2)

@@ -109,13 +109,13 @@ def test_a_fit_without_fresh_starts_holds_what_is_within_it():
 
 @pytest.mark.slow
 def test_a_model_of_many_causes_is_built_up():
-    """It ends no lower than an optimisation from the truth, and tells how far it is."""
+    """It ends no lower than an optimisation from the truth, and says how far it is."""
     ids, values = ["amplifier_lag", "preload", "flight_friction"], [4e-5, 2e-5, 0.02]
     e = experiment(ids, values, n=16)
     whole = replace(problem(e), terms=terms(ids))
-    told = []
-    found = built_up(whole, seed=1, progress=lambda done, total: told.append((done, total)))
-    assert told == [(k, 6) for k in range(1, 7)] and set(found.ids) == set(ids)
+    reported = []
+    found = built_up(whole, seed=1, progress=lambda done, total: reported.append((done, total)))
+    assert reported == [(k, 6) for k in range(1, 7)] and set(found.ids) == set(ids)
     at = dict(zip([p.name for p in whole.parameters[: whole.n_physical]], [*TRUTH, *values], strict=True))
     truth = whole.prior_transform(np.full(whole.n_dim, 0.5))
     truth[: whole.n_physical] = [p.to_sampling(at[p.name]) for p in whole.parameters[: whole.n_physical]]

@@ -59,7 +59,7 @@ def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place):
     found = importance_sample(
         candidate_of(one, Optima(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
     )
-    # Of the other parameters all places above agree, so that a line tells the share of each.
+    # Of the other parameters all places above agree, so that a line gives the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)
     line[:, k] = np.linspace(0, 10, 501) / scale
     log_posterior = one.log_posterior(line)
@@ -142,7 +142,7 @@ def test_hills_weigh_what_the_nested_sampler_finds():
     assert importance_sample(found, seed=2).log_evidence == pytest.approx(nested.log_evidence, abs=0.5)
 
 
-def test_what_the_readings_hardly_tell_of_is_as_wide_as_its_bounds():
+def test_what_the_readings_hardly_determine_is_as_wide_as_its_bounds():
     """A slope of almost nothing is less than rounding beside the others', and must not become a width of nothing."""
     one = replace(problem(experiment(n=8)), terms=terms(["separation_height"]))
     fitted = candidate_at(one, one.prior_transform(np.full((1, one.n_dim), 0.5)))

@@ -40,14 +40,14 @@ def test_lmfit_polishes_what_was_found(problem: Problem) -> None:
     assert log_posterior == pytest.approx(best.log_posterior, abs=0.01) and result.nfev > 0
     there = candidate_at(problem, start[None])
     table = re.findall(r"(\w+): +(\S+) \+/- (\S+)", report(result, start, there.covariance[0]))
-    told = {name: (float(x), float(s)) for name, x, s in table}
+    reported = {name: (float(x), float(s)) for name, x, s in table}
     for i, name in enumerate(problem.names):
         sd = float(np.sqrt(there.covariance[0, i, i]))
-        assert told[f"ln_{name}"] == pytest.approx((start[i], sd), rel=1e-6)
-        assert told[name] == pytest.approx((np.exp(start[i]), np.exp(start[i]) * sd), rel=1e-6)
+        assert reported[f"ln_{name}"] == pytest.approx((start[i], sd), rel=1e-6)
+        assert reported[name] == pytest.approx((np.exp(start[i]), np.exp(start[i]) * sd), rel=1e-6)
 
 
-def test_a_search_begins_where_it_is_told_to(problem: Problem) -> None:
+def test_a_search_begins_where_it_has_to_begin(problem: Problem) -> None:
     """Beyond the bounds, at them."""
     best = found(problem, most=12)
     near = candidate_at(problem, np.clip(np.stack([best.modes[0] + 0.3, problem.bounds[:, 1]]), *problem.bounds.T))

@@ -114,7 +114,7 @@ def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
 
 
 @pytest.mark.slow
-def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
+def test_a_search_goes_on_from_where_it_has_to_begin() -> None:
     """A model that fewer readings led to is fitted beside the baseline, and its neighbours if it leads."""
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     plain = search_models(whole, FEW, seed=1)

@@ -253,23 +253,23 @@ def test_neighbours() -> None:
 
 
 def test_what_is_foreseen_is_what_follows() -> None:
-    """Two that do as well: while one is sampled the other is the next; exchanges are told where they are not known."""
-    told: list[tuple[Ids, list[Ids], list[Ids]]] = []
+    """Two that do as well: while one is sampled the other is the next; exchanges are given where they are not known."""
+    reported: list[tuple[Ids, list[Ids], list[Ids]]] = []
 
     class Predicted(Fake):
         def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
             if foreseen:
-                told.append((model.ids, [m.ids for m in foreseen.models], list(foreseen.sets)))
+                reported.append((model.ids, [m.ids for m in foreseen.models], list(foreseen.sets)))
                 assert set(foreseen.known) == {*self.fitted, *self.carried_over}
             return super().sample(model)
 
     worth = {"a": 20.0, "b": 19.0, "c": 5.0}
     fake = Predicted(lambda ids: max((worth.get(id, 0.0) for id in ids), default=0.0))
     search(CATALOGUE, fake, flat)
-    assert told[0] == (("a",), [("b",)], [])
+    assert reported[0] == (("a",), [("b",)], [])
     assert fake.sampled == [(), ("a",), ("b",)]
     fake = Predicted(additive({"a": 20.0, "b": 19.0, "c": 18.0}))
-    told.clear()
+    reported.clear()
     search(CATALOGUE, fake, flat)
-    of = {ids: sets for ids, _, sets in told}
+    of = {ids: sets for ids, _, sets in reported}
     assert list(of) == [("a", "b", "c")] and of["a", "b", "c"] == fake.carried_over

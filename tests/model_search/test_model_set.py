@@ -50,7 +50,7 @@ def test_a_cause_that_adds_nothing_visible_is_counted_with_what_it_is_added_to()
     assert ratio == pytest.approx(3.1 + price - math.log1p(math.exp(2.9 + price)))
 
 
-def test_what_was_not_sampled_is_told_as_not_looked_at() -> None:
+def test_what_was_not_sampled_counts_as_not_looked_at() -> None:
     """Its estimate counts, with the error of an estimate: a rival is not certain to be worse."""
     found = ranked({(): 0.0, ("a",): 20.0, ("b",): 16.0, ("c",): -30.0}, {(): 0.0, ("a",): 0.0})
     said = found.looked_at

@@ -66,7 +66,7 @@ def unexplained(record: Diagnosis) -> Diagnosis:
 
 
 def unnamed(record: Diagnosis) -> Diagnosis:
-    """The tests find nothing, no cause helps, and yet there is something smooth, but in a group that cannot tell."""
+    """The tests find nothing, no cause helps, and yet there is something smooth, but in a group that cannot show it."""
     left = record.misfit.leftover
     groups = [*left.groups[:-1], replace(left.groups[-1], mean=None, largest=None)]
     misfit = replace(adequate(record).misfit, leftover=replace(left, groups=groups))
@@ -184,7 +184,7 @@ def test_page_stands_alone(page):
         (
             doubtful,
             [
-                "Is the baseline adequate? As far as these readings tell. The tests find nothing wrong",
+                "Is the baseline adequate? As far as these readings show. The tests find nothing wrong",
                 "Nor can they exclude gap at rest + slew-limited amplifier (60 %).",
             ],
             ["Yes."],
@@ -223,8 +223,8 @@ def test_empty_parts_are_said(change, said, not_said, tmp_path):
 def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     experiment = make_experiment()
     html = build(make_record(experiment), experiment, tmp_path).html
-    told = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)[1])
-    curves = {c["name"]: c for c in told[0]["curves"]}
+    reported = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)[1])
+    curves = {c["name"]: c for c in reported[0]["curves"]}
     assert "without: gap at rest" not in curves  # no number everywhere
     out = curves["without: hysteresis of the stack"]
     first = experiment.groups[0].reading
@@ -232,7 +232,7 @@ def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)
 
 
-def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_path):
+def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_reported(undrawn, tmp_path):
     experiment = make_experiment("a rig")
     record = make_record(experiment)
     sets = [["hysteresis"], ["gap", "slew_limit"], ["swing_drag"]]
@@ -241,12 +241,12 @@ def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_p
         replace(p, pairs=[Pair(sets[i], sets[j], x) for (i, j), x in zip(two, apart, strict=True)])
         for p, apart in zip(record.next_experiment.proposals, ((40.0, 50.0, 45.0), (0.2, 31.0, 30.0)), strict=True)
     ]
-    told = NextExperiment.of(proposals, Purpose("separate", sets))
+    reported = NextExperiment.of(proposals, Purpose("separate", sets))
     scores = record.gain["strict"].groups
     worse = [replace(scores[0], log_rmse_interval=[0.2, 0.4]), *scores[1:]]
     record = replace(
         record,
-        next_experiment=told,
+        next_experiment=reported,
         confusion=Confusion([Confounded("hysteresis", "swing_drag", 3.4)]),
         gain=record.gain | {"strict": replace(record.gain["strict"], groups=worse)},
     )
@@ -278,7 +278,7 @@ def test_how_alternatives_were_judged() -> None:
     assert [row[-1] for row in alternatives(nothing)["rows"]] == ["sampled", "–", "estimated from a short fit"]
 
 
-def test_a_search_repeated_from_nothing_is_told_in_the_ledger() -> None:
+def test_a_search_repeated_from_nothing_is_in_the_ledger() -> None:
     audit = Choice(
         "the same search from nothing", [1], [], led_to=["gap"], begun_led_to=["preload"], log_posterior_below_begun=1.5
     )
@@ -307,9 +307,9 @@ def test_where_the_p_value_of_a_search_comes_from(tmp_path, undrawn):
             (unknown, "is not known: the stored table of such searches is of a search with other settings."),
         )
     ):
-        told = replace(record, misfit=replace(record.misfit, search=search))
+        reported = replace(record, misfit=replace(record.misfit, search=search))
         (tmp_path / f"{k}").mkdir()
-        assert said in build(told, experiment, tmp_path / f"{k}").text
+        assert said in build(reported, experiment, tmp_path / f"{k}").text
 
 
 def test_one_group(tmp_path):
@@ -380,7 +380,7 @@ def test_what_is_tied_with_the_best_extension_is_tied_with_it_by_name(undrawn, t
     assert f"As good as {best_model}: {other}; or " in text and "As good as it" not in text
 
 
-def test_large_sets_are_told_by_what_differs():
+def test_large_sets_are_described_by_what_differs():
     _instead = PAGE.instead
     named = ["hysteresis", "gap", "slew_limit"]
     leans = "ball leans on the tip"
@@ -411,7 +411,7 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     assert "would show much more: the best, sine, 20 V, determines kc, narrower by 5 %. More" in text
 
 
-def test_no_gain_is_told_where_no_cause_was_named(undrawn, tmp_path):
+def test_no_gain_is_reported_where_no_cause_was_named(undrawn, tmp_path):
     """The training groups may name nothing by themselves: that is neither a gain of nothing nor an uncertain one."""
     experiment = make_experiment()
     record = make_record(experiment)

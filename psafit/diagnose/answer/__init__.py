@@ -101,7 +101,7 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
 
 
 def sentences(d: Diagnosis) -> list[str]:
-    """Return the answer in plain words, as the record and the terminal tell it."""
+    """Return the answer in plain words, as the record and the terminal give it."""
     return [statement.say(PLAIN) for statement in answer(d)]
 
 

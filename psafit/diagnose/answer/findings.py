@@ -46,7 +46,7 @@ class Judged(Statement):
     Parameters
     ----------
     adequate : {"yes", "so far", "no", "together", "tails", "improbable"}
-        Whether it is; only as far as the readings tell, where something else is more probable; not rejected by the
+        Whether it is; only as far as the readings show, where something else is more probable; not rejected by the
         tests, but by readings that stand out together, or only for the heavy tails of its scatter; not rejected, but
         improbable.
     p_value : float

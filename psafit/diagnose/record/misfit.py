@@ -96,7 +96,7 @@ class Tests:
 
 @dataclass(frozen=True)
 class GroupDiscrepancy:
-    """Mean and largest absolute discrepancy of a group, in ln units; None where no reading tells of one."""
+    """Mean and largest absolute discrepancy of a group, in ln units; None where no reading shows one."""
 
     group: GroupId
     mean: float | None

@@ -81,7 +81,7 @@ def option(heading: str, column: str, unit: str = "") -> str:
 
 
 def choose(grid: Grid, head: Head, options: Options) -> Chosen:
-    """Tell what each column holds.
+    """Say what each column holds.
 
     Raises
     ------
@@ -266,7 +266,7 @@ def _volts(
         return said.pop()
     if own or (options.volts and not said):
         return options.volts
-    what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS cannot be told"
+    what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS is not said"
     remedy = f"say --volts {', --volts '.join(VOLTS)}, or {option(column.option, column.column, 'Vpp')}"
     faults.add(_error(grid, head, what, remedy))
     return None

@@ -102,7 +102,7 @@ def _notation(grid: Grid, body: Body, columns: Sequence[Column], options: Option
     cells = [(row.line, cell) for row in body.rows for c in columns if text_of(cell := _cell(row, c))]
     if two := ambiguous(cells):
         line, text, values = two
-        what = f"{shown(text)} may be {values[0]:f} or {values[1]:f}, and no other number of the file tells which"
+        what = f"{shown(text)} may be {values[0]:f} or {values[1]:f}, and no other number of the file shows which"
         raise InputError(what, "say --decimal . or --decimal ,", file=grid.file, line=line)
     return likeliest([cell for _, cell in cells])
 

@@ -181,10 +181,10 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     ];
     zero.hidden = !zeros.length;
     zero.querySelector("path").setAttribute("class", zeros[0] ?? "reading");
-    tell(curves);
+    report(curves);
   }
 
-  function tell(curves) {
+  function report(curves) {
     const hint = "Point at the curves, or move with the arrow keys, for the values of a reading.";
     const parts = [];
     if (at !== null) {
