@@ -208,7 +208,7 @@ def section(e: CauseEntry) -> Iterator[str]:
 def likeness() -> Iterator[str]:
     """What the simulator says of the causes' likeness: not from the declarations."""
     six, first = six_groups(), first_group()
-    yield "![Which causes are confounded](figures/causes/alike.png)"
+    yield "![Which causes are confounded](figures/causes/confounded.png)"
     for name, found in (("Group 1 alone", first), ("All six groups", six)):
         absorbed, idle = (
             [f"`{id}`" for id, s in zip(found.ids, found.status, strict=True) if s == kind]
@@ -451,7 +451,7 @@ def clustered(found: Confounding) -> list[int]:
     return [seen[i] for i in leaves_list(optimal_leaf_ordering(tree, distance))]
 
 
-def draw_alike() -> None:
+def draw_confounded() -> None:
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
@@ -491,20 +491,20 @@ def draw_alike() -> None:
             axes.spines[:].set_visible(False)
             axes.set_title(title)
         bar = figure.colorbar(image, ax=panels, shrink=0.72, aspect=28, pad=0.015)
-        bar.set_label("Angle after the refit (°): 0 alike, 90 distinct")
+        bar.set_label("Angle after the refit (°): 0 confounded, 90 distinct")
         bar.set_ticks([0, 30, 60, 90])
         bar.outline.set_visible(False)
         figure.legend(
             [Rectangle((0, 0), 1, 1, facecolor="#ececec")], ["absorbed by the refit, or too small to be seen"],
             loc="outside lower center", fontsize=9.5, frameon=False,
         )  # fmt: skip
-        save(figure, FIGURES / "alike.png", colours=160)
+        save(figure, FIGURES / "confounded.png", colours=160)
 
 
 def main() -> int:
     PAGE.write_text(page("\n\n".join(likeness())), encoding="utf-8")
     if "--text" not in sys.argv:
-        draw_alike()
+        draw_confounded()
         for term in TERMS:
             draw_cause(term)
     return 0

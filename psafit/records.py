@@ -425,7 +425,7 @@ class GroupScore:
     pit_p_value : float
         Whether the probability integral transforms are uniform.
     drift_p_value : float
-        Whether neighbours in the sweep err alike more than they should.
+        Whether neighbours in the sweep err to one side more than they should.
     informative : bool
         Whether a prediction can fail here: the drive is on, and some readings are above zero. Others enter no mean.
     verdict : str

@@ -47,7 +47,7 @@ def best(log_posterior: float) -> dict[str, Any]:
     return {"causes": ["gap"], "log_posterior": log_posterior, "probability": 0.9}
 
 
-def test_causes_are_dealt_alike_every_time_and_all_occur() -> None:
+def test_causes_are_dealt_the_same_every_time_and_all_occur() -> None:
     sizes = [2] * 20 + [3] * 10
     hands = search_sets.dealt(1, sizes)
     assert hands == search_sets.dealt(1, sizes) != search_sets.dealt(2, sizes)
@@ -57,7 +57,7 @@ def test_causes_are_dealt_alike_every_time_and_all_occur() -> None:
     assert often.keys() == set(search_sets.CATALOGUE)
 
 
-def test_a_truth_is_drawn_alike_every_time(known: Experiment) -> None:
+def test_a_truth_is_drawn_the_same_every_time(known: Experiment) -> None:
     ids = ["amplifier_lag", "reading_gain"]
     first, again, other = (search_sets.drawn_truth(np.random.default_rng(k), ids, known.ids) for k in (1, 1, 2))
     assert first == again != other

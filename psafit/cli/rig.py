@@ -115,7 +115,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         show.stage("isolability")
         found = isolability(
             read.title, read.constants, read.groups, read.limits, terms,
-            progress=lambda k, n: show.update(k, n, "blocks of causes that look alike"),
+            progress=lambda k, n: show.update(k, n, "blocks of confounded causes"),
         )  # fmt: skip
     if plot is not None:
         from psafit.report.figures.isolability import isolability_figure
@@ -130,7 +130,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         for id, others in found.taken_for.items():
             click.echo(f"{id} may be taken for {', '.join(others)}")
         for block in found.blocks:
-            click.echo(f"look alike: {', '.join(block.causes)}")
+            click.echo(f"confounded: {', '.join(block.causes)}")
             if (s := block.split) is not None:
                 what = "are separated by" if s.splits else "none separates all; the best is"
                 click.echo(f"  {what} {s.readings} readings, {s.text} (the closest pair by {fixed(s.nats, 1)} nats)")

@@ -11,9 +11,9 @@ expected difference of the best log likelihoods in the linearised problem. :math
 says whether the cause is seen at all. Effects bend with their strength: a cause of :math:`M` is taken at several
 strengths, and the one that imitates best counts. Of the places in the baseline that are tried the median is reported.
 
-A cause *may be taken for* another where its readings speak less than a threshold against that. Two *look alike* where
-each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the refit is
-linear: of a cause that changes the ranges many times over the numbers say in which direction, not how far.
+A cause *may be taken for* another where its readings speak less than a threshold against that. Two are *confounded*
+where each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the
+refit is linear: of a cause that changes the ranges many times over the numbers say in which direction, not how far.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class IsolabilitySettings:
 
 
 @dataclass(frozen=True)
-class LookAlike:
+class ConfoundedPair:
     """Readings of `truth` that speak by so many nats only against `rival`."""
 
     truth: list[str]
@@ -103,7 +103,7 @@ class Split:
 
 @dataclass(frozen=True)
 class Block:
-    """Causes that look alike, and what would split them; None where no further sweep was asked for."""
+    """Causes that are confounded, and what would split them; None where no further sweep was asked for."""
 
     causes: list[str]
     split: Split | None
@@ -126,7 +126,7 @@ class Isolability:
         By which readings of the row's cause speak against the column's, both beside refitted parameters.
     unseen : list of str
         Causes that the design would not show; they are in no block.
-    pairs : list of LookAlike
+    pairs : list of ConfoundedPair
         Two causes that one other one may be had for, and causes that a pair may be had for which neither of it is.
     taken_for : dict
         By cause: those for which its readings may be taken.
@@ -141,7 +141,7 @@ class Isolability:
     seen: list[float]
     nats: list[list[float]]
     unseen: list[str]
-    pairs: list[LookAlike]
+    pairs: list[ConfoundedPair]
     taken_for: dict[str, list[str]]
     blocks: list[Block]
     settings: IsolabilitySettings
@@ -285,23 +285,23 @@ def isolability(
     )  # fmt: skip
 
 
-def _pairs(visible: Sequence[str], evidence_against: Callable[..., float], apart: float) -> list[LookAlike]:
+def _pairs(visible: Sequence[str], evidence_against: Callable[..., float], apart: float) -> list[ConfoundedPair]:
     """Pairs that look like a single cause, and single ones that look like a pair of which neither alone does."""
     alone = {(i, j): evidence_against([i], [j]) for i in visible for j in visible if i != j}
     found = []
     for one in visible:
         for pair in itertools.combinations([id for id in visible if id != one], 2):
             if (size := evidence_against(pair, [one])) < apart:
-                found.append(LookAlike(list(pair), [one], size))
+                found.append(ConfoundedPair(list(pair), [one], size))
             if all(alone[one, id] >= apart for id in pair) and (size := evidence_against([one], pair)) < apart:
-                found.append(LookAlike([one], list(pair), size))
+                found.append(ConfoundedPair([one], list(pair), size))
     return sorted(found, key=lambda x: x.nats)
 
 
 def _blocks(
     ids: Sequence[str], visible: Sequence[str], nats: Sequence[Sequence[float]], apart: float
 ) -> list[list[str]]:
-    """Causes connected by looking alike: components of the graph whose edges are the pairs that may be exchanged."""
+    """Causes connected by confounding: components of the graph whose edges are the pairs that may be exchanged."""
     places = [ids.index(id) for id in visible]
     most = np.maximum(np.array(nats), np.array(nats).T)[np.ix_(places, places)]
     n, label = connected_components(most < apart, directed=False)

@@ -501,7 +501,7 @@ class _Model:
 
     problem: Problem
     theta: FloatArray  # (n_draws, n_columns)
-    u: FloatArray  # the draws themselves, (n_draws, n_dim), no two alike
+    u: FloatArray  # the draws themselves, (n_draws, n_dim), no two equal
     weight: FloatArray  # (n_draws,)
 
     @classmethod

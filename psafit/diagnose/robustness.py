@@ -25,7 +25,7 @@ class Robustness:
         Gain on the other groups, both models fitted to them alone.
     over_smooth : float
         Evidence, nats, of the best model over that of a smooth discrepancy without a name beside the baseline: a richer
-        law of the scatter, whose errors along a sweep and within a session are alike.
+        law of the scatter, whose errors along a sweep and within a session are correlated.
     """
 
     groups: list[tuple[GroupId, float]]

@@ -42,8 +42,8 @@ class FisherSettings:
     longest : float
         Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
     like : float, nats
-    alike : float
-        Optimisations whose log posteriors differ by less than `like`, and all whose ranges by less than `alike`
+    indistinct : float
+        Optimisations whose log posteriors differ by less than `like`, and all whose ranges by less than `indistinct`
         standard deviations of the scatter, are at one place, or on one ridge.
     """
 
@@ -54,7 +54,7 @@ class FisherSettings:
     stuck: float = 1e4
     longest: float = 2.0
     like: float = 0.5
-    alike: float = 0.1
+    indistinct: float = 0.1
 
 
 class Effort(NamedTuple):
@@ -340,7 +340,7 @@ def _kept(
     for k in order:
         for m in total:
             apart = np.abs((predicted[k] - predicted[m]) / scatter[m]).max()
-            if log_posterior[m] < log_posterior[k] + how.like and apart < how.alike:
+            if log_posterior[m] < log_posterior[k] + how.like and apart < how.indistinct:
                 total[m] += int(starts[k])
                 break
         else:

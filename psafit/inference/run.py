@@ -649,10 +649,10 @@ def _apart(
     names: Sequence[str], log_posteriors: Sequence[float], r_hat: FloatArray, goal: float, near: float = 5.0
 ) -> str:
     """What keeps walkers apart, where the search ended in several places within so many nats of the best."""
-    alike = sum(log_posterior > max(log_posteriors) - near for log_posterior in log_posteriors)
-    if alike < 2 or r_hat.max() < goal:
+    near_top = sum(log_posterior > max(log_posteriors) - near for log_posterior in log_posteriors)
+    if near_top < 2 or r_hat.max() < goal:
         return ""
     return (
-        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {near:g} nats,"
+        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {near_top} places within {near:g} nats,"
         " between which walkers rarely cross; psafit diagnose weighs such places one by one"
     )

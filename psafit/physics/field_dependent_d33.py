@@ -53,7 +53,7 @@ TERM = Term(
         ),
     ),
     symptom=Symptom(
-        "the launch range grows faster than the voltage, by the factor 1 + alpha V_a or more, at every frequency alike",
+        "the launch range grows faster than the voltage, by the factor 1 + alpha V_a or more, at every frequency",
         sign=1,
         frequency="mixed",
         amplitude="grows",

@@ -306,7 +306,7 @@ def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
 def _pictures(pictured: Sequence[_Shown]) -> list[Picture]:
     return [
         Picture(
-            figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), alike=len(pictured)),
+            figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), like=len(pictured)),
             f"Launch range of group {g.pair.group}, {g.sweep.condition}: measured, and predicted by {text}.",
             f"Off by {text}.",
         )

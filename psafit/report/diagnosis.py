@@ -152,7 +152,7 @@ def _next(result: Diagnosis) -> dict[str, Any]:
     return {
         "proposals": tables.proposals(result.next_experiment),
         "confusion": tables.rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
-        "alike": tables.alike(result.confusion.alike),
+        "confounded": tables.confounded(result.confusion.alike),
         "rehearsals": [tables.rehearsal(one) for one in result.next_experiment.rehearsals or []],
     }
 

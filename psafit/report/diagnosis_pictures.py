@@ -85,8 +85,8 @@ class Shown:
 
 
 def _uri(figure: Figure, n: int) -> str:
-    """Image of one of `n` alike, which are simpler than those of a fit."""
-    return figure_data_uri(figure, alike=n, few=12)
+    """Image of one of `n` of a kind, which are simpler than those of a fit."""
+    return figure_data_uri(figure, like=n, few=12)
 
 
 def _scale_x(axes: Axes, values: FloatArray, *, log: bool) -> None:

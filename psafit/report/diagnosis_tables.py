@@ -545,8 +545,8 @@ def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[l
     ]
 
 
-def alike(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
-    """Pairs of causes whose effects look alike, `most` of them, and by which angle they differ."""
+def confounded(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
+    """Pairs of causes that are confounded, `most` of them, and by which angle they differ."""
     return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:most]]
 
 

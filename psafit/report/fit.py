@@ -237,10 +237,10 @@ def _what_is_not_determined(run: Run) -> Markup:
         ("what sessions have for themselves", run.summary.parameters[run.fit.n_physical : first]),
         ("the scatter", run.summary.parameters[first:]),
     ):
-        alike = list(dict.fromkeys(symbols[s.name] for s in those if s.verdict == "not determined"))
-        if alike:
-            verb = "follows" if len(alike) == 1 else "follow"
-            parts.append(Markup("of {}, {} {} the prior").format(what, listed(alike), verb))
+        undetermined = list(dict.fromkeys(symbols[s.name] for s in those if s.verdict == "not determined"))
+        if undetermined:
+            verb = "follows" if len(undetermined) == 1 else "follow"
+            parts.append(Markup("of {}, {} {} the prior").format(what, listed(undetermined), verb))
     return Markup("Not determined: ") + Markup("; ").join(parts) + "."
 
 

@@ -135,7 +135,7 @@ def test_a_plan_needs_no_readings(known_folder: Path, tmp_path: Path, monkeypatc
 
 
 def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    """What is written is what was simulated; a seed scatters it as the model says, and always alike."""
+    """What is written is what was simulated; a seed scatters it as the model says, and always the same."""
     noise = ("--set", "sigma_rel=0.04", "--set", "sigma_abs=1e-3", "--set", "nu=100")
     exact, drawn, again = (tmp_path / name for name in ("exact", "drawn", "again"))
     assert run(monkeypatch, "simulate", known_folder, "--readings", exact, "--out", tmp_path / "s.csv") == 0

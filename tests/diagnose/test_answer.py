@@ -64,7 +64,7 @@ def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
     best_model = record().causes[0]
     sure = replace(best_model, evidence=replace(best_model.evidence, share=0.97))
     (named,) = of(replace(record(), causes=[sure, *record().causes[1:]]), Named)
-    assert named.fits_alike and "only by its priors" in named.say(PLAIN)
+    assert named.fits_as_well and "only by its priors" in named.say(PLAIN)
 
 
 def test_heavy_tails_are_reported_with_the_readings_that_they_take_up() -> None:

@@ -25,7 +25,7 @@ def found():
     return isolability("a rig", e.constants, e.groups, limits, FEW, settings=IsolabilitySettings(readings=(4,)))
 
 
-def test_dampings_of_one_contact_look_alike(found):
+def test_dampings_of_one_contact_are_confounded(found):
     nats = np.array(found.nats)
     assert found.causes == [t.id for t in FEW] and np.diag(nats) == pytest.approx(0.0)
     lag, hunt_crossley, indentation = range(3)
@@ -33,7 +33,7 @@ def test_dampings_of_one_contact_look_alike(found):
     assert all(nats[i, j] <= found.seen[i] + 1e-9 for i in range(3) for j in range(3))
 
 
-def test_a_sweep_is_offered_for_causes_that_look_alike(found):
+def test_a_sweep_is_offered_for_causes_that_are_confounded(found):
     assert all(
         found.nats[found.causes.index(i)][found.causes.index(j)] < 3.0
         for i, near in found.taken_for.items()
@@ -76,10 +76,8 @@ def test_a_rig_keeps_its_drives(table):
     recorded = Table(time, 10 * np.sin(2 * np.pi * 800 * time) ** 2, True)
     drive = Drive("table", table=recorded, file="record.csv") if table else Drive("sine", bias_v=10.0, idle_v=10.0)
     groups = [replace(g, drive=drive) for g in e.groups]
-    alike = terms(["hunt_crossley", "indentation_damping"])
-    found = isolability(
-        "a rig", e.constants, groups, (), alike, settings=IsolabilitySettings(apart=1e-3, readings=(4,))
-    )
+    pair = terms(["hunt_crossley", "indentation_damping"])
+    found = isolability("a rig", e.constants, groups, (), pair, settings=IsolabilitySettings(apart=1e-3, readings=(4,)))
     splits = [b.split for b in found.blocks if b.split]
     for possible in proposals(e.constants, groups, ()):
         assert possible.design.used == (drive,)

@@ -42,11 +42,11 @@ def test_verdicts(hidden, sound):
     assert best_model.log_likelihood - other.log_likelihood > 4.0
     verdicts = {}
     for behind in (2.0, 4.0):
-        alike = replace(
+        close = replace(
             other, log_posteriors=other.log_posteriors + best_model.log_likelihood - other.log_likelihood - behind
         )
         for p in (0.02, 1e-4):
-            candidates = tuple(alike if c is other else c for c in hidden.candidates)
+            candidates = tuple(close if c is other else c for c in hidden.candidates)
             share = dict.fromkeys(hidden.probability, 0.0) | {best_model.ids: 0.98 - p, other.ids: p}
             verdicts[behind, p] = conclude(
                 replace(hidden, candidates=candidates, probability=share), before, after, left, bare

@@ -232,7 +232,7 @@ def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)
 
 
-def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_reported(undrawn, tmp_path):
+def test_what_a_proposal_leaves_tied_and_what_is_confounded_is_reported(undrawn, tmp_path):
     experiment = make_experiment("a rig")
     record = make_record(experiment)
     sets = [["hysteresis"], ["gap", "slew_limit"], ["swing_drag"]]

@@ -138,7 +138,7 @@ def _named(d: Diagnosis) -> Statement:
         # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
         probability=None if best_model is None or d.mostly_unnamed or not d.named else best_model.probability,
         alternatives=d.alternatives,
-        fits_alike=best_model is not None and best_model.evidence.share >= CREDIBLE,
+        fits_as_well=best_model is not None and best_model.evidence.share >= CREDIBLE,
         rejected=d.misfit.p_value < ALPHA,
         left=left,
         p_after=after.p_value if after and left and after.p_value < ALPHA else None,

@@ -116,7 +116,7 @@ class Named(Statement):
     probability : float, optional
         None where it says nothing.
     alternatives : list of lists of str
-    fits_alike : bool
+    fits_as_well : bool
         Whether only what is plausible beforehand speaks for the first of several.
     rejected : bool
         Whether the tests reject the baseline.
@@ -138,7 +138,7 @@ class Named(Statement):
     causes: list[str]
     probability: float | None
     alternatives: list[list[str]]
-    fits_alike: bool
+    fits_as_well: bool
     rejected: bool
     left: Literal["", "structure", "smooth", "law"]
     p_after: float | None
@@ -168,7 +168,7 @@ class Named(Statement):
                 how += " shape of what is missing, and perhaps not the mechanism.{}"
             return words.put(how, what, other, rest)
         if self.verdict == "ambiguous":
-            if self.fits_alike:
+            if self.fits_as_well:
                 how = "{} is most plausible, but only by its priors: these readings are fitted as well by {}.{}"
                 return words.put(how, what, tied, rest)
             how = "These readings cannot decide between {} sets of causes: {}; or {}.{}"

@@ -186,11 +186,11 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
 
 
 def _repeated(columns: Sequence[Column]) -> bool:
-    """Whether columns are called alike, or alike but for numbers from 0 or 1."""
-    alike = len({c.heading.name for c in columns}) == 1
+    """Whether columns have one name, or one but for numbers from 0 or 1."""
+    same_name = len({c.heading.name for c in columns}) == 1
     same = len({c.heading.text for c in columns}) == 1
     numbers = sorted(-1 if c.heading.number is None else c.heading.number for c in columns)
-    return alike and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
+    return same_name and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
 
 
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
