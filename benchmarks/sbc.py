@@ -74,7 +74,7 @@ from psafit.workers import processes, reach, scratch, unordered
 
 @dataclass(frozen=True)
 class Plan:
-    """What determines a data set and what is made of it, beside its number and the code.
+    """What determines a data set and what is made of it, apart from its number and the code.
 
     Parameters
     ----------
@@ -498,7 +498,7 @@ def main() -> int:
     options.add_argument("--seed", type=int, default=usual.seed)
     options.add_argument("--experiment", dest="rig", default=usual.rig, help="folder, or a stored data set's name")
     options.add_argument("--group", default="", help="of its groups, these: 1,2,3")
-    options.add_argument("--terms", help="causes beside the baseline; by default drawn from the prior over sets")
+    options.add_argument("--terms", help="causes added to the baseline; by default drawn from the prior over sets")
     options.add_argument("--size", type=int, help="number of causes, where that is not drawn")
     options.add_argument("--sampler", choices=["evidence", "emcee"], default=usual.sampler)
     options.add_argument("--steps", type=int, default=usual.steps, help="of --sampler emcee, at most")

@@ -76,7 +76,7 @@ class Found:
     order : tuple of Ids
         Sets fitted, the best first.
     reported : tuple of Ids
-        The best, and those that are reported beside it as doing as well.
+        The best, and those that are reported with it as doing as well.
     modes : (n_modes, n_dim) array
         Of the best, in the sampling coordinates of its problem.
     """

@@ -277,7 +277,8 @@ and 0.3 um.
 - **Force acting back on the voltage.** A force frees the charge $q F$, 0.12 uC/N: 0.08 V/N on 1.5 uF without a source.
   That is 0.4-2 % of 20 V at 1 to 5 N, and less with a source of 50 ohm, which drains it within 75 us.
 - **Bending of the stack.** A ball $e$ off the axis of a stack of width $b$ adds $12 e^2/b^2$ of the stack's compliance:
-  48 % for 1 mm and 5 mm, 1e-8 m/N. Beside the 3e-7 m/N of a contact of 3e6 N/m that is 3 %, which $k_c$ takes up.
+  48 % for 1 mm and 5 mm, 1e-8 m/N. Compared with the 3e-7 m/N of a contact of 3e6 N/m that is 3 %, which $k_c$ takes
+  up.
 - **Plastic contact.** Hertz's greatest pressure of steel on PZT is 0.28 GPa at 5 N. Yield begins at 1.6 times the yield
   stress, above 1 GPa in either.
 - **Stretch of the string.** 0.26 N on nylon of 0.2 mm (1 kN/m at 90 mm) is 0.3 % of the length and 0.14 % of the range.

@@ -39,7 +39,7 @@ LOOK = {
     5: ("#D55E00", "D", "5: square 1.2 kHz"),
     6: ("#000000", "P", "6: square 20 V"),
 }
-# What the study states beside its appendix.
+# What the study states apart from its appendix.
 TABLE_2_RANGE_UM = {
     1: (0.67, 76.0),
     2: (0.90, 34.2),
@@ -283,7 +283,7 @@ def text_numbers(groups: dict[int, Group]) -> dict[str, Any]:
 
 
 def table_numbers(groups: dict[int, Group]) -> dict[str, Any]:
-    """What it quotes beside the study's Table 4."""
+    """What it quotes in addition to the study's Table 4."""
     return {
         "measured_equals_appendix": all(
             at(groups[3], v) == row[1] and at(groups[4], v) == row[3] for v, row in TABLE_4.items()

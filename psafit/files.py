@@ -100,7 +100,7 @@ def _takes_bytes_as_they_come(path: Path) -> bool:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Hand out a temporary file beside `path`, and move it there in one step when the block ends well.
+    """Hand out a temporary file next to `path`, and move it there in one step when the block ends well.
 
     A link stays: what it points to is replaced.
 

@@ -1,7 +1,7 @@
 """Numbers as text: rounded half away from zero, and zero without a sign.
 
 What is rounded is the decimal number that a float prints as. So 0.925 is 0.93 as a fraction and 93 in per cent;
-Python's own formats round the binary numbers beside it, to 0.93 and 92.
+Python's own formats round the binary numbers next to it, to 0.93 and 92.
 """
 
 from __future__ import annotations

@@ -178,7 +178,7 @@ def unordered(
     calls : iterable of tuple
         Taken from when a worker needs more.
     waiting : int
-        Calls that wait for each worker beside the one at which it is.
+        Calls that wait for each worker in addition to the one at which it is.
     """
     if jobs > 1 and (client := _CLIENT.get()):
         return _on_cluster(client, jobs, work, calls, waiting)

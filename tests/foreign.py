@@ -42,7 +42,7 @@ FOOTERS = ["End of file", "# stopped by hand", "", "Müller", "-----"]
 
 @dataclass(frozen=True)
 class Foreign:
-    """A file, the options that it needs beside ``--waveform sine``, and what it holds."""
+    """A file, the options that it needs with ``--waveform sine``, and what it holds."""
 
     file: Path
     options: tuple[str, ...]
@@ -141,7 +141,7 @@ def _notation(rng: random.Random, separator: str) -> Notation:
 def _headings(
     rng: random.Random, units: tuple[str, str, str], counted: str, n_repeats: int
 ) -> tuple[list[str], list[str] | None, list[str]]:
-    """Headings of frequency, volts and ranges, a row of units or none, and what is said beside them."""
+    """Headings of frequency, volts and ranges, a row of units or none, and what is said next to them."""
     names = [rng.choice(NAMES[kind]) for kind in ("frequency", "volts", "range")]
     options: list[str] = []
     volts = units[1]

@@ -48,8 +48,8 @@ PAIR = ("start_phase", "preload")
 # What a diagnosis chooses from where it need not look at all there is.
 FEW = SINGLES
 ASKED, ASKED_OF_EACH = 100.0, 60.0
-# What the oracle must see for a miss to count: of the whole, and of each of a pair beside the other.
-SEEN, SEEN_BESIDE = 40.0, 15.0
+# What the oracle must see for a miss to count: of the whole, and of each of a pair given the other.
+SEEN, SEEN_EACH = 40.0, 15.0
 _TRIES = 12
 
 # Chances that a sound diagnosis is right about a data set: the targets of the full campaign, which count from 25 nats
@@ -122,7 +122,7 @@ def hide(kind: str, causes: Sequence[str], rng: np.random.Generator, folder: Pat
             asked = how.strength if kind == "one" else ASKED_OF_EACH
             made = make(seed, place, design_of=design, terms=causes, strength=asked)
         oracle = consult(made.experiment, made.answer, seed=1, starts=12)  # enough to see 40 nats or more
-        if kind == "nothing" or (oracle.gain >= how.seen and min(oracle.without.values(), default=SEEN) >= SEEN_BESIDE):
+        if kind == "nothing" or (oracle.gain >= how.seen and min(oracle.without.values(), default=SEEN) >= SEEN_EACH):
             return Hidden(made, oracle, seed)
     raise AssertionError(f"{kind} {causes}: nothing that an oracle sees, in {_TRIES} tries")
 

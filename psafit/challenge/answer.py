@@ -75,7 +75,7 @@ class Answer:
     places : list of Place
     design : {"given", "drawn"}
     redraws : int
-        True models drawn besides that launched too little, or in which a cause could not be as strong as asked for.
+        True models drawn as well that launched too little, or in which a cause could not be as strong as asked for.
     true_um : list of float, um
         Ranges before scatter and rounding, group after group.
     fingerprint : str

@@ -131,11 +131,11 @@ def consult(
         if len(terms) > 1:
             for term in terms:
                 rest = Problem(experiment, experiment.ids, tuple(t for t in terms if t is not term))
-                # What one cause does beside another may as well be done by another contact: far from the truth.
+                # What one cause does in addition to another may as well be done by another contact: far from the truth.
                 found = fit(rest, [best], seed=seed, draws=draws, most=starts)
-                beside = [polish(rest, u)[0] for u in (found.modes[0], truth_of(rest, answer))]
+                reduced = [polish(rest, u)[0] for u in (found.modes[0], truth_of(rest, answer))]
                 # The baseline is a case of it, too.
-                most = max(base_likelihood, *(_likelihood(rest, u) for u in beside))
+                most = max(base_likelihood, *(_likelihood(rest, u) for u in reduced))
                 without[term.id] = max(reached - most, 0.0)
         elif rivals_from is not None and gain >= rivals_from:
             confusable = find_rivals(experiment, answer)

@@ -64,11 +64,11 @@ class Discrepancy:
     log_bayes : float
         Its evidence over none.
     log_evidence : float
-        Of model and discrepancy together, comparable with those of other models beside the same readings.
+        Of model and discrepancy together, comparable with those of other models of the same readings.
     amplitude, level, reach : float
         Standard deviation of the smooth part and of the groups' levels (relative), and its length in ln units.
     sigma_rel : float
-        Relative scatter beside it, of the first observable.
+        Relative scatter given it, of the first observable.
     mean, sd : (n_points,) arrays
         ``ln(reading/prediction)`` that it explains, and its posterior standard deviation.
     hyper, covariance : (5,) and (5, 5) arrays
@@ -118,7 +118,7 @@ class Discrepancy:
 def discrepancy(
     candidate: Candidate, outlying: FloatArray | None = None, settings: DiscrepancySettings | None = None
 ) -> Discrepancy:
-    """Fit an unnamed discrepancy beside a model.
+    """Fit an unnamed discrepancy added to a model.
 
     Parameters
     ----------
@@ -250,8 +250,8 @@ class _Expansion:
             for rows, factor in zip(self.groups, factors, strict=True):
                 white[rows] = solve_triangular(factor, columns[rows], lower=True, check_finite=False)
                 log_size += float(np.log(np.diag(factor)).sum())
-        # The parameters' values given all else, by least squares beside their priors: no product of what they do, whose
-        # sizes differ by powers of ten.
+        # The parameters' values given all else, by least squares with their priors: no product of what they do,
+        # whose sizes differ by powers of ten.
         k = self.free.shape[1]
         q, r = np.linalg.qr(np.vstack([white[:, 1:], np.eye(k)]))
         target = np.append(white[:, 0], np.zeros(k))
@@ -328,7 +328,7 @@ def stretch(candidate: Candidate, *, lone: float = 3.0) -> FloatArray:
     tails = np.broadcast_to(noise.columns(candidate.noise)[2][0], score.shape)
     for _, _, rows in sweeps(candidate.problem):
         z, nu = score[rows], tails[rows]
-        beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
-        alone = (np.abs(z) > lone) & (np.abs(beside) < 0.5 * lone)
+        sides = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
+        alone = (np.abs(z) > lone) & (np.abs(sides) < 0.5 * lone)
         found[rows] = np.where(alone, (nu + z**2) / (nu + 1), 1.0)
     return found

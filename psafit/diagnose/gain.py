@@ -152,7 +152,7 @@ class Gain:
     ledger : list of Choice
         What each choice saw.
     predictions : str
-        The CSV beside the result.
+        The CSV next to the result.
     """
 
     protocol: str

@@ -2,7 +2,7 @@ r"""Which causes a design can distinguish, before anything is measured.
 
 At a place :math:`\theta` of the baseline, cause :math:`i` at a plausible strength changes the ranges by :math:`e_i`, in
 standard deviations of the scatter (`psafit.simulate.sensitivity`). With :math:`P` the projection on what refitted
-parameters of the baseline cannot imitate, and :math:`Q_M` that on what the effects of a model's causes span beside it,
+parameters of the baseline cannot imitate, and :math:`Q_M` that on what the effects of a model's causes span with it,
 
 .. math:: N_{i|M} = \tfrac12 \lVert (1 - Q_M) P e_i \rVert^2
 
@@ -123,7 +123,7 @@ class Isolability:
     seen : list of float
         Nats by which readings that a cause has made speak against the baseline.
     nats : list of lists of float
-        By which readings of the row's cause speak against the column's, both beside refitted parameters.
+        By which readings of the row's cause speak against the column's, both after a refit of the parameters.
     unseen : list of str
         Causes that the design would not show; they are in no block.
     pairs : list of ConfoundedPair

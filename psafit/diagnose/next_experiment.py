@@ -566,7 +566,7 @@ def _trial(
 ) -> tuple[_Judgement, FloatArray]:
     """Mean log ratio of predictive densities when one model makes the readings, how often it wins clearly, the error.
 
-    Against all others together, which are equally likely; the means against each of them, (n,), come beside it.
+    Against all others together, which are equally likely; the means against each of them, (n,), come with it.
     """
     right = models[truth]
     chosen = rng.choice(len(right.ranges), settings.trials, p=right.weight)

@@ -39,7 +39,7 @@ class RehearsalSettings:
     trials : int
         Simulated experiments for each model that may be the truth.
     starts : int
-        Starts of a fit from posterior draws, beside the optima.
+        Starts of a fit from posterior draws, in addition to the optima.
     schedule : tuple of (int, int)
         Iterations of the fit, and how many of the highest go on after them.
     """

@@ -33,7 +33,7 @@ class Room:
 def room(
     model_set: ModelSet, adopted: Ids, term: Term, *, seed: int, draws: int = 128, most: int = 1024, limit: float = 0.95
 ) -> Room | None:
-    """Return what a cause may do beside what is adopted.
+    """Return what a cause may do given what is adopted.
 
     The model with the cause was fitted by the search as a neighbour of the adopted one. What draws of its posterior
     predict is compared with what the adopted model does, less what its parameters could do in the cause's place, at the

@@ -91,7 +91,7 @@ class Screened:
     chance : float, nats
         What scatter alone gains once in twenty times.
     visible : float
-        Size of the effect of a plausible strength (the prior's median) beside a refit of everything else, in standard
+        Size of the effect of a plausible strength (the prior's median) after a refit of everything else, in standard
         deviations of the fitted scatter.
     """
 
@@ -139,7 +139,7 @@ def _screen(
     catalogue: Sequence[Term],
     settings: ScreenSettings,
 ) -> Screened:
-    """One cause beside a model whose own expansion ends at a log posterior `top`; `nothing` is simulated scatter."""
+    """One cause added to a model whose own expansion ends at a log posterior `top`; `nothing` is simulated scatter."""
     large = extended(candidate.problem, term, catalogue)
     at, shared = candidate.within(large)
     own = [large.names.index(p.name) for p in term.parameters]
@@ -196,7 +196,7 @@ def _luck(effects: FloatArray, moved: Sequence[FloatArray], nothing: FloatArray)
     Parameters
     ----------
     effects : (n, n_points) array
-        Of as many strengths, in units of the scatter and beside a refit.
+        Of as many strengths, in units of the scatter and after a refit.
     moved : sequence of (n, n_points) arrays
         How they change with each quantity that the cause draws anew, in units of its prior.
     nothing : (n_simulated, n_points) array

@@ -293,7 +293,7 @@ class _Work:
             ceiling = record.minima[0].log_posterior + self.how.missed if more else math.inf
             importance = self._importance_sample(found)
             chain = self._drawn(found, importance, limit, ceiling)
-            # The summary goes first and comes last: it must never describe other draws than those beside it.
+            # The summary goes first and comes last: it must never describe other draws than those next to it.
             (folder / "posterior.json").unlink(missing_ok=True)
             if chain.highest_log_posterior <= ceiling:
                 break
@@ -621,7 +621,7 @@ def _summarise(
 def _compared(
     problem: Problem, sampled: FloatArray, importance: ImportanceSample, effective: float
 ) -> ImportanceSummary:
-    """Importance draws beside those of the sampler, (n, n_dim) in the sampling coordinate.
+    """Importance draws next to those of the sampler, (n, n_dim) in the sampling coordinate.
 
     `effective` is what the latter are worth.
     """

@@ -138,7 +138,7 @@ class Convergence:
 
 @dataclass(frozen=True, kw_only=True)
 class Progress(Convergence):
-    """State of a running sampler, for whoever shows it, beside its `Convergence`.
+    """State of a running sampler, for whoever shows it, next to its `Convergence`.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ REBUILD = "remove posterior.json and repeat the command that made it: psafit reb
 """What to do about a posterior that is not as it was written: the chain is kept elsewhere."""
 
 HDF5_FRAME = 1 << 18
-"""Bytes that a file of ours needs beside its arrays, at most."""
+"""Bytes that a file of ours needs in addition to its arrays, at most."""
 
 
 @dataclass(frozen=True)

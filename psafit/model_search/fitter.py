@@ -275,7 +275,7 @@ def _short(
 def _optimised(
     problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], schedule: tuple[tuple[int, int], ...]
 ) -> Arrays:
-    """Where optimisations end; a strength that only the first of a pair knows is scanned beside the second, too."""
+    """Where optimisations end; a strength that only the first of a pair knows is scanned with the second, too."""
     starts = [
         widened(problem, _merged(problem, *pair), [t for t in problem.terms if t.id not in pair[1].ids])
         for pair in pairs

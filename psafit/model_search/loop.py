@@ -239,7 +239,7 @@ def search(
         Log prior probability of a set.
     settings : SearchSettings, optional
     starts : sequence of sets
-        Models to fit before all else, beside the one without causes.
+        Models to fit before all else, in addition to the one without causes.
     passes : callable
         Whether the readings pass the tests of misfit by a model. Asked of the one without causes, if it leads in the
         end.

@@ -5,7 +5,7 @@ and gives a reason for. Most are surprises: of two dozen such causes about one i
 contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a best model
 is not certain only because its rivals were not sampled.
 
-*What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
+*What counts as a model.* Any truth has supersets whose further causes are too weak to be seen; nobody can
 refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
 three nats is therefore counted with the set it is added to: a probability printed for {a, b} is that of "a and b are
 at work, and nothing else that these readings show".
@@ -123,7 +123,7 @@ class ModelSet:
     def rivals(self, named: Ids) -> tuple[Ids, ...]:
         """Sets that do as well as the named one: the most probable ones, down to the last that must be listed.
 
-        Those are the sets needed beside it for 95 % of the probability; and those of no more causes that fit as well,
+        Those are the sets needed in addition for 95 % of the probability; and those of no more causes that fit as well,
         which only what is plausible beforehand holds back.
         """
         share = self.probability

@@ -280,7 +280,7 @@ def _at_prior(share: float) -> str:
 
 
 def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
-    """What each cause gains, alone and beside others."""
+    """What each cause gains, alone and with others."""
     return [
         [
             cause(s.id),
@@ -353,7 +353,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
 
 
 def discrepancy(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
-    """What a smooth curve finds beside the causes, with its pictures."""
+    """What a smooth curve finds given the causes, with its pictures."""
     left = result.misfit.leftover
     mean, sd = np.array(left.mean), np.array([known(x) for x in left.sd])
     whole = mean.size == sd.size == sum(g.group.n_points for g in shown)

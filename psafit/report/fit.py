@@ -416,16 +416,16 @@ def _health(run: Run) -> list[list[Any]]:
 
 
 def _importance(run: Run) -> dict[str, Any]:
-    """The sampler's medians and limits beside those of importance sampling."""
+    """The sampler's medians and limits next to those of importance sampling."""
     other, symbols, worst = run.summary.importance, _symbols(run), run.summary.importance.furthest
     rows = []
-    for e, own, beside in zip(run.fit.parameters, run.summary.parameters, other.parameters, strict=True):
+    for e, own, importance in zip(run.fit.parameters, run.summary.parameters, other.parameters, strict=True):
         cells: list[Any] = []
-        for one in (own, beside):
+        for one in (own, importance):
             unit, (median, lower, upper) = prefixed(e.unit, one.median, one.lower, one.upper)
             width = (upper - lower) / 2
             cells += [with_unit(number(median, width), unit), with_unit(interval(lower, upper, width), unit)]
-        rows.append([symbols[own.name], *cells, fixed(beside.apart, 2)])
+        rows.append([symbols[own.name], *cells, fixed(importance.apart, 2)])
     words = compared(worst.name, worst.apart, other.by_chance, other.effective)
     return {
         "text": typeset(words[0].upper() + words[1:]) + ".",

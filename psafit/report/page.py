@@ -64,7 +64,7 @@ def _environment() -> jinja2.Environment:
 def render(template: str, out_path: str | Path, **context: Any) -> Path:
     """Render a template of this package to one HTML file.
 
-    The page is written beside its destination and moved there in one step, so that a reader never
+    The page is written next to its destination and moved there in one step, so that a reader never
     sees half a page and a failed report leaves the previous one in place.
 
     Parameters

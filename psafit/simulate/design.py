@@ -21,7 +21,7 @@ MAX_FREQUENCY = 1e9  # Hz; no stack follows
 
 @dataclass(frozen=True)
 class Design:
-    """Measurement conditions: everything the simulator needs besides the parameters.
+    """Measurement conditions: everything the simulator needs as well the parameters.
 
     Parameters
     ----------

@@ -393,7 +393,7 @@ class _Drive:
         return self.world.elastic(d, w) + self.world.damping(d, w)
 
     def bent_force(self, d: float, w: float) -> float:
-        """What the contact force has beside ``k_c d + c_c d'``: nothing, to the last bit, where it is that."""
+        """What the contact force has in addition to ``k_c d + c_c d'``: nothing, to the last bit, where it is that."""
         return (self.world.elastic(d, w) - self.world.k_c * d) + (self.world.damping(d, w) - self.world.c_c * w)
 
     def field(self, tau: float, y: list[float]) -> list[float]:
@@ -435,14 +435,14 @@ class _Drive:
         return self.contact_force(y) - self.seat
 
     def look_for_peak(self, step: Step) -> None:
-        """Largest contact force within a step: the highest place of a grid, and what lies beside it."""
+        """Largest contact force within a step: the highest place of a grid, and what lies next to it."""
         found = [self.contact_force(step.at(theta)) for theta in GRID]
         top = int(np.argmax(found))
         if found[top] > 0.9 * self.peak:
-            beside = float(GRID[max(top - 1, 0)]), float(GRID[min(top + 1, len(GRID) - 1)])
+            around = float(GRID[max(top - 1, 0)]), float(GRID[min(top + 1, len(GRID) - 1)])
             near = minimize_scalar(
                 lambda theta: -self.contact_force(step.at(theta)),
-                bounds=beside, method="bounded", options={"xatol": 1e-9},
+                bounds=around, method="bounded", options={"xatol": 1e-9},
             )  # fmt: skip
             self.peak = max(self.peak, found[top], -float(near.fun))
 

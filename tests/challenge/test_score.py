@@ -63,7 +63,7 @@ def test_pairs_need_both() -> None:
         result(["a", "b"], named=["b", "a"], without=seen),
         result(["a", "b"], named=["a"], alternatives=[["a", "b", "c"]], without=seen),
         result(["a", "b"], named=["a"], without=seen),
-        result(["a", "b"], named=["a"], without={"a": 50.0, "b": 1.0}),  # nobody can see b beside a
+        result(["a", "b"], named=["a"], without={"a": 50.0, "b": 1.0}),  # nobody can see b given a
     ]
     target = score(results).targets[6]
     assert (target.rate.k, target.rate.n, target.holds) == (2, 3, False)

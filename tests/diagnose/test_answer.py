@@ -83,7 +83,7 @@ def test_why_tests_that_pass_do_not_make_a_baseline_adequate() -> None:
     for change, adequate, said in (
         ({"usual_tails": 0.005}, "tails", "only because heavy tails take up what stands out; without: of 999"),
         ({"coincidences": [pair]}, "together", "readings of several groups stand out together."),
-        ({"usual_tails": 0.5}, "improbable", "it is improbable beside"),
+        ({"usual_tails": 0.5}, "improbable", "it is improbable compared with"),
     ):
         passed = replace(d.misfit, p_value=0.4, baseline=replace(d.misfit.baseline, p_value=0.4, **change))
         (judged,) = of(replace(d, verdict="unexplained", named=[], misfit=passed), Judged)

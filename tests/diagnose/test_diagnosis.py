@@ -217,7 +217,7 @@ def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_diagnosis_lies_beside_the_fit_of_the_same_readings(tmp_path):
+def test_a_diagnosis_lies_next_to_the_fit_of_the_same_readings(tmp_path):
     e = experiment(n=8)
     settings = replace(Settings.of(problem(e)), max_steps=60, chunk=20, tuned=15)
     fitted = run_fit(e, ["a"], tmp_path, n_starts=4, settings=settings)

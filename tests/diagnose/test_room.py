@@ -25,7 +25,7 @@ def test_sharper_readings_leave_less() -> None:
 
 
 def test_what_is_at_work_has_as_much_room_as_its_effect(hidden: ModelSet) -> None:
-    """Beside a baseline that fails, the hidden lag changes ranges by about what it truly does."""
+    """Added to a baseline that fails, the hidden lag changes ranges by about what it truly does."""
     left = room(hidden, (), LAG, seed=1)
     e = hidden.baseline.problem.experiment
     plain, lagging = (

@@ -63,7 +63,7 @@ def test_what_luck_gains_has_the_known_laws():
 
 
 def test_screening_looks_between_where_gains_are_steep():
-    """A cause that acts by thresholds helps in a narrow range, beside which it harms."""
+    """A cause that acts by thresholds helps in a narrow range, next to which it harms."""
     q = np.array([0.1, 0.3, 0.5, 0.9])
     assert _unclear(q, np.array([0.0, 0.0, -30.0, -31.0]), ScreenSettings()) == pytest.approx([0.4])
     assert _unclear(q, np.array([0.0, 1.0, 2.0, 1.0]), ScreenSettings()).size == 0

@@ -73,7 +73,7 @@ def test_verdicts(hidden, sound):
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
     assert better.verdict == "unexplained" and not better.remains
-    # What has no name and keeps a part beside an explanation is reported with it.
+    # What has no name and keeps a part next to an explanation is reported with it.
     doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
     # Nothing hidden.

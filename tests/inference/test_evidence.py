@@ -143,7 +143,7 @@ def test_hills_weigh_what_the_nested_sampler_finds():
 
 
 def test_what_the_readings_hardly_determine_is_as_wide_as_its_bounds():
-    """A slope of almost nothing is less than rounding beside the others', and must not become a width of nothing."""
+    """A slope of almost nothing is less than the others' rounding, and must not become a width of nothing."""
     one = replace(problem(experiment(n=8)), terms=terms(["separation_height"]))
     fitted = candidate_at(one, one.prior_transform(np.full((1, one.n_dim), 0.5)))
     k = one.names.index("separation_weight")
@@ -156,7 +156,7 @@ def test_what_the_readings_hardly_determine_is_as_wide_as_its_bounds():
 
 
 def test_a_stretched_density_reaches_far_along_each_coordinate():
-    """What goes along with a coordinate does so still; what is beside that stays as narrow as it was."""
+    """What goes along with a coordinate does so still; what is next to that stays as narrow as it was."""
     covariance = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 0.01]])
     width = np.array([36.0, 36.0, 12.0])
     one = StudentMixture.of([(np.zeros(3), covariance, 1.0)])

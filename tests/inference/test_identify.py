@@ -62,7 +62,7 @@ def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
 
 
 def test_a_profile_does_not_lean_on_what_a_cause_cannot_be() -> None:
-    """With flat priors for all, c_c = 180 N s/m came out best, beside a friction of thirty times its prior's width."""
+    """With flat priors for all, c_c = 180 N s/m came out best, next to a friction of thirty times its prior's width."""
     problem = Problem(read_experiment("experiments/psa"), (1,), terms(["flight_friction"]))
     near = {
         "k_c": 5.1e6,

@@ -33,7 +33,7 @@ def test_search_finds_the_truth_from_any_seed(problem: Problem) -> None:
 
 
 def test_lmfit_polishes_what_was_found(problem: Problem) -> None:
-    """From a little beside the top it is led back; the report is of the best wherever its own part has ended."""
+    """From a little next to the top it is led back; the report is of the best wherever its own part has ended."""
     best = found(problem)
     start = best.modes[0] + 0.05
     _, log_posterior, result = polish(problem, start)

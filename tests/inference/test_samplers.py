@@ -1,4 +1,4 @@
-"""The registry of samplers, and those beside emcee."""
+"""The registry of samplers, and those other than emcee."""
 
 from __future__ import annotations
 

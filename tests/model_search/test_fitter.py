@@ -115,14 +115,14 @@ def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
 
 @pytest.mark.slow
 def test_a_search_goes_on_from_where_it_has_to_begin() -> None:
-    """A model that fewer readings led to is fitted beside the baseline, and its neighbours if it leads."""
+    """A model that fewer readings led to is fitted in addition to the baseline, and its neighbours if it leads."""
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     plain = search_models(whole, FEW, seed=1)
     part = replace(plain.best_model.problem, group_ids=("a", "b"))
     known = candidate_at(part, plain.best_model.modes)
     begun = search_models(whole, FEW, seed=1, starts=[known])
     assert () in begun.samples
-    assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
+    assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes were not asked
     assert begun.best_model.ids == plain.best_model.ids == PAIR
     assert begun.log_evidence[PAIR] == pytest.approx(plain.log_evidence[PAIR], abs=1.0)
 

@@ -85,7 +85,7 @@ def test_model_set_names_a_hidden_cause(hidden: ModelSet) -> None:
     assert hidden.probability["amplifier_lag",] > 0.9
     assert hidden.probability["amplifier_lag", "reading_offset"] == 0
     assert hidden.best_model.values[3] == pytest.approx(4e-5, rel=0.3)
-    # Everything beside what leads was fitted: each cause, and each other one beside the best model.
+    # Everything next to what leads was fitted: each cause, and each other one added to the best model.
     others = [t.id for t in FEW if t.id != "amplifier_lag"]
     assert {(), *((t.id,) for t in FEW)} <= hidden.probability.keys()
     assert all(any({"amplifier_lag", id} == set(ids) for ids in hidden.probability) for id in others)

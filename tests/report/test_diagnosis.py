@@ -201,11 +201,11 @@ def test_page_stands_alone(page):
         (
             unnamed,
             [
-                "but it is improbable beside a discrepancy without a name.",
+                "but it is improbable compared with a discrepancy without a name.",
                 "explains what these readings show. A discrepancy without a name keeps 81 % of the probability.",
                 "Group 2 ×1.01 ×1.05 Group third – –",
             ],
-            ["beside an extended model", "Of the baseline"],
+            ["compared with an extended model", "Of the baseline"],
         ),
     ],
 )

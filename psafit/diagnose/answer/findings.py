@@ -72,7 +72,7 @@ class Judged(Statement):
             "no": "The tests find the baseline wrong: {}.",
             "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
             "tails": "The tests pass the baseline only because heavy tails take up what stands out; without: {}.",
-            "improbable": "The tests do not reject the baseline ({}), but it is improbable beside {}.",
+            "improbable": "The tests do not reject the baseline ({}), but it is improbable compared with {}.",
             "yes": "The tests find nothing wrong with the baseline: {}. It keeps {} of the probability.",
             "so far": "The tests find nothing wrong with the baseline: {}. It keeps only {} of the probability.",
         }
@@ -124,7 +124,7 @@ class Named(Statement):
         Why the best extension does not explain the readings: structure remains, a smooth curve in its place is more
         probable, or it breaks a law that holds whatever the causes are.
     p_after : float, optional
-        Family-wise p value beside the extension.
+        Family-wise p value given the extension.
     unnamed : float
         Probability of a discrepancy without a name.
     looked_at : LookedAt

@@ -115,5 +115,5 @@ def purpose_text(purpose: Purpose | None, words: Words) -> str:
     if any(shared.issuperset(ids) for ids in purpose.sets):  # one holds nothing else
         shared = set()
     one, *rest = (words.causes([id for id in ids if id not in shared]) for ids in purpose.sets)
-    beside = " (apart from what they share)" if shared else ""
-    return words.put("separates {} from {}{}", one, words.listed(rest), beside)
+    apart = " (apart from what they share)" if shared else ""
+    return words.put("separates {} from {}{}", one, words.listed(rest), apart)

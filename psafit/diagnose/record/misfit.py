@@ -105,7 +105,7 @@ class GroupDiscrepancy:
 
 @dataclass(frozen=True)
 class DiscrepancyResult:
-    """An unnamed discrepancy beside the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
+    """An unnamed discrepancy added to the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
 
     log_bayes: float
     amplitude: float
@@ -131,7 +131,7 @@ class MisfitResult:
     leftover : DiscrepancyResult
     sessions : list of Offset
     remains : bool, optional
-        Whether structure remains beside the causes of an extension that does not explain the readings.
+        Whether structure remains given the causes of an extension that does not explain the readings.
     robustness : Robustness, optional
     search : Significance, optional
     """
