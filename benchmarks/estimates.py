@@ -75,7 +75,7 @@ def measure(number: int, seed: int, rig: str) -> dict[str, Any]:
     begun_sample = time.process_time()
     one, two = (f.sample(short) for f in fitters)
     ended = time.process_time()
-    tops = [m.content.candidate.height for m in (short, one, two)]
+    tops = [m.content.candidate.log_posterior for m in (short, one, two)]
     return {
         "number": number,
         "seed": seed,

@@ -132,7 +132,7 @@ class Result:
     differs : float
         Largest difference of the two medians of a parameter, in standard deviations of the draws.
     rise : float, nats
-        Top of a climb from the truth above the top that was found.
+        Top of an optimisation from the truth above the top that was found.
     effective, pareto_k : float
         Of the draws.
     cpu_s : float
@@ -319,7 +319,7 @@ def solve(plan: Plan, number: int) -> Result:
         away=away,
         level=float(level),
         differs=differs,
-        rise=float(maximise(problem, u[None]).height[0]) - max(draws.height, found.height),
+        rise=float(maximise(problem, u[None]).log_posterior[0]) - max(draws.log_posterior, found.log_posterior),
         effective=draws.effective,
         pareto_k=draws.pareto_k,
         cpu_s=round(seconds, 2),
@@ -451,7 +451,8 @@ def summary(found: Sequence[Result]) -> tuple[str, float]:
     )
     lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.failed}" for r in found if r.failed]
     higher = [r for r in sampled if r.rise > SearchSettings().better]
-    lines.append(f"a climb from the truth ends higher by more than {SearchSettings().better} nats: {len(higher)}")
+    better = SearchSettings().better
+    lines.append(f"an optimisation from the truth ends higher by more than {better} nats: {len(higher)}")
     lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.rise:.1f} nats" for r in higher]
     tails = beyond(sampled)
     n, some = sum(len(names) for _, names in tails), sum(map(len, every))

@@ -113,7 +113,7 @@ def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float
     """
     sampled = importance_sample(candidate, seed=seed)
     for _ in range(rounds):
-        if sampled.height < candidate.height + 0.5:
+        if sampled.log_posterior < candidate.log_posterior + 0.5:
             break
         problem = candidate.problem
         candidate = candidate_of(problem, maximise(problem, np.vstack([candidate.modes, sampled.top])))
@@ -125,7 +125,7 @@ def from_scratch(problem: Problem, seeds: Sequence[int]) -> tuple[Candidate, lis
     """Fit a model from draws of its prior alone, and the log posterior density at the top that each seed leads to."""
     draws, most = (1024, 24) if problem.terms else (4096, 48)
     fits = [fit(problem, (), seed=seed, draws=draws, most=most) for seed in seeds]
-    return candidate_at(problem, np.vstack([c.modes for c in fits])), [c.height for c in fits]
+    return candidate_at(problem, np.vstack([c.modes for c in fits])), [c.log_posterior for c in fits]
 
 
 @contextmanager

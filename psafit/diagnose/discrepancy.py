@@ -1,4 +1,4 @@
-r"""What is left when the causes have done what they can: an unnamed discrepancy, and its evidence.
+r"""What is left when the causes have done what they can: a discrepancy, and its evidence.
 
 Around a fit the readings are, relative to the predictions,
 
@@ -57,7 +57,7 @@ class DiscrepancySettings:
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """An unnamed discrepancy.
+    """A discrepancy.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class Discrepancy:
 def discrepancy(
     candidate: Candidate, outlying: FloatArray | None = None, settings: DiscrepancySettings | None = None
 ) -> Discrepancy:
-    """Fit an unnamed discrepancy added to a model.
+    """Fit a discrepancy added to a model.
 
     Parameters
     ----------

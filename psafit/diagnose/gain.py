@@ -8,7 +8,7 @@ cannot distinguish them, and no hindsight chooses among them. The prediction is 
 metric) and its predictive density (the log score). A ledger says which groups each choice saw.
 
 A model that cannot be distinguished from the truth in one session may err in the next. The predictive density therefore
-holds the unnamed discrepancy (`psafit.diagnose.discrepancy`) before and after: as large as the fitted groups
+holds the discrepancy (`psafit.diagnose.discrepancy`) before and after: as large as the fitted groups
 allow where they determine it, as large as its prior where they do not, which is the level of a session when only one
 has been seen. It widens intervals and moves no median.
 

@@ -7,7 +7,7 @@ r"""From the model set, the tests and the discrepancy to a verdict.
   other set does as well is said only where those that were not sampled have less than a hundredth of the probability
   together.
 * ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
-* ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
+* ``unexplained``: after the best extension structure remains, or a discrepancy is more probable than any
   cause.
 
 Probabilities are those of `psafit.model_search.model_set`: a set stands for its supersets that add nothing visible.
@@ -39,7 +39,7 @@ class Verdict:
     alternatives : tuple of tuples of str
         Sets that do as well.
     probability : dict
-        Of each model fitted; what is missing to one is unnamed, or of sets that the search may have missed.
+        Of each model fitted; what is missing to one is a discrepancy, or of sets that the search may have missed.
     unnamed : float
         Probability of a discrepancy without a name, added to what has one or in its place.
     inclusion : dict
@@ -87,7 +87,7 @@ def conclude(
     unnamed = (added + instead) / (1 + added + instead)
     probability = {ids: p * (1 - unnamed) * (1 - model_set.missed) for ids, p in model_set.probability.items()}
     inclusion: dict[str, float] = {}
-    # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
+    # Given that the catalogue holds the truth: a discrepancy takes nothing from one cause against another.
     for ids, p in model_set.probability.items():
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p

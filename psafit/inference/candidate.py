@@ -341,7 +341,7 @@ def optimised(problem: Problem, starts: FloatArray) -> Candidate:
 
 
 def _across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
-    """Go on where a parameter has no slope: what acts by thresholds is better a step away, or not, but never uphill."""
+    """Go on where a parameter has no slope: what acts by thresholds may be better a step away."""
     for _ in range(s.crossings):
         here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])
         rows = _steps_away(problem, end.u[end.best], here)

@@ -38,7 +38,7 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     assert len(rows) == 1 + 2 * 48
 
 
-def test_an_unnamed_discrepancy_widens_and_moves_nothing(monkeypatch):
+def test_a_discrepancy_widens_and_moves_nothing(monkeypatch):
     """Where a group was not seen; half a unit of the logarithm makes a band about exp(0.8) wide to either side."""
     model_set = search_models(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
     found = []

@@ -86,7 +86,7 @@ class TwoTops:
 
 
 @pytest.mark.parametrize(("width", "expected"), [(0.05, [0, 1]), (0.2, [0])])
-def test_hills_lie_apart_by_their_own_widths(width, expected):
+def test_modes_lie_apart_by_their_own_widths(width, expected):
     """Half a unit is ten widths of narrow tops, with nothing between them, and one broad top's own."""
     problem = TwoTops(width)
     modes = np.array([[0.0, 0.0], [0.5, 0.0]])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from truths import experiment, problem, rig_with_two_hills
+from truths import experiment, problem, rig_with_two_modes
 
 from psafit.errors import ConvergenceError
 from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
@@ -123,9 +123,9 @@ def test_resampling_keeps_the_weighted_mean(sound):
 
 
 @pytest.mark.slow
-def test_hills_weigh_what_each_weighs_alone():
+def test_modes_get_the_weight_that_each_gets_alone():
     """Seven nats lower and far wider, the second mode holds most of the posterior."""
-    rig, _ = rig_with_two_hills(1)
+    rig, _ = rig_with_two_modes(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     tops = separate_modes(found)
     alone = [importance_sample(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in tops]
@@ -134,9 +134,9 @@ def test_hills_weigh_what_each_weighs_alone():
 
 
 @pytest.mark.slow
-def test_hills_weigh_what_the_nested_sampler_finds():
+def test_modes_get_the_weight_that_the_nested_sampler_finds():
     pytest.importorskip("nautilus")
-    rig, _ = rig_with_two_hills(1)
+    rig, _ = rig_with_two_modes(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     nested = nested_evidence(rig, seed=2, n_live=300)
     assert importance_sample(found, seed=2).log_evidence == pytest.approx(nested.log_evidence, abs=0.5)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from truths import experiment, problem, rig_with_two_hills
+from truths import experiment, problem, rig_with_two_modes
 
 from psafit.experiment import read_experiment
 from psafit.inference import noise
@@ -32,9 +32,9 @@ def test_a_sample_goes_on_to_what_its_draws_show() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 3])
-def test_a_second_hill_of_the_baseline_is_not_lost(seed):
+def test_a_second_mode_of_the_baseline_is_not_lost(seed):
     """A look elsewhere finds it from any one mode; the posterior of all of them holds the truth."""
-    rig, truth = rig_with_two_hills(seed)
+    rig, truth = rig_with_two_modes(seed)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     assert np.abs(found.modes[:, 1] - truth[1]).min() < 1.5
     apart = found.modes[separate_modes(found)]
@@ -51,7 +51,7 @@ def test_a_second_hill_of_the_baseline_is_not_lost(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4])
-def test_a_top_behind_cliffs_is_found_by_a_population(seed):
+def test_a_mode_behind_discontinuities_is_found_by_a_population(seed):
     """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump; optimisations stop early."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
     p = Problem(design, design.ids, tuple(t for t in TERMS if t.id == "amplifier_lag"))

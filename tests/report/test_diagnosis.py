@@ -343,7 +343,7 @@ def test_a_record_read_back_gives_the_same_page(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_an_adopted_model_that_is_not_listed(tmp_path):
-    """Where an unnamed discrepancy takes all the probability, the record lists the baseline alone."""
+    """Where a discrepancy takes all the probability, the record lists the baseline alone."""
     experiment = make_experiment()
     record = make_record(experiment)
     show = record.show | {"extended": replace(record.show["extended"], parameters={"k_c": 3.21e6})}

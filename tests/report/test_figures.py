@@ -95,7 +95,7 @@ def test_abscissa_is_what_varies(frequency, amplitude, variable, log):
     assert (sweep.variable, sweep.log) == (variable, log)
 
 
-def test_lines_ascend_and_zeros_sit_on_the_edge(tmp_path):
+def test_lines_are_sorted_and_zeros_sit_on_the_edge(tmp_path):
     run = make_run(tmp_path)
     for p in make_predictions(run):
         (axes,) = drawn(p).axes

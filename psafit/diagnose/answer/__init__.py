@@ -135,7 +135,7 @@ def _named(d: Diagnosis) -> Statement:
     return Named(
         verdict=d.verdict,
         causes=d.named,
-        # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
+        # Where a discrepancy takes it all, a share of what is left says nothing.
         probability=None if best_model is None or d.mostly_unnamed or not d.named else best_model.probability,
         alternatives=d.alternatives,
         fits_as_well=best_model is not None and best_model.evidence.share >= CREDIBLE,

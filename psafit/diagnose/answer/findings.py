@@ -184,7 +184,7 @@ class Named(Statement):
         odd = "" if self.p_after is None else f"family-wise p = {significant(self.p_after, 2)}; "
         also = words.put(" As good as {}: {}.", words.causes(self.causes), tied) if texts else ""
         return words.put(
-            "The best extension is {}, but {} ({}probability of an unnamed discrepancy {}).{}",
+            "The best extension is {}, but {} ({}probability of a discrepancy {}).{}",
             what, why, odd, words.per_cent(self.unnamed), also,
         )  # fmt: skip
 

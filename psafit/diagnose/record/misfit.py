@@ -105,7 +105,7 @@ class GroupDiscrepancy:
 
 @dataclass(frozen=True)
 class DiscrepancyResult:
-    """An unnamed discrepancy added to the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
+    """A discrepancy added to the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
 
     log_bayes: float
     amplitude: float
