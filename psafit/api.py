@@ -31,7 +31,7 @@ from psafit.records import Validation, read_json
 from psafit.report import notebook
 from psafit.report.notebook import Axes
 from psafit.text import significant
-from psafit.validate import COLUMNS, Prediction, prediction_rows, validate
+from psafit.validate import COLUMNS, Prediction, prediction_rows, timed, validate
 
 
 class _Shown:
@@ -213,8 +213,16 @@ class Fitted(_Shown):
     @property
     def predictions(self) -> pd.DataFrame:
         """Posterior median and 90 % predictive interval of every reading."""
-        rows = (r for p in self._validated[1] for r in prediction_rows(p.group, p.median, p.lower, p.upper, p.role))
-        return pd.DataFrame(rows, columns=list(COLUMNS))
+        return pd.concat(
+            [
+                pd.DataFrame(
+                    prediction_rows(p.group, p.median, p.lower, p.upper, p.role),
+                    columns=list(timed(COLUMNS, p.group.observable)),
+                )
+                for p in self._validated[1]
+            ],
+            ignore_index=True,
+        )
 
     def plot(self, group: GroupId | None = None, ax: Axes | None = None) -> Axes:
         """Draw a group's readings and prediction; without a group, how far off the prediction is in each."""

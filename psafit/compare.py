@@ -321,7 +321,7 @@ def _same(one: Predicted, other: Predicted | None) -> bool:
 def _pair(a: Predicted, b: Predicted, seed: int) -> tuple[GroupPair, FloatArray]:
     """Both scores of a group, and the bootstrap of the change of its log RMSE."""
     measured, n = a.group.reading, a.group.n_points
-    errors = [log_ratio(t.median, measured, a.group.observable.offset) for t in (a, b)]
+    errors = [log_ratio(t.median, measured, *a.group.observable.metric) for t in (a, b)]
     rmse, elpd = changes(a.group, errors, [a.log_density, b.log_density], np.random.default_rng(seed))
     gain = float((b.log_density - a.log_density).sum())
     pair = GroupPair(

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psafit.arrays import FloatArray
+from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.inference.run import Run
 from psafit.records import Numerics, Refinement, write_json
@@ -93,7 +94,7 @@ def refine(
         refinement.append(Refinement(tolerance, float(error.max()), float(np.median(error))))
     used = 0.0 if exact else next(r.worst for r in refinement if r.tolerance == problem.tolerance)
     reached = refinement[-1].worst if exact else used
-    allowed = max(required, of_scatter * float(problem.noise_values(u[:1]).reshape(3, -1)[0].min()))
+    allowed = max(required, of_scatter * float(noise.columns(problem.noise_values(u[:1]))[0].min()))
 
     rigs = [rig_of(c, theta[:1], terms, len(experiment.groups)) for c in design.rigs]
     eigenvalues = np.concatenate([np.linalg.eigvals(contact_matrix_of(rig)) for rig in rigs]).astype(complex)

@@ -99,12 +99,22 @@ class Prediction:
     drift_p_value: float
 
 
-def log_ratio(predicted: FloatArray, measured: FloatArray, offset: float | FloatArray = OFFSET_UM) -> FloatArray:
+def log_ratio(
+    predicted: FloatArray,
+    measured: FloatArray,
+    offset: float | FloatArray = OFFSET_UM,
+    signed: bool | NDArray[np.bool_] = False,
+) -> FloatArray:
     """``ln((predicted + offset)/(measured + offset))``, the error whose root mean square is `log_rmse`.
 
-    The offset is that of the observable: 0.3 um for launch ranges.
+    The offset is that of the observable: 0.3 um for launch ranges. Samples of a trace are `signed`: the difference of
+    ``arsinh(x / 2 offset)``, which is that of ``ln(x / offset)`` where they are large, stands for it.
     """
-    return np.log((predicted + offset) / (measured + offset))
+    with np.errstate(invalid="ignore"):
+        plain = np.log((predicted + offset) / (measured + offset))
+    if not np.any(signed):
+        return plain
+    return np.where(signed, np.arcsinh(0.5 * predicted / offset) - np.arcsinh(0.5 * measured / offset), plain)
 
 
 def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator, most: int = 5) -> NDArray[np.intp]:
@@ -115,7 +125,8 @@ def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator, most:
     (times, n_points) array
     """
     n = group.n_points
-    block = min(most, max(n // 3, 1))  # a block of all readings would be the same readings again
+    # A block of all readings would be the same readings again; errors along a trace last for many samples.
+    block = max(n // 6, 1) if group.time_us is not None else min(most, max(n // 3, 1))
     begin = rng.integers(0, n, (times, math.ceil(n / block), 1))
     return group.in_sweep[((begin + np.arange(block)) % n).reshape(times, -1)[:, :n]]
 
@@ -167,15 +178,29 @@ def departures(pit: FloatArray) -> tuple[FloatArray, FloatArray]:
     return distance, (z[:, 1:] * z[:, :-1]).sum(axis=1) / np.maximum((z**2).sum(axis=1), 1e-12)
 
 
-def _p_values(group: Group, pit: FloatArray, readings: FloatArray) -> tuple[float, float]:
-    """Ranks of a group's `departures` among those of simulated groups; `readings` is (n_sets, n_points)."""
+def _p_values(group: Group, pit: FloatArray, simulated: FloatArray) -> tuple[float, float]:
+    """Ranks of a group's `departures` among those of simulated groups, whose transforms are (n_sets, n_points)."""
     if too_few(group):
         return math.nan, math.nan
-    n, sweep = len(readings), group.in_sweep
-    simulated = (np.argsort(np.argsort(readings[:, sweep], axis=0), axis=0) + 0.5) / n
+    n, sweep = len(simulated), group.in_sweep
+    simulated = simulated[:, sweep]
     found = zip(departures(pit[None, sweep]), departures(simulated), strict=True)
     uniformity, drift = (float((1 + np.sum(others >= one[0])) / (1 + n)) for one, others in found)
     return uniformity, drift
+
+
+def _transforms(
+    group: Group, readings: FloatArray, ranges: FloatArray, scatter: FloatArray, most: int = 50
+) -> FloatArray:
+    """Probability integral transforms of simulated groups, (n_sets, n_points), under all of them.
+
+    A sample of a trace is judged given those before it, by `most` of the draws.
+    """
+    if group.time_us is None:
+        return (np.argsort(np.argsort(readings, axis=0), axis=0) + 0.5) / len(readings)
+    some = range(0, len(ranges), -(-len(ranges) // most))
+    each = [noise.cumulative(readings, ranges[k : k + 1], scatter[k : k + 1], group.sigma) for k in some]
+    return np.mean(each, axis=0)
 
 
 def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[Prediction]:
@@ -235,19 +260,21 @@ def _predicted(
     chance: np.random.Generator,
 ) -> Prediction:
     """Posterior predictive of readings of one observable; `ranges` are the predictions, (n_draws, n_points)."""
-    scatter = problem.noise_values(draws, group.measured[:1])
+    scatter = problem.noise_values(draws, group)
     readings = noise.draw(ranges, scatter, group.sigma, rng)
     quantiles = np.quantile(readings, [0.05, 0.25, 0.75, 0.95], axis=0)
     density = noise.log_density(group.reading, ranges, scatter, group.sigma)
     below = noise.cumulative(group.reading, ranges, scatter, group.sigma)
     pit = below.mean(axis=0)
     # Readings of zero are all that the law has below it: they lie anywhere there.
-    pit = np.where(group.reading > 0, pit, pit * chance.uniform(size=pit.size))
+    pit = np.where(group.reading > group.floor, pit, pit * chance.uniform(size=pit.size))
     # What is met more closely than any instrument reads says nothing of a band.
     quiet = (
         noise.at_least(np.median(scatter, axis=0)[None])[0] and np.mean(ndtri(np.clip(pit, 1e-9, 1 - 1e-9)) ** 2) < 1.0
     )
-    pit_p_value, drift_p_value = (math.nan, math.nan) if quiet else _p_values(group, pit, readings)
+    pit_p_value, drift_p_value = (
+        (math.nan, math.nan) if quiet else _p_values(group, pit, _transforms(group, readings, ranges, scatter))
+    )
     model_lower, median, model_upper = np.quantile(ranges, [0.05, 0.5, 0.95], axis=0)
     return Prediction(
         group=group,
@@ -256,9 +283,9 @@ def _predicted(
         model_lower=model_lower,
         model_upper=model_upper,
         # A reading is never negative; the law's tail below zero is the reading zero.
-        lower=np.maximum(quantiles[0], 0.0),
+        lower=np.maximum(quantiles[0], group.floor),
         upper=quantiles[3],
-        lower_50=np.maximum(quantiles[1], 0.0),
+        lower_50=np.maximum(quantiles[1], group.floor),
         upper_50=quantiles[2],
         log_density=logsumexp(density, axis=0) - math.log(len(draws)),
         crps=crps(readings, group.reading),
@@ -307,11 +334,13 @@ def score(prediction: Prediction) -> GroupScore:
     """Scores of one group."""
     measured = prediction.group.reading
     read = prediction.group.observable
-    error = log_ratio(prediction.median, measured, read.offset)
+    error = log_ratio(prediction.median, measured, *read.metric)
     silent = silence(prediction.group)
     silenced = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
+    if read.traced:  # neighbours are in the band together, or out of it: each given those before is what counts
+        inside_50, inside_90 = (np.abs(prediction.pit - 0.5) <= 0.5 * share for share in (0.5, 0.9))
     return GroupScore(
         group=prediction.group.id,
         observable=None if read is LAUNCH_RANGE else read.name,
@@ -454,7 +483,7 @@ def table_name(stem: str, observable: Observable) -> str:
 
 
 def columns_of(observable: Observable) -> tuple[str, ...]:
-    """`COLUMNS` with the column and the unit of an observable in the place of the launch range's."""
+    """`COLUMNS` with an observable's column and unit in the place of the launch range's; of a trace, with `time_us`."""
     unit = observable.column.removeprefix(observable.name)
     return tuple(
         observable.column
@@ -462,14 +491,20 @@ def columns_of(observable: Observable) -> tuple[str, ...]:
         else name.removesuffix("_um") + unit
         if name.endswith("_um")
         else name
-        for name in COLUMNS
+        for name in timed(COLUMNS, observable)
     )
+
+
+def timed(columns: Sequence[str], observable: Observable) -> tuple[str, ...]:
+    """`COLUMNS`, for a trace with the time behind the conditions."""
+    at = columns.index("amplitude_v") + 1
+    return (*columns[:at], *(["time_us"] if observable.traced else []), *columns[at:])
 
 
 def prediction_rows(
     group: Group, median: FloatArray, lower: FloatArray, upper: FloatArray, role: str
 ) -> Iterator[list[object]]:
-    """Cells of `COLUMNS` for each reading of a group.
+    """Cells of `COLUMNS` for each reading of a group; of a trace, with the time behind the conditions.
 
     Parameters
     ----------
@@ -478,7 +513,8 @@ def prediction_rows(
         See `Prediction`.
     role : {"fit", "holdout"}
     """
-    columns = (group.frequency_hz, group.amplitude_v, group.reading, median, lower, upper)
+    time = () if group.time_us is None else (group.time_us,)
+    columns = (group.frequency_hz, group.amplitude_v, *time, group.reading, median, lower, upper)
     for row in zip(*columns, strict=True):
         yield [group.id, group.waveform, *(float(x) for x in row), role]
 

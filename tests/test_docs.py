@@ -399,7 +399,7 @@ def run_page(
             run_shell(block, monkeypatch, make)
         elif block.language in ("python", "py"):
             run_python(block, page, names, capsys)
-        elif block.language == "toml":
+        elif block.language == "toml" and not block.title:
             run_toml(block, desk / "mine", monkeypatch)
         elif block.title:
             (desk / block.title).write_text(block.text, encoding="utf-8")

@@ -160,21 +160,26 @@ def _predictions(groups: Sequence[Conditions], predicted: FloatArray) -> dict[st
 def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
     """The CSV of simulated readings, (n_points,), one group after the other, next to what was measured.
 
-    Where not all are of one observable, a column names it.
+    Where not all are of one observable, a column names it; where there are traces, one gives the time of their samples.
     """
     from psafit.experiment import Group, by_group
     from psafit.observables import OBSERVABLES
     from psafit.validate import columns_of
 
     kinds = dict.fromkeys(o for g in groups for o in g.observables)
-    column, said = columns_of(next(iter(kinds)))[4:6], len(kinds) > 1
+    first, said = next(iter(kinds)), len(kinds) > 1
+    names = columns_of(first)
+    column = names[names.index(first.column) :][:2]
     named = ("observable", "measured", "predicted") if said else column
-    rows = [",".join(("group,waveform,frequency_hz,amplitude_v", *named))]
+    timed = any(g.time_us is not None for g in groups)
+    rows = [",".join(("group,waveform,frequency_hz,amplitude_v", *(["time_us"] if timed else []), *named))]
     for g, values in zip(groups, by_group(groups, predicted), strict=True):
         measured = g.reading.tolist() if isinstance(g, Group) else [""] * g.n_points
         of = [f"{OBSERVABLES[k].column}," if said else "" for k in g.measured]
-        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), of, measured, values.tolist())
-        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{o}{y},{p!r}" for f, v, o, y, p in zip(*columns, strict=True)]
+        times = [""] * g.n_points if g.time_us is None else map(repr, g.time_us.tolist())
+        at = [f"{t}," if timed else "" for t in times]
+        columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), at, of, measured, values.tolist())
+        rows += [f"{g.id},{g.waveform},{f!r},{v!r},{t}{o}{y},{p!r}" for f, v, t, o, y, p in zip(*columns, strict=True)]
     return "\n".join(rows) + "\n"
 
 
@@ -212,10 +217,9 @@ def _write_readings(
     made = plan.with_readings(exact, source)
     if seed is not None:
         problem = Problem(made, made.ids)
-        scatter = np.array([[theta[p.name] for p in problem.scatter]]).reshape(1, -1, 3)
-        each = scatter[:, problem.scatter_of(problem.design.measured)].swapaxes(1, 2)
-        drawn = noise.draw(exact[None], each, problem.known_sigma, np.random.default_rng(seed))[0]
-        made = made.with_readings(np.maximum(drawn, 0.0))
+        scatter = problem.noise_of(np.array([[theta[p.name] for p in problem.scatter]]), problem.design)
+        drawn = noise.draw(exact[None], scatter, problem.known_sigma, np.random.default_rng(seed))[0]
+        made = made.with_readings(np.maximum(drawn, problem.floor))
     with filling(folder):
         write_experiment(made, folder)
         read_experiment(folder)  # ranges may be beyond what an experiment can hold

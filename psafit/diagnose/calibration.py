@@ -56,7 +56,7 @@ def drawn(model_set: ModelSet, n: int, *, seed: int) -> list[Truth]:
         u = draws.draws[rng.choice(len(draws.draws), size=1, p=draws.weights)]
         made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
         values = dict(zip(problem.names, problem.to_physical(u)[0].tolist(), strict=True))
-        found.append(Truth(one, values, np.maximum(made, 0.0)))
+        found.append(Truth(one, values, np.maximum(made, problem.floor)))
     return found
 
 

@@ -150,7 +150,7 @@ def discrepancy(
     best = max(ends, key=lambda end: end.log_evidence)
     sigma_rel, sigma_abs = around.scatter_at(best.v)
     mean, variance = around.discrepancy(best.v)
-    heard = around.predicted > settings.silent * sigma_abs
+    heard = np.abs(around.predicted) > settings.silent * sigma_abs
     amplitude, level, reach = np.exp(best.v[-3:]).tolist()
     return Discrepancy(
         log_bayes=best.log_evidence - without.log_evidence,
@@ -160,7 +160,7 @@ def discrepancy(
         reach=reach,
         sigma_rel=float(np.ravel(sigma_rel)[0]),
         mean=np.where(heard, np.log(np.maximum(1 + mean / around.predicted, 1e-3)), 0.0),
-        sd=np.where(heard, np.sqrt(np.maximum(variance, 0.0)) / around.predicted, np.inf),
+        sd=np.where(heard, np.sqrt(np.maximum(variance, 0.0)) / np.abs(around.predicted), np.inf),
         hyper=best.v,
         covariance=best.covariance,
     )
@@ -189,6 +189,7 @@ class _Expansion:
     known: FloatArray | float  # variance stated with the readings
     groups: tuple[NDArray[np.intp], ...]  # readings of each, which share one discrepancy
     squared: tuple[FloatArray, ...]  # ... and their squared distances along the sweep
+    remembered: tuple[FloatArray | None, ...]  # ... and the correlation of their scatter, along a trace
     priors: tuple[tuple[float, float], ...]  # of the discrepancy's logarithms: mean, standard deviation
     placed: float  # log prior density of the model's parameters at the fit, over the normal one that stands for it
 
@@ -202,19 +203,20 @@ class _Expansion:
         density = np.array([float(p.log_prior(c)) for p, c in own])
         free = candidate.slope.T * width  # columns with unit prior variance
         ordered = [(rows, problem.design.along(variable)[rows]) for _, variable, rows in sweeps(problem)]
-        scatter = [k for k in range(n, problem.n_dim) if (k - n) % 3 < 2]
+        scatter = [n + at.start + k for at in problem.scatter_at for k in (0, 1)]
         of = problem.scatter_of(problem.design.measured)
         return cls(
             parameters=tuple(problem.parameters[k] for k in scatter),
             kind=of if len(problem.observables) > 1 else of[:1],
             scatter=candidate.modes[0, scatter],
-            predicted=np.maximum(candidate.predicted, 1e-9),
+            predicted=np.copysign(np.maximum(np.abs(candidate.predicted), 1e-9), candidate.predicted),
             residual=problem.observed - candidate.predicted,
             stretch=outlying,
             free=free,
             known=0.0 if problem.known_sigma is None else problem.known_sigma**2,
             groups=tuple(rows for rows, _ in ordered),
             squared=tuple((x[:, None] - x[None, :]) ** 2 for _, x in ordered),
+            remembered=tuple(_remembered(candidate, rows) for rows, _ in ordered),
             priors=priors,
             placed=float(np.sum(density + 0.5 * math.log(2 * math.pi) + np.log(width))),
         )
@@ -238,13 +240,15 @@ class _Expansion:
         relative, absolute = self.scatter_at(v)
         variance = self.stretch * ((relative * self.predicted) ** 2 + absolute**2 + self.known)
         columns = np.column_stack([self.residual, self.free])
-        if v.size == len(self.parameters):
+        with_it = v.size > len(self.parameters)
+        if not with_it and all(one is None for one in self.remembered):
             factors, white = None, columns / np.sqrt(variance)[:, None]
             log_size = 0.5 * float(np.log(variance).sum())
         else:
+            kernels = self.kernels(v) if with_it else [0.0] * len(self.groups)
             factors = [
-                cholesky(kernel + np.diag(variance[rows]), lower=True, check_finite=False)
-                for rows, kernel in zip(self.groups, self.kernels(v), strict=True)
+                cholesky(kernel + _covariance(variance[rows], own), lower=True, check_finite=False)
+                for rows, own, kernel in zip(self.groups, self.remembered, kernels, strict=True)
             ]
             white, log_size = np.empty_like(columns), 0.0
             for rows, factor in zip(self.groups, factors, strict=True):
@@ -317,16 +321,34 @@ class _Whitened:
     log_size: float  # half the log determinant of the covariance
 
 
+def _remembered(candidate: Candidate, rows: NDArray[np.intp]) -> FloatArray | None:
+    """Correlation of the scatter of some readings, (n, n), as fitted along a trace; None where they have none."""
+    rho = noise.remembered(candidate.noise)
+    if rho is None or not candidate.problem.design.traced[rows[0]]:
+        return None
+    decay = np.cumsum(-np.log(rho[0, rows[1:]]))  # of the correlation with the first sample, in logarithm
+    apart = np.append(0.0, decay)
+    return np.exp(-np.abs(apart[:, None] - apart))
+
+
+def _covariance(variance: FloatArray, correlation: FloatArray | None) -> FloatArray:
+    """Of readings that scatter so much, (n, n)."""
+    if correlation is None:
+        return np.diag(variance)
+    return correlation * np.sqrt(np.outer(variance, variance))
+
+
 def stretch(candidate: Candidate, *, lone: float = 3.0) -> FloatArray:
     """Factor on each reading's variance.
 
     An outlier, a reading more than `lone` standard deviations off with neighbours less than half as far, keeps the
     large variance that Student's law gives it; neighbours that err together do not.
     """
-    score = (candidate.problem.observed - candidate.predicted) / candidate.scatter
+    problem = candidate.problem
+    score = noise.innovations(problem.observed, candidate.predicted[None], candidate.noise, problem.known_sigma)[0]
     found = np.ones(score.size)
     tails = np.broadcast_to(noise.columns(candidate.noise)[2][0], score.shape)
-    for _, _, rows in sweeps(candidate.problem):
+    for _, _, rows in sweeps(problem):
         z, nu = score[rows], tails[rows]
         sides = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
         alone = (np.abs(z) > lone) & (np.abs(sides) < 0.5 * lone)

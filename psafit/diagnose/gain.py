@@ -248,10 +248,12 @@ def _forecasts(
         group = problem.experiment.group(group_id)
         rng = np.random.default_rng([seed, 11, k, problem.experiment.groups.index(group)])
         found = problem.predict(draws, [group_id], rng)
-        scatter = problem.noise_values(draws, group.measured)
+        scatter = problem.noise_values(draws, group)
         ranges.append(found)
-        off = left[ids].elsewhere(noise.columns(scatter)[0][:, 0], rng)[:, None] * rng.standard_normal(found.shape)
-        found = found * np.exp(off)
+        spread = left[ids].elsewhere(noise.columns(scatter)[0][:, 0], rng)[:, None]
+        each = rng.standard_normal(found.shape)
+        # A trace is off as a whole.
+        found = found * np.exp(spread * (each if group.time_us is None else each[:, :1]))
         readings.append(noise.draw(found, scatter, group.sigma, rng))
         density.append(noise.log_density(group.reading, found, scatter, group.sigma))
         weight.append(np.full(len(draws), share / len(draws)))
@@ -261,7 +263,7 @@ def _forecasts(
     scored = logsumexp(np.concatenate(density) + np.log(w)[:, None], axis=0)
     rows = [group.measured == part.measured[0] for part in group.parts]
     return [
-        Forecast(part, median[some], np.maximum(lower[some], 0.0), upper[some], scored[some])
+        Forecast(part, median[some], np.maximum(lower[some], part.floor), upper[some], scored[some])
         for part, some in zip(group.parts, rows, strict=True)
     ]
 
@@ -339,7 +341,7 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
     for one in splits:
         for before, after in zip(one.before, one.after, strict=True):
             group, silent = before.group, silences[before.group.label]
-            errors = [log_ratio(f.median, f.measured, group.observable.offset) for f in (before, after)]
+            errors = [log_ratio(f.median, f.measured, *group.observable.metric) for f in (before, after)]
             change = changes(group, errors, [before.log_density, after.log_density], rng)
             rows.append(
                 GroupGain(

@@ -1,6 +1,7 @@
 r"""Is anything wrong? Tests of a fitted model against its own simulated data, refitted.
 
-Residuals are normal scores :math:`e = \Phi^{-1}(F(y))` of the readings under the fitted scatter. Statistics look for
+Residuals are normal scores :math:`e = \Phi^{-1}(F(y))` of the readings under the fitted scatter, along a trace given
+the samples before: what its errors have in common is no order. Statistics look for
 what a sound fit leaves at random: order along each sweep (runs, lag one, windows), levels of groups and of waveforms,
 trends against every covariate, the directions in which any cause of the catalogue would move the ranges, the spread
 of groups and of sizes, single readings, readings of several groups that stand out together at one condition, conditions
@@ -31,7 +32,7 @@ from scipy.special import ndtri
 
 from psafit.arrays import FloatArray
 from psafit.diagnose.screening import extended
-from psafit.experiment import GroupId
+from psafit.experiment import GroupId, Swept
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate, optimised, refitted
 from psafit.inference.optimiser import maximise, maximise_linearly
@@ -44,7 +45,7 @@ from psafit.validate import log_ratio
 ALPHA = 0.02
 """Level of the family: a false alarm in fifty sound models."""
 
-Variable = Literal["frequency", "amplitude"]
+Variable = Swept
 Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
 CHARACTERS: dict[Character, str] = {
     "none": "no particular character",
@@ -131,9 +132,9 @@ class Place:
     Parameters
     ----------
     group : group id
-    variable : {"frequency", "amplitude"}
-        What the sweep varies.
-    lower, upper : float, Hz or V
+    variable : {"frequency", "amplitude", "time"}
+        What the sweep varies, or along a trace.
+    lower, upper : float, Hz, V or us
     log_bias : float
         Mean of ln(predicted/measured) there.
     score : float
@@ -239,8 +240,7 @@ def normal_scores(
 ) -> FloatArray:
     """Normal scores of readings under fits, cut off at `clip`; (n_sets, n_points)."""
     values = problem.noise_values(u)
-    s = noise.scale(predicted, values, problem.known_sigma)
-    z, nu = (observed - predicted) / s, noise.columns(values)[2]
+    z, nu = noise.innovations(observed, predicted, values, problem.known_sigma), noise.columns(values)[2]
     # The probability integral loses its digits in the tails; there the score grows with the log density instead.
     p = noise.cumulative(observed, predicted, values, problem.known_sigma)
     body = ndtri(np.clip(p, 1e-12, 1 - 1e-12))
@@ -271,7 +271,7 @@ def sweeps(problem: Problem) -> list[tuple[GroupId, Variable, NDArray[np.intp]]]
 def of_what(problem: Problem, rows: NDArray[np.intp]) -> str:
     """What readings of one observable are of, behind a noun; empty for launch ranges."""
     observable = OBSERVABLES[problem.design.measured[rows[0]]]
-    return "" if observable is LAUNCH_RANGE else f" of {observable.title}s"
+    return "" if observable is LAUNCH_RANGE else f" of {observable.titles}"
 
 
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:
@@ -373,10 +373,15 @@ def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, s
     predicted = np.repeat(candidate.predicted[None, :], n_simulated, axis=0)
     scatter = np.repeat(candidate.noise, n_simulated, axis=0)
     # An instrument does not show ranges below zero.
-    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), 0.0)
+    fake = np.maximum(noise.draw(predicted, scatter, problem.known_sigma, rng), problem.floor)
     starts = np.repeat(candidate.modes[:1], n_simulated, axis=0)
     refit = maximise_linearly(
-        problem, starts, np.maximum(predicted, 1e-9), candidate.relative_slope, fake, iterations=8
+        problem,
+        starts,
+        np.maximum(predicted, np.where(problem.design.traced, -np.inf, 1e-9)),
+        candidate.relative_slope,
+        fake,
+        iterations=8,
     )
     if exact:
         refit = maximise(problem, refit.u, fake, schedule=((settings.exact_iterations, n_simulated),))
@@ -452,7 +457,7 @@ def _look(
     covariates = {
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
-        "predicted size": np.log(predicted * problem.per_um + 0.05),
+        "predicted size": np.log(np.abs(predicted) * problem.per_um + 0.05),
         "order in the file": in_session(design),
     }
     kinds = {"waveform": design.kinds, "observable": problem.scatter_of(design.measured)}
@@ -476,7 +481,7 @@ def _look(
             levels = np.eye(kind.max() + 1)[kind]
             basis = _spanned(levels[:, 1:] - levels[:, 1:].mean(axis=0))
             found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis).sum(axis=1))
-    size = np.log(predicted * problem.per_um + 0.05)
+    size = np.log(np.abs(predicted) * problem.per_um + 0.05)
     size = (size - size.mean()) / max(float(size.std()), 1e-9)
     square = np.minimum(e**2, 9.0)
     found["spread against predicted size", "spread", None] = np.abs(
@@ -523,7 +528,8 @@ def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
     """
     ordered: dict[tuple[Variable, int], list[NDArray[np.intp]]] = {}
     for _, variable, rows in sweeps(problem):
-        ordered.setdefault((variable, int(problem.design.measured[rows[0]])), []).append(rows)
+        if variable != "time":  # two traces at one time are no replicates
+            ordered.setdefault((variable, int(problem.design.measured[rows[0]])), []).append(rows)
     found: dict[Variable, list[NDArray[np.intp]]] = {}
     for (variable, _), groups in ordered.items():
         value, group = problem.design.swept(variable), problem.design.group
@@ -550,11 +556,12 @@ def in_session(design: Design) -> FloatArray:
 
 
 def conditions(design: Design) -> list[NDArray[np.intp]]:
-    """Rows of every condition of the rig."""
+    """Rows of every condition of the rig, and of every moment of a trace."""
     seen: dict[tuple[float, ...], list[int]] = {}
+    time = np.where(design.traced, design.time, -1.0)
     for i in range(design.n_points):
         rig = int(design.drive[i]), int(design.rig[i]), int(design.measured[i])
-        key = (float(design.frequency[i]), float(design.amplitude[i]), *rig)
+        key = (float(design.frequency[i]), float(design.amplitude[i]), float(time[i]), *rig)
         seen.setdefault(key, []).append(i)
     return [np.array(rows) for rows in seen.values()]
 
@@ -587,7 +594,7 @@ def _places(
         [np.abs(_windows(simulated[:, rows], settings.windows)[0]).max(axis=1) for _, _, rows in ordered], axis=0
     )
     bar = float(np.quantile(null, 0.95))
-    error = log_ratio(predicted, problem.observed, problem.offset)
+    error = log_ratio(predicted, problem.observed, *problem.metric)
     places = []
     for group_id, variable, rows in ordered:
         score, spans = _windows(e[None, rows], settings.windows)
@@ -610,7 +617,7 @@ def _coincidences(
 ) -> tuple[Coincidence, ...]:
     """Readings that stand out together further than simulated data sets show at any condition, at the tests' level."""
     design = problem.design
-    error = log_ratio(predicted, problem.observed, problem.offset)
+    error = log_ratio(predicted, problem.observed, *problem.metric)
     found = []
     everywhere = shared(problem)
     null = np.max([_both(simulated[:, rows]) for meeting in everywhere.values() for rows in meeting], axis=0, initial=0)

@@ -32,7 +32,7 @@ from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
-from psafit.observables import OBSERVABLES
+from psafit.observables import OBSERVABLES, OF_LAUNCHES
 from psafit.records import ABSENT
 from psafit.simulate import Design, readings
 from psafit.text import fixed, significant
@@ -271,7 +271,7 @@ class Possible:
     def reading(self, measured: int, usual: int) -> Possible:
         """It with another observable."""
         o, design = OBSERVABLES[measured], replace(self.design, measured=np.full(self.design.n_points, measured))
-        text = self.text if measured == usual else f"{self.text}, and read {o.title}s"
+        text = self.text if measured == usual else f"{self.text}, and read {o.titles}"
         return replace(self, text=text, design=design, other=measured != usual)
 
     def judged(self, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
@@ -369,7 +369,7 @@ def _possible(candidate: Candidate) -> list[Possible]:
     problem, experiment = candidate.problem, candidate.problem.experiment
     usual = int(problem.usually_measured(1)[0])
     found = proposals(experiment.constants, experiment.groups, experiment.limits)
-    others = [k for k in range(len(OBSERVABLES)) if k != usual]
+    others = [k for k in range(len(OF_LAUNCHES)) if k != usual]
     return [p.reading(k, usual) for k in (usual, *others) for p in found if k == usual or not p.changed]
 
 

@@ -67,7 +67,7 @@ def repeat(
     def measure(truth: Candidate, draws: ImportanceSample, rng: np.random.Generator) -> Callable[[Problem], Problem]:
         problem, u = truth.problem, _drawn(draws, 1, rng)
         made = noise.draw(problem.predict(u), problem.noise_values(u), problem.known_sigma, rng)[0]
-        again = problem.experiment.with_readings(np.maximum(made, 0.0))
+        again = problem.experiment.with_readings(np.maximum(made, problem.floor))
         return lambda model: replace(model, experiment=again)
 
     return _judged(

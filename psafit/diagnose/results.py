@@ -172,7 +172,7 @@ def _tests(misfit: Misfit, candidate: Candidate, where: list[Where] | None = Non
 
 def _where(misfit: Misfit) -> list[Where]:
     """Where readings are missed: those of several groups that stand out together, then stretches of sweeps."""
-    unit = {"frequency": "Hz", "amplitude": "V"}
+    unit = {"frequency": "Hz", "amplitude": "V", "time": "us"}
     found = []
 
     def place(group: GroupId, p: Coincidence | Place, together: list[GroupId]) -> None:

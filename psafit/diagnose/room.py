@@ -79,5 +79,5 @@ def room(
     plain = model_set.of(adopted)
     effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
-    largest = np.max(np.abs(effect) * plain.scatter / (plain.predicted + plain.problem.offset), axis=1)
+    largest = np.max(np.abs(effect) * plain.scatter / (np.abs(plain.predicted) + plain.problem.offset), axis=1)
     return Room(*(float(quantiles(each, weights, [limit])[0]) for each in (largest, size)))

@@ -29,6 +29,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
+from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.optimiser import maximise_linearly
 from psafit.inference.problem import Problem
@@ -122,10 +123,8 @@ def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSett
         iterations=settings.iterations,
     )  # fmt: skip
     top = float(alone.log_posterior[0])
-    scatter = candidate.scatter * np.random.default_rng(0).standard_normal(
-        (settings.n_simulated, candidate.predicted.size)
-    )
-    nothing = candidate.project_out(scatter)
+    white = np.random.default_rng(0).standard_normal((settings.n_simulated, candidate.predicted.size))
+    nothing = candidate.project_out(candidate.scatter * noise.correlated(white, candidate.noise))
     return [
         _screen(candidate, top, nothing, term, catalogue, settings) for term in catalogue if term not in candidate.terms
     ]
@@ -146,17 +145,19 @@ def _screen(
     latent = [i for i in range(large.n_dim) if i not in own and i not in shared]
     neutral = float(sum(large.parameters[i].log_prior(at[i]) for i in latent))
     luck = np.zeros(len(nothing))
+    traced = large.design.traced
+    least = np.where(traced, -np.inf, 1e-9)
 
     def refitted(quantiles: FloatArray) -> FloatArray:
         """What refits at these quantiles of the strength gain."""
         rows = np.repeat(at[None, :], len(quantiles), axis=0)
         rows[:, own[0]] = term.strength.prior_quantile(quantiles)
         found = large.predict(np.vstack([rows, *(rows + 0.1 * np.eye(large.n_dim)[i] for i in latent)]))
-        found = np.maximum(found.reshape(1 + len(latent), len(rows), -1), 1e-9)
+        found = np.maximum(found.reshape(1 + len(latent), len(rows), -1), least)
         slope = np.zeros((len(rows), large.n_model, found.shape[2]))
         slope[:, shared[: candidate.problem.n_model]] = candidate.relative_slope
         for k, i in enumerate(latent, start=1):
-            slope[:, i] = (found[k] - found[0]) / (0.1 * found[0])
+            slope[:, i] = (found[k] - found[0]) / (0.1 * np.where(traced, 1.0, found[0]))
         moved = [candidate.project_out((found[k] - found[0]) / 0.1) for k in range(1, 1 + len(latent))]
         np.maximum(luck, _luck(candidate.project_out(found[0] - candidate.predicted), moved, nothing), out=luck)
         end = maximise_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)

@@ -64,7 +64,7 @@ class Line:
     Parameters
     ----------
     group : group id
-    at : list of float, Hz or V
+    at : list of float, Hz, V or us
         Ascending.
     um : list of float
     without_um : dict of str to list of float
@@ -213,10 +213,10 @@ def growth(candidate: Candidate, *, window: int = 9) -> list[Growth]:
 def _logarithms(
     candidate: Candidate,
 ) -> Iterator[tuple[GroupId, str, FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Each sweep of the first observable: group, variable, logarithms of it, of readings and predictions, scatter."""
+    """Each sweep of the first observable, no trace: group, variable, logarithms of it, readings, model; scatter."""
     problem = candidate.problem
     for group_id, variable, rows in sweeps(problem):
-        if problem.design.measured[rows[0]] != problem.design.measured.min():
+        if problem.design.measured[rows[0]] != problem.design.measured.min() or variable == "time":
             continue
         values = problem.design.swept(variable)[rows]
         y, p = problem.observed[rows], candidate.predicted[rows]
@@ -327,16 +327,16 @@ def drift(candidate: Candidate, *, knots: int = 4, in_order: float = 0.9) -> lis
     """
     problem = candidate.problem
     nu = noise.columns(candidate.noise)[2][0]
-    z = (problem.observed - candidate.predicted) / candidate.scatter
+    z = noise.innovations(problem.observed, candidate.predicted[None], candidate.noise, problem.known_sigma)[0]
     weight = np.sqrt((nu + 1) / (nu + z * z))  # Student's law as weighted least squares
     target = weight * z
-    known = (candidate.slope / candidate.scatter * weight).T
+    known = (candidate.whitened(candidate.slope) * weight).T
     n = target.size
     design = problem.design
     covariates = {
         "frequency": design.along("frequency"),
         "amplitude": design.along("amplitude"),
-        "range": np.log(candidate.predicted * problem.per_um + 0.05),
+        "range": np.log(np.abs(candidate.predicted) * problem.per_um + 0.05),
     }
     # Sweeps that were read from one end to the other do not separate the time from what was swept.
     if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < in_order:

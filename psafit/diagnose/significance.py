@@ -219,7 +219,9 @@ def _again(
     def make() -> dict[str, np.ndarray]:
         rng = np.random.default_rng([seed, 29, k])
         known = baseline.problem.known_sigma
-        readings = np.maximum(noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], 0.0)
+        readings = np.maximum(
+            noise.draw(baseline.predicted[None], baseline.noise, known, rng)[0], baseline.problem.floor
+        )
         simulated = baseline.problem.experiment.with_readings(readings)
         found = searched(replace(baseline.problem, experiment=simulated), catalogue, seed=seed, settings=settings)
         return {"lead": np.array(lead(found))}

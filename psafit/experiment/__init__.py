@@ -28,6 +28,7 @@ from psafit.experiment.records import (
     Experiment,
     Group,
     GroupId,
+    Swept,
     by_group,
     changes_text,
     describe,
@@ -39,6 +40,7 @@ from psafit.experiment.rig import Rig
 from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import unreadable
+from psafit.experiment.trace_table import read_trace
 from psafit.experiment.writer import write_experiment
 from psafit.parameters import Belief
 
@@ -51,6 +53,7 @@ __all__ = [
     "Group",
     "GroupId",
     "Plan",
+    "Swept",
     "by_group",
     "changes_text",
     "describe",
@@ -201,7 +204,10 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
 
 def _sweep(declared: DeclaredGroup, *, planned: bool) -> Conditions:
     """A declared group with the columns of its file: a `Group` where there are readings."""
-    held = readings_of(read_csv(declared.path, planned=planned))
+    if declared.traced:
+        held = read_trace(declared.path, *declared.traced, planned=planned)
+    else:
+        held = readings_of(read_csv(declared.path, planned=planned))
     kind = Group if "reading" in held else Conditions
     return kind(declared.id, declared.drive, declared.file, changed=declared.changed, **held)
 

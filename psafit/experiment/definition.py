@@ -22,6 +22,7 @@ from psafit.parameters import Belief, LogNormal, Normal
 
 MAX_ID = 999_999_999
 _GROUP_KEYS = ("id", "waveform", "file")
+_TRACE_KEYS = ("trace", *CONDITION_COLUMNS)
 _DRIVE_KEYS = ("bias_v", "idle_v", "phase_deg", "cycles", "drive")
 _CONSTANTS = tuple(f.name for f in fields(Constants))
 # Hard limits of each constant, SI: far beyond any rig; a wrong unit is only warned of.
@@ -84,13 +85,14 @@ def _key_lines(text: str) -> dict[tuple[str | int, ...], int]:
 
 @dataclass(frozen=True)
 class DeclaredGroup:
-    """A group as it is declared, its file not read yet."""
+    """A group as it is declared, its file not read yet; that of a trace has its frequency (Hz) and amplitude (V)."""
 
     id: GroupId
     drive: Drive
     file: str
     path: Path
     changed: tuple[tuple[str, float], ...]
+    traced: tuple[float, float] | None = None
 
 
 class Definition:
@@ -375,27 +377,50 @@ class Definition:
 
     def _group(self, i: int, table: dict[str, Any]) -> DeclaredGroup:
         faults = Faults()
-        unknown, stands_for = self.unknown_keys(table, (*_GROUP_KEYS, *_DRIVE_KEYS, "constants"), "group", i)
+        known = (*_GROUP_KEYS, *_DRIVE_KEYS, *_TRACE_KEYS, "constants")
+        unknown, stands_for = self.unknown_keys(table, known, "group", i)
         for fault in unknown:
             faults.add(fault)
-        missing = [key for key in _GROUP_KEYS if key not in table and key not in stands_for]
+        called = f"group {_value_text(table['id'])[:40]}" if "id" in table else f"group number {i + 1}"
+        traced = "trace" in table
+        needed = ("id", "waveform", *_TRACE_KEYS) if traced else _GROUP_KEYS
+        missing = [key for key in needed if key not in table and key not in stands_for]
         if missing:
             what = f"group number {i + 1} has no {', no '.join(missing)}"
-            faults.add(self.error(what, f"give {listed(_GROUP_KEYS)}", "group", i))
-        called = f"group {_value_text(table['id'])[:40]}" if "id" in table else f"group number {i + 1}"
+            faults.add(self.error(what, f"give {listed(needed)}", "group", i))
+        if traced and "file" in table:
+            what, remedy = f"{called}: both file and trace", "give launches with file, a trace in a group of its own"
+            faults.add(self.error(what, remedy, "group", i, "trace"))
+        for key in () if traced else (k for k in CONDITION_COLUMNS if k in table):
+            what = f"{called}: {key} is a key of traces; launches have it as a column of their file"
+            faults.add(self.error(what, f"leave out {key}, or give trace in the place of file", "group", i, key))
         if "id" in table:
             with faults.kept():
                 group_id = self._id(i, table["id"])
         if "waveform" in table:
             with faults.kept():
                 drive = self._drive(i, called, table)
-        if "file" in table:
+        key = "trace" if traced else "file"
+        if key in table:
             with faults.kept():
-                file, path = self._path(i, called, table["file"])
+                file, path = self._path(i, called, table[key], key)
+        condition = []
+        for name in CONDITION_COLUMNS if traced else ():
+            with faults.kept():
+                if name in table:
+                    condition.append(self._condition(i, called, name, table[name]))
         with faults.kept():
             changed = self._changed(i, table)
         faults.end()
-        return DeclaredGroup(group_id, drive, file, path, changed)
+        return DeclaredGroup(group_id, drive, file, path, changed, (condition[0], condition[1]) if traced else None)
+
+    def _condition(self, i: int, called: str, key: str, value: object) -> float:
+        """Frequency or amplitude of a trace."""
+        number, (low, high) = _number(value), COLUMN_LIMITS[key]
+        if number is None or not low <= number <= high:
+            what = f"{called}: {key} is not a number from {low:g} to {high:g}"
+            raise self.error(what, f"write {key} = a number, without quotes or unit", "group", i, key)
+        return number
 
     def _id(self, i: int, value: object) -> GroupId:
         if type(value) is int and 0 <= value <= MAX_ID:

@@ -9,7 +9,7 @@ import numpy as np
 
 from psafit.drives import Table
 from psafit.errors import InputError
-from psafit.experiment.table import CellFault, RowFaults, csv_rows, plain
+from psafit.experiment.table import CellFault, RowFaults, headed, pairs, plain
 from psafit.experiment.text import listed, shown
 
 PERIOD, RECORDED = ("phase", "level"), ("time_us", "voltage_v")
@@ -35,33 +35,19 @@ def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, mo
     InputError
         With every fault of the file.
     """
-    rows = csv_rows(file, most_bytes)
-    line, cells = next(rows, (1, InputError("the file is empty", _HEADER, file=file, line=1)))
-    if isinstance(cells, InputError):
-        raise cells
-    names = tuple(cell.strip().lower() for cell in cells)
+    line, header, rows = headed(file, most_bytes, _HEADER)
+    names = tuple(map(str.lower, header))
     if names not in (PERIOD, RECORDED):
         raise InputError(f"columns {listed(map(shown, names))} are not those of a drive", _HEADER, file=file, line=line)
     faults = RowFaults(file)
     found: list[tuple[float, float]] = []
-    n_rows = 0
-    for line, cells in rows:
-        n_rows += 1
-        if n_rows > most_rows:
-            faults.add("", f"more than {most_rows} rows", "record fewer samples, or fewer periods", line)
-            break
-        if isinstance(cells, InputError):
-            faults.add("", cells.what, cells.remedy, line)
-            continue
-        if len(cells) != 2:
-            faults.add("", f"{len(cells)} cells in the row, 2 in the header", "give one cell a column", line)
-            continue
-        row = [_value(name, cell.strip(), faults, line) for name, cell in zip(names, cells, strict=True)]
+    for line, two in pairs(rows, faults, most_rows, "rows", "record fewer samples, or fewer periods"):
+        row = [_value(name, cell, faults, line) for name, cell in zip(names, two, strict=True)]
         if found and row[0] < found[-1][0]:
             faults.add(names[0], f"{row[0]:g} comes after {found[-1][0]:g}", "sort the rows", line)
         if not math.isnan(sum(row)):
             found.append((row[0], row[1]))
-    faults.end(n_rows)
+    faults.end(faults.n_rows)
     recorded = names == RECORDED
     at, value = np.array(found).reshape(-1, 2).T
     fault = _whole(at, least_rows if recorded else 2, recorded)

@@ -127,9 +127,9 @@ def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> 
     """What the scale of one observable's readings says."""
     found, o = [], part.observable
     least, most = o.usual
-    r_max = float(part.reading.max())
+    r_max = float(np.abs(part.reading).max())
     string_um = constants.l * 1e6 if constants and o is LAUNCH_RANGE else math.inf
-    still = float(part.reading[part.amplitude_v == 0].max(initial=0.0))
+    still = float(np.abs(part.reading)[part.amplitude_v == 0].max(initial=0.0))
     if still > 0 and v_max > 0:
         of = "" if o is LAUNCH_RANGE else f" ({o.title})"
         found.append(f"the ball is launched by {still:g} {o.unit} at 0 V{of}; is that the reading's offset?")
@@ -142,11 +142,36 @@ def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> 
     elif r_max > most:
         # Ten centimetres read better than 1e+05 um.
         beyond = "10 cm" if o is LAUNCH_RANGE else f"{most:g} {o.unit}"
-        found.append(f"{o.title}s reach {r_max:g} {o.unit}, above {beyond}; given in {o.mistaken[1]}?")
+        found.append(f"{o.titles} reach {r_max:g} {o.unit}, above {beyond}; given in {o.mistaken[1]}?")
     if part.sigma is not None and r_max > 0 and float(part.sigma.min()) > r_max:
         found.append(
             f"every {o.sigma_column} exceeds every {o.title} (least {part.sigma.min():g} {o.unit}); given in another"
             " unit?"
+        )
+    return found + _suspicious_trace(part)
+
+
+def _suspicious_trace(part: Group, most: int = 2000, early: float = 0.1, far: float = 0.5) -> list[str]:
+    """What the samples of a trace say together.
+
+    Parameters
+    ----------
+    part : Group
+    most : int
+        Samples beyond which more of them say little: their errors are correlated.
+    early, far : float
+        A trace that begins within this part of its length, this part of its reach from zero, is not counted from rest.
+    """
+    if part.time_us is None:
+        return []
+    found = []
+    if part.n_points > most:
+        every = -(-part.n_points // most)
+        found.append(f"{part.n_points} samples; one in {every} says nearly as much, and is fitted in less time")
+    begins = part.time_us[0] < early * part.time_us[-1]
+    if begins and abs(part.reading[0]) > far * np.abs(part.reading).max():
+        found.append(
+            f"{part.observable.column} begins at {part.reading[0]:g} {part.observable.unit}; is it counted from rest?"
         )
     return found
 

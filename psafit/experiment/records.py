@@ -19,10 +19,11 @@ from psafit.drives import Drive
 from psafit.errors import InputError
 from psafit.experiment.rig import Rig
 from psafit.experiment.text import listed, one_line, shown
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
 from psafit.parameters import Belief
 
 GroupId = int | str
+Swept = Literal["frequency", "amplitude", "time"]
 
 DEFINITION = "experiment.toml"
 # A setting that drifts by less than this (relative) was meant to be held.
@@ -30,8 +31,8 @@ _HELD = 0.02
 # Conditions of a sweep that is filled, and how many may come between two of its own.
 _FILLED, _BETWEEN = 150, 8
 CONDITION_COLUMNS = ("frequency_hz", "amplitude_v")
-READING_COLUMNS = tuple(o.column for o in OBSERVABLES)
-SIGMA_COLUMNS = tuple(dict.fromkeys(o.sigma_column for o in OBSERVABLES))
+READING_COLUMNS = tuple(o.column for o in OF_LAUNCHES)
+SIGMA_COLUMNS = tuple(dict.fromkeys(o.sigma_column for o in OF_LAUNCHES))
 CONSTANT_UNITS = {"M": "kg", "m": "kg", "q": "m/V", "l": "m", "k_s": "N/m", "g": "m/s^2"}
 
 
@@ -79,6 +80,8 @@ class Conditions:
         What is read, or is to be, as `psafit.observables.OBSERVABLES` counts; launch ranges by default.
     row : (n_points,) int array, optional
         Row of the file that each reading stands in: those of one launch share it. By default each has its own.
+    time_us : (n_points,) array, us, optional
+        Of the samples of a trace, from the start of the drive; none where launches as a whole are read.
 
     Raises
     ------
@@ -95,10 +98,11 @@ class Conditions:
     sigma: FloatArray | None = field(default=None, kw_only=True)
     measured: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8), kw_only=True)
     row: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp), kw_only=True)
+    time_us: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "drive", Drive.of(self.drive))
-        for name in (*CONDITION_COLUMNS, "reading", "sigma"):
+        for name in (*CONDITION_COLUMNS, "reading", "sigma", "time_us"):
             given = getattr(self, name, None)
             if given is None and name not in CONDITION_COLUMNS:
                 continue
@@ -106,7 +110,8 @@ class Conditions:
             if array.ndim != 1 or array.size == 0 or array.shape != np.shape(self.frequency_hz):
                 raise ValueError(f"group {self.id}: {name} has shape {array.shape}")
             positive = name == "frequency_hz"
-            if not np.all(np.isfinite(array) & ((array > 0) if positive else (array >= 0))):
+            signed = name == "reading" and self.time_us is not None
+            if not np.all(np.isfinite(array) & (signed | ((array > 0) if positive else (array >= 0)))):
                 sign = "positive" if positive else "non-negative"
                 raise ValueError(f"group {self.id}: {name} must be finite and {sign}")
             self._keep(name, array)
@@ -122,7 +127,7 @@ class Conditions:
 
     def at(self, rows: Any) -> Self:
         """Some of its readings; `rows` indexes an array."""
-        names = ("frequency_hz", "amplitude_v", "reading", "sigma", "measured", "row")
+        names = ("frequency_hz", "amplitude_v", "reading", "sigma", "measured", "row", "time_us")
         held = {name: array for name in names if (array := getattr(self, name, None)) is not None}
         return replace(self, **{name: array[rows] for name, array in held.items()})
 
@@ -159,8 +164,10 @@ class Conditions:
         return int(self.frequency_hz.size)
 
     @property
-    def swept(self) -> Literal["frequency", "amplitude"]:
-        """The variable that a sweep varies: the one that spans the larger ratio."""
+    def swept(self) -> Swept:
+        """The variable that a sweep varies: the one that spans the larger ratio; along a trace, time."""
+        if self.time_us is not None:
+            return "time"
         driven = self.amplitude_v[self.amplitude_v > 0]  # readings without a drive are no end of a sweep
         wider = driven.size and np.ptp(np.log(driven)) > np.ptp(np.log(self.frequency_hz))
         return "amplitude" if wider else "frequency"
@@ -169,6 +176,8 @@ class Conditions:
     def in_sweep(self) -> NDArray[np.intp]:
         """Rows in the order of the sweep, whatever the order of the file; those of each observable together."""
         f, v, kind = self.frequency_hz, self.amplitude_v, self.measured
+        if self.time_us is not None:
+            return np.argsort(self.time_us)
         return np.lexsort((f, v, kind)) if self.swept == "amplitude" else np.lexsort((v, f, kind))
 
     @property
@@ -180,14 +189,19 @@ class Conditions:
 
     @property
     def along(self) -> FloatArray | None:
-        """What a sweep of one variable goes through, Hz or V; None where both were varied or neither."""
+        """What a sweep of one variable (Hz, V) or a trace (us) goes through; None where both were varied or neither."""
+        if self.time_us is not None:
+            return self.time_us
         if len(self.varied) != 1:
             return None
         return self.amplitude_v if self.varied == ("amplitude",) else self.frequency_hz
 
     def filled(self) -> Conditions:
-        """The sweep with conditions between its own, ascending, to draw a curve through; as it is if it is none."""
-        if self.along is None:
+        """The sweep with conditions between its own, ascending, to draw a curve through; as it is if it is none.
+
+        A trace is a curve already.
+        """
+        if self.along is None or self.time_us is not None:
             return self
         f, v = self.frequency_hz, self.amplitude_v
         _, first = np.unique(self.along, return_index=True)
@@ -226,6 +240,11 @@ class Group(Conditions):
     """
 
     reading: FloatArray
+
+    @property
+    def floor(self) -> float:
+        """What no instrument shows less of: zero, of launches; nothing, along a trace."""
+        return 0.0 if self.time_us is None else -math.inf
 
     @property
     def launch_range_um(self) -> FloatArray:
@@ -356,6 +375,8 @@ def fingerprint(constants: Constants, groups: Iterable[Group]) -> str:
         if group.observables != (LAUNCH_RANGE,):
             read = (OBSERVABLES[k].column for k in group.measured)
             digest.update("".join(f"{k} {name}\n" for k, name in zip(group.row, read, strict=True)).encode())
+        if group.time_us is not None:
+            digest.update(b"time_us\n" + group.time_us.astype("<f8").tobytes())
     return digest.hexdigest()
 
 
@@ -367,9 +388,9 @@ def describe(experiment: Experiment) -> dict[str, Any]:
     dict
         `title`, `source`, `folder`, `fingerprint`, `constants`, `n_points`, `warnings`, `priors` (those given: `name`,
         `prior`, `source`), and `groups`: one dict each with `id`, `waveform`, `file`, `n_points`, the spans
-        `frequency_hz`, `amplitude_v` and those of what is read, `launch_range_um` or another column, as
-        [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates` (readings
-        beyond the first at the same condition) and `has_sigma`.
+        `frequency_hz`, `amplitude_v`, of a trace `time_us`, and those of what is read, `launch_range_um` or another
+        column, as [least, greatest], `constants` (those changed), `zeros` (readings of exactly 0), `replicates`
+        (readings beyond the first at the same condition) and `has_sigma`.
     """
     return {
         "title": experiment.title,
@@ -389,8 +410,10 @@ def _lone(group: Group) -> str:
 
 
 def _describe_group(group: Group) -> dict[str, Any]:
-    conditions = np.column_stack([group.frequency_hz, group.amplitude_v, group.measured])
-    spans = {name: getattr(group, name) for name in CONDITION_COLUMNS}
+    own = [group.frequency_hz, group.amplitude_v, group.measured]
+    conditions = np.column_stack(own if group.time_us is None else [*own, group.time_us])
+    names = CONDITION_COLUMNS if group.time_us is None else (*CONDITION_COLUMNS, "time_us")
+    spans = {name: getattr(group, name) for name in names}
     spans |= {part.observable.column: part.reading for part in group.parts}
     return {
         "id": group.id,

@@ -18,28 +18,28 @@ from psafit.arrays import FloatArray
 from psafit.errors import Faults, InputError
 from psafit.experiment.records import CONDITION_COLUMNS, READING_COLUMNS, SIGMA_COLUMNS
 from psafit.experiment.text import listed, read_text, shown
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
+from psafit.observables import LAUNCH_RANGE, OF_LAUNCHES, Observable
 
 # Hard limits of each column, far beyond any rig, within which nothing overflows; a wrong unit is only warned of.
 LIMITS = {
     "frequency_hz": (1e-3, 1e9),
     "amplitude_v": (0.0, 1e6),
-    **{o.column: o.limits for o in OBSERVABLES},
+    **{o.column: o.limits for o in OF_LAUNCHES},
     **dict.fromkeys(SIGMA_COLUMNS, (1e-9, 1e9)),
 }
 
-_POSITIVE = tuple(o.column for o in OBSERVABLES if o.blank)
+_POSITIVE = tuple(o.column for o in OF_LAUNCHES if o.blank)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f]\d{3})+(\.\d*)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _IMPORT = "psafit import reads other forms"
 _USUAL = (*CONDITION_COLUMNS, LAUNCH_RANGE.column)
 _HEADER_REMEDY = f"the first line must read {','.join(_USUAL)} (and {LAUNCH_RANGE.sigma_column} if known)"
-_OTHERS = f"; other readings are {listed(o.column for o in OBSERVABLES if o is not LAUNCH_RANGE)}"
+_OTHERS = f"; other readings are {listed(o.column for o in OF_LAUNCHES if o is not LAUNCH_RANGE)}"
 _UNITS = {"frequency_hz": "Hz", "amplitude_v": "V"}
-_UNITS |= {name: o.unit for o in OBSERVABLES for name in (o.column, o.sigma_column)}
+_UNITS |= {name: o.unit for o in OF_LAUNCHES for name in (o.column, o.sigma_column)}
 _EMPTY = "is empty", "enter the value, or delete the row if nothing was read"
-_BY_COLUMN = {o.column: o for o in OBSERVABLES}
+_BY_COLUMN = {o.column: o for o in OF_LAUNCHES}
 
 
 def read_csv(
@@ -76,7 +76,7 @@ def read_csv(
         raise cells
     names = _header(cells, planned, file, line)
     blank = _may_be_blank(names)
-    here = {o.column for o in OBSERVABLES if o.column in names}
+    here = {o.column for o in OF_LAUNCHES if o.column in names}
     columns: list[list[float]] = [[] for _ in names]
     faults = RowFaults(file)
     n_rows = 0
@@ -121,7 +121,7 @@ def read_csv(
 
 def _may_be_blank(names: Sequence[str]) -> dict[str, str]:
     """Columns whose cells may be empty, with the observable's: those of observables that do not stand alone."""
-    here = [o for o in OBSERVABLES if o.column in names]
+    here = [o for o in OF_LAUNCHES if o.column in names]
     if len(here) < 2:
         return {}
     return {name: o.column for o in here for name in (o.column, o.sigma_column) if name in names}
@@ -147,7 +147,7 @@ def readings_of(columns: dict[str, FloatArray]) -> dict[str, Any]:
         Without `reading` where no cell holds one: such a file is a plan, of what its empty columns are, launch ranges
         without any.
     """
-    cells = [(k, o) for k, o in enumerate(OBSERVABLES) if o.column in columns]
+    cells = [(k, o) for k, o in enumerate(OF_LAUNCHES) if o.column in columns]
     if not cells:
         sigma = {"sigma": columns["sigma_um"]} if "sigma_um" in columns else {}
         return {name: columns[name] for name in CONDITION_COLUMNS} | sigma
@@ -196,6 +196,36 @@ def csv_rows(file: Path, most_bytes: int) -> Iterator[tuple[int, list[str] | Inp
             yield line, cells
 
 
+Rows = Iterator[tuple[int, list[str] | InputError]]
+
+
+def headed(file: Path, most_bytes: int, remedy: str) -> tuple[int, list[str], Rows]:
+    """Line and names of a file's header, and the rows below; the `remedy` is for a file without any."""
+    rows = csv_rows(file, most_bytes)
+    line, cells = next(rows, (1, InputError("the file is empty", remedy, file=file, line=1)))
+    if isinstance(cells, InputError):
+        raise cells
+    return line, [cell.strip() for cell in cells], rows
+
+
+def pairs(rows: Rows, faults: RowFaults, most_rows: int, what: str, remedy: str) -> Iterator[tuple[int, list[str]]]:
+    """Rows of a table of two columns, counted, up to so many; what is none becomes a fault.
+
+    `what` is what a row holds, more than one of them, and `remedy` is for too many.
+    """
+    for line, cells in rows:
+        faults.n_rows += 1
+        if faults.n_rows > most_rows:
+            faults.add("", f"more than {most_rows} {what}", remedy, line)
+            return
+        if isinstance(cells, InputError):
+            faults.add("", cells.what, cells.remedy, line)
+        elif len(cells) != 2:
+            faults.add("", f"{len(cells)} cells in the row, 2 in the header", "give one cell a column", line)
+        else:
+            yield line, [cell.strip() for cell in cells]
+
+
 def _unparsed(row: str, error: csv.Error) -> tuple[str, str]:
     """What is wrong with a row that is no CSV, and the remedy."""
     if '"' not in row:  # nothing else than a cell's length ends the reading
@@ -222,6 +252,7 @@ class RowFaults:
 
     file: Path
     most: int = 10
+    n_rows: int = 0
     # Readings below zero by column: line, cell, values of the row.
     below: dict[str, list[tuple[int, str, dict[str, float]]]] = field(default_factory=dict)
     _kinds: dict[tuple[str, str], tuple[list[InputError], list[int]]] = field(default_factory=dict)
@@ -293,10 +324,23 @@ def _miscounted(cells: list[str], names: list[str]) -> tuple[str, str]:
     return what, "give one cell a column: decimal points, no thousands separators, no comments, no row numbers"
 
 
-def _other_separator(cells: list[str]) -> str:
+def _other_separator(cells: Sequence[str]) -> str:
     """What stands in the place of commas in a row that has none; empty where nothing does."""
     marks = {";": "semicolons", "\t": "tabs"}
     return next((name for mark, name in marks.items() if len(cells) == 1 and mark in cells[0]), "")
+
+
+def _foreign(names: Sequence[str]) -> tuple[str, str] | None:
+    """What is wrong with a header that is none of launches at all, and the remedy."""
+    if separator := _other_separator(names):
+        return (
+            f"columns are separated by {separator}", f"separate them with commas, and write decimal points; {_IMPORT}"
+        )  # fmt: skip
+    if all(_NUMBER.fullmatch(name) for name in names):
+        return f"unknown column {shown(names[0])}: the file begins with numbers, without a header", _HEADER_REMEDY
+    if "time_us" in names:
+        return "column time_us: these are samples of a trace", "name the file with trace in the place of file"
+    return None
 
 
 def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]:
@@ -308,11 +352,8 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
     def add(what: str, remedy: str) -> None:
         faults.add(InputError(what, remedy, file=file, line=line))
 
-    if separator := _other_separator(names):
-        add(f"columns are separated by {separator}", f"separate them with commas, and write decimal points; {_IMPORT}")
-        faults.end()
-    if all(_NUMBER.fullmatch(name) for name in names):
-        add(f"unknown column {shown(names[0])}: the file begins with numbers, without a header", _HEADER_REMEDY)
+    if foreign := _foreign(names):
+        add(*foreign)
         faults.end()
     if not names[-1]:
         add("the header ends with a comma", "delete it, and the last comma of each row")
@@ -348,7 +389,7 @@ def _header(cells: list[str], planned: bool, file: Path, line: int) -> list[str]
             if what == "missing column" and wrong == [shown("launch_range_um")]:
                 remedy += f"{_OTHERS}; without readings it is a plan, which psafit simulate takes"
             add(f"{what}{'s' * (len(wrong) > 1)} {listed(wrong[:5])}{', ...' * (len(wrong) > 5)}", remedy)
-    for o in OBSERVABLES:
+    for o in OF_LAUNCHES:
         if o.sigma_column in names and o.column not in names and not (planned and o is LAUNCH_RANGE):
             add(f"{o.sigma_column} without {o.column}", "give what it is the uncertainty of, or delete the column")
     faults.end()

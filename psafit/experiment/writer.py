@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import codecs
 import json
+import math
 import os
 import tomllib
 from collections.abc import Sequence
@@ -31,6 +32,7 @@ from psafit.experiment.records import (
 )
 from psafit.experiment.rig import Rig
 from psafit.experiment.table import read_csv, readings_of
+from psafit.experiment.trace_table import TIME, read_trace
 from psafit.files import write_atomically
 from psafit.observables import LAUNCH_RANGE
 from psafit.parameters import Belief
@@ -95,7 +97,10 @@ def _drive_files(groups: Sequence[Conditions]) -> dict[str, str]:
 def _kept_table(file: Path, group: Group) -> bytes | None:
     """A group's file as somebody wrote it; None where there is none that holds these numbers."""
     try:
-        raw, held = file.read_bytes(), readings_of(read_csv(file))
+        raw = file.read_bytes()
+        traced = group.time_us is not None
+        condition = group.frequency_hz[0], group.amplitude_v[0]
+        held = read_trace(file, *condition) if traced else readings_of(read_csv(file))
     except (InputError, OSError, ValueError):
         return None
     mine = {n: values for n in (*held, "sigma") if (values := getattr(group, n)) is not None}
@@ -108,7 +113,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
     try:
         found = Definition(experiment.folder)
         text = found.file.read_bytes().removeprefix(codecs.BOM_UTF8).decode("utf-8")
-        declared = [(g.id, g.drive, g.file, g.changed) for g in found.groups(found.faults)]
+        declared = [(g.id, g.drive, g.file, g.changed, g.traced) for g in found.groups(found.faults)]
         found.faults.end()
         same = (
             tomllib.loads(text) == found.data
@@ -118,7 +123,7 @@ def _kept_definition(experiment: Experiment) -> str | None:
             and found.rig() == experiment.rig
             and found.text("title", experiment.title) == experiment.title
             and found.text("source", "") == experiment.source
-            and declared == [(g.id, g.drive, g.file, g.changed) for g in experiment.groups]
+            and declared == [(g.id, g.drive, g.file, g.changed, _condition(g)) for g in experiment.groups]
         )
         # Without a title it would be called after the new folder.
         text = text if "title" in found.data else f"title = {_quoted(experiment.title)}\n{text}"
@@ -177,15 +182,27 @@ def beliefs_text(beliefs: Sequence[Belief]) -> str:
 def group_text(group: Conditions, file: str) -> str:
     """A group's part of the definition."""
     group_id = group.id if isinstance(group.id, int) else _quoted(group.id)
+    condition = _condition(group)
+    key = "trace" if condition else "file"
     lines = [
-        "", "[[group]]", f"id = {group_id}", f"waveform = {_quoted(group.waveform)}", f"file = {_quoted(file)}",
+        "", "[[group]]", f"id = {group_id}", f"waveform = {_quoted(group.waveform)}", f"{key} = {_quoted(file)}",
     ]  # fmt: skip
+    if condition:
+        names = zip(CONDITION_COLUMNS, condition, strict=True)
+        lines += [f"{name} = {number_text(value)}" for name, value in names]
     for key, value in group.drive.settings.items():
         lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else number_text(value)}")
     if group.changed:
         changed = ", ".join(f"{name} = {number_text(value)}" for name, value in group.changed)
         lines.append(f"constants = {{ {changed} }}")
     return "\n".join(lines) + "\n"
+
+
+def _condition(group: Conditions) -> tuple[float, float] | None:
+    """Frequency (Hz) and amplitude (V) of a trace; None where launches as a whole are read."""
+    if group.time_us is None:
+        return None
+    return float(group.frequency_hz[0]), float(group.amplitude_v[0])
 
 
 def number_text(value: float) -> str:
@@ -199,7 +216,12 @@ def _quoted(text: str) -> str:
 
 
 def table_text(group: Conditions) -> str:
-    """The CSV file of a group: a row a launch, a cell left empty where an observable was not read."""
+    """The CSV file of a group: a row a launch, a cell left empty where an observable was not read; or of a trace."""
+    if group.time_us is not None:
+        read = group.reading if isinstance(group, Group) else np.full(group.n_points, np.nan)
+        pairs = zip(group.time_us.tolist(), read.tolist(), strict=True)
+        text = (f"{number_text(t)},{'' if math.isnan(y) else number_text(y)}" for t, y in pairs)
+        return "\n".join([f"{TIME},{group.observable.column}", *text]) + "\n"
     rows: dict[int, dict[str, str]] = {}
     for part in group.parts:
         held = {"frequency_hz": part.frequency_hz, "amplitude_v": part.amplitude_v}

@@ -155,7 +155,7 @@ class Candidate:
 
     @property
     def noise(self) -> FloatArray:
-        """The scatter's parameters at the best mode, (1, 3)."""
+        """The scatter's parameters at the best mode, as `Problem.noise_values` has them."""
         return self.problem.noise_values(self.modes[:1])
 
     @cached_property
@@ -165,9 +165,14 @@ class Candidate:
 
     @cached_property
     def relative_slope(self) -> FloatArray:
-        """Derivatives of the launch ranges' logarithms by the model's coordinates; (n_model, n_points)."""
+        """Derivatives of the ranges' logarithms, of a trace's samples, by the coordinates; (n_model, n_points)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(self.predicted > 0, self.slope / self.predicted, 0.0))
+            relative = np.where(self.predicted > 0, self.slope / self.predicted, 0.0)
+        return np.asarray(np.where(self.problem.design.traced, self.slope, relative))
+
+    def whitened(self, effect: FloatArray) -> FloatArray:
+        """Changes of the readings, (n, n_points), in units of the scatter; along a trace beyond those before."""
+        return noise.whitened((effect / self.scatter)[None], self.noise)[0]
 
     def project_out(self, effect: FloatArray, *, without: Term | None = None) -> FloatArray:
         """What a refit leaves of changes of the ranges, in units of the scatter.
@@ -182,7 +187,7 @@ class Candidate:
         -------
         (n, n_points) array
         """
-        whitened = effect / self.scatter
+        whitened = self.whitened(effect)
         basis = self._basis if without is None else self._spanned(np.array(self.problem.without(without)[1]))
         return np.asarray(whitened - (whitened @ basis) @ basis.T)
 
@@ -192,7 +197,7 @@ class Candidate:
 
     def _spanned(self, rows: NDArray[np.intp]) -> FloatArray:
         """Orthonormal columns that span the slopes by some of the model's coordinates, in units of the scatter."""
-        known = self.slope[rows[rows < self.problem.n_model]] / self.scatter
+        known = self.whitened(self.slope[rows[rows < self.problem.n_model]])
         return np.linalg.qr(known[np.linalg.norm(known, axis=1) > 1e-9].T)[0]
 
     def within(self, larger: Problem) -> tuple[FloatArray, NDArray[np.intp]]:

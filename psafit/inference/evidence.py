@@ -529,6 +529,8 @@ class Emulated:
         for part in np.array_split(np.arange(len(u)), max(len(u) // 1024, 1)):
             scaled = self._features(u[part, :k]) @ self._coefficients
             ranges = np.sinh(np.clip(scaled * self._relative, -30, 30)) * (self._absolute / self._relative)
-            result[part] = log_posteriors(self._problem, u[part], np.maximum(ranges, 0.0), self._problem.observed)
+            result[part] = log_posteriors(
+                self._problem, u[part], np.maximum(ranges, self._problem.floor), self._problem.observed
+            )
         far = np.maximum(self._distance(u[:, :k]) / self._reach - 1, 0.0)
         return result - self._how.distrust * far**2

@@ -7,6 +7,18 @@ range `L` is
 
 with Student's :math:`t_\nu`, which gives an outlier a bounded pull and tends to the normal law for large
 :math:`\nu`; :math:`\sigma_i` is the reading's own uncertainty, where the file has one. Zero is an ordinary reading.
+
+Along a trace errors are correlated: drift, filters and ringing outlast a sample. With :math:`r = (y - L)/s` each sample
+of a trace remembers the one before it,
+
+.. math::
+    r_i = \rho_i r_{i-1} + \sqrt{1 - \rho_i^2}\, t_\nu, \qquad \rho_i = e^{-(t_i - t_{i-1})/\tau},
+
+which is the Ornstein-Uhlenbeck process at any sample times, exactly, where :math:`\nu` is large. It is Markov: the
+density of a trace is a product over its samples, no matrix is inverted, and each sample has an innovation
+:math:`z_i = (r_i - \rho_i r_{i-1})/\sqrt{1 - \rho_i^2}` that is independent of all others. The innovations are what is
+tested. White noise added to it would cost that, and is the case of a small :math:`\tau`. The first sample of a trace,
+and every reading that is none, has :math:`\rho = 0`.
 """
 
 from __future__ import annotations
@@ -29,14 +41,82 @@ def columns(noise: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return each[:, 0], each[:, 1], each[:, 2]
 
 
+def remembered(noise: FloatArray) -> FloatArray | None:
+    """Correlation of each reading's error with that of the sample before, (n_sets, n_points); None without traces."""
+    return noise[:, 3] if noise.shape[1] > 3 else None
+
+
+def whitened(deviation: FloatArray, noise: FloatArray) -> FloatArray:
+    """What deviations, in units of the scatter, (n_sets, ..., n_points), say beyond those before: their innovations."""
+    rho = remembered(noise)
+    if rho is None:
+        return deviation
+    rho = rho.reshape(len(rho), *[1] * (deviation.ndim - 2), rho.shape[1])
+    before = np.concatenate([np.zeros_like(deviation[..., :1]), deviation[..., :-1]], axis=-1)
+    return (deviation - rho * before) / np.sqrt(1.0 - rho * rho)
+
+
+def correlated(innovation: FloatArray, noise: FloatArray) -> FloatArray:
+    """Deviations, in units of the scatter, that have these innovations, (n_sets, n_points): undoes `whitened`."""
+    rho = remembered(noise)
+    if rho is None:
+        return innovation
+    found = innovation.copy()
+    for i in np.flatnonzero((rho > 0.0).any(axis=0)):
+        found[:, i] = rho[:, i] * found[:, i - 1] + np.sqrt(1.0 - rho[:, i] ** 2) * innovation[:, i]
+    return found
+
+
+def carried_back(pull: FloatArray, noise: FloatArray) -> FloatArray:
+    """Derivatives by the deviations of what has these by the innovations: the transpose of `whitened`."""
+    rho = remembered(noise)
+    if rho is None:
+        return pull
+    own = pull / np.sqrt(1.0 - rho * rho)
+    after = np.concatenate([(rho * own)[:, 1:], np.zeros_like(own[:, :1])], axis=1)
+    return own - after
+
+
+def innovations(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:
+    """Residuals in units of the scatter, those along a trace freed of the ones before; (n_sets, n_points)."""
+    return whitened((observed - predicted) / scale(predicted, noise, known), noise)
+
+
+def memory_score(z: FloatArray, innovation: FloatArray, pull: FloatArray, noise: FloatArray) -> tuple[FloatArray, ...]:
+    """How each reading's log density hangs on ``ln tau``; (n_sets, n_points) each.
+
+    Parameters
+    ----------
+    z, innovation : (n_sets, n_points) arrays
+        Residuals in units of the scatter, and their innovations.
+    pull : (n_sets, n_points) array
+        Negative derivative of the log density by the innovation.
+    noise : (n_sets, 4, n_points) array
+
+    Returns
+    -------
+    score
+        The derivative.
+    log_scale, location
+        Of the width of the innovation's law, in logarithm, and of its place, in widths.
+    """
+    rho = noise[:, 3]
+    rate = -rho * np.log(np.maximum(rho, 1e-300))
+    rest = 1.0 - rho * rho
+    before = np.concatenate([np.zeros_like(z[:, :1]), z[:, :-1]], axis=1)
+    log_scale, location = -rate * rho / rest, rate * before / np.sqrt(rest)
+    return log_scale * (innovation * pull - 1.0) + location * pull, log_scale, location
+
+
 def scale(predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:
     """Scatter `s` of readings, each in its unit.
 
     Parameters
     ----------
     predicted : (n_sets, n_points) array
-    noise : (n_sets, 3) or (n_sets, 3, n_points) array
-        sigma_rel, sigma_abs, nu: of all readings, or of each, where they are of several observables.
+    noise : (n_sets, 3) or (n_sets, 3, n_points) or (n_sets, 4, n_points) array
+        sigma_rel, sigma_abs, nu: of all readings, or of each, where they are of several observables; where some are
+        samples of a trace, also the correlation with the one before.
     known : (n_points,) array, optional
         The readings' own standard uncertainties.
     """
@@ -54,11 +134,16 @@ def at_least(noise: FloatArray, margin: float = 1.1) -> NDArray[np.bool_]:
 
 
 def log_density(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:
-    """Log density of each reading, in its unit inverted; shape (n_sets, n_points). Arguments as in `scale`."""
+    """Log density of each reading, in its unit inverted; shape (n_sets, n_points). Arguments as in `scale`.
+
+    That of a sample of a trace is given those before it.
+    """
     s = scale(predicted, noise, known)
-    nu = columns(noise)[2]
+    nu, rho = columns(noise)[2], remembered(noise)
     constant = gammaln(0.5 * (nu + 1)) - gammaln(0.5 * nu) - 0.5 * np.log(nu * np.pi)
-    return constant - np.log(s) - 0.5 * (nu + 1) * np.log1p(((observed - predicted) / s) ** 2 / nu)
+    z = whitened((observed - predicted) / s, noise)
+    density = constant - np.log(s) - 0.5 * (nu + 1) * np.log1p(z**2 / nu)
+    return density if rho is None else density - 0.5 * np.log(1.0 - rho * rho)
 
 
 def tail_score(z: FloatArray, nu: FloatArray) -> FloatArray:
@@ -80,12 +165,11 @@ def tail_score(z: FloatArray, nu: FloatArray) -> FloatArray:
 
 
 def cumulative(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:
-    """Probability of a reading below the observed one; shape (n_sets, n_points)."""
-    s = scale(predicted, noise, known)
-    return np.asarray(stdtr(columns(noise)[2], (observed - predicted) / s))
+    """Probability of a reading below the observed one, along a trace given those before; shape (n_sets, n_points)."""
+    return np.asarray(stdtr(columns(noise)[2], innovations(observed, predicted, noise, known)))
 
 
 def draw(predicted: FloatArray, noise: FloatArray, known: FloatArray | None, rng: np.random.Generator) -> FloatArray:
     """One simulated reading for each prediction; shape (n_sets, n_points)."""
     s = scale(predicted, noise, known)
-    return predicted + s * rng.standard_t(np.broadcast_to(columns(noise)[2], s.shape))
+    return predicted + s * correlated(rng.standard_t(np.broadcast_to(columns(noise)[2], s.shape)), noise)

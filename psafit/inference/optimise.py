@@ -107,6 +107,7 @@ def _scatter(
     predicted: FloatArray,
     quantiles: Sequence[float] = (0.02, 0.15, 0.35, 0.55, 0.75, 0.9, 0.985, 0.99999),
     tails: Sequence[float] = (0.2, 0.8),
+    memories: Sequence[float] = (0.15, 0.5, 0.85),
 ) -> tuple[FloatArray, FloatArray]:
     """Log density of the readings at the best scatter on a grid, its prior included, and that scatter.
 
@@ -114,8 +115,9 @@ def _scatter(
     ----------
     problem : Problem
     predicted : (n_sets, n_points) array, um
-    quantiles, tails : sequence of float
-        The grid: quantiles of the priors of both widths, and of the degrees of freedom. The last width is for a model
+    quantiles, tails, memories : sequence of float
+        The grid: quantiles of the priors of both widths, of the degrees of freedom, and of a trace's correlation time.
+        The last width is for a model
         that misses the readings by far: it may fit best where they are nothing but scatter, and no optimisation from a
         small one comes there.
 
@@ -123,16 +125,17 @@ def _scatter(
     -------
     (n_sets,) array and (n_sets, n_dim - n_model) array of sampling coordinates
     """
-    grid = np.array(np.meshgrid(quantiles, quantiles, tails)).reshape(3, -1).T
     total, at = np.zeros(len(predicted)), []
     for observable, here in zip(problem.observables, problem.rows_of_scatter, strict=True):
+        axes = (quantiles, quantiles, tails, memories)[: len(observable.scatter)]
+        grid = np.array(np.meshgrid(*axes)).reshape(len(axes), -1).T
         u = np.stack([p.prior_quantile(grid[:, i]) for i, p in enumerate(observable.scatter)], axis=1)
         values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(observable.scatter)], axis=1)
         prior = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(observable.scatter)], axis=0)
         known = None if problem.known_sigma is None else problem.known_sigma[here]
         log_posterior = np.empty((len(predicted), len(grid)))
         for k, one in enumerate(values):
-            scatter = np.broadcast_to(one, (len(predicted), 3))
+            scatter = problem.noise_along(one[None], here)
             density = noise.log_density(problem.observed[here], predicted[:, here], scatter, known)
             log_posterior[:, k] = density.sum(axis=1)
         log_posterior += prior

@@ -175,15 +175,17 @@ def expansion(
     relative, absolute, nu = noise.columns(values)
     s = noise.scale(predicted, values, problem.known_sigma)
     z = (observed - predicted) / s
-    pull = (nu + 1) * z / (nu + z * z)
+    innovation = noise.whitened(z, values)
+    own_pull = (nu + 1) * innovation / (nu + innovation * innovation)
+    pull = noise.carried_back(own_pull, values)
     # d ln s by every coordinate: the ranges move it through the relative scatter.
     by_range = relative**2 * predicted / s**2
     gradient, curvature = np.zeros((n, d)), np.zeros((n, d, d))
-    tails = noise.tail_score(z, nu)
+    tails = noise.tail_score(innovation, nu)
     for j, here in enumerate(problem.rows_of_scatter):  # of each observable, whose scatter is its own
         if not z[:, here].size:
             continue  # of one that these groups do not read, nothing but the prior is known
-        own = k + 3 * j
+        own = k + problem.scatter_at[j].start
         at = np.r_[0:k, own, own + 1]
         location = slope[:, :, here] / s[:, None, here]
         log_scale = np.empty((n, k + 2, location.shape[2]))
@@ -193,6 +195,13 @@ def expansion(
         some = nu[:, here][:, :1] if nu.shape[1] > 1 else nu
         gradient[:, at] += np.einsum("nkp,np->nk", log_scale, (z * pull - 1)[:, here])
         gradient[:, :k] += np.einsum("nkp,np->nk", location, pull[:, here])
+        if problem.observables[j].traced:
+            score, wider, further = (a[:, here] for a in noise.memory_score(z, innovation, own_pull, values))
+            gradient[:, own + 3] = score.sum(axis=1)
+            at = np.r_[at, own + 3]
+            log_scale = np.concatenate([log_scale, wider[:, None]], axis=1)
+            location = noise.whitened(location, values[:, :, here])
+            curvature[:, own + 3, own + 3] += ((some + 1) / (some + 3) * np.square(further)).sum(axis=1)
         both = np.einsum("nip,njp->nij", log_scale, log_scale)
         curvature[:, at[:, None], at] += (2 * some / (some + 3))[:, :, None] * both
         both = np.einsum("nip,njp->nij", location, location)
@@ -422,6 +431,7 @@ def maximise_linearly(
     """Optimise in models that are replaced by their logarithmic expansion, which costs no simulation.
 
     Each optimisation has its own: ``ln L(u) = ln L(at) + (u - at) . slope``, held within `reach` of ``ln L(at)``.
+    Samples of a trace, which have either sign, are expanded themselves.
 
     Parameters
     ----------
@@ -432,7 +442,7 @@ def maximise_linearly(
     predicted : (n, n_points) array, um
         Launch ranges there.
     slope : (n, n_model, n_points) array, or (n_model, n_points) for all
-        Derivatives of ``ln L`` by the sampling coordinates of the model.
+        Derivatives of ``ln L``, or of the samples of a trace, by the sampling coordinates of the model.
     observed : (n_points,) or (n, n_points) array, um, optional
         Readings; the problem's by default.
     frozen : sequence of int
@@ -448,16 +458,17 @@ def maximise_linearly(
     Optima
         Its ranges are those of the expansion; no sets are simulated.
     """
-    n, k = len(predicted), problem.n_model
+    n, k, traced = len(predicted), problem.n_model, problem.design.traced
     slope = np.broadcast_to(slope, (n, k, predicted.shape[1]))
     target = np.broadcast_to(problem.observed if observed is None else observed, predicted.shape)
 
     def predict(u: FloatArray, who: NDArray[np.intp]) -> FloatArray:
         change = np.matmul((u[:, None, :k] - at[who][:, None, :k]), slope[who])[:, 0]
-        return predicted[who] * np.exp(np.clip(change, -reach, reach))
+        found = predicted[who] * np.exp(np.clip(change, -reach, reach))
+        return np.where(traced, predicted[who] + change, found)
 
     def slopes_of(u: FloatArray, here: FloatArray, who: NDArray[np.intp]) -> FloatArray:
-        return here[:, None, :] * slope[who]
+        return np.where(traced, slope[who], here[:, None, :] * slope[who])
 
     mask = np.zeros((n, problem.n_dim), bool)
     mask[:, list(frozen)] = True

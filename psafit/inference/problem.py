@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, GroupId, session_name
 from psafit.experiment.text import listed
 from psafit.inference import noise
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
 from psafit.parameters import Bounds, Parameter
 from psafit.physics import baseline, informed
 from psafit.physics.term import Term
@@ -91,12 +92,18 @@ class Problem:
 
     @cached_property
     def scatter(self) -> tuple[Parameter, ...]:
-        """The scatter's parameters, three an observable."""
+        """The scatter's parameters: three an observable, and for a trace its correlation time."""
         found = [o.scatter for o in self.observables]
         if self.usual_tails:
-            held = [replace(nu, bounds=Bounds(nu.prior_median, nu.bounds.upper)) for _, _, nu in found]
-            found = [(relative, absolute, nu) for (relative, absolute, _), nu in zip(found, held, strict=True)]
-        return tuple(p for three in found for p in three)
+            held = [replace(nu, bounds=Bounds(nu.prior_median, nu.bounds.upper)) for _, _, nu, *_ in found]
+            found = [(one[0], one[1], nu, *one[3:]) for one, nu in zip(found, held, strict=True)]
+        return tuple(p for one in found for p in one)
+
+    @cached_property
+    def scatter_at(self) -> tuple[slice, ...]:
+        """Where the parameters of each of `observables` are among those of the scatter."""
+        ends = np.cumsum([0, *(len(o.scatter) for o in self.observables)]).tolist()
+        return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -173,8 +180,8 @@ class Problem:
         return float(np.median(stated)) if 2 * stated.size > known.size else None
 
     def usually_measured(self, n: int) -> NDArray[np.int8]:
-        """What `n` readings to come are of: the first observable fitted, the launch range if it is one."""
-        return np.full(n, self.design.measured.min())
+        """What `n` readings to come are of: the first observable of launches fitted, or else launch ranges."""
+        return np.full(n, self.design.measured[~self.design.traced].min(initial=len(OF_LAUNCHES)) % len(OF_LAUNCHES))
 
     @cached_property
     def bounds(self) -> FloatArray:
@@ -253,20 +260,36 @@ class Problem:
                 latent += len(self.group_ids)
         return np.concatenate(blocks, axis=1)
 
-    def noise_values(self, u: FloatArray, measured: NDArray[np.int8] | None = None) -> FloatArray:
-        """The scatter's parameters as `noise.scale` takes them; (n_sets, 3), or (n_sets, 3, n_points).
+    def noise_values(self, u: FloatArray, group: Group | None = None) -> FloatArray:
+        """The scatter's parameters as `noise.scale` takes them; (n_sets, 3), or (n_sets, 3 or 4, n_points).
 
         Parameters
         ----------
         u : (n_sets, n_dim) array
-        measured : (n_points,) int array, optional
-            What is read at each point; as in the fitted readings by default.
+        group : Group, optional
+            Whose readings scatter; the fitted ones by default.
         """
-        values = self.to_physical(u)[:, self.n_model :]
-        if len(self.observables) == 1:
+        design = self.design if group is None else Design.of(self.experiment.constants, [group])
+        return self.noise_of(self.to_physical(u)[:, self.n_model :], design)
+
+    def noise_along(self, values: FloatArray, here: NDArray[np.intp] | slice) -> FloatArray:
+        """Values of one observable's scatter, (n_sets, 3 or 4), as `noise.scale` takes them for some readings."""
+        if values.shape[1] == 3:
             return values
-        measured = self.design.measured if measured is None else measured
-        return values.reshape(len(u), len(self.observables), 3)[:, self.scatter_of(measured)].swapaxes(1, 2)
+        rho = np.exp(-self.design.elapsed[here] / (values[:, 3:] * 1e-6))
+        return np.concatenate([np.repeat(values[:, :3, None], rho.shape[1], axis=2), rho[:, None]], axis=1)
+
+    def noise_of(self, values: FloatArray, design: Design) -> FloatArray:
+        """Values of the scatter's parameters, (n_sets, n_dim - n_model), as `noise_values` has them for a design."""
+        if len(self.observables) == 1 and not self.observables[0].traced:
+            return values
+        starts = np.array([at.start for at in self.scatter_at])[self.scatter_of(design.measured)]
+        rows = [values[:, starts + k] for k in range(3)]
+        if design.traced.any():
+            rows.append(np.zeros_like(rows[0]))
+            tau = values[:, starts[design.traced] + 3] * 1e-6
+            rows[3][:, design.traced] = np.exp(-design.elapsed[design.traced] / tau)
+        return np.stack(rows, axis=1)
 
     def scatter_to_come(self, u: FloatArray, measured: int) -> FloatArray:
         """The scatter's parameters of readings to come of one observable, (n_sets, 3).
@@ -275,8 +298,8 @@ class Problem:
         """
         observable = OBSERVABLES[measured]
         if observable in self.observables:
-            values = self.to_physical(u)[:, self.n_model :].reshape(len(u), len(self.observables), 3)
-            return np.asarray(values[:, self.observables.index(observable)])
+            values = self.to_physical(u)[:, self.n_model :]
+            return np.asarray(values[:, self.scatter_at[self.observables.index(observable)]])
         return np.tile([p.prior_median for p in observable.scatter], (len(u), 1))
 
     def sigma_to_come(self, measured: int) -> float | None:
@@ -286,6 +309,12 @@ class Problem:
     def scatter_of(self, measured: NDArray[np.int8]) -> NDArray[np.intp]:
         """Which of `observables` each reading is of, (n_points,)."""
         return np.searchsorted([OBSERVABLES.index(o) for o in self.observables], measured)
+
+    @cached_property
+    def floor(self) -> FloatArray:
+        """What no instrument shows less of at each reading, (n_points,): zero, of launches; nothing, along a trace."""
+        groups = (self.experiment.group(g) for g in self.group_ids)
+        return np.concatenate([np.full(g.n_points, g.floor) for g in groups])
 
     @cached_property
     def per_um(self) -> FloatArray:
@@ -307,6 +336,11 @@ class Problem:
     def offset(self) -> FloatArray:
         """Offset of the error metric at each reading, in its unit, (n_points,)."""
         return np.array([OBSERVABLES[k].offset for k in self.design.measured])
+
+    @cached_property
+    def metric(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """What the error metric takes of the fitted readings; see `Observable.metric`."""
+        return self.offset, self.design.traced
 
     @cached_property
     def _shapes(self) -> FloatArray:

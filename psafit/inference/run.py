@@ -438,7 +438,7 @@ def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int, seed: i
         ranges, scatter, known = problem.predict(part), problem.noise_values(part), problem.known_sigma
         likelihood.append(noise.log_density(problem.observed, ranges, scatter, known).astype(np.float32))
         # An instrument does not show ranges below zero.
-        readings.append(np.maximum(noise.draw(ranges, scatter, known, rng), 0.0).astype(np.float32))
+        readings.append(np.maximum(noise.draw(ranges, scatter, known, rng), problem.floor).astype(np.float32))
     shape = n_chains, -1, problem.observed.size
     density = np.stack([p.log_prior(flat[:, i]) for i, p in enumerate(problem.parameters)], axis=-1)
     design = problem.design
@@ -451,7 +451,8 @@ def _keep(path: Path, problem: Problem, draws: store.Draws, stored: int, seed: i
         density.reshape(draws.values.shape),
         problem.observed,
         {o.column: rows for o, rows in zip(problem.observables, problem.rows_of_scatter, strict=True)},
-        {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "waveform": design.waveform},
+        {"frequency_hz": design.frequency, "amplitude_v": design.amplitude, "waveform": design.waveform}
+        | ({"time_us": design.time * 1e6} if design.traced.any() else {}),
     )
 
 

@@ -84,12 +84,12 @@ def _off_scale(
 ) -> list[str]:
     """What is suspicious of the readings of one observable; see the module."""
     nearly_all, far = settings.nearly_all, math.log(settings.factor)
-    read, other_units = f"{observable.title}s", observable.mistaken
+    read, other_units = observable.titles, observable.mistaken
     every = -(-sum(g.n_points for g in moving) // settings.readings)
     problem = Problem(thinned(replace(experiment, groups=moving), every), tuple(g.id for g in moving))
     quantiles = np.random.default_rng(0).random((settings.draws, problem.n_dim))
-    predicted = np.log(np.maximum(problem.predict(problem.prior_transform(quantiles)), 1e-12))
-    ratio = np.log(problem.observed) - predicted
+    predicted = np.log(np.maximum(np.abs(problem.predict(problem.prior_transform(quantiles))), 1e-12))
+    ratio = np.log(np.abs(problem.observed)) - predicted
     of_group = np.array([np.median(ratio[:, problem.design.group == k], axis=1) for k in range(len(moving))])
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
     off = of_group - middle
@@ -119,8 +119,9 @@ def _off_scale(
 
 
 def _moving(group: Group) -> Group | None:
-    """Those of its readings that give a scale: the ball was driven, and moved."""
-    rows = (group.reading > 0) & (group.amplitude_v > 0)
+    """Those of its readings that give a scale: the ball was driven, and moved; along a trace, far."""
+    size = np.abs(group.reading)
+    rows = (size > (0.5 * size.max() if group.time_us is not None else 0.0)) & (group.amplitude_v > 0)
     return replace(group.at(rows), sigma=None) if rows.any() else None
 
 

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from psafit.observables.contact_time import CONTACT_TIME
+from psafit.observables.displacement import DISPLACEMENT
 from psafit.observables.launch_range import LAUNCH_RANGE
 from psafit.observables.launch_speed import LAUNCH_SPEED
-from psafit.observables.observable import Launches, Observable
+from psafit.observables.observable import Launches, Motion, Observable
 from psafit.observables.peak_force import PEAK_FORCE
+from psafit.observables.tip_displacement import TIP_DISPLACEMENT
+from psafit.observables.velocity import VELOCITY
 
-OBSERVABLES: tuple[Observable, ...] = (LAUNCH_RANGE, LAUNCH_SPEED, CONTACT_TIME, PEAK_FORCE)
+OBSERVABLES: tuple[Observable, ...] = (
+    LAUNCH_RANGE, LAUNCH_SPEED, CONTACT_TIME, PEAK_FORCE, DISPLACEMENT, VELOCITY, TIP_DISPLACEMENT
+)  # fmt: skip
 """All observables; a reading's `measured` counts them from 0. New ones go behind: stored numbers keep their meaning."""
+OF_LAUNCHES = tuple(o for o in OBSERVABLES if not o.traced)
+"""Those that are read of a launch as a whole."""
 
-__all__ = ["CONTACT_TIME", "LAUNCH_RANGE", "LAUNCH_SPEED", "OBSERVABLES", "PEAK_FORCE", "Launches", "Observable"]
+__all__ = [
+    "CONTACT_TIME", "DISPLACEMENT", "LAUNCH_RANGE", "LAUNCH_SPEED", "OBSERVABLES", "OF_LAUNCHES", "PEAK_FORCE",
+    "TIP_DISPLACEMENT", "VELOCITY", "Launches", "Motion", "Observable",
+]  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +31,24 @@ class Launches(Protocol):
     def peak_force(self) -> FloatArray | None: ...  # noqa: D102
 
 
+class Motion(NamedTuple):
+    """What a trace takes from a simulation: arrays of shape (n_sets, n_samples).
+
+    Parameters
+    ----------
+    ball, tip : array, m
+        Displacements from where ball and tip rest before the drive begins.
+    ball_speed : array, m/s
+    """
+
+    ball: FloatArray
+    ball_speed: FloatArray
+    tip: FloatArray
+
+
 @dataclass(frozen=True, kw_only=True)
 class Observable:
-    """One quantity that is read of a launch.
+    """One quantity that is read of a launch, or along its trace.
 
     Parameters
     ----------
@@ -46,11 +61,13 @@ class Observable:
     title : str
         What it is called in sentences and figures.
     of : callable
-        ``of(launches)`` is the reading without scatter, in the column's unit; (n_sets, n_points).
+        ``of(launches)``, or ``of(motion)`` of a trace, is the reading without scatter, in the column's unit; (n_sets,
+        n_points).
     scatter : tuple of Parameter
-        Relative scatter, absolute scatter and degrees of freedom; see `psafit.inference.noise`.
+        Relative scatter, absolute scatter and degrees of freedom, and of a trace the correlation time; see
+        `psafit.inference.noise`.
     offset : float
-        Of the error metric ``ln((predicted + offset)/(measured + offset))``, in the column's unit.
+        Of the error metric, in the column's unit; see `log_ratio`.
     limits : (float, float)
         Hard limits of a reading, far beyond any rig.
     still : float
@@ -64,14 +81,18 @@ class Observable:
         Whether a launch that failed has no such reading. Others read zero then.
     force : bool
         Whether it asks the simulation for the peak force, which takes longer.
+    traced : bool
+        Whether it is read along the motion, at moments, and has either sign.
+    tip : bool
+        Whether it is the tip's, which moves on after the launch.
     """
 
     name: str
     column: str
     unit: str
     title: str
-    of: Callable[[Launches], FloatArray]
-    scatter: tuple[Parameter, Parameter, Parameter]
+    of: Callable[[Any], FloatArray]
+    scatter: tuple[Parameter, ...]
     offset: float
     limits: tuple[float, float]
     still: float
@@ -79,6 +100,8 @@ class Observable:
     mistaken: tuple[str, str]
     blank: bool = False
     force: bool = False
+    traced: bool = False
+    tip: bool = False
 
     def __post_init__(self) -> None:
         if not self.column.startswith(f"{self.name}_"):
@@ -87,9 +110,19 @@ class Observable:
             raise ValueError(f"{self.name}: the offset must be positive, got {self.offset}")
 
     @property
+    def metric(self) -> tuple[float, bool]:
+        """What the error metric takes: the offset, and whether readings have either sign."""
+        return self.offset, self.traced
+
+    @property
+    def titles(self) -> str:
+        """More than one of them, in sentences."""
+        return f"{self.title.removesuffix('y')}ies" if self.title.endswith("y") else f"{self.title}s"
+
+    @property
     def plural(self) -> str:
-        """More than one of them."""
-        return f"{self.title.split()[-1]}s"
+        """The same in one word."""
+        return self.titles.split()[-1]
 
     @property
     def sigma_column(self) -> str:
@@ -134,5 +167,19 @@ def scatter(
             f"degrees of freedom of the scatter{of if suffix else ''} (small: outliers; large: normal)",
             "between frank outliers (4) and practically normal (25), as in Juarez and Steel, J. Appl. Econom. 25"
             " (2010)",
+        ),
+    )  # fmt: skip
+
+
+def along(three: tuple[Parameter, Parameter, Parameter]) -> tuple[Parameter, ...]:
+    """The parameters of a scatter and, behind them, its correlation time along a trace."""
+    of = three[1].name.removeprefix("sigma_abs_")
+    sub = of.replace("_", chr(92) + " ")
+    return (
+        *three,
+        Parameter(
+            f"tau_{of}", rf"\tau_{{\mathrm{{{sub}}}}}", "us", Bounds(1e-2, 1e5), LogNormal(20.0, 5.0),
+            f"correlation time of the scatter of the {of.replace('_', ' ')} along a trace",
+            "between the filter of a vibrometer (1 us at 200 kHz) and the rest motion of a ball (milliseconds)",
         ),
     )  # fmt: skip

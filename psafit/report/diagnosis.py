@@ -209,7 +209,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
             more.append(figures.Curve("extended model without this group", "blue", unseen[name].median, band))
         finer = {id: _line(lines["extended"].get(name), id) for id in without}
         more += figures.without_curves({id: ranges[part] for id, ranges in without.items()}, TITLES, finer)
-        errors = [root_mean_square(log_ratio(c.middle, group.reading, group.observable.offset)) for c in shown]
+        errors = [root_mean_square(log_ratio(c.middle, group.reading, *group.observable.metric)) for c in shown]
         found.append(Shown(group, figures.sweep_of(group), shown, errors, more, part))
     return found
 

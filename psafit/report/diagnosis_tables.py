@@ -39,7 +39,8 @@ from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import cause, declared, model, parameter
 from psafit.report.diagnosis_answer import PAGE
 from psafit.report.diagnosis_pictures import Shown
-from psafit.report.figures.sweep import SWEPT
+from psafit.report.figures.axes import shown_unit
+from psafit.report.figures.sweep import SWEPT, UNITS
 from psafit.report.page import Picture, first
 from psafit.report.wording import (
     NBSP,
@@ -93,7 +94,7 @@ def _place(w: Where) -> Markup:
     side = "too large" if w.log_bias > 0 else "too small"
     others = Markup("the prediction is {}, as there in {},").format(side, words.group_ids(w.together))
     return Markup("<strong>Group {}</strong>: {}: {} by a factor of {} ({:.1f} standard deviations)").format(
-        w.group, words.span([w.start, w.to], "Hz" if w.variable == "frequency" else "V"),
+        w.group, words.span([w.start, w.to], shown_unit(UNITS[w.variable])),
         others if w.together else f"predictions {side}", factor(abs(w.log_bias)), abs(w.score),
     )  # fmt: skip
 

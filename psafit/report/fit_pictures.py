@@ -20,7 +20,7 @@ from psafit.report import figures
 from psafit.report.catalogue import TITLES
 from psafit.report.figures.curves import ROLE_COLOR
 from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
-from psafit.report.figures.sweep import SWEPT
+from psafit.report.figures.sweep import SWEPT, UNITS
 from psafit.report.page import Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
 from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
@@ -144,13 +144,13 @@ def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
     return pictures
 
 
-def _offset(shown: Shown) -> float:
-    return shown.prediction.group.observable.offset
+def _metric(shown: Shown) -> tuple[float, bool]:
+    return shown.prediction.group.observable.metric
 
 
 def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
     """Logarithmic errors, group by group, on one scale."""
-    errors = [log_ratio(g.prediction.median, g.prediction.group.reading, _offset(g)) for g in pictured]
+    errors = [log_ratio(g.prediction.median, g.prediction.group.reading, *_metric(g)) for g in pictured]
     view = figures.residual_view(errors)
     pictures = []
     for g, error in zip(pictured, errors, strict=True):
@@ -161,10 +161,10 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
             if o is not g and o.sweep.variable == w.variable != "order"
         ]
         # Where readings should lie, seen as an error of the median.
-        band = (log_ratio(p.median, p.upper, _offset(g)), log_ratio(p.median, p.lower, _offset(g)))
+        band = (log_ratio(p.median, p.upper, *_metric(g)), log_ratio(p.median, p.lower, *_metric(g)))
         worst = int(np.argmax(np.abs(error)))
         at = f"{w.values[worst]:g}"
-        place = {"frequency": f"{at} Hz", "amplitude": f"{at} V"}.get(w.variable, f"reading {at}")
+        place = f"{at} {unit_text(UNITS[w.variable])}" if w.variable in UNITS else f"reading {at}"
         furthest = factor(float(error[worst]))
         pictures.append(
             Picture(

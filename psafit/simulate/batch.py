@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Constants
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Motion
 from psafit.physics import baseline
 from psafit.physics.term import Setup, Term
 from psafit.simulate import closed_form, flight, stepper
@@ -41,6 +41,9 @@ class Simulation:
         The ball's displacement at the separation; NaN where no cause asks for it.
     peak_force : array, N, optional
         Largest contact force until the separation; NaN without one. None unless it was asked for.
+    motion : (n_sets, n_points, n_moments, 3) array, optional
+        Ball (m from rest), its speed (m/s) and tip (m from rest) at the design's moments; None where it has none. The
+        tip's is NaN after the launch unless the design is `tipped`.
     engine : str
         The path that ran, of `PATHS`; "mixed" where sets of one batch differ (some at a cause's neutral value).
     """
@@ -52,6 +55,7 @@ class Simulation:
     separation_place: FloatArray
     engine: str
     peak_force: FloatArray | None = None
+    motion: FloatArray | None = None
 
 
 def launch_range(speed: ArrayLike, length: float, g: float) -> FloatArray:
@@ -146,7 +150,8 @@ def _contact(
 ) -> tuple[NDArray[Any], ...]:
     """Follow the ball to its separation.
 
-    Returns time, speed, place, status and highest force, each (n_sets, n_points), and the sets stepped.
+    Returns time, speed, place, status and highest force, each (n_sets, n_points), the motion at the design's moments,
+    and the sets stepped.
     """
     # One bit for each cause whose function acts in contact and is not at its neutral value.
     pattern = np.zeros(len(sets), np.int64)
@@ -157,15 +162,17 @@ def _contact(
     stepped = (pattern != 0) | _needs_steps(rig)
     if path == "closed form" and stepped.any():
         raise ValueError("these causes have no closed form")
-    if path == "stepper":
+    if path == "stepper" or design.tipped:
         stepped[:] = True
     shape = (len(sets), design.n_points)
     when, speed, place = np.empty(shape), np.empty(shape), np.full(shape, np.nan)
     status, peak = np.empty(shape, np.int8), np.empty(shape)
-    whole: tuple[NDArray[Any], ...] = (when, speed, place, status, peak)
+    motion = np.empty((*shape, design.moments.shape[1], 3))
+    watches = motion.shape[2] > 0
+    whole: tuple[NDArray[Any], ...] = (when, speed, place, status, peak, motion)
 
     def step(chosen: NDArray[np.intp], wanted: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
-        found: tuple[NDArray[Any], ...] = tuple(np.empty(wanted.shape, a.dtype) for a in whole)
+        found: tuple[NDArray[Any], ...] = tuple(np.empty((len(chosen), *a.shape[1:]), a.dtype) for a in whole)
         for bits in np.unique(pattern[chosen]):
             some = np.flatnonzero(pattern[chosen] == bits)
             active = [(t, 8 * own[k].start) for k, t in enumerate(terms) if bits >> k & 1]
@@ -175,16 +182,20 @@ def _contact(
                     for kind in ("law", "stack_factor", "branch")
                 }
             )
-            result = stepper.separation(
-                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some], forced=forced
-            )
-            for target, values in zip(found, result, strict=False):
+            seen = found[-1][some]
+            *result, _ = stepper.separation(
+                design, rig.take(chosen[some]), sets[chosen[some]], calls, tolerance, wanted[some], forced=forced,
+                seen=seen if watches else None, tipped=design.tipped,
+            )  # fmt: skip
+            for target, values in zip(found, (*result, seen), strict=True):
                 target[some] = values
         return found
 
     exact = np.flatnonzero(~stepped)
     if exact.size:
-        for target, values in zip(whole, closed_form.separation(design, rig.take(exact), placed, forced), strict=True):
+        seen = motion[exact]
+        found = closed_form.separation(design, rig.take(exact), placed, forced, seen if watches else None)
+        for target, values in zip(whole, (*found, seen), strict=True):
             target[exact] = values
         # A ball that its pendulum draws after the retreating tip is not launched yet: only steps follow it further.
         # Nor do their places count that it does not leave.
@@ -193,7 +204,8 @@ def _contact(
         rows = np.flatnonzero(back.any(axis=1))
         if rows.size:
             for target, values in zip(whole, step(rows, back[rows]), strict=True):
-                target[rows] = np.where(back[rows], values, target[rows])
+                chosen = back[rows].reshape(*back[rows].shape, *[1] * (values.ndim - 2))
+                target[rows] = np.where(chosen, values, target[rows])
     rest = np.flatnonzero(stepped)
     if rest.size:
         every = np.ones((rest.size, shape[1]), bool)
@@ -210,6 +222,7 @@ def simulate(
     path: str | None = None,
     tolerance: float = stepper.TOLERANCE,
     forces: bool = False,
+    n_sessions: int | None = None,
 ) -> Simulation:
     """Launch the ball once for every parameter set and measurement point.
 
@@ -229,6 +242,8 @@ def simulate(
         fewer steps where more than the usual error is admitted.
     forces : bool
         Whether to find the peak force of each contact.
+    n_sessions : int, optional
+        That `theta` has columns for; those of the design by default.
 
     Returns
     -------
@@ -241,7 +256,7 @@ def simulate(
         no sense; if `path` is "closed form" and a set has none.
     """
     sets = np.atleast_2d(np.asarray(theta, dtype=float))
-    n_sessions = int(design.group.max(initial=0)) + 1
+    n_sessions = n_sessions or int(design.group.max(initial=0)) + 1
     names = columns(terms, n_sessions)
     if sets.ndim != 2 or sets.shape[1] != len(names):
         raise ValueError(f"theta has shape {np.shape(theta)}, expected (n_sets, {len(names)}): {', '.join(names)}")
@@ -257,11 +272,12 @@ def simulate(
     parts = [_simulate(part, sets, terms, n_sessions, path, tolerance, forces) for part, _ in split]
     back = np.argsort(np.concatenate([rows for _, rows in split]), kind="stable")
     engines = {p.engine for p in parts}
+    absent = {"engine", *([] if forces else ["peak_force"]), *([] if design.moments.size else ["motion"])}
     return Simulation(
         **{
             f.name: np.concatenate([getattr(p, f.name) for p in parts], axis=1)[:, back]
             for f in fields(Simulation)
-            if f.name != "engine" and (forces or f.name != "peak_force")
+            if f.name not in absent
         },
         engine=engines.pop() if len(engines) == 1 else "mixed",
     )
@@ -279,12 +295,33 @@ def readings(
     theta, terms, tolerance
         As of `simulate`.
     """
+    if not design.traced.any():
+        return _of_launches(design, theta, terms, tolerance)
+    n_sessions = int(design.group.max()) + 1
+    plain, rows = design.launched_rows
+    read = np.empty((len(np.atleast_2d(theta)), design.n_points))
+    if rows.size:
+        read[:, rows] = _of_launches(plain, theta, terms, tolerance, n_sessions)
+    for part in design.motions:
+        motion = simulate(part.launches, theta, terms, tolerance=tolerance, n_sessions=n_sessions).motion
+        assert motion is not None
+        ball, speed, tip = np.moveaxis(motion[:, part.launch, part.moment], 2, 0)
+        for k in np.unique(design.measured[part.rows]):
+            here = design.measured[part.rows] == k
+            read[:, part.rows[here]] = OBSERVABLES[k].of(Motion(ball[:, here], speed[:, here], tip[:, here]))
+    return read
+
+
+def _of_launches(
+    design: Design, theta: ArrayLike, terms: Sequence[Term], tolerance: float, n_sessions: int | None = None
+) -> FloatArray:
+    """`readings` of launches as a whole."""
     if design.launches is None:
-        return LAUNCH_RANGE.of(simulate(design, theta, terms, tolerance=tolerance))
+        return LAUNCH_RANGE.of(simulate(design, theta, terms, tolerance=tolerance, n_sessions=n_sessions))
     points, back = design.launches
     kinds = np.unique(design.measured)
     forces = any(OBSERVABLES[k].force for k in kinds)
-    found = simulate(points, theta, terms, tolerance=tolerance, forces=forces)
+    found = simulate(points, theta, terms, tolerance=tolerance, forces=forces, n_sessions=n_sessions)
     read = np.empty((len(found.launch_range), design.n_points))
     for k in kinds:
         here = np.flatnonzero(design.measured == k)
@@ -320,8 +357,8 @@ def _simulate(
     for term, columns_ in zip(terms, own, strict=True):
         if term.swing_offset:
             weight = weight + term.swing_offset(sets[:, columns_])
-    placed = bool((rig.lean > 0.0).any() or (weight > 0.0).any())
-    when, speed, place, status, peak, stepped = (
+    placed = bool((rig.lean > 0.0).any() or (weight > 0.0).any() or design.moments.size)
+    when, speed, place, status, peak, motion, stepped = (
         a[back] for a in _contact(design, rig.take(first), sets[first], terms, own, placed, forces, path, tolerance)
     )
 
@@ -346,6 +383,11 @@ def _simulate(
         steps,
         swung,
     )
+    if motion.size:
+        flight.follow(
+            when, speed, place, status, rig.l, rig.g, rig.lean, rig.rub, loss[0], loss[1], np.ascontiguousarray(sets),
+            design.moments, steps, motion,
+        )  # fmt: skip
     for k, term in enumerate(terms):
         if term.reading:
             swung = term.reading(swung, sets[:, own[k]], design.group)
@@ -353,4 +395,6 @@ def _simulate(
             swung = swung * term.condition(design.frequency, design.amplitude, sets[:, own[k]])
     engine = PATHS[int(stepped.all())] if stepped.all() or not stepped.any() else "mixed"
     launched = status == closed_form.LAUNCHED
-    return Simulation(swung, when, speed, launched, place, engine, peak if forces else None)
+    return Simulation(
+        swung, when, speed, launched, place, engine, peak if forces else None, motion if motion.size else None
+    )

@@ -457,6 +457,29 @@ def _start(place, amplitude, n, order, lowest):  # type: ignore[no-untyped-def]
     return (order + 1) * lowest / bound
 
 
+@compiled(borrows=True)
+def _watched(place, amplitude, n, begin, reached, once, twice, spring, damper, moments, k, seen):  # type: ignore[no-untyped-def]
+    """Write ball, its speed and tip, from rest, at the moments from number `k` on that a piece holds; the next one's.
+
+    The piece began at `begin` and is followed for the time `reached`; `once` and `twice` are the integral of the
+    indentation until its beginning, and that one's.
+    """
+    while k < len(moments) and moments[k] < math.inf and moments[k] <= begin + reached:
+        t = max(moments[k] - begin, 0.0)
+        d = rate = 0.0
+        for j in range(n):
+            z = amplitude[j] * np.exp(place[j] * t)
+            d += z.real
+            rate += (z * place[j]).real
+        single = once + _impulse(place, amplitude, n, t)
+        double = twice + once * t + _twice(place, amplitude, n, t)
+        seen[k, 0] = spring * double + damper * single
+        seen[k, 1] = spring * single + damper * d
+        seen[k, 2] = seen[k, 0] + d
+        k += 1
+    return k
+
+
 @compiled(inside=True)
 def _leading(da, db, dC, omega):  # type: ignore[no-untyped-def]
     """First derivative of the command, from a rest, that does not vanish: its order and value; zero if none."""
@@ -574,9 +597,12 @@ def _follow(n, rows, point, index, a, b, before, horizon, lift, work):  # type: 
 
 @compiled(borrows=True)
 def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
-    pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work
+    pole, weight, lead, roots, rows, point, phase, lift, pressed, horizon, placed, forced, spring, damper, work,
+    moments, seen,
 ):  # fmt: skip
     """Separation under a command: (time, integral of the indentation until then, integral of that, highest force).
+
+    What is to be `seen` at some moments until then is written there, as by `_watched`.
 
     The force is the contact's beyond that at rest, over the ball's mass.
 
@@ -609,6 +635,10 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
     a, b, C = point[IDLE], 0.0, 0j
     once = twice = before = top = 0.0
     rising, first, ramps = True, True, False
+    watched = 0
+    while watched < len(moments) and moments[watched] <= now:
+        seen[watched] = 0.0
+        watched += 1
     while True:
         anchor, end, level, slope, swing, psi = command(rows, point, row, k, phase)
         span = end - now
@@ -661,6 +691,10 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
         # Infinity, whether there is no zero or too little motion for one, ends this piece only.
         t, rising = _march(table, n, t, min(span, horizon), rising, lift)
         reached = span if math.isinf(t) else t
+        if watched < len(moments):
+            watched = _watched(
+                place, amplitude, n, now, reached, once, twice, spring, damper, moments, watched, seen
+            )  # fmt: skip
         if math.isinf(reached):
             return reached, once, twice, top
         if placed:
@@ -680,7 +714,7 @@ def _separate(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
 
 def _launch(  # type: ignore[no-untyped-def]
     pole, weight, lead, roots, spring, damper, lift, lean, phase, scale, idle, horizon, placed, forced, rows, points,
-    when, speed, where, status, peak,
+    moments, when, speed, where, status, peak, seen,
 ):  # fmt: skip
     n_sets, n_points = when.shape
     for i in prange(n_sets):
@@ -693,13 +727,18 @@ def _launch(  # type: ignore[no-untyped-def]
             driven(points[j], scale[i], idle[i], point)
             when[i, j], speed[i, j], where[i, j], status[i, j], peak[i, j] = 0.0, 0.0, 0.0, AT_REST, math.nan
             if point[REACH] == 0.0:
+                seen[i, j] = 0.0
                 continue
             limit = HORIZON
             if lift[i] > 0.0:
                 limit = max(horizon[i], point[LENGTH] + HORIZON_PERIODS / point[FREQUENCY])
+            for k in range(moments.shape[1]):
+                seen[i, j, k] = math.nan
+                if moments[j, k] < math.inf:
+                    limit = max(limit, moments[j, k])
             t, once, twice, top = _separate(
                 pole[i], weight[i], lead[i], roots[i], rows, point, phase_of(point, phase[i]), lift[i], lean[i] > 0.0,
-                limit, placed, forced, spring[i], damper[i], work,
+                limit, placed, forced, spring[i], damper[i], work, moments[j], seen[i, j],
             )  # fmt: skip
             if t < 0.0:
                 when[i, j], speed[i, j], status[i, j] = math.nan, 0.0, DRAWN_BACK
@@ -728,6 +767,7 @@ def separation(
     rig: Setup,
     placed: bool = False,
     forced: bool = False,
+    seen: FloatArray | None = None,
     *,
     threads_from: int = 1000,
     together: int = 512,
@@ -747,6 +787,9 @@ def separation(
         Whether the ball's place is needed; it is meaningless otherwise.
     forced : bool
         Whether the contact's highest force is; likewise.
+    seen : (n_sets, n_points, n_moments, 3) array, optional
+        Is filled with the ball's place from rest (m), its speed (m/s) and the tip's place (m) at the design's moments,
+        as far as the ball is in contact; NaN behind. It takes the places to be needed.
     threads_from : int
         Trajectories above which it is worth waking threads: that costs about as much as so many.
     together : int
@@ -756,6 +799,7 @@ def separation(
     shape = (n_sets, design.n_points)
     every = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float))
     when = every[0]
+    moments = np.empty((design.n_points, 0)) if seen is None else design.moments
     launch = _launch_parallel if n_sets > 1 and when.size > threads_from else _launch_serial
     lags = rig.lag > 0.0
     for kind in np.unique(lags):
@@ -766,13 +810,17 @@ def separation(
             batch = modes(one)
             press = one.M * one.g * one.lean / one.l
             found = tuple(np.empty((len(part), design.n_points), kind.dtype) for kind in every)
+            here = np.empty((*found[0].shape, moments.shape[1], 3))
             launch(
                 batch.pole, batch.weight, batch.lead, batch.roots, one.k_c / one.M, one.c_c / one.M,
                 (press + one.bond) / one.k_c, one.lean, one.phase, one.scale, one.idle,
-                contact_horizon(one.k_c, one.M), placed, forced, *design.commands, *found,
+                contact_horizon(one.k_c, one.M), placed or seen is not None, forced, *design.commands, moments, *found,
+                here,
             )  # fmt: skip
             if forced:
                 found[-1][:] = found[-1] * one.M[:, None] + press[:, None]
             for target, values in zip(every, found, strict=True):
                 target[part] = values
+            if seen is not None:
+                seen[part] = here
     return every  # type: ignore[return-value]

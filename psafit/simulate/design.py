@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from psafit.arrays import FloatArray
 from psafit.drives import NAMES, Drive
 from psafit.experiment import Conditions, Constants
+from psafit.observables import OBSERVABLES
 from psafit.simulate.command import commands
 
 _USUAL = (Drive("sine"), Drive("square"))
@@ -40,6 +41,12 @@ class Design:
     amplitude : (n_points,) array, V
     group : (n_points,) int array
         Session of each point, numbered from 0; causes that act per session use it.
+    time : (n_points,) array, s
+        Of a sample of a trace, from the start of the drive; NaN where the launch as a whole is read.
+    moments : (n_points, n_moments) array, s
+        At which the motion of each launch is to be followed, ascending, infinite behind the last; none by default.
+    tipped : bool
+        Whether the tip is followed after the launch, too, which takes the stepper.
 
     Raises
     ------
@@ -56,6 +63,9 @@ class Design:
     rig: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
     drives: tuple[Drive, ...] = _USUAL
     measured: NDArray[np.int8] = field(default_factory=lambda: np.zeros(1, np.int8))
+    time: FloatArray = field(default_factory=lambda: np.full(1, np.nan))
+    moments: FloatArray = field(default_factory=lambda: np.empty((1, 0)))
+    tipped: bool = False
 
     def __post_init__(self) -> None:
         for name, kind in (
@@ -65,13 +75,15 @@ class Design:
             ("group", np.int64),
             ("rig", np.int64),
             ("measured", np.int8),
+            ("time", np.float64),
+            ("moments", np.float64),
         ):
             array = np.array(getattr(self, name), dtype=kind, ndmin=1)
-            if name in ("rig", "measured") and array.size == 1:
-                array = np.repeat(array, self.n_points)
-            if array.shape != (self.n_points,):
+            if name in ("rig", "measured", "time", "moments") and len(array) == 1:
+                array = np.repeat(array, self.n_points, axis=0)
+            if array.shape[:1] != (self.n_points,) or array.ndim != (2 if name == "moments" else 1):
                 raise ValueError(f"{name} has shape {array.shape}, expected ({self.n_points},)")
-            array.setflags(write=False)
+            array.setflags(write=name == "moments")  # as the engines take an empty one: they are compiled once
             object.__setattr__(self, name, array)
         for name, sound, wanted in (
             ("drive", (self.drive >= 0) & (self.drive < len(self.drives)), f"0 to {len(self.drives) - 1}"),
@@ -87,8 +99,8 @@ class Design:
         return int(np.size(self.frequency))
 
     def swept(self, variable: str) -> NDArray[np.float64]:
-        """What "frequency" (Hz) or "amplitude" (V) is at each point."""
-        return self.amplitude if variable == "amplitude" else self.frequency
+        """What "frequency" (Hz), "amplitude" (V) or "time" (us, along a trace) is at each point."""
+        return {"amplitude": self.amplitude, "time": self.time * 1e6}.get(variable, self.frequency)
 
     def along(self, variable: str) -> NDArray[np.float64]:
         """Its logarithm; that of 0 V, which has none, is that of the smallest drive."""
@@ -104,9 +116,10 @@ class Design:
         """Some of the conditions; those of one rig have its constants."""
         some = self.drive[chosen], self.frequency[chosen], self.amplitude[chosen], self.group[chosen]
         rig = self.rig[chosen]
+        read = self.measured[chosen], self.time[chosen], self.moments[chosen], self.tipped
         if rig.size and (rig == rig[0]).all():
-            return Design(self.rigs[rig[0]], *some, drives=self.drives, measured=self.measured[chosen])
-        return Design(self.constants, *some, self.others, rig, self.drives, self.measured[chosen])
+            return Design(self.rigs[rig[0]], *some, (), np.zeros(1, np.int64), self.drives, *read)
+        return Design(self.constants, *some, self.others, rig, self.drives, *read)
 
     @cached_property
     def commands(self) -> tuple[FloatArray, FloatArray]:
@@ -138,9 +151,55 @@ class Design:
         """
         if not self.measured.any():
             return None
+        first, back = self._patterns
+        return self.points(first), back
+
+    @property
+    def _patterns(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """First point of each of the conditions, and which of these each point has."""
         of = np.column_stack([self.group, self.rig, self.drive, self.frequency, self.amplitude])
         _, first, back = np.unique(of, axis=0, return_index=True, return_inverse=True)
-        return self.points(first), back.ravel()
+        return first, back.ravel()
+
+    @cached_property
+    def traced(self) -> NDArray[np.bool_]:
+        """Which points are samples of a trace."""
+        return ~np.isnan(self.time)
+
+    @cached_property
+    def elapsed(self) -> FloatArray:
+        """Time since the sample before in the same trace, s, infinite where there is none; (n_points,)."""
+        gap = np.full(self.n_points, np.inf)
+        same = (np.diff(self.group) == 0) & (np.diff(self.measured) == 0) & (np.diff(self.time) > 0.0)
+        gap[1:][same] = np.diff(self.time)[same]
+        return gap
+
+    @cached_property
+    def launched_rows(self) -> tuple[Design, NDArray[np.intp]]:
+        """The points that are no samples of a trace, as a design of their own, and which they are."""
+        rows = np.flatnonzero(~self.traced)
+        return self.points(rows), rows
+
+    @cached_property
+    def motions(self) -> tuple[Motions, ...]:
+        """The launches whose motion is traced: those of the ball's, and those of the tip's."""
+        found = []
+        for tip in (False, True):
+            of_tip = np.isin(self.measured, [k for k, o in enumerate(OBSERVABLES) if o.tip])
+            rows = np.flatnonzero(self.traced & (of_tip == tip))
+            if not rows.size:
+                continue
+            part = self.points(rows)
+            first, back = part._patterns
+            times = [np.unique(part.time[back == k]) for k in range(first.size)]
+            moments = np.full((first.size, max(map(len, times))), np.inf)
+            column = np.empty(rows.size, np.intp)
+            for k, own in enumerate(times):
+                moments[k, : own.size] = own
+                column[back == k] = np.searchsorted(own, part.time[back == k])
+            launches = replace(part.points(first), moments=moments, tipped=tip)
+            found.append(Motions(launches, rows, back, column))
+        return tuple(found)
 
     @property
     def rigs(self) -> tuple[Constants, ...]:
@@ -177,6 +236,7 @@ class Design:
             np.repeat([rigs.index(g.rig(constants)) for g in groups], sizes),
             drives,
             np.concatenate([g.measured for g in groups]),
+            np.concatenate([np.full(g.n_points, np.nan) if g.time_us is None else g.time_us * 1e-6 for g in groups]),
         )
         return every.points(np.arange(every.n_points)) if rigs[1:] else every
 
@@ -190,3 +250,23 @@ class Design:
         drives = tuple(dict.fromkeys([*_USUAL, one]))
         none = np.zeros(f.size, np.int64)
         return cls(constants, none + drives.index(one), f, v, none, drives=drives)
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Launches whose motion is followed, and which moment of which each sample of some traces is.
+
+    Parameters
+    ----------
+    launches : Design
+        With `moments`.
+    rows : (n_samples,) int array
+        Points of the design that the samples are.
+    launch, moment : (n_samples,) int arrays
+        Launch of each sample, and which of its moments.
+    """
+
+    launches: Design
+    rows: NDArray[np.intp]
+    launch: NDArray[np.intp]
+    moment: NDArray[np.intp]

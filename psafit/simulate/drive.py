@@ -229,10 +229,12 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
     piece[BEGIN] = t
     piece[CONSTANT], piece[SLOPE], piece[DECAY], piece[RATE] = a, b, c, r
     piece[SWING], piece[OMEGA], piece[PSI] = G, w, phi
-    # What begins at zero takes the sign of its rate, however flat it begins.
-    v0 = a + c + G * math.sin(phi)
-    piece[SIGN] = sign = _sign(v0, _ENDED * size0, direction)
-    piece[AWAY] = _sign(v0 - point[IDLE], _ENDED * size0, direction)
+    # What begins at zero, within what a rounding of the time is worth, takes the sign of its rate, however flat it
+    # begins.
+    v0, v1 = a + c + G * math.sin(phi), b - r * c + w * G * math.cos(phi)
+    noise = _ENDED * (size0 + t * abs(v1))
+    piece[SIGN] = sign = _sign(v0, noise, direction)
+    piece[AWAY] = _sign(v0 - point[IDLE], noise, direction)
     if split:
         if direction != 0.0 and (c != 0.0 or G != 0.0):
             quarter = 0.5 * math.pi
@@ -245,6 +247,6 @@ def next_piece(piece, u, rows, point, phase, lag, inverse_slew, split):  # type:
             )  # fmt: skip
         # Up to where it turns it passes zero once at most, and only if it is beyond it there: one that only touches
         # zero, as a drive from 0 V does, keeps its sign.
-        if sign != 0.0 and (end == math.inf or sign * _value(a, b, c, r, G, w, phi, end) < -_ENDED * size0):
+        if sign != 0.0 and (end == math.inf or sign * _value(a, b, c, r, G, w, phi, end) < -noise):
             end = min(end, _first_zero(sign * a, sign * b, sign * c, r, sign * G, w, phi, end))
     piece[END] = until if end == until - t else t + end

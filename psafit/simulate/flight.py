@@ -97,6 +97,61 @@ def _rise(v, start, length, g, rub, loss_at, loss_p, theta_at, n_steps):  # type
 
 
 @compiled
+def _turning(x, v, h, angle, length, g, rub, loss_at, loss_p, theta_at):  # type: ignore[no-untyped-def]
+    """Time within a step of `h` after which a ball turns back, and where it is then: Newton's method."""
+    last = h
+    new_x, new_v = _step(x, v, last, angle, length, g, rub, loss_at, loss_p, theta_at)
+    for _ in range(40):
+        change = new_v / _slow(new_x, new_v, angle, length, g, rub, loss_at, loss_p, theta_at)
+        last = min(max(last - change, 0.0), 2.0 * h)
+        new_x, new_v = _step(x, v, last, angle, length, g, rub, loss_at, loss_p, theta_at)
+        if not abs(change) > 1e-12 * h:
+            break
+    return last, new_x
+
+
+@compiled
+def follow(when, speed, place, status, length, g, lean, rub, loss_at, loss_p, theta, moments, n_steps, seen):  # type: ignore[no-untyped-def]
+    """Write place from rest and speed of a flying ball into what is to be `seen` at moments after its launch.
+
+    The pendulum swings on, in steps of at most a part `n_steps` of its quarter period. Losses oppose the motion, and
+    hold a ball that turns where they exceed gravity; a cause's count the way from the launch, or from the last turn.
+    """
+    stride = 8 * theta.shape[1]
+    first = theta.ctypes.data
+    for i in range(speed.shape[0]):
+        at = first + i * stride
+        l = length[i]
+        quarter = 0.5 * math.pi * math.sqrt(l / g[i])
+        for j in range(speed.shape[1]):
+            if status[i, j] != LAUNCHED:
+                continue
+            # The angle where this way began, seen in its direction, and how far and fast the ball is since.
+            side, angle = 1.0, math.asin(min(max((lean[i] + place[i, j]) / l, -1.0), 1.0))
+            x, v, t, held = 0.0, speed[i, j], when[i, j], False
+            slow = -_slow(0.0, v, angle, l, g[i], rub[i], loss_at, loss_p, at)
+            longest = (min(quarter, 2.0 * v / slow) if slow > 0.0 else quarter) / n_steps
+            for k in range(moments.shape[1]):
+                if moments[j, k] == math.inf:
+                    break
+                if moments[j, k] <= when[i, j]:
+                    continue
+                while t < moments[j, k] and not held:
+                    h = min(longest, moments[j, k] - t)
+                    new_x, new_v = _step(x, v, h, angle, l, g[i], rub[i], loss_at, loss_p, at)
+                    if new_v > 0.0:
+                        x, v, t = new_x, new_v, t + h
+                        continue
+                    h, x = _turning(x, v, h, angle, l, g[i], rub[i], loss_at, loss_p, at)
+                    t, v, longest = t + h, 0.0, quarter / n_steps
+                    side, angle, x = -side, -(angle + x / l), 0.0
+                    held = _slow(0.0, 0.0, angle, l, g[i], rub[i], loss_at, loss_p, at) <= 0.0
+                now = angle + x / l
+                seen[i, j, k, 0] = side * l * math.sin(now) - lean[i]
+                seen[i, j, k, 1] = side * v * math.cos(now)
+
+
+@compiled
 def swing(speed, place, status, length, g, lean, rub, weight, loss_at, loss_p, theta, n_steps, out):  # type: ignore[no-untyped-def]
     """Launch ranges, m, (n_sets, n_points), into `out`; see the module."""
     stride = 8 * theta.shape[1]

@@ -146,6 +146,38 @@ def energy(
     return 0.5 * world.M * speed * speed + seat * place, drive.work + stored
 
 
+def literal_motion(
+    point: Point,
+    theta: Sequence[float],
+    terms: Sequence[tuple[Term, Sequence[float]]],
+    constants: Constants,
+    times: Sequence[float],
+    *,
+    rtol: float = 1e-12,
+    most_steps: int = 400_000,
+) -> FloatArray:
+    """Where ball and tip are at some times, s, ascending, from the start of the drive: as a vibrometer sees them.
+
+    The ball is followed in contact, and in flight from the launch that counts on, whatever the tip does then; so is the
+    tip. A ball that turns back in flight swings on. Other parameters, and errors, as of `literal_launch`.
+
+    Returns
+    -------
+    (n_times, 3) array
+        Ball (m, from rest), its speed (m/s), tip (m, from rest).
+    """
+    world = literal_world(theta, terms, constants)
+    world.frequency, world.amplitude = point.frequency, point.amplitude
+    drive = _Drive(world, point, rtol, most_steps, times=times)
+    launch = drive.run()
+    drive.leave_tip_alone()
+    if launch is not None:
+        when, speed, place = launch
+        flown = [t for t in times if t > when]
+        drive.seen[len(times) - len(flown) :, :2] = _flight(world, speed, place, [t - when for t in flown], rtol)
+    return drive.seen
+
+
 def launch_in(
     world: World,
     point: Point,
@@ -332,8 +364,18 @@ class _Drive:
 
     active: list[int]
 
-    def __init__(self, world: World, point: Point, rtol: float, most_steps: int, *, counts_work: bool = False) -> None:
+    def __init__(
+        self,
+        world: World,
+        point: Point,
+        rtol: float,
+        most_steps: int,
+        *,
+        counts_work: bool = False,
+        times: Sequence[float] = (),
+    ) -> None:
         self.world, self.counts_work = world, counts_work
+        self.times, self.seen = times, np.zeros((len(times), 3))
         self.work = 0.0  # until the launch
         self.peak = self.peak_until_launch = 0.0
         self.command = _Command(point, world)
@@ -445,6 +487,43 @@ class _Drive:
                 bounds=around, method="bounded", options={"xatol": 1e-9},
             )  # fmt: skip
             self.peak = max(self.peak, found[top], -float(near.fun))
+
+    def see(self, step: Step) -> None:
+        """Note where ball and tip are at the wanted times within a step."""
+        begin = self.command.time + step.tau
+        for k, t in enumerate(self.times):
+            theta = (t - begin) / step.h
+            if abs(theta - 0.5) <= 0.5 + 1e-9:  # a sum of times may end a rounding before a sample
+                y = step.at(min(max(theta, 0.0), 1.0))
+                ball = y[_X1] - y[_D] - self.world.gap - self.rest
+                self.seen[k] = ball, self.speed(y), y[_X1] - self.tip_rest
+
+    def leave_tip_alone(self) -> None:
+        """Follow the tip to the last of the wanted times, without a ball."""
+        if not self.times or self.command.span == 0.0:
+            return
+        command, clock = self.command, self.clock
+        y, self.contact = self.state, False
+        while command.time < self.times[-1]:
+            quarter = command.remaining()
+            end = min(quarter, self.times[-1] - command.time)
+            if self.amplifier == "follow":
+                end = min(end, command.until_rate(self.world.slew), command.until_zero())
+            self.active = [_X1, _V1, *([] if self.amplifier == "follow" else [_U])]
+            self.active += [_XW, _VW] if self.world.wall_mass > 0.0 else []
+            self.active += range(_Z, y.size)
+            own = [m for m in self.monitors() if m.name not in ("touch", "rest", "apex")]
+            tau, y, event = advance(self, y, end, clock, own)
+            if self.amplifier == "follow":
+                y[_U] = command.value(tau)
+            jumped = False
+            if event == "" and end == quarter:
+                before = command.value(tau)
+                command.turn()
+                jumped = abs(command.value(0.0) - before) > 1e-13 * command.size
+            else:
+                command.pass_by(tau)
+            self.bend(y, event, jumped)
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
         world, size = self.world, self.clock.size
@@ -625,7 +704,10 @@ class _Drive:
         if command.span == 0.0:
             return None
         y = self.start()
-        patience = command.length + periods / command.frequency
+        self.tip_rest = float(y[_X1])
+        if self.times:
+            clock.watch = self.see
+        patience = max([command.length + periods / command.frequency, *self.times[-1:]])
         # A soft contact lasts many periods of a fast drive.
         hold = max(patience, min(4 * math.pi * math.sqrt(world.M / world.k_c), 100.0))
         horizon = world.cycles / command.frequency
@@ -680,12 +762,13 @@ class _Drive:
             self.bend(y, event, jumped)
             if edge and not command.done and launch is None and command.index % command.per_period == 0:
                 mode = (self.contact, self.relaxed, self.below, self.amplifier, self.held, self.way)
-                if before is not None and before[1] == mode:
+                if before is not None and before[1] == mode and not self.times:
                     close = 1e-12 * clock.size + self.noise(clock.size, 1.0)
                     close[_P] = math.inf  # the speed is x1' less d'
                     if np.all(np.abs(y - before[0]) <= close):
                         break  # a period without a separation repeats itself: so do all that follow
                 before = y.copy(), mode
+        self.state = y
         return launch
 
     def switch(self, y: FloatArray) -> None:
@@ -830,3 +913,32 @@ def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> f
         return length - lean
     turn = float(y[0]) / length
     return offset - 2.0 * (lean + offset) * math.sin(0.5 * turn) ** 2 + length * cos_start * math.sin(turn)
+
+
+def _flight(world: World, speed: float, place: float, times: Sequence[float], rtol: float) -> FloatArray:
+    """Place from rest and speed, (n_times, 2), of a ball that flies, at times after it left at `speed` from `place`.
+
+    Losses oppose the motion. A cause's count the way from the launch, or from where the ball last turned.
+    """
+    found = np.empty((len(times), 2))
+    angle, side, begin, held = math.asin((world.lean + place) / world.l), 1.0, 0.0, False
+    y, brake = np.array([0.0, speed]), world.g / world.l
+    clock = Clock(1e-3 / math.sqrt(brake), np.array([speed / math.sqrt(brake), speed]), rtol)
+    top = [Monitor("top", lambda tau, row: row[1], 1, 0.0)]
+    lossy = world.rub + world.deceleration(speed / math.sqrt(brake), speed) != 0.0
+    for k, t in enumerate(times):
+        while begin < t and not held:
+            system = _Swing(world, angle)
+            if not lossy:  # the equation has no kink where the ball turns
+                _, y, _ = advance(system, y, t - begin, clock, [])
+                begin = t
+                break
+            gone, y, event = advance(system, y, t - begin, clock, top)
+            begin += gone
+            if event:
+                angle, side = -(angle + float(y[0]) / world.l), -side
+                y = np.zeros(2)
+                held = _Swing(world, angle).field(0.0, [0.0, 0.0])[1] <= 0.0
+        now = angle + float(y[0]) / world.l
+        found[k] = side * world.l * math.sin(now) - world.lean, side * float(y[1]) * math.cos(now)
+    return found

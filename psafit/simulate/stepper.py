@@ -566,6 +566,35 @@ def _moved(x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, 
 
 
 @compiled(inside=True)
+def _last_of(trace):  # type: ignore[no-untyped-def]
+    """The last moment of a trace; minus infinity where there is none."""
+    found = -math.inf
+    for moment in trace[0]:
+        if moment < math.inf:
+            found = moment
+    return found
+
+
+@compiled(inside=True)
+def _watched(trace, k, begin, end, state, acceleration, push, h, ball, rest):  # type: ignore[no-untyped-def]
+    """Write ball, its speed and tip, from rest, at a trace's moments from number `k` on until `end`; the next one's.
+
+    They lie in a step that began at `begin` with some `state`, or before the first step.
+    """
+    moments, _, seen = trace
+    x1, v1, x2, v2 = state
+    while k < len(moments) and moments[k] <= end:
+        theta = min(max((moments[k] - begin) / h, 0.0), 1.0)
+        _, once = basis(theta)
+        twice = times(A, 0, once)
+        seen[k, 0] = x2 + h * (theta * v2 + h * total(twice * push) / ball) - rest[1]
+        seen[k, 1] = v2 + h * total(once * push) / ball
+        seen[k, 2] = x1 + h * (theta * v1 + h * total(twice * acceleration)) - rest[0]
+        k += 1
+    return k
+
+
+@compiled(inside=True)
 def _above_noise(first, swing, threshold, side, slip, noise, cut, level, fresh, bern, stack):  # type: ignore[no-untyped-def]
     """Where something passes a threshold before the place `cut`, and the level of a step that shows that it does."""
     theta, floor = _crossing(first, swing, threshold, side, fresh, slip, bern, stack)
@@ -716,9 +745,86 @@ def _first_level(c_s, c_c, m, ball, k_s, k_c, f, first_step):  # type: ignore[no
     return min(max(level, 0), _LEVELS - 1)
 
 
+@compiled(inside=True)
+def _ready(level, rig, cache):  # type: ignore[no-untyped-def]
+    """Make the matrices of steps of a length that were not needed before."""
+    S, T1, T2, U1, U2, _, made, _, answers = cache
+    if not made[level]:
+        _make_level(
+            level, rig[3], rig[4], rig[1], rig[5], rig[21], rig[23], rig[22], S, T1, T2, U1, U2, answers
+        )  # fmt: skip
+        made[level] = True
+
+
+@compiled(inside=True)
+def _finer(level, error):  # type: ignore[no-untyped-def]
+    """The level at which a step with too large an error is tried again."""
+    return max(level - min(max(math.ceil(math.log2(error) / (NODES + 1.0) + 0.1), 1), 8), 0)
+
+
+@compiled(inside=True)
+def _passed(rig, theta_at, rows, point, calls, work):  # type: ignore[no-untyped-def]
+    """Go on to the drive's next piece; the time at which it begins."""
+    piece, _, _, _, mem_z, mem_u = work
+    now = _drive.voltage(piece, piece[_drive.END])
+    _remember(now, rig[6], theta_at, calls, mem_z, mem_u)
+    t = piece[_drive.END]
+    split = len(calls[2]) > 0 or len(calls[4]) > 0
+    _drive.next_piece(piece, now, rows, point, rig[9], rig[10], rig[11], split)
+    return t
+
+
 @compiled(borrows=True)
-def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
-    """Follow one trajectory to the launch.
+def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip):  # type: ignore[no-untyped-def]
+    """Follow the tip, from which the ball has gone for good, to the last moment of a trace that wants it."""
+    moments, tipped, seen = trace
+    if not tipped:
+        return
+    c_s, k_s, q = rig[1], rig[5], rig[6]
+    wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
+    S, T1, T2, _, _, _, _, _, answers = cache
+    piece, nodes, _, _, mem_z, mem_u = work
+    t, x1, v1, xw, vw, tip_rest, level, watched, new_piece = tip
+    for _ in range(how.most_steps):
+        if watched == len(moments) or moments[watched] == math.inf:
+            break
+        if t >= piece[_drive.END]:
+            t, new_piece = _passed(rig, theta_at, rows, point, calls, work), True
+        if new_piece:
+            new_piece = False
+            _remember(_drive.voltage(piece, t), q, theta_at, calls, mem_z, mem_u)
+        room = piece[_drive.END] - t
+        level = _level_for(level, room, False, 0.0, 0.0, splat(0.0), 0.0)
+        _ready(level, rig, cache)
+        h = _LENGTH[level]
+        at = level * NODES * NODES
+        stroke = _strokes(piece, load(C, 0) * h + t, q, settled, theta_at, calls, mem_z, mem_u, nodes[3])
+        wall = (wall_mass, wall_k, wall_c, xw, vw, answers)
+        r, back, _, _ = _unforced(stroke, x1, v1, 0.0, 0.0, 0.0, k_s, c_s, wall, T1, T2, at, h)
+        acceleration = times(S, at, r)
+        reference = max(reference, abs(v1))
+        error = h * _tail(acceleration) / (tolerance * reference)
+        if error > 1.0 and level > 0:
+            level = _finer(level, error)
+            continue
+        cut = min(room / h, 1.0)
+        end = piece[_drive.END] if room <= h else t + h
+        while watched < len(moments) and moments[watched] <= end:
+            theta = min(max((moments[watched] - t) / h, 0.0), cut)
+            _, once = basis(theta)
+            seen[watched, 2] = x1 + h * (theta * v1 + h * total(times(A, 0, once) * acceleration)) - tip_rest
+            watched += 1
+        _, once = basis(cut)
+        xw, vw = _wall_moved(wall, back, acceleration, cut, at, h)
+        x1 += h * (cut * v1 + h * total(times(A, 0, once) * acceleration))
+        v1 += h * total(once * acceleration)
+        t = end
+        level = _grown(level, error)
+
+
+@compiled(borrows=True)
+def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, grows, forced, trace):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0915
+    """Follow one trajectory to the launch, and beyond where a trace (moments, whether of the tip, what is seen) does.
 
     Returns (outcome, time, speed of the ball, its place, highest force until then, steps taken); the place is the
     highest where it is not launched.
@@ -727,7 +833,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
     gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
     wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
-    S, T1, T2, U1, U2, _, made, _, answers = cache
+    S, T1, T2, U1, U2, _, _, _, answers = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
     law = (k_c, c_c, calls[0], calls[1], theta_at, nodes[0], nodes[0].ctypes.data)
     linear = len(calls[0]) == 0
@@ -745,8 +851,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     v1 = v2 = w = vw = lost_d = lost_v2 = 0.0  # the last two: what the sums lack of speed and indentation
     t = piece[_drive.BEGIN]
     rest, highest, peak, separated_once = x2, 0.0, 0.0, False
+    tip_rest, watched = x1, 0
     last_time, last_speed, last_place, last_peak = math.nan, 0.0, 0.0, 0.0
-    waiting = point[LENGTH] + HORIZON_PERIODS / f
+    waiting = max(point[LENGTH] + HORIZON_PERIODS / f, _last_of(trace))
     horizon = max(waiting, min(4.0 * math.pi * math.sqrt(ball / k_c), HORIZON))
     window = cycles / f  # until when a launched ball may be struck again
     F = kept = splat(0.0)
@@ -763,9 +870,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
             level = min(level, first_level)
         room = piece[_drive.END] - t
         level = _level_for(level, room, rough, w, d, F, how.last_impulse * tolerance * ball * reference)
-        if not made[level]:
-            _make_level(level, m, ball, c_s, k_s, wall_mass, wall_c, wall_k, S, T1, T2, U1, U2, answers)
-            made[level] = True
+        _ready(level, rig, cache)
         h = _LENGTH[level]
         at = level * NODES * NODES
 
@@ -791,9 +896,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         )
         swing = times(ONCE_TO_BERNSTEIN, 0, w_node) * h + d
         if error > 1.0 and level > 0:
-            down = math.ceil(math.log2(error) / (NODES + 1.0) + 0.1)
-            level = max(level - min(max(down, 1), 8), 0)
-            carried = False
+            level, carried = _finer(level, error), False
             rough = rough or (not linear and regime != FREE and w < 0.0 and found and last(swing) < 0.0)
             continue
 
@@ -812,6 +915,9 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
         whole, before, x2_before = cut > 1.0, v2, x2
         if forced and regime != FREE:
             peak = _peak(F, kappa, min(cut, 1.0), peak, bern, stack)
+        watched = _watched(
+            trace, watched, t, t + min(cut, 1.0) * h, (x1, v1, x2, v2), acceleration, push, h, ball, (tip_rest, rest)
+        )
         x1, v1, x2, v2, lost_v2, d, lost_d = _moved(
             x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball
         )
@@ -830,11 +936,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
             level = _grown(level, error)
             begun, first_level = False, level if begun else first_level
             if event == _PIECE:
-                now = _drive.voltage(piece, piece[_drive.END])
-                _remember(now, q, theta_at, calls, mem_z, mem_u)
-                t = piece[_drive.END]
-                _drive.next_piece(piece, now, rows, point, phase, lag, inverse_slew, split)
-                new_piece = True
+                t, new_piece = _passed(rig, theta_at, rows, point, calls, work), True
         else:
             carried, fresh, lost_d = False, True, 0.0
             if event == _RESTS:
@@ -861,6 +963,8 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
                     window = cycles / f if opposed <= 0.0 else min(cycles / f, t + v2 * ball / opposed)
         if (separated_once and regime == FREE and t > window) or t > (waiting if regime == FREE else horizon):
             break
+    tip = (t, x1, v1, xw, vw, tip_rest, level, watched, new_piece)
+    _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, settled, trace, tip)
     if separated_once:
         # Of the launch that counts alone: the next impact makes up for one before it that was slow.
         slow = last_speed < how.slow * reference and tolerance * reference > how.rounding * q * point[REACH] * f
@@ -885,7 +989,8 @@ def _usual_speed(rig, theta_at, point, calls, out):  # type: ignore[no-untyped-d
 
 @compiled
 def _one_set(  # type: ignore[no-untyped-def]
-    rig, theta_at, wanted, rows, points, calls, tolerance, how, forced, when, speed, place, status, peak, steps
+    rig, theta_at, wanted, rows, points, calls, tolerance, how, forced, moments, tipped, when, speed, place, status,
+    peak, steps, seen,
 ):  # fmt: skip
     n = NODES
     cache = (
@@ -903,13 +1008,16 @@ def _one_set(  # type: ignore[no-untyped-def]
         driven(points[j], rig[19], rig[20], point)
         if point[REACH] == 0.0 or not wanted[j]:
             when[j], speed[j], place[j], status[j], peak[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, math.nan, 0
+            seen[j] = 0.0
             continue
+        seen[j] = math.nan
         reference = how.usual_part * _usual_speed(rig, theta_at, point, calls, nodes[0])
         total_steps = 0
         for k in range(12):
             outcome, t, v, x, top, count = _fly(
-                rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, k == 0, forced
-            )
+                rig, theta_at, rows, point, calls, cache, work, tolerance, how, reference, k == 0, forced,
+                (moments[j], tipped, seen[j]),
+            )  # fmt: skip
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
@@ -918,14 +1026,15 @@ def _one_set(  # type: ignore[no-untyped-def]
 
 
 def _all_sets(  # type: ignore[no-untyped-def]
-    rigs, theta, wanted, rows, points, calls, tolerance, how, forced, when, speed, place, status, peak, steps
+    rigs, theta, wanted, rows, points, calls, tolerance, how, forced, moments, tipped, when, speed, place, status, peak,
+    steps, seen,
 ):  # fmt: skip
     stride = 8 * theta.shape[1]
     first = theta.ctypes.data
     for i in prange(len(theta)):
         _one_set(
-            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance, how, forced,
-            when[i], speed[i], place[i], status[i], peak[i], steps[i],
+            rigs[i], first + i * stride, wanted[i], rows, points, calls, tolerance, how, forced, moments, tipped,
+            when[i], speed[i], place[i], status[i], peak[i], steps[i], seen[i],
         )  # fmt: skip
 
 
@@ -957,6 +1066,8 @@ def separation(
     settings: StepSettings | None = None,
     threads_from: int = 16,
     forced: bool = False,
+    seen: FloatArray | None = None,
+    tipped: bool = False,
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], FloatArray, NDArray[np.int64]]:
     """Time (s), ball speed (m/s) and place (m) at the launch, what happened, highest force (N) until then, steps taken.
 
@@ -982,14 +1093,22 @@ def separation(
         Trajectories above which it is worth waking threads.
     forced : bool
         Whether the contact's highest force is needed; it is meaningless otherwise.
+    seen : (n_sets, n_points, n_moments, 3) array, optional
+        Is filled with the ball's place from rest (m), its speed (m/s) and the tip's place (m) at the design's moments;
+        what the ball does after the launch that counts is meaningless, or NaN.
+    tipped : bool
+        Whether the tip is followed after that, too.
     """
     shape = (len(theta), design.n_points)
     found = tuple(np.empty(shape, kind) for kind in (float, float, float, np.int8, float, np.int64))
     if len(calls.branch) > _MOST_BRANCHES:
         raise ValueError(f"{len(calls.branch)} causes with a memory; at most {_MOST_BRANCHES}")
+    moments = np.empty((design.n_points, 0)) if seen is None else design.moments
+    watched = np.empty((*shape, 0, 3)) if seen is None else seen
     run = _parallel if len(theta) > 1 and found[0].size > threads_from else _serial
     run(
         rig.stack(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
-        *design.commands, calls.arrays(), tolerance, settings or StepSettings(), forced, *found,
+        *design.commands, calls.arrays(), tolerance, settings or StepSettings(), forced, moments,
+        tipped, *found, watched,
     )  # fmt: skip
     return found  # type: ignore[return-value]

@@ -9,7 +9,7 @@ from psafit.diagnose.misfit import Character, Coincidence, Statistic
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.show import Offset
 from psafit.diagnose.significance import Significance
-from psafit.experiment import GroupId
+from psafit.experiment import GroupId, Swept
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.records import ABSENT
 
@@ -36,7 +36,7 @@ class Where:
     """
 
     group: GroupId
-    variable: Literal["frequency", "amplitude"]
+    variable: Swept
     start: float = field(metadata={"key": "from"})
     to: float
     text: str

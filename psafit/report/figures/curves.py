@@ -14,7 +14,15 @@ from matplotlib.axes import Axes
 
 from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, Group
-from psafit.report.figures.axes import label, range_label, reading_range, scale_axis, scale_sweep, shown_unit
+from psafit.report.figures.axes import (
+    label,
+    range_label,
+    reading_range,
+    scale_axis,
+    scale_sweep,
+    shown_unit,
+    widened,
+)
 from psafit.report.figures.sweep import Sweep
 from psafit.report.style import MEASURED, PALETTE
 
@@ -130,6 +138,9 @@ def _view(group: Conditions, curves: Sequence[Curve]) -> tuple[float, float, boo
     lines = [c.line[1] for c in curves if c.line is not None]
     middles = np.concatenate([*(c.middle for c in curves), *lines]) if curves else measured
     tops = np.concatenate([c.bands[0].high if c.bands else c.middle for c in curves]) if curves else measured
+    if group.time_us is not None:
+        every = np.concatenate([measured, middles])
+        return *widened(float(every.min()), float(every.max()), 0.08, log=False), False
     return reading_range(measured, middles, tops)
 
 
@@ -170,7 +181,8 @@ def draw_curves(axes: Axes, group: Conditions, sweep: Sweep, curves: Sequence[Cu
             ecolor=PALETTE["ink"], elinewidth=0.7, zorder=2.5,
         )  # fmt: skip
     if measured.size:
-        look = {"markersize": 3.0, "markeredgewidth": 0.7} if small else {}
+        dense = sweep.variable == "time"  # samples stand close together
+        look = {"markersize": 2.0 if dense else 3.0, "markeredgewidth": 0.7} if small or dense else {}
         draw_readings(axes, x, measured, bottom, log=log, **look)
     scale_axis(axes, "y", bottom, top, log=log)
     scale_sweep(axes, sweep, few=small)

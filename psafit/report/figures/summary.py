@@ -17,7 +17,7 @@ from psafit.experiment import Group
 from psafit.report.figures.axes import label, range_label
 from psafit.report.figures.curves import Curve, draw_curves, handles, zero_mark
 from psafit.report.figures.groups import short
-from psafit.report.figures.sweep import Sweep
+from psafit.report.figures.sweep import AXIS, Sweep
 from psafit.report.style import PALETTE, WIDTH, figure_style
 
 _FACTORS = (1.0, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0, 1000.0)
@@ -119,7 +119,9 @@ def summary_figure(rows: Sequence[Row], examples: Sequence[Example], legend: Seq
             draw_curves(axes, e.group, e.sweep, e.curves, small=len(examples) > 1)
             axes.set_title(e.title, color=PALETTE[e.color])
             axes.set_xlabel(
-                {"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)"}.get(e.sweep.variable, "Reading")
+                {"frequency": "Frequency (Hz)", "amplitude": "Amplitude (V)", "time": AXIS["time"]}.get(
+                    e.sweep.variable, "Reading"
+                )
             )
             if column == 0 or range_label(e.group) != range_label(examples[0].group):
                 axes.set_ylabel(range_label(e.group))

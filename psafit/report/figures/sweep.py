@@ -10,10 +10,11 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.experiment import Conditions, changes_text
 
-Variable = Literal["frequency", "amplitude", "order"]
+Variable = Literal["frequency", "amplitude", "time", "order"]
 
-SWEPT: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude"}
-AXIS: Final = {"frequency": "Drive frequency (Hz)", "amplitude": "Drive amplitude (V)"}
+SWEPT: Final = {"frequency": "drive frequency", "amplitude": "drive amplitude", "time": "time"}
+AXIS: Final = {"frequency": "Drive frequency (Hz)", "amplitude": "Drive amplitude (V)", "time": "Time (µs)"}
+UNITS: Final = {"frequency": "Hz", "amplitude": "V", "time": "us"}
 NBSP = "\N{NO-BREAK SPACE}"
 
 
@@ -23,10 +24,10 @@ class Sweep:
 
     Parameters
     ----------
-    variable : {"frequency", "amplitude", "order"}
-        What varies; "order" where both or neither do.
+    variable : {"frequency", "amplitude", "time", "order"}
+        What varies: time along a trace; "order" where both or neither of the others do.
     values : (n_points,) array
-        Hz, V, or the number of the row.
+        Hz, V, us, or the number of the row.
     label : str
         Of the axis, with unit.
     log : bool
@@ -76,6 +77,10 @@ def sweep_of(group: Conditions, least: float = 1e-12) -> Sweep:
         log = bool(v.min() > least * v.max() and v.max() >= 5 * v.min())
         held = frequency_text(float(np.median(f)))
         return Sweep("amplitude", v, AXIS["amplitude"], log, f"{group.drive.label}, {held}{rig}", v_text)
+    if group.time_us is not None:
+        ends = _extent(*(f"{t:.4g}" for t in (group.time_us.min(), group.time_us.max())))
+        held = f"{group.drive.label}, {f_text}, {v_text}{rig}"
+        return Sweep("time", group.time_us, AXIS["time"], False, held, f"{ends}{NBSP}µs")
     order = np.arange(1.0, group.n_points + 1)
     held = f"{group.drive.label}, {f_text}, {v_text}{rig}"
     rows = f"{group.n_points} reading{'' if group.n_points == 1 else 's'}"

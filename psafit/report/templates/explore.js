@@ -100,7 +100,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     const top = Math.max(...measured, ...middles, 1e-9);
     const high = Math.max(top, Math.min(Math.max(0, ...tops), 3 * top));
     const above = measured.filter((v) => v > 0);
-    if (!log[1] || !above.length) return [0, 1.06 * high];
+    if (!log[1] || !above.length) return [Math.min(0, 1.06 * Math.min(...measured, ...middles)), 1.06 * high];
     const least = Math.min(...above);
     return [0.55 * Math.max(Math.min(least, ...middles.filter((v) => v > 0)), least / 10), 1.4 * high];
   };

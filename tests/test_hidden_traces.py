@@ -1,0 +1,93 @@
+"""One cause of thirty nats, or none, hidden in two short traces: a diagnosis finds it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psafit.challenge.campaign import read_diagnosis
+from psafit.challenge.score import reported_set
+from psafit.diagnose import diagnose
+from psafit.diagnose.settings import Settings
+from psafit.drives import Drive
+from psafit.experiment import Conditions, Experiment, Plan, read_experiment, write_experiment
+from psafit.inference import noise
+from psafit.inference.candidate import optimised
+from psafit.inference.optimise import starts_of
+from psafit.inference.problem import Problem
+from psafit.observables import DISPLACEMENT, OBSERVABLES, VELOCITY
+from psafit.physics import term, terms
+from psafit.physics.term import Term
+from psafit.simulate.contract import STUDY
+from psafit.simulate.sensitivity import plausible
+
+STRENGTH = 30.0  # nats that the true model gains over the baseline, both refitted with their scatter
+FEW = ("amplifier_lag", "gap", "hertz_exponent", "stroke_tolerance")
+
+
+def planned(n: int) -> Experiment:
+    """A displacement under a sine and a velocity under a square wave, `n` samples each."""
+    groups = [
+        Conditions(
+            i, Drive(form), f"{i}.csv", np.full(n, f), np.full(n, 20.0),
+            measured=np.full(n, OBSERVABLES.index(o)), time_us=np.round(np.linspace(0.0, end, n), 1),
+        )
+        for i, form, f, o, end in ((1, "sine", 1200.0, DISPLACEMENT, 500.0), (2, "square", 1500.0, VELOCITY, 300.0))
+    ]  # fmt: skip
+    return Plan(STUDY, tuple(groups), ()).with_readings(np.ones(2 * n), "made")
+
+
+def drawn(problem: Problem, exact: np.ndarray, seed: int) -> Experiment:
+    """Samples about exact ones, as a file holds them: rounded. The scatter is one per cent, else usual."""
+    u = problem.prior_transform(np.full((1, problem.n_dim), 0.5))
+    relative = [k for k, name in enumerate(problem.names) if name.startswith("sigma_rel")]
+    u[:, relative] = np.log(0.01)
+    read = noise.draw(exact[None], problem.noise_values(u), None, np.random.default_rng(seed))[0]
+    return problem.experiment.with_readings(np.array([float(f"{x:.5g}") for x in read]))
+
+
+def hiding(problem: Problem, hidden: Term, seed: int) -> Experiment:
+    """Traces with a cause at the strength by which the true model gains `STRENGTH`."""
+    large = replace(problem, terms=(hidden,))
+    u = large.prior_transform(np.full(large.n_dim, 0.5))
+    own = [large.names.index(p.name) for p in hidden.parameters]
+
+    def at(share: float) -> tuple[Experiment, float]:
+        values = plausible(hidden, share)
+        u[own] = [p.to_sampling(x) for p, x in zip(hidden.parameters, values, strict=True)]
+        made = drawn(problem, large.predict(u[None])[0], seed)
+        plain, full = (replace(one, experiment=made) for one in (problem, large))
+        without = optimised(plain, starts_of(plain, 0, 8, 256)[0])
+        return made, optimised(full, u[None]).log_likelihood - without.log_likelihood
+
+    low, high = 0.0, 0.98
+    for _ in range(6):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if at(middle)[1] > STRENGTH else (middle, high)
+    return at(high)[0]
+
+
+def measured(hidden: Term | None, seed: int, folder: Path, n: int = 40) -> Experiment:
+    """Traces, of the baseline or with a cause, read from their folder."""
+    plan = planned(n)
+    problem = Problem(plan, plan.ids)
+    u = problem.prior_transform(np.full((1, problem.n_dim), 0.5))
+    made = hiding(problem, hidden, seed) if hidden else drawn(problem, problem.predict(u)[0], seed)
+    write_experiment(made, folder)
+    return read_experiment(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", [None, "hertz_exponent"], ids=lambda id: id or "nothing")
+def test_what_is_hidden_in_traces_is_found(hidden: str | None, tmp_path: Path) -> None:
+    experiment = measured(term(hidden) if hidden else None, 1, tmp_path / "rig")
+    settings = replace(Settings.usual(quick=True), simulated=99)
+    diagnose(experiment, experiment.ids, tmp_path / "run", quick=True, seed=1, catalogue=terms(FEW), settings=settings)
+    said = read_diagnosis(tmp_path / "run" / "diagnosis.json")
+    if hidden is None:
+        assert said["verdict"] == "adequate", said["misfit"]
+    else:
+        assert said["verdict"] in ("explained", "ambiguous") and frozenset([hidden]) in reported_set(said)
