@@ -12,6 +12,7 @@ RUN      ?= fits/psa-group1
 JOBS     ?= 2
 ARGS     ?=
 LIMIT    ?=
+DESIGNS  ?=
 CASES    ?=
 KILLS    ?=
 UV       ?= uv
@@ -19,7 +20,7 @@ UPGRADE  ?=
 QUICK    ?=
 
 # make itself would take group=3 without a word, and fit GROUP's default.
-$(foreach name,python exp group out terms seed run jobs args limit cases kills quick,$(if $(filter command line,$(origin $(name))),\
+$(foreach name,python exp group out terms seed run jobs args limit designs cases kills quick,$(if $(filter command line,$(origin $(name))),\
     $(error names are written in capitals: $(shell echo $(name) | tr a-z A-Z)=$($(name)))))
 
 # Threads of the linear algebra library only wait for each other on our small matrices.
@@ -106,9 +107,9 @@ bench: $(STAMP)-bench ## Measure speed and accuracy; writes benchmarks/latest.js
 null-leads: $(STAMP)-run ## Work out how far chance leads where nothing is hidden, half an hour of a core: [SEED=n] [ARGS=...]
 	@$(BIN)/python benchmarks/null_leads.py $(call option,--seed,$(SEED)) $(ARGS)
 
-challenge: $(STAMP)-run ## Hide effects, diagnose, score: [SEED=n] [JOBS=2] [LIMIT=n data sets] [OUT=fits/challenge] [EXP=folder]
+challenge: $(STAMP)-run ## Hide effects, diagnose, score: [SEED=n] [JOBS=2] [LIMIT=n data sets] [DESIGNS=n] [OUT=fits/challenge] [EXP=folder]
 	@$(BIN)/python benchmarks/challenge.py --experiment $(call quoted,$(EXP)) --jobs $(call quoted,$(JOBS)) \
-	    $(call option,--seed,$(SEED)) $(call option,--limit,$(LIMIT)) $(call option,--out,$(OUT))
+	    $(call option,--seed,$(SEED)) $(call option,--limit,$(LIMIT)) $(call option,--designs,$(DESIGNS)) $(call option,--out,$(OUT))
 
 docs: $(STAMP)-docs ## Build the pages of the docs into site/, to be read from there; a warning is an error
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

@@ -19,6 +19,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from outside import OUTSIDE
 
+from psafit.challenge import Sizes
 from psafit.challenge.campaign import load, plan, run
 from psafit.challenge.score import score
 from psafit.cli.common import BAD_INPUT, CHECK_FAILED, DONE
@@ -35,9 +36,17 @@ def reported(done: int, total: int, note: str) -> None:
 
 def campaign(words: argparse.Namespace) -> int:
     """Run, score, write; 1 where a target is missed or a diagnosis failed."""
-    specs = plan(words.seed, outside=[effect.name for effect in OUTSIDE])
+    specs = plan(words.seed, outside=[effect.name for effect in OUTSIDE], designs=words.designs)
     # The number of workers and of data sets at a time do not change a result.
-    command = ["benchmarks/challenge.py", "--seed", words.seed, "--experiment", words.experiment]
+    command = [
+        "benchmarks/challenge.py",
+        "--seed",
+        words.seed,
+        "--experiment",
+        words.experiment,
+        "--designs",
+        words.designs,
+    ]
     run(
         specs,
         words.out,
@@ -86,6 +95,7 @@ def main() -> int:
     parser.add_argument("--limit", type=positive, help="only the first so many data sets of the plan")
     parser.add_argument("--out", type=Path, default=Path("fits/challenge"))
     parser.add_argument("--experiment", type=Path, default=Path("experiments/psa"), help="whose design is simulated")
+    parser.add_argument("--designs", type=int, default=Sizes.designs, help="one in so many has a drawn design; 0: none")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out")
     words = parser.parse_args()
     try:

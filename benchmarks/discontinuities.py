@@ -24,6 +24,7 @@ import joblib
 import numpy as np
 
 from psafit.challenge.campaign import Spec, plan
+from psafit.challenge.conditions import ConditionSettings
 from psafit.challenge.hide import make
 from psafit.challenge.oracle import truth_of
 from psafit.experiment import read_experiment
@@ -43,7 +44,13 @@ def log_posteriors(spec: Spec) -> tuple[str, float, float, float]:
     design = read_experiment(STUDY) if spec.design == "given" else None
     with tempfile.TemporaryDirectory() as folder:
         made = make(
-            spec.seed, Path(folder) / "made", design_of=design, kind=spec.kind, terms=spec.terms, strength=spec.nats
+            spec.seed,
+            Path(folder) / "made",
+            design_of=design,
+            kind=spec.kind,
+            terms=spec.terms,
+            strength=spec.nats,
+            conditions=ConditionSettings.like_the_study(),
         )
     hidden = terms(made.answer.terms)
     problem = Problem(made.experiment, made.experiment.ids, hidden, tolerance=TOLERANCE)

@@ -30,6 +30,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 import psafit
+from psafit.challenge.conditions import ConditionSettings
 from psafit.challenge.hide import make
 from psafit.diagnose.searching import searched
 from psafit.diagnose.significance import NULL_LEADS, NullLead, NullLeads, lead
@@ -60,12 +61,13 @@ def search(asked: int, seed: int, catalogue: Sequence[Term], settings: SearchSet
     """Search readings with nothing hidden; what a search says that fails."""
     try:
         with scratch() as folder:
-            experiment = make(seed, folder, readings=asked, kind="nothing", believed=True).experiment
-        problem = Problem(experiment, experiment.ids)
+            like = ConditionSettings.like_the_study()
+            made = make(seed, folder, readings=asked, kind="nothing", believed=True, conditions=like)
+        problem = Problem(made.experiment, made.experiment.ids)
         found = searched(problem, catalogue, seed=seed, settings=settings)
     except PsafitError as error:
         return f"{asked} readings, seed {seed}: {error}"
-    return NullLead(seed, asked, int(problem.observed.size), len(experiment.groups), lead(found))
+    return NullLead(seed, asked, int(problem.observed.size), len(made.experiment.groups), lead(found))
 
 
 def fill(

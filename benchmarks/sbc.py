@@ -222,11 +222,13 @@ def fitted(problem: Problem, seed: int, steps: int) -> tuple[Candidate, Importan
         target = Target(found, draws, seed, folder / "chain.h5", "")
         chain = own.draw(target, replace(own.settings(problem), max_steps=steps), lambda state: None)
     flat = chain.draws.reshape(-1, problem.n_dim)
-    height = problem.log_posterior(flat)
-    top = int(np.argmax(height))
+    log_posterior = problem.log_posterior(flat)
+    top = int(np.argmax(log_posterior))
     k = 0.0 if chain.converged else math.inf
     same = np.full(len(flat), 1 / len(flat))
-    return found, ImportanceSample(flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(height[top]))
+    return found, ImportanceSample(
+        flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(log_posterior[top])
+    )
 
 
 def below(values: FloatArray, weights: FloatArray, true: FloatArray) -> FloatArray:

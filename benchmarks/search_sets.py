@@ -25,6 +25,7 @@ from outside import OUTSIDE
 import psafit
 from psafit.challenge.answer import Answer
 from psafit.challenge.campaign import PRIOR, Spec, plan
+from psafit.challenge.conditions import ConditionSettings
 from psafit.challenge.hide import make, simulate_literally
 from psafit.challenge.oracle import Oracle, consult, truth_of
 from psafit.challenge.strength import enough
@@ -182,7 +183,7 @@ def _study() -> dict[str, Callable[[], DataSet]]:
 
 def _campaign(seed: int = 101, n: int = 40) -> dict[str, Callable[[], DataSet]]:
     """The first of a campaign's plan, which mixes nothing, one cause, two, and effects outside the catalogue."""
-    specs = plan(seed, outside=[effect.name for effect in OUTSIDE], terms=CATALOGUE)[:n]
+    specs = plan(seed, outside=[effect.name for effect in OUTSIDE], terms=CATALOGUE, designs=4)[:n]
     return {f"campaign-{s.id}": partial(_of_spec, f"campaign-{s.id}", "campaign", s, seed) for s in specs}
 
 
@@ -206,7 +207,7 @@ def _limits() -> dict[str, Callable[[], DataSet]]:
     }  # fmt: skip
     found: dict[str, Callable[[], DataSet]] = {"seed11-two-40": _seed_11}
     for seed, ids in named.items():
-        specs = {s.id: s for s in plan(seed, outside=effects, terms=then if seed >= 32 else earlier)}
+        specs = {s.id: s for s in plan(seed, outside=effects, terms=then if seed >= 32 else earlier, designs=4)}
         for id in ids:
             found[f"seed{seed}-{id}"] = partial(_of_spec, f"seed{seed}-{id}", "limits", specs[id], seed)
     return found
@@ -232,6 +233,7 @@ def _of_spec(id: str, group: str, spec: Spec, seed: int) -> DataSet:
             outside=effect,
             strength=spec.nats,
             believed=spec.level == PRIOR,
+            conditions=ConditionSettings.like_the_study(),
         )
     return _of_answer(id, group, f"campaign of seed {seed}, data set {spec.id}", made.experiment, made.answer)
 
@@ -345,15 +347,15 @@ def hidden(
         truth = drawn_truth(rng, ids, conditions.ids)
         noise = rng.standard_normal(design.n_points)
 
-        def answer_of(true_um: np.ndarray, truth: Truth = truth) -> Answer:
+        def answer_of(true: np.ndarray, truth: Truth = truth) -> Answer:
             # A kind names at most two causes; nothing that is asked here depends on it.
             return Answer(
                 psafit.__version__, seed, "two", [t.id for t in truth.causes], truth.values, truth.scatter, None, {},
-                True, {}, None, "", [], "given", 0, true_um.tolist(), "",
+                True, {}, None, "", [], "given", 0, true.tolist(), "",
             )  # fmt: skip
 
         quick_um = _simulated(design, truth, conditions)
-        if not enough(quick_um):
+        if not enough(design, quick_um):
             continue
         quick = _read(conditions, quick_um, truth, noise)
         if not _shows(quick, answer_of(quick_um), least, most, each):

@@ -200,7 +200,7 @@ def _transforms(
         return (np.argsort(np.argsort(readings, axis=0), axis=0) + 0.5) / len(readings)
     some = range(0, len(ranges), -(-len(ranges) // most))
     each = [noise.cumulative(readings, ranges[k : k + 1], scatter[k : k + 1], group.sigma) for k in some]
-    return np.mean(each, axis=0)
+    return np.asarray(np.mean(each, axis=0))
 
 
 def predict(run: Run, *, n_draws: int = 1000, seed: int | None = None) -> list[Prediction]:

@@ -1,30 +1,65 @@
-"""Files as instruments and spreadsheets write them, drawn at random, with the readings that they hold."""
+"""Files as instruments and spreadsheets write them, drawn at random, with the readings that they hold.
+
+Any waveform, or several in a column; any observable, or several; units, names and numbers as people write them.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-Reading = tuple[float, float, float]  # Hz, V zero to peak, um
+from psafit.experiment import Group
+from psafit.observables import OBSERVABLES
+
+# Waveform, Hz, V zero to peak, psafit's column of what is read, and the value in its unit.
+Reading = tuple[str, float, float, str, float]
 
 FREQUENCIES = {
     "Hz": Decimal(1), "kHz": Decimal(1000), "MHz": Decimal(10**6),
 }  # fmt: skip
 VOLTS = {"V": Decimal(1), "mV": Decimal("0.001"), "kV": Decimal(1000)}
-LENGTHS = {
-    "um": Decimal(1), "µm": Decimal(1), "μm": Decimal(1), "mm": Decimal(1000), "nm": Decimal("0.001"),
-    "m": Decimal(10**6), "micron": Decimal(1),
+# What may be read: psafit's column, names, and units with what turns a value into psafit's.
+READ: dict[str, tuple[str, list[str], dict[str, Decimal]]] = {
+    "range": (
+        "launch_range_um",
+        ["Launch range", "Range", "Wurfweite", "Launch distance", "Reading", "range"],
+        {"um": Decimal(1), "µm": Decimal(1), "μm": Decimal(1), "mm": Decimal(1000), "nm": Decimal("0.001"),
+         "m": Decimal(10**6), "micron": Decimal(1)},
+    ),
+    "speed": (
+        "launch_speed_mm_s",
+        ["Launch speed", "Velocity", "Geschwindigkeit", "Launch velocity", "speed"],
+        {"mm/s": Decimal(1), "m/s": Decimal(1000), "um/s": Decimal("0.001"), "µm/s": Decimal("0.001")},
+    ),
+    "time": (
+        "contact_time_us",
+        ["Contact time", "contact duration", "Kontaktzeit"],
+        {"us": Decimal(1), "µs": Decimal(1), "ms": Decimal(1000), "ns": Decimal("0.001"), "s": Decimal(10**6)},
+    ),
+    "force": (
+        "peak_force_n",
+        ["Peak force", "Contact force", "Kraft", "Force"],
+        {"N": Decimal(1), "mN": Decimal("0.001"), "kN": Decimal(1000)},
+    ),
 }  # fmt: skip
-COUNTED = {"pp": Decimal("0.5"), "peak": Decimal(1), "rms": Decimal(2).sqrt()}
+# By waveform: names that instruments have for it, and what turns volts as they are counted into zero to peak.
+BIPOLAR = {"pp": Decimal("0.5"), "peak": Decimal(1)}
+WAVES: dict[str, tuple[list[str], dict[str, Decimal]]] = {
+    "sine": (["sine", "SINE", "Sinus"], BIPOLAR | {"rms": Decimal(2).sqrt()}),
+    "square": (["square", "Square", "Rechteck"], BIPOLAR | {"rms": Decimal(1)}),
+    "triangle": (["triangle", "Dreieck"], BIPOLAR | {"rms": Decimal(3).sqrt()}),
+    "unipolar_sine": (["unipolar sine", "haversine"], {"pp": Decimal(1), "peak": Decimal(1)}),
+    "unipolar_square": (["unipolar square", "pulse", "TTL"], {"pp": Decimal(1), "peak": Decimal(1)}),
+}
 NAMES = {
     "frequency": ["Frequency", "Freq.", "f", "Frequenz", "Drive frequency", "FREQUENCY"],
     "volts": ["Amplitude", "Voltage", "U", "Spannung", "Drive voltage", "Ampl"],
-    "range": ["Launch range", "Range", "Wurfweite", "Launch distance", "Reading", "range"],
 }
 STYLES = ["{} ({})", "{} [{}]", "{}/{}", "{} / {}", "{} in {}", "{}, {}", "{}_{}", "{} <{}>"]
 PEAKS = {
@@ -42,11 +77,40 @@ FOOTERS = ["End of file", "# stopped by hand", "", "Müller", "-----"]
 
 @dataclass(frozen=True)
 class Foreign:
-    """A file, the options that it needs with ``--waveform sine``, and what it holds."""
+    """A file, the options that it needs, and what it holds."""
 
     file: Path
     options: tuple[str, ...]
     readings: tuple[Reading, ...]
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a file holds, and how it is counted.
+
+    Parameters
+    ----------
+    read : tuple of str
+        Keys of `READ`; of one there may be repetitions.
+    units : tuple of str
+        Of frequency, volts and each of what is read.
+    counted : {"pp", "peak", "rms"}
+    waves : tuple of str
+        Waveforms of the rows; in a column if there are several.
+    n_repeats : int
+    """
+
+    read: tuple[str, ...]
+    units: tuple[str, ...]
+    counted: str
+    waves: tuple[str, ...]
+    n_repeats: int
+
+    @property
+    def columns(self) -> list[tuple[str, str, Decimal]]:
+        """Of each column of readings: its key, unit, and what turns a value into psafit's unit."""
+        each = [(key, unit, READ[key][2][unit]) for key, unit in zip(self.read, self.units[2:], strict=True)]
+        return each * self.n_repeats
 
 
 @dataclass(frozen=True)
@@ -89,37 +153,11 @@ def draw(rng: random.Random, folder: Path) -> Foreign:
     workbook = rng.random() < 0.2
     separator = rng.choice(",;\t| ;,\t")
     notation = _notation(rng, separator)
-    units = rng.choice(list(FREQUENCIES)), rng.choice(list(VOLTS)), rng.choice(list(LENGTHS))
-    counted = rng.choice(["pp", "pp", "peak", "rms"])
-    n_repeats = rng.choice([1, 1, 1, 2, 3])
-    headings, unit_row, options = _headings(rng, units, counted, n_repeats)
-    rows, readings = [], []
-    held = rng.random() < 0.2
-    volts_held = rng.uniform(2, 40)
-    for _ in range(rng.choice([1, 3, 8, 20])):
-        f = rng.choice([rng.uniform(20, 30_000), float(rng.randrange(1, 300) * 100)])
-        v = volts_held if held else rng.choice([rng.uniform(1, 40), float(rng.randrange(1, 40))])
-        ranges = [rng.uniform(0.05, 95) for _ in range(n_repeats)]
-        cells = [
-            notation.text(float(Decimal(repr(x)) / factor))
-            for x, factor in zip(
-                [f, v, *ranges],
-                [FREQUENCIES[units[0]], VOLTS[units[1]] * COUNTED[counted], *[LENGTHS[units[2]]] * n_repeats],
-                strict=True,
-            )
-        ]
-        numbers = [notation.value(cell) for cell in cells]
-        if workbook:  # which keep 15 digits
-            numbers = [Decimal(f"{n:.15g}") for n in numbers]
-        if numbers[0] <= 0:  # rounded to nothing: no frequency
-            cells[0] = notation.text(1.0)
-            numbers[0] = Decimal(1)
-        read = [float(x * LENGTHS[units[2]]) for x in numbers[2:]]
-        if n_repeats > 1 and rng.random() < 0.2:
-            cells[-1], read = "", read[:-1]
-        volts = numbers[1] * VOLTS[units[1]] * COUNTED[counted]
-        readings += [(float(numbers[0] * FREQUENCIES[units[0]]), float(volts), r) for r in read]
-        rows.append([float(n) if workbook and c else c for n, c in zip(numbers, cells, strict=True)])
+    form = _form(rng)
+    headings, unit_row, options = _headings(rng, form)
+    volts = rng.uniform(2, 40) if rng.random() < 0.2 else None
+    drawn = [_row(rng, form, notation, volts, workbook) for _ in range(rng.choice([1, 3, 8, 20]))]
+    rows, readings = [row for row, _ in drawn], [one for _, held in drawn for one in held]
     grid = _arranged(rng, headings, unit_row, rows)
     if workbook:
         file = folder / "foreign.xlsx"
@@ -130,6 +168,56 @@ def draw(rng: random.Random, folder: Path) -> Foreign:
     return Foreign(file, tuple(options), tuple(readings))
 
 
+def _row(
+    rng: random.Random, form: Form, notation: Notation, volts: float | None, workbook: bool
+) -> tuple[list[Any], list[Reading]]:
+    """A row of cells, and the readings in it; `volts` are those of all rows, if they were held."""
+    f = rng.choice([rng.uniform(20, 30_000), float(rng.randrange(1, 300) * 100)])
+    v = volts or rng.choice([rng.uniform(1, 40), float(rng.randrange(1, 40))])
+    factors = [FREQUENCIES[form.units[0]], VOLTS[form.units[1]], *(factor for _, _, factor in form.columns)]
+    values = [f, v, *(rng.uniform(0.05, 95) for _ in form.columns)]
+    cells = [notation.text(float(Decimal(repr(x)) / factor)) for x, factor in zip(values, factors, strict=True)]
+    numbers = [notation.value(cell) for cell in cells]
+    if workbook:  # which keep 15 digits
+        numbers = [Decimal(f"{n:.15g}") for n in numbers]
+    positive = [True, False, *(key in ("time", "force") for key, _, _ in form.columns)]
+    for k in (k for k, n in enumerate(numbers) if n <= 0 and positive[k]):
+        cells[k], numbers[k] = notation.text(1.0), Decimal(1)  # rounded to nothing: no frequency, and no time
+    wave = rng.choice(form.waves)
+    condition = wave, float(numbers[0] * factors[0]), float(numbers[1] * factors[1] * WAVES[wave][1][form.counted])
+    names = [READ[key][0] for key, _, _ in form.columns]
+    held = [
+        (*condition, name, float(n * factor)) for name, n, factor in zip(names, numbers[2:], factors[2:], strict=True)
+    ]
+    if form.n_repeats > 1 and rng.random() < 0.2:
+        cells[-1], held = "", held[:-1]
+    row: list[Any] = [float(n) if workbook and c else c for n, c in zip(numbers, cells, strict=True)]
+    return [*row, *([rng.choice(WAVES[wave][0])] if len(form.waves) > 1 else [])], held
+
+
+def held_by(groups: Iterable[Group]) -> list[Reading]:
+    """What groups hold, as `Foreign.readings` has it, sorted."""
+    return sorted(
+        (g.waveform, float(f), float(v), OBSERVABLES[k].column, float(y))
+        for g in groups
+        for f, v, k, y in zip(g.frequency_hz, g.amplitude_v, g.measured, g.reading, strict=True)
+    )
+
+
+def _form(rng: random.Random) -> Form:
+    """What the file holds."""
+    read: tuple[str, ...] = ("range",)
+    if rng.random() < 0.4:
+        read = tuple(rng.sample(list(READ), rng.choice([1, 1, 2, 3])))
+    waves = ("sine",)
+    if rng.random() < 0.4:
+        waves = tuple(rng.sample(list(WAVES), rng.choice([1, 1, 2])))
+    counts = set.intersection(*(set(WAVES[w][1]) for w in waves))
+    counted = rng.choice([c for c in ["pp", "pp", "peak", "rms"] if c in counts])
+    units = [rng.choice(list(FREQUENCIES)), rng.choice(list(VOLTS)), *(rng.choice(list(READ[k][2])) for k in read)]
+    return Form(read, tuple(units), counted, waves, rng.choice([1, 1, 1, 2, 3]) if len(read) == 1 else 1)
+
+
 def _notation(rng: random.Random, separator: str) -> Notation:
     decimal = rng.choice(".,")
     marks = ["", "", "", "," if decimal == "." else ".", "'", "\u00a0", " "]
@@ -138,27 +226,32 @@ def _notation(rng: random.Random, separator: str) -> Notation:
     return Notation(decimal, "" if scientific else thousands, rng.choice([None, 1, 2, 3, 4]), scientific)
 
 
-def _headings(
-    rng: random.Random, units: tuple[str, str, str], counted: str, n_repeats: int
-) -> tuple[list[str], list[str] | None, list[str]]:
-    """Headings of frequency, volts and ranges, a row of units or none, and what is said next to them."""
-    names = [rng.choice(NAMES[kind]) for kind in ("frequency", "volts", "range")]
+def _headings(rng: random.Random, form: Form) -> tuple[list[str], list[str] | None, list[str]]:
+    """Headings of the columns, a row of units or none, and what is said next to them."""
+    names = [rng.choice(NAMES[kind]) for kind in ("frequency", "volts")]
     options: list[str] = []
-    volts = units[1]
+    volts = form.units[1]
     if rng.random() < 0.7:
-        volts = rng.choice(PEAKS[counted]).format(units[1])
-    elif rng.random() < 0.5 and counted == "pp":
+        volts = rng.choice(PEAKS[form.counted]).format(form.units[1])
+    elif rng.random() < 0.5 and form.counted == "pp":
         names[1] = rng.choice(["Upp", "Peak-to-peak voltage", "Pk-Pk(1)", "Amplitude pp"])
     else:
-        options = ["--volts", counted]
-    ranges = [f"{names[2]} {k}" for k in range(1, n_repeats + 1)] if n_repeats > 1 else [names[2]]
-    said = [units[0], volts, *[units[2]] * n_repeats]
-    heads = [names[0], names[1], *ranges]
+        options = ["--volts", form.counted]
+    called = [rng.choice(READ[key][1]) for key in form.read]
+    if form.n_repeats > 1:
+        called = [f"{called[0]} {k}" for k in range(1, form.n_repeats + 1)]
+    said = [form.units[0], volts, *(unit for _, unit, _ in form.columns)]
+    heads = [*names, *called]
+    last: list[str] = []
+    if len(form.waves) > 1:
+        last = [rng.choice(["Waveform", "Wave", "Signalform"])]
+    else:
+        options += ["--waveform", form.waves[0]]
     if rng.random() < 0.25:
-        form = rng.choice(["{}", "({})", "[{}]"])
-        return heads, [form.format(unit) for unit in said], options
+        style = rng.choice(["{}", "({})", "[{}]"])
+        return [*heads, *last], [*(style.format(unit) for unit in said), *("" for _ in last)], options
     style = rng.choice(STYLES)
-    return [style.format(name, unit) for name, unit in zip(heads, said, strict=True)], None, options
+    return [*(style.format(name, unit) for name, unit in zip(heads, said, strict=True)), *last], None, options
 
 
 def _arranged(

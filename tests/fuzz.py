@@ -1,9 +1,9 @@
 """Hostile input by the thousand: every file psafit reads, and the options of every command (`make fuzz`).
 
-Each case runs one command in a process of its own, in a copy of a small folder of which one file, or the command
-line, was spoilt. Whatever it meets, psafit must end within a time limit with exit code 0, 1 or 2; where it refuses,
-with a line on standard error for each fault, no traceback, and nothing left behind. A case is determined by the seed
-and its number: ``python tests/fuzz.py --seed S --only N`` repeats it.
+Each case runs one command, in a copy of a small folder of which one file, or the command line, was spoilt. Commands
+that do more than read run in a process of their own. Whatever it meets, psafit must end within a time limit with exit
+code 0, 1 or 2; where it refuses, with a line on standard error for each fault, no traceback, and nothing left behind.
+A case is determined by the seed and its number: ``python tests/fuzz.py --seed S --only N`` repeats it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import hashlib
 import io
 import json
 import os
+import pickle
 import random
 import re
 import shutil
@@ -25,6 +26,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,14 +64,22 @@ class Reached(BaseException):
     """The options were accepted, and long work would begin."""
 
 
+class Late(BaseException):
+    """A case took longer than it may."""
+
+
 # --- folders to spoil -----------------------------------------------------------------------------------------------
 
 # The candidates of a diagnosis here: the whole catalogue takes minutes.
 CAUSES = ("reading_offset", "stack_stiffness")
 # What the diagnosis that is taken up again found undisturbed.
 UNDISTURBED = "undisturbed.json"
-# What the file that is imported holds, where it was not spoilt.
-TRUTH = "truth.json"
+# What an imported file holds, or a folder with many keys, where it was not spoilt.
+TRUTH = "truth.pickle"
+# Cases that need nothing of what `prepare` makes.
+ALONE = ("import", "keys")
+# Commands that end at once and keep nothing in memory: they run within this process.
+READS = ("import", "check")
 CAMPAIGN = (
     f"challenge run --seed 11 --experiment rig --terms {CAUSES[0]} --each 0 --nothing 2 --pairs 0 --drawn 0"
     " --quiet --out campaign"
@@ -93,7 +103,7 @@ def prepare(folder: Path) -> None:
     from psafit.validate import validate
 
     rig = folder / "rig"
-    rig.mkdir(parents=True)
+    rig.mkdir()
     (rig / "experiment.toml").write_text(
         'title = "a rig"\nsource = "made up"\n'
         "[constants]\nM = 0.027\nm = 0.005\nq = 1.2e-7\nl = 0.09\nk_s = 4.89e7\ng = 9.81\n"
@@ -257,7 +267,7 @@ READERS: dict[str, tuple[list[str], list[str]]] = {
 SHARE = {
     "definition": 0.14, "table": 0.14, "known": 0.12, "claims": 0.02, "plugin": 0.02, "run": 0.08, "chain": 0.04,
     "diagnosis": 0.03, "pair": 0.02, "steps": 0.02, "challenge": 0.06, "campaign": 0.04, "options": 0.17,
-    "import": 0.1,
+    "import": 0.1, "keys": 0.1,
 }  # fmt: skip
 
 
@@ -294,18 +304,18 @@ def words_of(rng: random.Random, known: dict[str, list[str]]) -> list[str]:
     return words
 
 
-def case(number: int, seed: int) -> tuple[random.Random, str]:
+def case(number: int, seed: int, kinds: Sequence[str]) -> tuple[random.Random, str]:
     """What determines a case, and its kind."""
     rng = random.Random(f"{seed}-{number}")
-    return rng, rng.choices(list(SHARE), list(SHARE.values()))[0]
+    return rng, rng.choices(kinds, [SHARE[kind] for kind in kinds])[0]
 
 
 def set_up(kind: str, rng: random.Random, known: dict[str, list[str]], folder: Path) -> list[str]:
     """Spoil something in `folder`; the command to run."""
     if kind == "options":
         return words_of(rng, known)
-    if kind == "import":
-        return import_words(rng, folder)
+    if kind in ALONE:
+        return (import_words if kind == "import" else keyed_words)(rng, folder)
     patterns, readers = READERS[kind]
     files = sorted(f for pattern in patterns for f in folder.glob(pattern) if f.is_file())
     spoilt = rng.choice(files)
@@ -323,8 +333,20 @@ def import_words(rng: random.Random, folder: Path) -> list[str]:
     if rng.random() < 0.5:
         spoil(made.file, rng)
     else:
-        (folder / TRUTH).write_text(json.dumps(sorted(made.readings)), "utf-8")
-    return ["import", made.file.name, "--waveform", "sine", "--out", "new", *made.options]
+        (folder / TRUTH).write_bytes(pickle.dumps(sorted(made.readings)))
+    return ["import", made.file.name, "--out", "new", *made.options]
+
+
+def keyed_words(rng: random.Random, folder: Path) -> list[str]:
+    """A folder with every key that there is, half of them spoilt, and a command that reads it."""
+    from keyed import draw
+
+    made = draw(rng, folder / "rig")
+    if rng.random() < 0.5:
+        spoil(rng.choice(sorted((folder / "rig").iterdir())), rng)
+    else:
+        (folder / TRUTH).write_bytes(pickle.dumps(made))
+    return rng.choices(["check rig", "simulate rig --quiet"], [20, 1])[0].split()
 
 
 def listing(folder: Path) -> set[str]:
@@ -337,7 +359,12 @@ def run(kind: str, words: list[str], folder: Path) -> dict[str, Any]:
     before = listing(folder)
     with stand_ins(kind):
         # Causes are read once in a process: a plugin needs one that has read none.
-        result = _anew(words, folder) if kind == "plugin" else _forked(words, folder)
+        if kind == "plugin":
+            result = _anew(words, folder)
+        elif words[0] in READS:
+            result = _here(words, folder)
+        else:
+            result = _forked(words, folder)
     result["left"] = sorted(listing(folder) - before)
     return result
 
@@ -390,12 +417,34 @@ def _forked(words: list[str], folder: Path) -> dict[str, Any]:
     return json.loads(text) if text else {"code": None, "signal": os.WTERMSIG(status), "err": ""}
 
 
+def _here(words: list[str], folder: Path) -> dict[str, Any]:
+    """Run a command that only reads and writes files, without a process of its own."""
+    place = Path.cwd()
+
+    def late(*_: object) -> None:
+        raise Late
+
+    signal.signal(signal.SIGALRM, late)
+    signal.alarm(LIMIT)
+    try:
+        return _run(words, folder)
+    except Late:
+        return {"code": None, "signal": signal.SIGALRM, "err": ""}
+    finally:
+        signal.alarm(0)
+        os.chdir(place)
+
+
 def _in_child(words: list[str], folder: Path) -> dict[str, Any]:
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(LIMIT)
+    return _run(words, folder)
+
+
+def _run(words: list[str], folder: Path) -> dict[str, Any]:
     from psafit import cli
 
     os.chdir(folder)
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(LIMIT)
     out, err = io.StringIO(), io.StringIO()
     code: Any = None
     with (
@@ -409,6 +458,8 @@ def _in_child(words: list[str], folder: Path) -> dict[str, Any]:
             code = end.code
         except Reached:
             code = "long work"
+        except Late:
+            raise
         except BaseException:
             code = "traceback"
             traceback.print_exc()
@@ -448,11 +499,36 @@ def another(folder: Path) -> str:
 
 def misread(folder: Path) -> str:
     """Whether an import holds other readings than the file that was not spoilt; empty for no."""
-    truth, found = folder / TRUTH, folder / "new" / "group1.csv"
-    if not truth.exists() or not found.exists():
+    from keyed import read_plainly
+
+    truth = folder / TRUTH
+    if not truth.exists() or not (folder / "new").exists():
         return ""
-    rows = [[float(cell) for cell in line.split(",")] for line in found.read_text("utf-8").splitlines()[1:]]
-    return "" if sorted(rows) == json.loads(truth.read_text("utf-8")) else "other readings than in the file"
+    found = [(g.waveform, *cell[:4]) for g in read_plainly(folder / "new") for cell in g.cells]
+    return "" if sorted(found) == pickle.loads(truth.read_bytes()) else "other readings than in the file"
+
+
+def misunderstood(folder: Path, code: object) -> str:
+    """Whether a folder with many keys was not read as it is; empty for no."""
+    from keyed import differs, read_plainly
+
+    from psafit.experiment import read_experiment
+
+    truth = folder / TRUTH
+    made = pickle.loads(truth.read_bytes()) if truth.exists() else None
+    if made is not None and (code == 2) != bool(made.wrong):
+        return f"accepted with {made.wrong}" if made.wrong else "refused, and it is sound"
+    if code == 2:
+        return ""
+    found = read_experiment(folder / "rig")
+    return differs(found, made.groups, made.rig) if made is not None else differs(found, read_plainly(folder / "rig"))
+
+
+def misread_by(kind: str, folder: Path, code: object) -> str:
+    """What a case that ended as it may did wrong; empty for nothing."""
+    if kind == "keys":
+        return misunderstood(folder, code)
+    return {"steps": another, "import": misread}.get(kind, lambda _: "")(folder)
 
 
 # What begins long work, once options and inputs have been accepted.
@@ -468,21 +544,27 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--only", type=int, help="repeat this case, and show all of it")
-    parser.add_argument("--kind", choices=list(SHARE), help="run cases of this kind alone")
+    parser.add_argument("--kind", choices=list(SHARE), nargs="+", default=list(SHARE), help="only of these kinds")
     given = parser.parse_args()
     root = Path(tempfile.mkdtemp(prefix="fuzz-"))
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            whole = root / "whole"
-            maker = os.fork()
-            if maker == 0:  # the threads of its simulations end with it
-                prepare(whole)
-                os._exit(0)
-            if os.waitpid(maker, 0)[1]:
-                return 1
+        whole = root / "whole"
+        whole.mkdir()
+        if not set(given.kind) <= set(ALONE) and not _prepared(whole):
+            return 1
         return _all(given, root, whole)
     finally:
         shutil.rmtree(root, ignore_errors=True)
+
+
+def _prepared(whole: Path) -> bool:
+    """Fill the folder that other cases spoil copies of; whether that went well."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        maker = os.fork()
+        if maker == 0:  # the threads of its simulations end with it
+            prepare(whole)
+            os._exit(0)
+        return not os.waitpid(maker, 0)[1]
 
 
 def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
@@ -503,20 +585,19 @@ def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
     if given.only is None and not _sound(given.kind, place, whole):
         return 1
     for number in [given.only] if given.only is not None else range(given.cases):
-        rng, kind = case(number, given.seed)
-        if given.kind in (None, kind):
-            shutil.copytree(whole, place)
-            words = set_up(kind, rng, known, place)
-            result = run(kind, words, place)
-            wrong = fault(result) or {"steps": another, "import": misread}.get(kind, lambda _: "")(place)
-            shutil.rmtree(place)
-            ends[kind, f"exit {result['code']}" if not wrong else "FAULT"] += 1
-            if wrong:
-                faults[number] = f"{kind}: psafit {' '.join(w[:60] for w in words)}: {wrong}"
-                print(f"case {number}: {faults[number]}", flush=True)
-            if given.only is not None:
-                print(json.dumps({"words": words, **result}, indent=1))
-        if number % 1000 == 999:
+        rng, kind = case(number, given.seed, given.kind)
+        shutil.copytree(whole, place, ignore=shutil.ignore_patterns("*") if kind in ALONE else None)
+        words = set_up(kind, rng, known, place)
+        result = run(kind, words, place)
+        wrong = fault(result) or misread_by(kind, place, result["code"])
+        shutil.rmtree(place)
+        ends[kind, f"exit {result['code']}" if not wrong else "FAULT"] += 1
+        if wrong:
+            faults[number] = f"{kind}: psafit {' '.join(w[:60] for w in words)}: {wrong}"
+            print(f"case {number}: {faults[number]}", flush=True)
+        if given.only is not None:
+            print(json.dumps({"words": words, **result}, indent=1))
+        if number % 200 == 199:
             print(f"{number + 1} cases, {len(faults)} faults, {time.monotonic() - begun:.0f} s", flush=True)
     for (kind, end), n in sorted(ends.items()):
         print(f"{kind:12} {end:16} {n}")
@@ -524,9 +605,9 @@ def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
     return 1 if faults else 0
 
 
-def _sound(wanted: str | None, place: Path, whole: Path) -> bool:
+def _sound(wanted: Sequence[str], place: Path, whole: Path) -> bool:
     """Whether the commands take what is not spoilt: a refusal would otherwise be reported of anything."""
-    for kind in READERS if wanted is None else READERS.keys() & {wanted}:
+    for kind in READERS.keys() & set(wanted):
         for command in READERS[kind][1]:
             shutil.copytree(whole, place)
             result = run(kind, command.split(), place)

@@ -10,79 +10,126 @@ from numpy.typing import NDArray
 
 from psafit.challenge.answer import Place
 from psafit.challenge.hide import Outside, Simulator
-from psafit.experiment import Experiment, Group
+from psafit.experiment import Experiment
+from psafit.experiment.records import by_group
+from psafit.observables import CONTACT_TIME, LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES, Observable
 from psafit.physics.term import World
 from psafit.simulate.reference import Point
 
 FloatArray = NDArray[np.float64]
+Rows = NDArray[np.intp]
 Changed = tuple[FloatArray, list[Place]]
 
 
-def parts(experiment: Experiment) -> list[slice]:
-    """Readings of each group."""
-    ends = np.cumsum([g.n_points for g in experiment.groups])
-    return [slice(int(end) - g.n_points, int(end)) for g, end in zip(experiment.groups, ends, strict=True)]
+def usual(experiment: Experiment) -> Observable:
+    """What the instrument reads that an effect of instruments befalls: launch ranges, if they are read."""
+    return OBSERVABLES[min(int(g.measured.min()) for g in experiment.groups)]
 
 
-def span(group: Group, hit: NDArray[np.bool_]) -> list[Place]:
-    """The range of what the group sweeps in which readings are hit."""
-    if not hit.any():
-        return []
-    if np.ptp(group.frequency_hz) > 0:
-        f = group.frequency_hz[hit]
-        return [Place(group.id, "frequency", float(f.min()), float(f.max()))]
-    v = group.amplitude_v[hit]
-    return [Place(group.id, "amplitude", float(v.min()), float(v.max()))]
+def parts(experiment: Experiment) -> list[Rows]:
+    """Which readings of each group are of the usual observable; there may be none."""
+    kind = OBSERVABLES.index(usual(experiment))
+    measured = np.concatenate([g.measured for g in experiment.groups])
+    group = np.repeat(np.arange(len(experiment.groups)), [g.n_points for g in experiment.groups])
+    return [np.flatnonzero((group == k) & (measured == kind)) for k in range(len(experiment.groups))]
 
 
-def frame_resonance(experiment: Experiment, um: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
+def along(experiment: Experiment, name: str) -> FloatArray:
+    """Frequency (Hz) or amplitude (V) of every reading."""
+    return np.concatenate([getattr(g, name) for g in experiment.groups])
+
+
+def places(experiment: Experiment, hit: NDArray[np.bool_]) -> list[Place]:
+    """The range of what each group sweeps in which readings are hit."""
+    found = []
+    for g, own in zip(experiment.groups, by_group(experiment.groups, hit), strict=True):
+        if own.any():
+            name = "frequency" if np.ptp(g.frequency_hz) > 0 else "amplitude"
+            x = (g.frequency_hz if name == "frequency" else g.amplitude_v)[own]
+            found.append(Place(g.id, name, float(x.min()), float(x.max())))
+    return found
+
+
+def swung(experiment: Experiment, true: FloatArray, response: FloatArray, near: NDArray[np.bool_]) -> Changed:
+    """What carries the stack swings with it: near its frequency the launch is stronger, and takes its time."""
+    timed = np.concatenate([g.measured for g in experiment.groups]) == OBSERVABLES.index(CONTACT_TIME)
+    hit = near & ~timed
+    return np.where(hit, true * response, true), places(experiment, hit)
+
+
+def frame_resonance(experiment: Experiment, true: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
     """The frame that carries the stack swings with it: an oscillator's response on top of the drive."""
-    f = np.concatenate([g.frequency_hz for g in experiment.groups])
     own, damping, coupling = math.exp(rng.uniform(math.log(700), math.log(2000))), 0.08, 0.12
-    ratio = f / own
+    ratio = along(experiment, "frequency_hz") / own
     response = np.abs(1 + coupling * ratio**2 / (1 - ratio**2 + 2j * damping * ratio))
     # Twice the half-width: beyond it the response is within some per cent of smooth.
-    near = np.abs(np.log(ratio)) < 0.35
-    changed = np.where(near, um * response, um)
-    places = [p for g, s in zip(experiment.groups, parts(experiment), strict=True) for p in span(g, near[s])]
-    return changed, places
+    return swung(experiment, true, response, np.abs(np.log(ratio)) < 0.35)
 
 
-def clipping(experiment: Experiment, um: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
+def narrow_resonance(
+    experiment: Experiment, true: FloatArray, simulate: Simulator, rng: np.random.Generator
+) -> Changed:
+    """The mount swings, too, in so narrow a band that each sweep meets it with a few readings, if with any."""
+    f = along(experiment, "frequency_hz")
+    share, gain = rng.uniform(0.06, 0.12), rng.uniform(1.35, 1.6)
+    swept = [g.frequency_hz for g in experiment.groups if np.ptp(g.frequency_hz) > 0] or [f]
+
+    def met(centre: float) -> tuple[int, int]:
+        """By how many sweeps, and how many readings."""
+        inside = [int(np.sum(np.abs(x / centre - 1) < share)) for x in swept]
+        return sum(n > 0 for n in inside), sum(inside)
+
+    most = max(met(x)[0] for x in np.concatenate(swept))
+    centre = float(rng.choice([x for x in np.concatenate(swept) if met(x)[0] == most]))
+    off = (f / centre - 1) / share
+    # Beyond three half-widths less than 5 % of the range is left of it.
+    return swung(experiment, true, 1 + (gain - 1) / (1 + off**2), np.abs(off) < 3.0)
+
+
+def clipping(experiment: Experiment, true: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
     """The instrument's range ends: whatever is larger reads as its end."""
-    top = float(np.quantile(um, rng.uniform(0.45, 0.6)))
-    places = [p for g, s in zip(experiment.groups, parts(experiment), strict=True) for p in span(g, um[s] > top)]
-    return np.minimum(um, top), places
+    rows = np.concatenate(parts(experiment))
+    hit = np.zeros(true.size, bool)
+    top = float(np.quantile(true[rows], rng.uniform(0.45, 0.6)))
+    hit[rows] = true[rows] > top
+    return np.where(hit, top, true), places(experiment, hit)
 
 
-def drift(experiment: Experiment, um: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
+def drift(experiment: Experiment, true: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
     """Something warms up in one session: the reading drifts from its first point to its last."""
-    k = _one(experiment, um, rng)
+    k = _one(experiment, true, rng)
     s = parts(experiment)[k]
-    n = experiment.groups[k].n_points
-    um[s] *= np.exp(rng.choice([-1, 1]) * 0.7 * np.linspace(0, 1, n) ** 2)
-    return um, [Place(experiment.groups[k].id)]
+    true[s] *= np.exp(rng.choice([-1, 1]) * 0.7 * np.linspace(0, 1, s.size) ** 2)
+    return true, [Place(experiment.groups[k].id)]
 
 
-def swapped_groups(experiment: Experiment, um: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
+def swapped_groups(experiment: Experiment, true: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
     """Two sessions' readings are filed under each other's names; the longer list was thinned to fit."""
-    slices = parts(experiment)
-    pairs = [(i, j) for i in range(len(slices)) for j in range(i)]
+    rows = parts(experiment)
+    there = [k for k, s in enumerate(rows) if s.size]
+    pairs = [(i, j) for i in there for j in there if j < i]
 
     def differ(pair: tuple[int, int]) -> float:
-        a, b = (um[slices[k]] for k in pair)
-        return float(np.mean(np.abs(np.log((a + 0.3) / (_resampled(b, len(a)) + 0.3)))))
+        a, b = (true[rows[k]] for k in pair)
+        offset = usual(experiment).offset
+        return float(np.mean(np.abs(np.log((a + offset) / (_resampled(b, len(a)) + offset)))))
 
     i, j = max(pairs, key=differ)
-    a, b = um[slices[i]].copy(), um[slices[j]].copy()
-    um[slices[i]], um[slices[j]] = _resampled(b, len(a)), _resampled(a, len(b))
-    return um, [Place(experiment.groups[i].id), Place(experiment.groups[j].id)]
+    a, b = true[rows[i]].copy(), true[rows[j]].copy()
+    true[rows[i]], true[rows[j]] = _resampled(b, len(a)), _resampled(a, len(b))
+    return true, [Place(experiment.groups[i].id), Place(experiment.groups[j].id)]
 
 
-def yielding_contact(experiment: Experiment, um: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
+def yielding_contact(
+    experiment: Experiment, true: FloatArray, simulate: Simulator, rng: np.random.Generator
+) -> Changed:
     """A contact that yields: its force saturates, F = F_y tanh(k_c d/F_y)."""
     c = experiment.constants
-    speed = float(np.median(um)) * 1e-6 * math.sqrt(c.g / c.l)
+    median = float(np.median(true[np.concatenate(parts(experiment))]))
+    # Of the ball: what is read of it, or what the tip has at most.
+    f, volts = (float(np.median(along(experiment, name))) for name in ("frequency_hz", "amplitude_v"))
+    speeds = {LAUNCH_RANGE: median * 1e-6 * math.sqrt(c.g / c.l), LAUNCH_SPEED: median * 1e-3}
+    speed = speeds.get(usual(experiment), 2 * math.pi * f * c.q * volts)
 
     def edit(world: World, point: Point) -> None:
         # At a third of the force that brings the ball to its median speed within half a period of the contact.
@@ -92,24 +139,27 @@ def yielding_contact(experiment: Experiment, um: FloatArray, simulate: Simulator
     return simulate(edit), []  # it acts everywhere: nobody can be said to have found where
 
 
-def unit_error(experiment: Experiment, um: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
+def unit_error(experiment: Experiment, true: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
     """One session is noted in another unit: root mean square, or from peak to peak."""
-    k = _one(experiment, um, rng)
-    um[parts(experiment)[k]] *= float(rng.choice([0.5, 1 / math.sqrt(2), 2.0]))
-    return um, [Place(experiment.groups[k].id)]
+    k = _one(experiment, true, rng)
+    true[parts(experiment)[k]] *= float(rng.choice([0.5, 1 / math.sqrt(2), 2.0]))
+    return true, [Place(experiment.groups[k].id)]
 
 
-def threshold(experiment: Experiment, um: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
+def threshold(experiment: Experiment, true: FloatArray, simulate: Simulator, rng: np.random.Generator) -> Changed:
     """A trigger that small excursions do not release: they read as zero."""
-    low = float(np.quantile(um[um > 1.0], rng.uniform(0.2, 0.35)))
-    hit = um < low
-    places = [p for g, s in zip(experiment.groups, parts(experiment), strict=True) for p in span(g, hit[s])]
-    return np.where(hit, 0.0, um), places
+    rows = np.concatenate(parts(experiment))
+    read = true[rows]
+    low = float(np.quantile(read[read > usual(experiment).still], rng.uniform(0.2, 0.35)))
+    hit = np.zeros(true.size, bool)
+    hit[rows] = read < low
+    return np.where(hit, 0.0, true), places(experiment, hit)
 
 
-def _one(experiment: Experiment, um: FloatArray, rng: np.random.Generator) -> int:
+def _one(experiment: Experiment, true: FloatArray, rng: np.random.Generator) -> int:
     """A session with readings to speak of."""
-    rich = [k for k, s in enumerate(parts(experiment)) if np.median(um[s]) > 1.0]
+    still = usual(experiment).still
+    rich = [k for k, s in enumerate(parts(experiment)) if s.size and np.median(true[s]) > still]
     return int(rng.choice(rich))
 
 
@@ -119,6 +169,7 @@ def _resampled(values: FloatArray, n: int) -> FloatArray:
 
 _EFFECTS: Sequence[tuple[Callable[..., Changed], str]] = (
     (frame_resonance, "about the frame's own frequency"),
+    (narrow_resonance, "in a narrow band of frequencies"),
     (clipping, "where ranges are large"),
     (drift, "in one session, more with every reading"),
     (swapped_groups, "in two sessions"),

@@ -18,7 +18,7 @@ from psafit.inference.candidate import optimised
 from psafit.inference.optimise import gradient
 from psafit.inference.optimiser import expansion, slopes
 from psafit.inference.problem import Problem
-from psafit.observables import CONTACT_TIME, LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES
+from psafit.observables import CONTACT_TIME, LAUNCH_RANGE, LAUNCH_SPEED, OF_LAUNCHES
 from psafit.simulate import Design, simulate
 from psafit.validate import columns_of, predictive, score, write_predictions
 
@@ -132,7 +132,7 @@ def test_one_likelihood_is_the_sum_of_each_observables(experiment: Experiment) -
     """By hand, from the density of each observable with its own scatter."""
     made = simulated(replace(experiment, groups=experiment.groups[2:3]))
     problem = Problem(made, made.ids)
-    assert problem.names[-12:] == tuple(p.name for o in OBSERVABLES for p in o.scatter)
+    assert problem.names[-12:] == tuple(p.name for o in OF_LAUNCHES for p in o.scatter)
     u = problem.prior_transform(np.random.default_rng(0).uniform(0.2, 0.8, (3, problem.n_dim)))
     predicted, values = problem.predict(u), problem.to_physical(u)[:, -12:].reshape(3, 4, 3)
     total = np.zeros(3)
@@ -174,7 +174,7 @@ def test_each_observable_is_scored_in_its_own_unit(experiment: Experiment, tmp_p
     problem = Problem(made, made.ids[:1])
     draws = problem.prior_transform(np.random.default_rng(0).uniform(0.45, 0.55, (40, problem.n_dim)))
     found = predictive(problem, draws, 1)
-    assert [p.group.observable for p in found] == [*OBSERVABLES, *OBSERVABLES]
+    assert [p.group.observable for p in found] == [*OF_LAUNCHES, *OF_LAUNCHES]
     times = score(found[2])
     assert times.observable == "contact_time"
     y = found[2].group.reading
@@ -200,7 +200,7 @@ def test_columns_of_each_table() -> None:
 def test_a_ball_that_is_not_launched_reads_zero(experiment: Experiment) -> None:
     still = Design.sweep(experiment.constants, "sine", 1000.0, 0.0)
     found = simulate(still, [1e7, 10.0, 10.0], forces=True)
-    assert [float(o.of(found)[0, 0]) for o in OBSERVABLES] == [0.0, 0.0, 0.0, 0.0]
+    assert [float(o.of(found)[0, 0]) for o in OF_LAUNCHES] == [0.0, 0.0, 0.0, 0.0]
 
 
 def test_sweeps_keep_observables_apart() -> None:

@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment
 from psafit.files import read_bytes, write_atomically
 from psafit.inference.problem import Problem
+from psafit.observables import OBSERVABLES
 from psafit.physics import terms
 from psafit.records import read_json, write_json
 
@@ -44,6 +47,28 @@ class Place:
 
 
 @dataclass(frozen=True)
+class DrawnDesign:
+    """What was drawn of a rig and its sweeps.
+
+    Parameters
+    ----------
+    constants : dict
+        Of the rig, SI.
+    readings : int
+        Planned; of a launch that failed some are not read.
+    drives : dict
+        By group, in words.
+    observables : dict
+        What is read, by group.
+    """
+
+    constants: dict[str, float]
+    readings: int
+    drives: dict[str, str]
+    observables: dict[str, list[str]]
+
+
+@dataclass(frozen=True)
 class Answer:
     """`answer.json`: the truth behind a challenge.
 
@@ -59,7 +84,8 @@ class Answer:
         True values of the baseline's and the causes' parameters, in their units; what every session has for itself is
         numbered by the group's id.
     scatter : dict
-        ``sigma_rel`` (1), ``sigma_abs`` (um), ``nu`` (None: normal).
+        Of each observable that is read, by the names of its parameters: ``sigma_rel`` (1), ``sigma_abs`` (um), ``nu``
+        (None: normal) for launch ranges.
     asked_nats : float, optional
         Oracle gain asked for, of each cause alone.
     expected_nats : dict
@@ -76,10 +102,12 @@ class Answer:
     design : {"given", "drawn"}
     redraws : int
         True models drawn as well that launched too little, or in which a cause could not be as strong as asked for.
-    true_um : list of float, um
-        Ranges before scatter and rounding, group after group.
+    true_readings : list of float
+        Readings before scatter and rounding, group after group, each in its unit.
     fingerprint : str
         Of the experiment that belongs to this answer.
+    drawn : DrawnDesign, optional
+        What was drawn, where `design` says so.
     """
 
     version: str
@@ -97,8 +125,9 @@ class Answer:
     places: list[Place]
     design: Conditions
     redraws: int
-    true_um: list[float]
+    true_readings: list[float]
     fingerprint: str
+    drawn: DrawnDesign | None = None
 
 
 def seal(answer: Answer, folder: Path) -> str:
@@ -116,9 +145,22 @@ def seal(answer: Answer, folder: Path) -> str:
     return digest
 
 
-def sizes(scatter: Scatter) -> tuple[float, float]:
-    """Standard deviations: relative, and absolute in um."""
-    return float(scatter["sigma_rel"] or 0.0), float(scatter["sigma_abs"] or 0.0)
+def sizes(scatter: Scatter, measured: NDArray[np.int8]) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations of readings, (n_points,) each: relative, and absolute in the reading's unit.
+
+    Parameters
+    ----------
+    scatter : mapping
+        As `Answer.scatter` has it.
+    measured : (n_points,) int array
+        What is read, as `psafit.observables.OBSERVABLES` counts.
+    """
+    relative, absolute = np.empty(measured.size), np.empty(measured.size)
+    for k in np.unique(measured):
+        here = measured == k
+        for values, p in zip((relative, absolute), OBSERVABLES[k].scatter, strict=False):
+            values[here] = scatter[p.name] or 0.0
+    return relative, absolute
 
 
 def unseal(folder: Path) -> tuple[Experiment, Answer]:
@@ -144,8 +186,9 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
     # A hash does not say that what it belongs to is an answer.
     model = Problem(experiment, experiment.ids, terms(answer.terms))
     missing = set(model.names) - set(answer.parameters) - set(answer.scatter)
-    if missing or len(answer.true_um) != model.observed.size or not np.isfinite(answer.true_um).all():
-        what = f"does not say {', '.join(sorted(missing))}" if missing else "has not one true range for every reading"
+    true = np.array(answer.true_readings)
+    if missing or true.size != model.observed.size or not np.isfinite(true).all():
+        what = f"does not say {', '.join(sorted(missing))}" if missing else "has not one true value for every reading"
         raise InputError(what, remedy, file=answer_file)
     given = {**answer.parameters, **answer.scatter}
     for p in model.parameters:
@@ -157,6 +200,6 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
 
 
 __all__ = [
-    "ANSWER", "COMMITMENT", "EXPERIMENT", "KINDS", "Answer", "Conditions", "Kind", "Place", "Scatter", "seal", "sizes",
-    "unseal",
+    "ANSWER", "COMMITMENT", "EXPERIMENT", "KINDS", "Answer", "Conditions", "DrawnDesign", "Kind", "Place", "Scatter",
+    "seal", "sizes", "unseal",
 ]  # fmt: skip

@@ -144,7 +144,7 @@ def plan(
     drawn: int = Sizes.drawn,
     outside_each: int = 3,
     pair_nats: float = 60.0,
-    designs: int = 4,
+    designs: int = Sizes.designs,
 ) -> list[Spec]:
     """List the data sets of a campaign: every cause at three strengths, pairs, outside effects, nothing, and draws.
 
@@ -168,7 +168,7 @@ def plan(
     pair_nats : float
         Oracle gain asked of each cause of a pair alone.
     designs : int
-        One in so many data sets has a design of its own.
+        One in so many data sets has a drawn design: see `psafit.challenge.conditions`. With 0 none has.
 
     Returns
     -------
@@ -198,7 +198,7 @@ def plan(
     specs = []
     for k, ((kind, causes, effect, level, nats), own) in enumerate(zip(wanted, seeds, strict=True)):
         label = "-".join([*(causes or [effect or "nothing"]), *([level] if level else [])])
-        design: Conditions = "drawn" if own % designs == 0 else "given"
+        design: Conditions = "drawn" if designs and own % designs == 0 else "given"
         specs.append(Spec(f"{k:04d}-{label}", own, kind, causes, effect, level, nats, design))
     return [specs[int(i)] for i in rng.permutation(len(specs))]
 

@@ -6,10 +6,11 @@ that one seed gives the same bytes however the work is shared out.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
 import joblib
 import numpy as np
@@ -18,25 +19,28 @@ from numpy.typing import NDArray
 import psafit
 from psafit.arrays import FloatArray
 from psafit.challenge import strength as strengths
-from psafit.challenge.answer import ANSWER, COMMITMENT, EXPERIMENT, KINDS, Answer, Kind, Place, Scatter, seal, sizes
-from psafit.drives import Drive
-from psafit.errors import InputError
-from psafit.experiment import (
-    Constants,
-    Experiment,
-    Group,
-    GroupId,
-    fingerprint,
-    session_name,
-    write_experiment,
+from psafit.challenge.answer import (
+    ANSWER,
+    COMMITMENT,
+    EXPERIMENT,
+    KINDS,
+    Answer,
+    DrawnDesign,
+    Kind,
+    Place,
+    Scatter,
+    seal,
+    sizes,
 )
-from psafit.inference import noise as scatter_law
-from psafit.observables import LAUNCH_RANGE
+from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summary
+from psafit.errors import InputError
+from psafit.experiment import Experiment, GroupId, fingerprint, session_name, write_experiment
+from psafit.observables import OBSERVABLES
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term, World
-from psafit.simulate import MICRO, Design
+from psafit.simulate import Design
 from psafit.simulate.literal import launch_in, literal_world
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of
@@ -45,11 +49,8 @@ from psafit.workers import processes
 Edit = Callable[[World, Point], None]
 Parameters = Mapping[str, float]
 
-# Streams of random numbers.
-_DESIGN, _TRUTH, _SCATTER, _OUTSIDE, _KIND = range(5)
-
-# The rig of the study, from which drawn designs depart.
-_RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
+# Streams of random numbers; `conditions` has others.
+_TRUTH, _SCATTER, _OUTSIDE, _KIND = range(1, 5)
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,11 @@ class HideSettings:
 
     Parameters
     ----------
-    relative, absolute_um : (float, float)
-        Scatter: its median, and the factor that one standard deviation means.
-    decimals : int
-        Of a reading in micrometres.
+    relative, absolute : (float, float)
+        Relative and absolute scatter of each observable: their median, as a part of the median of its prior, and the
+        factor that one standard deviation means.
+    digits : int
+        Of a reading, behind the first of the usual absolute scatter: hundredths of a micrometre, where that is 0.1 um.
     sample : int
         Before all readings are simulated, one in so many says whether a true model launches.
     odds : tuple of float
@@ -72,9 +74,9 @@ class HideSettings:
         Launching models that are tried for causes as strong as asked for, before the strongest of them is taken.
     """
 
-    relative: tuple[float, float] = (0.05, 1.25)
-    absolute_um: tuple[float, float] = (0.05, 1.5)
-    decimals: int = 2
+    relative: tuple[float, float] = (1.0, 1.25)
+    absolute: tuple[float, float] = (0.5, 1.5)
+    digits: int = 1
     sample: int = 12
     odds: tuple[float, float, float] = (0.25, 0.5, 0.25)
     redraws: int = 200
@@ -85,7 +87,7 @@ class Simulator(Protocol):
     """The true model of one challenge, for effects that change the rig itself."""
 
     def __call__(self, edit: Edit) -> FloatArray:
-        """Ranges, um, (n_points,), with ``edit(world, point)`` applied to the rig of every reading."""
+        """Readings without scatter, (n_points,), with ``edit(world, point)`` applied to the rig of every launch."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +98,9 @@ class Outside:
     ----------
     name : str
     apply : callable
-        ``apply(experiment, true_um, simulate, rng)`` returns the ranges, um, (n_points,), and the places in which it
-        acts. `experiment` has the design, its readings are the true ranges; `simulate` is a `Simulator`. A function of
-        a module, so that other processes find it.
+        ``apply(experiment, true, simulate, rng)`` returns the readings without scatter, (n_points,), and the places in
+        which it acts. `experiment` has the design, its readings are the `true` ones without the effect; `simulate` is a
+        `Simulator`. A function of a module, so that other processes find it.
     where : str
         In words.
     """
@@ -141,6 +143,7 @@ def make(
     believed: bool = False,
     jobs: int = 1,
     settings: HideSettings | None = None,
+    conditions: ConditionSettings | None = None,
 ) -> Challenge:
     """Draw a true model and write `experiment/`, `answer.json` and `commitment.txt`.
 
@@ -150,9 +153,9 @@ def make(
     folder : Path
         Made if needed; must not hold a challenge.
     design_of : Experiment, optional
-        Whose conditions are simulated; a drawn design of similar size without it.
+        Whose conditions are simulated; a drawn design without it.
     readings : int, optional
-        Of a drawn design, about; its sweeps are of one length. 200 to 350 by default.
+        Of a drawn design, about; its sweeps are of one length. Drawn by default.
     kind : {"nothing", "one", "two", "outside"}, optional
         Drawn if neither this nor `terms` nor `outside` is given.
     terms : sequence of str, optional
@@ -167,6 +170,8 @@ def make(
     jobs : int
         Processes that simulate.
     settings : HideSettings, optional
+    conditions : ConditionSettings, optional
+        What a drawn design may be.
 
     Returns
     -------
@@ -180,28 +185,32 @@ def make(
     settings = settings or HideSettings()
     if strength is not None and (kind == "nothing" or outside is not None):
         raise InputError("a strength of no cause is asked for", "leave it out")
-    if design_of is not None and any(g.observables != (LAUNCH_RANGE,) for g in design_of.groups):
+    if design_of is not None and any(g.time_us is not None for g in design_of.groups):
         raise InputError(
-            "reads more than launch ranges, in which challenges are hidden",
-            f"leave {LAUNCH_RANGE.column} alone in its files", file=design_of.folder,
-        )  # fmt: skip
+            "holds traces, in which challenges are not hidden",
+            "give a folder without the groups that have a trace",
+            file=design_of.folder,
+        )
     kind, chosen = _request(seed, kind, terms, outside, settings.odds)
     if strength is not None and not (np.isfinite(strength) and strength > 0):
         raise InputError(f"a gain of {strength:g} nats cannot be asked for", "give a number above 0")
     for name in (ANSWER, COMMITMENT, EXPERIMENT):
         if (folder / name).exists():
             raise InputError("is there already", "choose an empty folder", file=folder / name)
-    drawn_design = np.random.default_rng([seed, _DESIGN])
-    blank = _drawn_design(drawn_design, readings) if design_of is None else _nameless(design_of)
-    source: Literal["given", "drawn"] = "drawn" if design_of is None else "given"
-    return _made(seed, folder, blank, source, kind, chosen, outside, strength, nu, believed, jobs, settings)
+    if design_of is None:
+        # Effects outside the catalogue change launch ranges; not all of them change what else may be read.
+        blank = drawn(seed, readings, causes=chosen, ranges=outside is not None, settings=conditions)
+    else:
+        blank = nameless(design_of)
+    design = summary(blank) if design_of is None else None
+    return _made(seed, folder, blank, design, kind, chosen, outside, strength, nu, believed, jobs, settings)
 
 
 def _made(
     seed: int,
     folder: Path,
     blank: Experiment,
-    source: Literal["given", "drawn"],
+    drawn_design: DrawnDesign | None,
     kind: Kind,
     chosen: Sequence[Term],
     outside: Outside | None,
@@ -214,25 +223,21 @@ def _made(
     """The challenge of a request that was checked, at the conditions of a blank experiment."""
     design = Design.of(blank.constants, blank.groups)
     rng = np.random.default_rng([seed, _TRUTH])
-    scatter = {
-        "sigma_rel": _log_normal(rng, *settings.relative),
-        "sigma_abs": _log_normal(rng, *settings.absolute_um),
-        "nu": nu,
-    }
-    if believed:
-        scatter = {p.name: _from_prior(p, rng) for p in scatter_law.PARAMETERS}
-    truth, true_um, redraws = _launching(
+    scatter = _scatter(rng, design, nu, believed, settings)
+    truth, true, redraws = _launching(
         lambda: _draw(rng, chosen, design, blank.ids, scatter, strength, settings.sample),
         lambda parameters: simulate_literally(design, parameters, chosen, blank.ids, jobs=jobs),
+        lambda true: strengths.enough(design, true),
         settings,
     )
     where = ""
     places: list[Place] = []
     if outside is not None:
-        true_um, places = _outside(outside, blank, design, truth.parameters, true_um, seed, jobs)
+        true, places = _outside(outside, blank, design, truth.parameters, true, seed, jobs)
         where = outside.where
-    read = _read(true_um, scatter, np.random.default_rng([seed, _SCATTER]), settings.decimals)
-    experiment = replace(blank.with_readings(read), folder=folder / EXPERIMENT)
+    read = _read(design, true, scatter, np.random.default_rng([seed, _SCATTER]), settings.digits)
+    there = strengths.legible(design, true) & strengths.legible(design, read)
+    experiment = replace(_of(blank.with_readings(read), there), folder=folder / EXPERIMENT)
     answer = Answer(
         version=psafit.__version__,
         seed=seed,
@@ -247,10 +252,11 @@ def _made(
         outside=None if outside is None else outside.name,
         where=where,
         places=places,
-        design=source,
+        design="given" if drawn_design is None else "drawn",
         redraws=redraws,
-        true_um=true_um.tolist(),
+        true_readings=true[there].tolist(),
         fingerprint=experiment.fingerprint,
+        drawn=drawn_design,
     )
     commitment = seal(answer, folder)
     write_experiment(experiment, folder / EXPERIMENT)
@@ -258,21 +264,24 @@ def _made(
 
 
 def _launching(
-    draw: Callable[[], _Truth | None], simulate: Callable[[Parameters], FloatArray], settings: HideSettings
+    draw: Callable[[], _Truth | None],
+    simulate: Callable[[Parameters], FloatArray],
+    enough: Callable[[FloatArray], bool],
+    settings: HideSettings,
 ) -> tuple[_Truth, FloatArray, int]:
-    """A true model that launches in most readings, its ranges, and how many were drawn before it."""
+    """A true model that launches in most readings, these without scatter, and how many were drawn before it."""
     weak: list[_Truth] = []
-    for drawn in range(settings.redraws):
+    for before in range(settings.redraws):
         truth = draw()
         if truth is not None and not truth.reached:
             weak.append(truth)
         if truth is None or not truth.reached:
-            if not weak or (len(weak) < settings.patience and drawn + 1 < settings.redraws):
+            if not weak or (len(weak) < settings.patience and before + 1 < settings.redraws):
                 continue
             truth = max(weak, key=lambda t: min(t.expected.values()))
-        true_um = simulate(truth.parameters)
-        if strengths.enough(true_um):
-            return truth, true_um, drawn
+        true = simulate(truth.parameters)
+        if enough(true):
+            return truth, true, before
         if not truth.reached:
             weak.remove(truth)
     raise InputError("nothing launches at these conditions", "choose an experiment whose drive launches the ball")
@@ -345,15 +354,16 @@ def _draw(
             own += [float(x) for x in term.latent.to_physical(z)]
         others.append(own)
     sample = np.unique(np.linspace(0, design.n_points - 1, max(design.n_points // every, 8)).astype(int))
-    if not strengths.enough(simulate_literally(design, values, (), ids, points=sample)):
+    some = design.points(sample)
+    if not strengths.enough(some, simulate_literally(design, values, (), ids, points=sample)):
         return None
     theta = np.array(list(values.values()))
     expected: dict[str, float] = {}
     share: dict[str, float] = {}
     reached = True
-    for term, own, side, drawn in zip(chosen, others, sides, first, strict=True):
+    for term, own, side, believed in zip(chosen, others, sides, first, strict=True):
         if nats is None:
-            value = drawn
+            value = believed
         else:
             found = strengths.find(term, side, np.array(own), theta, design, scatter, nats)
             value, expected[term.id] = found.value, found.nats
@@ -362,7 +372,7 @@ def _draw(
         names = [p.name for p in term.parameters]
         names += [session_name(term.latent.name, g) for g in ids] if term.latent else []
         values.update(zip(names, [value, *own], strict=True))
-    if chosen and not strengths.enough(simulate_literally(design, values, chosen, ids, points=sample)):
+    if chosen and not strengths.enough(some, simulate_literally(design, values, chosen, ids, points=sample)):
         return None
     return _Truth(values, expected, share, reached)
 
@@ -379,7 +389,7 @@ def simulate_literally(
     chunk: int = 16,
     rtol: float = 1e-12,
 ) -> FloatArray:
-    """Ranges by the scalar reference, which shares no code with the simulator that diagnoses.
+    """Readings by the scalar reference, which shares no code with the simulator that diagnoses.
 
     Parameters
     ----------
@@ -391,28 +401,55 @@ def simulate_literally(
     ids : sequence of group ids
         Of the design's sessions.
     edit : callable, optional
-        ``edit(world, point)``: a last change of the rig of every reading.
+        ``edit(world, point)``: a last change of the rig of every launch.
     points : (n,) int array, optional
         Which readings; all by default.
     jobs : int
         Processes.
     chunk : int
-        Readings that a process takes at once.
+        Launches that a process takes at once.
     rtol : float
         Relative error of the integration.
 
     Returns
     -------
-    (n,) array, um
+    (n,) array
+        Without scatter, each in the unit of its observable; zero where a launch failed.
     """
     chosen = np.arange(design.n_points) if points is None else points
-    work = (design, dict(parameters), tuple(terms), tuple(ids), edit, rtol)
+    measured = design.measured[chosen]
+    # What is read of one launch, or of the same launch again, takes one simulation.
+    columns = (design.group, design.rig, design.drive, design.frequency, design.amplitude)
+    _, first, back = np.unique(
+        np.column_stack([c[chosen] for c in columns]), axis=0, return_index=True, return_inverse=True
+    )
+    forces = any(OBSERVABLES[k].force for k in np.unique(measured))
+    work = (design, dict(parameters), tuple(terms), tuple(ids), edit, rtol, forces)
     if jobs == 1:
-        return _some(*work, chosen)
-    parts = np.array_split(chosen, max(len(chosen) // chunk, 1))
-    with processes(jobs) as usable:
-        done = joblib.Parallel(n_jobs=usable)(joblib.delayed(_some)(*work, part) for part in parts)
-    return np.concatenate(done)
+        rows = _some(*work, chosen[first])
+    else:
+        parts = np.array_split(chosen[first], max(len(first) // chunk, 1))
+        with processes(jobs) as usable:
+            rows = np.concatenate(joblib.Parallel(n_jobs=usable)(joblib.delayed(_some)(*work, p) for p in parts))
+    launches = _Launches(*rows[back.ravel()].T)
+    read = np.empty(len(chosen))
+    for k in np.unique(measured):
+        read[measured == k] = OBSERVABLES[k].of(launches)[measured == k]
+    return read
+
+
+@dataclass(frozen=True, eq=False)
+class _Launches:
+    """What observables take from a simulation: see `psafit.observables.Launches`."""
+
+    launch_range: FloatArray
+    separation_time: FloatArray
+    separation_speed: FloatArray
+    peak_force: FloatArray
+
+    @property
+    def launched(self) -> NDArray[np.bool_]:
+        return np.isfinite(self.separation_time)
 
 
 def _some(
@@ -422,10 +459,12 @@ def _some(
     ids: Sequence[GroupId],
     edit: Edit | None,
     rtol: float,
+    forces: bool,
     points: NDArray[np.intp],
 ) -> FloatArray:
+    """Launch range, time and speed of the separation, and peak force, (n, 4)."""
     theta = [parameters[p.name] for p in baseline.PARAMETERS]
-    found = np.empty(len(points))
+    found = np.empty((len(points), 4))
     for k, i in enumerate(points):
         group = int(design.group[i])
         point = Point(design.drives[design.drive[i]], float(design.frequency[i]), float(design.amplitude[i]))
@@ -437,7 +476,8 @@ def _some(
         world = literal_world(theta, causes, design.rigs[design.rig[i]])
         if edit is not None:
             edit(world, point)
-        found[k] = launch_in(world, point, group=group, rtol=rtol).launch_range * MICRO
+        seen = launch_in(world, point, group=group, rtol=rtol, forces=forces)
+        found[k] = seen.launch_range, seen.separation_time, seen.velocity, seen.peak_force
     return found
 
 
@@ -446,7 +486,7 @@ def _outside(
     blank: Experiment,
     design: Design,
     parameters: Parameters,
-    true_um: FloatArray,
+    true: FloatArray,
     seed: int,
     jobs: int,
 ) -> tuple[FloatArray, list[Place]]:
@@ -454,30 +494,48 @@ def _outside(
         return simulate_literally(design, parameters, (), blank.ids, edit=edit, jobs=jobs)
 
     rng = np.random.default_rng([seed, _OUTSIDE])
-    changed, places = effect.apply(blank.with_readings(true_um), true_um.copy(), simulator, rng)
+    changed, places = effect.apply(blank.with_readings(true), true.copy(), simulator, rng)
     changed = np.asarray(changed, dtype=float)
-    if changed.shape != true_um.shape or not (np.isfinite(changed).all() and (changed >= 0).all()):
-        raise ValueError(f"{effect.name}: ranges must be finite, not negative, and of shape {true_um.shape}")
+    if changed.shape != true.shape or not (np.isfinite(changed).all() and (changed >= 0).all()):
+        raise ValueError(f"{effect.name}: readings must be finite, not negative, and of shape {true.shape}")
     return changed, list(places)
 
 
-def _read(true_um: FloatArray, scatter: Scatter, rng: np.random.Generator, decimals: int) -> FloatArray:
-    """One reading of every range, as an instrument shows it: rounded, and never below zero."""
-    relative, absolute = sizes(scatter)
-    s = np.hypot(relative * true_um, absolute)
-    nu = scatter["nu"]
-    z = rng.standard_normal(true_um.size) if nu is None else rng.standard_t(nu, true_um.size)
-    return np.maximum(np.round(true_um + s * z, decimals), 0.0) + 0.0  # no negative zero
+def _scatter(
+    rng: np.random.Generator, design: Design, nu: float | None, believed: bool, settings: HideSettings
+) -> dict[str, float | None]:
+    """Scatter of all that is read, as `Answer.scatter` has it."""
+    found: dict[str, float | None] = {}
+    for k in np.unique(design.measured):
+        relative, absolute, tails = OBSERVABLES[k].scatter
+        if believed:
+            found |= {p.name: _from_prior(p, rng) for p in (relative, absolute, tails)}
+            continue
+        for p, (part, factor) in ((relative, settings.relative), (absolute, settings.absolute)):
+            found[p.name] = _log_normal(rng, part * p.prior_median, factor)
+        found[tails.name] = nu
+    return found
 
 
-def _nameless(given: Experiment) -> Experiment:
-    """The conditions, with titles and file names that say nothing."""
-    groups = tuple(replace(g, file=f"group{k}.csv", sigma=None) for k, g in enumerate(given.groups, 1))
-    return _blank(given.constants, groups)
+def _read(design: Design, true: FloatArray, scatter: Scatter, rng: np.random.Generator, digits: int) -> FloatArray:
+    """One reading of every true value, as an instrument shows it: rounded, and never below zero."""
+    s = np.hypot(sizes(scatter, design.measured)[0] * true, sizes(scatter, design.measured)[1])
+    read = np.empty(true.size)
+    for k in np.unique(design.measured):
+        here, (_, absolute, tails) = design.measured == k, OBSERVABLES[k].scatter
+        nu = scatter[tails.name]
+        z = rng.standard_normal(here.sum()) if nu is None else rng.standard_t(nu, here.sum())
+        decimals = math.ceil(-math.log10(absolute.prior_median) - 1e-9) + digits
+        read[here] = np.round(true[here] + s[here] * z, decimals)
+    return np.maximum(read, 0.0) + 0.0  # no negative zero
 
 
-def _blank(constants: Constants, groups: tuple[Group, ...]) -> Experiment:
-    return Experiment("Challenge", "simulated", constants, groups, Path(), fingerprint(constants, groups))
+def _of(experiment: Experiment, there: NDArray[np.bool_]) -> Experiment:
+    """Those readings that there are."""
+    ends = np.cumsum([g.n_points for g in experiment.groups])
+    parts = zip(experiment.groups, np.split(there, ends[:-1]), strict=True)
+    groups = tuple(g.at(np.flatnonzero(own)) for g, own in parts)
+    return replace(experiment, groups=groups, fingerprint=fingerprint(experiment.constants, groups))
 
 
 def _from_prior(p: Parameter, rng: np.random.Generator) -> float:
@@ -486,26 +544,6 @@ def _from_prior(p: Parameter, rng: np.random.Generator) -> float:
 
 def _log_normal(rng: np.random.Generator, median: float, factor: float) -> float:
     return float(median * factor ** rng.standard_normal())
-
-
-def _drawn_design(rng: np.random.Generator, readings: int | None = None) -> Experiment:
-    """Four to seven sweeps of a rig like the study's; so many readings in all, or 200 to 350."""
-    ball, string = _RIG.M * 1.5 ** rng.uniform(-1, 1), _RIG.l * 1.5 ** rng.uniform(-1, 1)
-    constants = Constants(M=float(f"{ball:.3g}"), m=_RIG.m, q=_RIG.q, l=float(f"{string:.3g}"), k_s=_RIG.k_s, g=_RIG.g)
-    n_groups = int(rng.integers(4, 8))
-    groups = []
-    for number in range(1, n_groups + 1):
-        n = (int(rng.integers(200, 351)) if readings is None else readings) // n_groups
-        waveform = "square" if rng.uniform() < 0.35 else "sine"
-        if number == 1 or rng.uniform() < 0.5:
-            low, high = rng.uniform(50.0, 400.0), rng.uniform(5e3, 25e3)
-            f = np.round(np.geomspace(low, high, n), 0)
-            v = np.full(n, float(rng.choice([10.0, 15.0, 20.0])))
-        else:
-            f = np.full(n, float(round(rng.uniform(500.0, 4000.0), -2)))
-            v = np.round(np.linspace(rng.uniform(1.0, 5.0), 20.0, n), 2)
-        groups.append(Group(number, Drive(waveform), f"group{number}.csv", f, v, np.zeros(n)))
-    return _blank(constants, tuple(groups))
 
 
 __all__ = ["Challenge", "Edit", "Outside", "Simulator", "make", "simulate_literally"]

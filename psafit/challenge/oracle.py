@@ -7,8 +7,8 @@ data leave open (tails of the scatter, what every session has for itself) where 
 *likelihood* there. The priors of the cause stay out of it: they say how plausible it is, not how much the data hold.
 
 The baseline is searched for from many starts and from the truth. The true model starts from the truth, from which its
-top is never far. Of an effect outside the catalogue no model can be fitted: its ranges are known, and only the
-scatter is.
+top is never far. Of an effect outside the catalogue no model can be fitted: its readings without scatter are known, and
+only the scatter is fitted.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
 from psafit.arrays import FloatArray
@@ -28,10 +29,14 @@ from psafit.inference import noise
 from psafit.inference.candidate import fit
 from psafit.inference.optimise import gradient, polish
 from psafit.inference.problem import Problem
+from psafit.observables import Observable
 from psafit.physics import TERMS
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term
+from psafit.simulate import Design
 from psafit.simulate.sensitivity import Side, in_scatter, plausible
+
+Rows = NDArray[np.intp] | slice
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class RivalSettings:
     Parameters
     ----------
     confusable : float, nats
-        Distance from the truth, of ranges without scatter, below which a cause counts as one of them.
+        Distance from the truth, of readings without scatter, below which a cause counts as one of them.
     shares : tuple of float
         Strengths from which a fit begins, as shares of the prior that lie closer to neutral: weak, from where least
         squares find their way, up to as strong as the cause plausibly is.
@@ -67,7 +72,7 @@ class Oracle:
     fitted : dict
         Parameters of the true model at its top; empty for an effect outside the catalogue.
     confusable : list of str, optional
-        Causes that come within 3 nats of the truth on ranges without scatter, so that no diagnosis can be asked to
+        Causes that come within 3 nats of the truth on readings without scatter, so that no diagnosis can be asked to
         distinguish them; None where nobody looked. Each was found at work: what is not listed may still be confusable.
     seconds : float
     """
@@ -118,7 +123,7 @@ def consult(
     fitted: dict[str, float] = {}
     confusable: list[str] | None = None
     if answer.outside is not None:
-        gain = _known_ranges(plain, np.array(answer.true_um), truth) - base_likelihood
+        gain = _known_readings(plain, np.array(answer.true_readings), truth) - base_likelihood
     elif not terms:
         gain = 0.0
     else:
@@ -145,8 +150,7 @@ def consult(
 def truth_of(problem: Problem, answer: Answer) -> FloatArray:
     """The truth as a point of a model, (n_dim,), a little inside its bounds."""
     values: dict[str, float] = dict(answer.parameters)
-    for name in ("sigma_rel", "sigma_abs", "nu"):
-        given = answer.scatter[name]
+    for name, given in answer.scatter.items():
         values[name] = 60.0 if given is None else given  # normal, for all that can be seen
     x = [values[p.name] for p in problem.parameters]
     return _inside(problem, problem.to_sampling(np.array(x)))
@@ -160,20 +164,27 @@ def _likelihood(problem: Problem, u: FloatArray) -> float:
     return float(problem.log_likelihood(u[None, :])[0])
 
 
-def _known_ranges(problem: Problem, true_um: FloatArray, start: FloatArray) -> float:
-    """Log likelihood of known ranges, at the scatter of the highest posterior."""
-    n = problem.n_model
-    bounds = problem.bounds[n:]
+def _known_readings(problem: Problem, true: FloatArray, start: FloatArray) -> float:
+    """Log likelihood of readings whose values without scatter are known, at the scatter of the highest posterior."""
+    parts = zip(problem.observables, problem.rows_of_scatter, strict=True)  # which share no scatter
+    return sum(_best_scatter(problem, o, rows, true, start) for o, rows in parts)
+
+
+def _best_scatter(problem: Problem, observable: Observable, rows: Rows, true: FloatArray, start: FloatArray) -> float:
+    """The same of one observable."""
+    known = None if problem.known_sigma is None else problem.known_sigma[rows]
+    parameters = observable.scatter
+    own = [problem.names.index(p.name) for p in parameters]
 
     def likelihood(v: FloatArray) -> float:
-        values = np.array([[float(p.to_physical(x)) for p, x in zip(noise.PARAMETERS, v, strict=True)]])
-        return float(noise.log_density(problem.observed, true_um[None, :], values, problem.known_sigma).sum())
+        values = np.array([[float(p.to_physical(x)) for p, x in zip(parameters, v, strict=True)]])
+        return float(noise.log_density(problem.observed[rows], true[rows][None, :], values, known).sum())
 
     def depth(v: FloatArray) -> float:
-        prior = sum(float(p.log_prior(x)) for p, x in zip(noise.PARAMETERS, v, strict=True))
-        return -(likelihood(v) + prior)
+        return -(likelihood(v) + sum(float(p.log_prior(x)) for p, x in zip(parameters, v, strict=True)))
 
-    found = minimize(depth, start[n:], method="Nelder-Mead", bounds=bounds, options={"fatol": 1e-3, "xatol": 1e-3})
+    how = {"fatol": 1e-3, "xatol": 1e-3}
+    found = minimize(depth, start[own], method="Nelder-Mead", bounds=problem.bounds[own], options=how)
     return likelihood(np.asarray(found.x))
 
 
@@ -182,7 +193,7 @@ def find_rivals(
 ) -> list[str]:
     """Causes that imitate the truth on this design to within `RivalSettings.confusable`.
 
-    Each is fitted, with the baseline, to the true ranges without scatter, by least squares in standard deviations of
+    Each is fitted, with the baseline, to the true readings without scatter, by least squares in standard deviations of
     the true scatter, from some strengths on both sides of neutral.
 
     Parameters
@@ -199,10 +210,10 @@ def find_rivals(
         Identifiers; the true cause is not among them.
     """
     settings = settings or RivalSettings()
-    true_um = np.array(answer.true_um)
-    exact = experiment.with_readings(true_um)
-    scale = sizes(answer.scatter)
-    target = in_scatter(true_um, *scale)
+    true = np.array(answer.true_readings)
+    exact = experiment.with_readings(true)
+    scale = sizes(answer.scatter, Design.of(exact.constants, exact.groups).measured)
+    target = in_scatter(true, *scale)
     found = []
     for term in among:
         if term.id in answer.terms:
@@ -234,7 +245,7 @@ def _starts(problem: Problem, answer: Answer, shares: tuple[float, ...]) -> list
 
 
 def _distance(
-    problem: Problem, start: FloatArray, scale: tuple[float, float], target: FloatArray, evaluations: int
+    problem: Problem, start: FloatArray, scale: tuple[FloatArray, FloatArray], target: FloatArray, evaluations: int
 ) -> float:
     """What an oracle would lose with this model, nats."""
     n = problem.n_model

@@ -1,7 +1,7 @@
 r"""How strong a cause must be for an oracle to see it.
 
 Asked for a gain in nats, the search moves the cause's strength along its prior, from neutral outwards. For each
-strength the baseline is refitted to ranges without scatter by robust least squares. What it leaves, `r` in standard
+strength the baseline is refitted to readings without scatter by robust least squares. What it leaves, `r` in standard
 deviations of the scatter, makes an oracle gain about
 
 .. math:: \max_{s, \nu} \sum_i \ln t_\nu(z_i; s) - \max_{s, \nu} \sum_i \ln t_\nu(z_i + r_i; s) \text{ nats,}
@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 from scipy.stats import t as student
@@ -26,9 +27,10 @@ from scipy.stats import t as student
 from psafit.arrays import FloatArray
 from psafit.challenge.answer import Scatter, sizes
 from psafit.inference.optimise import gradient
+from psafit.observables import OBSERVABLES
 from psafit.physics import baseline
 from psafit.physics.term import Term
-from psafit.simulate import MICRO, Design, simulate
+from psafit.simulate import Design, readings
 from psafit.simulate.sensitivity import Side, in_scatter, plausible, share_above
 
 
@@ -58,7 +60,7 @@ class StrengthSettings:
     hopeless : float
         If the strongest gains less than this part of what is asked for, it is taken: a weaker one seldom beats it.
     no_launch : float
-        What stands for a range that is no number, in standard deviations.
+        What stands for a reading that is no number, in standard deviations.
     """
 
     shares: tuple[float, ...] = (0.02, 0.05, 0.1, 0.17, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.97, 0.995)
@@ -122,17 +124,34 @@ def lost_nats(residual: FloatArray, replicates: int = 4) -> float:
     return max(float(np.mean(best(z) - best(z + residual))), 0.0)
 
 
-def enough(ranges_um: FloatArray, least_um: float = 1.0, share: float = 0.5) -> bool:
-    """Whether a share of the readings says something: none does with a range below `least_um`."""
-    return float(np.mean(ranges_um > least_um)) >= share
+def enough(design: Design, true: FloatArray, share: float = 0.5) -> bool:
+    """Whether a share of the readings says something, and every session has one to read.
+
+    A reading that scatter about zero might give says nothing.
+
+    Parameters
+    ----------
+    design : Design
+    true : (n_points,) array
+        Readings without scatter, each in its unit.
+    share : float
+    """
+    still = np.array([OBSERVABLES[k].still for k in design.measured])
+    read = set(design.group[legible(design, true)]) == set(design.group)
+    return read and float(np.mean(true > still)) >= share
+
+
+def legible(design: Design, true: FloatArray) -> NDArray[np.bool_]:
+    """Which readings there are: of a launch that failed some are not, (n_points,)."""
+    return (true > 0.0) | ~np.array([OBSERVABLES[k].blank for k in design.measured])
 
 
 @dataclass(frozen=True, eq=False)
 class _Baseline:
-    """The baseline at the conditions of a design, refitted by robust least squares; ranges in units of the scatter."""
+    """The baseline at the conditions of a design, refitted by robust least squares; readings in scatters."""
 
     design: Design
-    scale: tuple[float, float]
+    scale: tuple[FloatArray, FloatArray]
     truth: FloatArray  # (3,), in the sampling coordinate
     settings: StrengthSettings
 
@@ -142,35 +161,37 @@ class _Baseline:
 
     @cached_property
     def crowd(self) -> tuple[FloatArray, FloatArray]:
-        """Draws of the prior, and their ranges."""
+        """Draws of the prior, and their readings."""
         parameters = baseline.PARAMETERS
         quantiles = qmc.Sobol(len(parameters), rng=np.random.default_rng(0)).random(self.settings.crowd)
         u = np.stack([p.prior_quantile(quantiles[:, i]) for i, p in enumerate(parameters)], axis=1)
-        return u, self.ranges(u)
+        return u, self.readings(u)
 
-    def ranges(self, u: FloatArray) -> FloatArray:
+    def readings(self, u: FloatArray) -> FloatArray:
         x = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(baseline.PARAMETERS)], axis=1)
-        found = in_scatter(simulate(self.design, x).launch_range * MICRO, *self.scale)
+        found = in_scatter(readings(self.design, x), *self.scale)
         return np.nan_to_num(found, nan=self.settings.no_launch)
 
-    def lost(self, um: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
-        """What a refit to some ranges loses, nats, and where it ends."""
-        target = in_scatter(um, *self.scale)
-        u, ranges = self.crowd
-        near = np.argsort(np.square(ranges - target).sum(axis=1))[: self.settings.more_starts]
+    def lost(self, true: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
+        """What a refit to some readings loses, nats, and where it ends."""
+        # Where nothing is read, nothing is lost.
+        target = np.where(legible(self.design, true), in_scatter(true, *self.scale), np.nan)
+        u, found_at = self.crowd
+        near = np.argsort(np.nansum(np.square(found_at - target), axis=1))[: self.settings.more_starts]
         ends = [self._least_squares(target, begin) for begin in (start, *u[near])]
         found = min(ends, key=lambda end: end[0])[1]
         rng = np.random.default_rng(0)
         reached = [self._shrunk(target, centre, rng) for centre in (found, self.truth)]
         found = min(reached, key=lambda end: end[0])[1]
-        return lost_nats(self.ranges(found[None, :])[0] - target), found
+        left = self.readings(found[None, :])[0] - target
+        return lost_nats(left[np.isfinite(left)]), found
 
     def _least_squares(self, target: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
         bounds = self.bounds
         end = least_squares(
-            lambda u: self.ranges(u[None, :])[0] - target,
+            lambda u: np.nan_to_num(self.readings(u[None, :])[0] - target),
             np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6),
-            jac=lambda u: gradient(self.ranges, u, bounds).T,
+            jac=lambda u: np.where(np.isfinite(target), gradient(self.readings, u, bounds), 0.0).T,
             bounds=(bounds[:, 0], bounds[:, 1]),
             loss="soft_l1",
             f_scale=self.settings.robust,
@@ -186,7 +207,7 @@ class _Baseline:
         for width in s.widths:
             around = centre + width * np.vstack([np.zeros(3), rng.standard_normal((s.cloud, 3))])
             around = np.clip(around, bounds[:, 0], bounds[:, 1])
-            costs = np.sqrt(1.0 + np.square((self.ranges(around) - target) / s.robust)).sum(axis=1)
+            costs = np.nansum(np.sqrt(1.0 + np.square((self.readings(around) - target) / s.robust)), axis=1)
             centre, least = around[np.argmin(costs)], float(costs.min())
         return least, np.asarray(centre)
 
@@ -214,7 +235,7 @@ def find(
         The baseline's.
     design : Design
     scatter : mapping
-        ``sigma_rel``, ``sigma_abs`` (um).
+        As `psafit.challenge.answer.Answer.scatter` has it.
     nats : float
     settings : StrengthSettings, optional
 
@@ -225,30 +246,30 @@ def find(
     """
     settings = settings or StrengthSettings()
     truth = np.array([float(p.to_sampling(x)) for p, x in zip(baseline.PARAMETERS, theta, strict=True)])
-    refitted = _Baseline(design, sizes(scatter), truth, settings)
+    refitted = _Baseline(design, sizes(scatter, design.measured), truth, settings)
 
-    def ranges(shares: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    def made(shares: Sequence[float]) -> tuple[FloatArray, FloatArray]:
         values = np.array([plausible(term, s, side)[0] for s in shares])
         rows = np.column_stack([np.tile(theta, (len(values), 1)), values, np.tile(others, (len(values), 1))])
-        return values, simulate(design, rows, (term,)).launch_range * MICRO
+        return values, readings(design, rows, (term,))
 
-    values, all_um = ranges(settings.shares)
-    usable = [k for k, um in enumerate(all_um) if enough(um)]
+    values, every = made(settings.shares)
+    usable = [k for k, true in enumerate(every) if enough(design, true)]
     if usable:
         k = usable[-1]
-        most, _ = refitted.lost(all_um[k], truth)
+        most, _ = refitted.lost(every[k], truth)
         if most < settings.hopeless * nats:
             return Strength(float(values[k]), settings.shares[k], most, False)
     start, best, low = truth, Strength(float(values[0]), settings.shares[0], 0.0, False), 0.0
     for k in usable:
         share, value = settings.shares[k], float(values[k])
-        gain, start = refitted.lost(all_um[k], start)
+        gain, start = refitted.lost(every[k], start)
         if gain >= nats:
             best = Strength(value, share, gain, True)
             for _ in range(settings.halvings):
                 middle = 0.5 * (low + best.share)
-                (between,), (um_between,) = ranges([middle])
-                gain, start = refitted.lost(um_between, start)
+                (between,), (true_between,) = made([middle])
+                gain, start = refitted.lost(true_between, start)
                 if gain >= nats:
                     best = Strength(float(between), middle, gain, True)
                 else:

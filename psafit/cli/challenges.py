@@ -63,7 +63,7 @@ def challenge() -> None:
 @_SEED
 @click.option("--out", type=Place("folder"), required=True, help="Receives experiment/, answer.json, commitment.txt.")
 @_DESIGN
-@click.option("--drawn-design", is_flag=True, help="Conditions of a random design instead.")
+@click.option("--drawn-design", is_flag=True, help="A random rig and random sweeps instead.")
 @click.option("--kind", type=click.Choice(["nothing", "one", "two"]), help="What to hide; drawn by default.")
 @click.option("--terms", "ids", default=None, metavar="ID[,ID]", help="Causes to hide; drawn by default.")
 @click.option("--strength", type=float, metavar="NATS", help="Oracle gain of each cause; drawn from priors by default.")
@@ -121,6 +121,13 @@ def make(
 @click.option("--nothing", type=_COUNT, default=Sizes.nothing, show_default=True, help="With nothing hidden.")
 @click.option("--pairs", type=_COUNT, default=Sizes.pairs, show_default=True, help="With two causes.")
 @click.option("--drawn", type=_COUNT, default=Sizes.drawn, show_default=True, help="As the priors expect them.")
+@click.option(
+    "--designs",
+    type=_COUNT,
+    default=Sizes.designs,
+    show_default=True,
+    help="One in so many has a drawn design; 0: none.",
+)
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler that shares the work out (psafit[cluster]).")
 @_JOBS
 @QUIET
@@ -134,6 +141,7 @@ def run(
     nothing: int,
     pairs: int,
     drawn: int,
+    designs: int,
     scheduler: str | None,
     jobs: int,
     quiet: bool,
@@ -154,11 +162,11 @@ def run(
     chosen = None if ids is None else [t.id for t in causes(ids)]
     if pairs and _asked("pairs") and len(chosen or TERMS) < 2:
         raise InputError("a pair of one cause is asked for", "name more with --terms, or give --pairs 0")
-    specs = plan(seed, terms=chosen, each=each, nothing=nothing, pairs=pairs, drawn=drawn)
+    specs = plan(seed, terms=chosen, each=each, nothing=nothing, pairs=pairs, drawn=drawn, designs=designs)
     if not specs:
         raise InputError("the campaign is empty", "ask for some data sets with --each, --nothing, --pairs or --drawn")
     words: list[object] = ["psafit", "challenge", "run", "--seed", seed, "--out", out, "--experiment", experiment]
-    words += ["--each", each, "--nothing", nothing, "--pairs", pairs, "--drawn", drawn]
+    words += ["--each", each, "--nothing", nothing, "--pairs", pairs, "--drawn", drawn, "--designs", designs]
     words += ["--terms", ids] if ids else []
     words += ["--scheduler", scheduler] if scheduler else []
 

@@ -176,7 +176,7 @@ def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
     for g, values in zip(groups, by_group(groups, predicted), strict=True):
         measured = g.reading.tolist() if isinstance(g, Group) else [""] * g.n_points
         of = [f"{OBSERVABLES[k].column}," if said else "" for k in g.measured]
-        times = [""] * g.n_points if g.time_us is None else map(repr, g.time_us.tolist())
+        times = [""] * g.n_points if g.time_us is None else [repr(t) for t in g.time_us.tolist()]
         at = [f"{t}," if timed else "" for t in times]
         columns = (g.frequency_hz.tolist(), g.amplitude_v.tolist(), at, of, measured, values.tolist())
         rows += [f"{g.id},{g.waveform},{f!r},{v!r},{t}{o}{y},{p!r}" for f, v, t, o, y, p in zip(*columns, strict=True)]

@@ -14,6 +14,7 @@ scatter by Laplace's method, makes "none of my causes" a hypothesis that compete
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -245,7 +246,7 @@ class _Expansion:
             factors, white = None, columns / np.sqrt(variance)[:, None]
             log_size = 0.5 * float(np.log(variance).sum())
         else:
-            kernels = self.kernels(v) if with_it else [0.0] * len(self.groups)
+            kernels: Sequence[FloatArray | float] = self.kernels(v) if with_it else [0.0] * len(self.groups)
             factors = [
                 cholesky(kernel + _covariance(variance[rows], own), lower=True, check_finite=False)
                 for rows, own, kernel in zip(self.groups, self.remembered, kernels, strict=True)

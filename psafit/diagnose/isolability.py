@@ -1,6 +1,6 @@
 r"""Which causes a design can distinguish, before anything is measured.
 
-At a place :math:`\theta` of the baseline, cause :math:`i` at a plausible strength changes the ranges by :math:`e_i`, in
+At a place :math:`\theta` of the baseline, cause :math:`i` at a plausible strength changes readings by :math:`e_i`, in
 standard deviations of the scatter (`psafit.simulate.sensitivity`). With :math:`P` the projection on what refitted
 parameters of the baseline cannot imitate, and :math:`Q_M` that on what the effects of a model's causes span with it,
 
@@ -13,14 +13,15 @@ strengths, and the one that imitates best counts. Of the places in the baseline 
 
 A cause *may be taken for* another where its readings speak less than a threshold against that. Two are *confounded*
 where each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the
-refit is linear: of a cause that changes the ranges many times over the numbers say in which direction, not how far.
+refit is linear: of a cause that changes the readings many times over the numbers say in which direction, not how far. A
+reading that a launch does not give with the cause, or without it, is left out.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -31,9 +32,11 @@ from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Possible, proposals
 from psafit.experiment import Constants
 from psafit.experiment.records import Conditions
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
 from psafit.physics.term import Term
-from psafit.simulate import Design
-from psafit.simulate.sensitivity import RIGS, derivatives, effect, plausible
+from psafit.records import ABSENT
+from psafit.simulate import Design, readings
+from psafit.simulate.sensitivity import RIGS, in_scatter, plausible, reading_slopes, sets_with
 
 
 @dataclass(frozen=True)
@@ -50,9 +53,12 @@ class IsolabilitySettings:
     imitating : tuple of float
         Strengths at which another cause may imitate it.
     relative, absolute : float, um
-        Scatter of the readings: a share of the range, and what is added in quadrature.
+        Scatter of launch ranges: a share of the range, and what is added in quadrature. That of other observables has
+        the medians of their priors.
     readings : tuple of int
         Numbers of readings of a further sweep that are tried, fewest first; the last is what a proposal has.
+    tolerance : float
+        Of the simulator, which slopes by differences need.
     """
 
     apart: float = 3.0
@@ -61,6 +67,14 @@ class IsolabilitySettings:
     relative: float = 0.05
     absolute: float = 0.3
     readings: tuple[int, ...] = (4, 8, 16)
+    tolerance: float = 1e-9
+
+    def scatter(self, measured: NDArray[np.int8]) -> tuple[FloatArray, FloatArray]:
+        """Relative and absolute scatter of each reading, (n_points,), in its unit."""
+        usual = {k: [p.prior_median for p in OBSERVABLES[k].scatter[:2]] for k in np.unique(measured)}
+        usual[OBSERVABLES.index(LAUNCH_RANGE)] = [self.relative, self.absolute]
+        relative, absolute = np.array([usual[k] for k in measured]).T
+        return relative, absolute
 
 
 @dataclass(frozen=True)
@@ -102,11 +116,42 @@ class Split:
 
 
 @dataclass(frozen=True)
+class AlsoRead:
+    """Another observable, read of every launch that is planned.
+
+    Parameters
+    ----------
+    observable : str
+    nats : float
+        By which the pair of the block that is hardest to distinguish is reported then.
+    splits : bool
+        Whether every pair is reported.
+    pairs : list of lists of str
+        Those that are reported, each way round, and were not before.
+    """
+
+    observable: str
+    nats: float
+    splits: bool
+    pairs: list[list[str]]
+
+
+@dataclass(frozen=True)
 class Block:
-    """Causes that are confounded, and what would split them; None where no further sweep was asked for."""
+    """Causes that are confounded, and what would split them.
+
+    Parameters
+    ----------
+    causes : list of str
+    split : Split, optional
+        A further sweep; None where none was asked for.
+    also : AlsoRead, optional
+        Another observable, of those that distinguish some pair the one that distinguishes most.
+    """
 
     causes: list[str]
     split: Split | None
+    also: AlsoRead | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)
@@ -163,17 +208,26 @@ class _Effects:
     @classmethod
     def at(cls, design: Design, theta: FloatArray, terms: Sequence[Term], settings: IsolabilitySettings) -> _Effects:
         """The effects in a design, at a place of the baseline."""
-        relative, absolute = settings.relative, settings.absolute * 1e-6
-        slopes, rows, typical = derivatives(design, theta), {}, {}
+        relative, absolute = settings.scatter(design.measured)
+        base = readings(design, theta, tolerance=settings.tolerance)[0]
+        blank = np.array([OBSERVABLES[k].blank for k in design.measured])
+
+        def changed(term: Term, share: float) -> FloatArray:
+            sets = sets_with(term, design, theta, plausible(term, share))
+            found = readings(design, sets, (term,), tolerance=settings.tolerance)
+            off = in_scatter(found, relative, absolute) - in_scatter(base, relative, absolute)
+            return np.where(blank & ((found == 0.0) | (base == 0.0)), 0.0, off)
+
+        rows, typical = {}, {}
         for term in terms:
             for share in {settings.strength, *settings.imitating}:
-                one = effect(term, design, theta, plausible(term, share))
-                rows[term.id, share] = one.in_units_of(relative, absolute)
+                found = changed(term, share)
+                rows[term.id, share] = found[1:] if term.latent else found
                 if term.latent:
-                    middle = replace(one, launch_range=one.typical[None])
-                    typical[term.id, share] = middle.in_units_of(relative, absolute)[0]
-                size = one.neutral / np.hypot(absolute, relative * one.neutral)
-        return cls(slopes * size, rows, typical)
+                    typical[term.id, share] = found[0]
+        slopes = reading_slopes(design, theta, tolerance=settings.tolerance)
+        slopes = np.where(blank & (base == 0.0), 0.0, slopes)
+        return cls(slopes / np.hypot(absolute, relative * base), rows, typical)
 
     def of(self, ids: Sequence[str]) -> _Effects:
         """Those of some causes."""
@@ -256,7 +310,8 @@ def isolability(
     """
     settings = settings or IsolabilitySettings()
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
-    sweeps = [p for p in proposals(constants, groups, limits) if not p.changed]
+    usual = int(design.measured[~design.traced].min(initial=len(OF_LAUNCHES)) % len(OF_LAUNCHES))
+    sweeps = [p.reading(usual, usual) for p in proposals(constants, groups, limits) if not p.changed]
     raw = [_Effects.at(design, theta, catalogue, settings) for theta in at]
     effects = [one.refitted() for one in raw]
     ids = [t.id for t in catalogue]
@@ -268,11 +323,17 @@ def isolability(
     nats = [[0.0 if i == j else evidence_against([i], [j]) for j in ids] for i in ids]
     visible = [id for id, size in zip(ids, seen, strict=True) if size >= settings.apart]
     blocks = _blocks(ids, visible, nats, settings.apart)
+    confounded = [t for t in catalogue if any(t.id in block for block in blocks)]
+    others: dict[str, list[_Effects]] = {}
+    for k, o in enumerate(OF_LAUNCHES):
+        if confounded and k not in design.measured:
+            also = Design.of(constants, [_reading_also(g, k) for g in groups])
+            others[o.name] = [_Effects.at(also, theta, confounded, settings).refitted() for theta in at]
     split: list[Block] = []
     for k, block in enumerate(blocks):
         progress(k, len(blocks))
-        terms = [t for t in catalogue if t.id in block]
-        split.append(Block(block, _cheapest(raw, sweeps, at, terms, settings)))
+        terms = [t for t in confounded if t.id in block]
+        split.append(Block(block, _cheapest(raw, sweeps, at, terms, settings), _also(effects, others, block, settings)))
     return Isolability(
         title=title, readings=design.n_points, causes=ids, seen=seen, nats=nats,
         unseen=[id for id in ids if id not in visible],
@@ -307,6 +368,41 @@ def _blocks(
     n, label = connected_components(most < apart, directed=False)
     found = [[id for id, own in zip(visible, label, strict=True) if own == k] for k in range(n)]
     return [block for block in found if len(block) > 1]
+
+
+def _reading_also(group: Conditions, measured: int) -> Conditions:
+    """A sweep in which one observable more is read of every launch; a trace as it is."""
+    if group.time_us is not None:
+        return group
+    _, first = np.unique(group.row, return_index=True)
+    kinds = np.concatenate([group.measured, np.full(first.size, measured)])
+    return replace(group.at(np.concatenate([np.arange(group.n_points), first])), measured=kinds)
+
+
+def _also(
+    planned: Sequence[_Effects],
+    others: Mapping[str, Sequence[_Effects]],
+    ids: Sequence[str],
+    settings: IsolabilitySettings,
+) -> AlsoRead | None:
+    """The observable that distinguishes most pairs of a block, and these; None if none does any."""
+
+    def apart(effects: Sequence[_Effects]) -> dict[tuple[str, str], float]:
+        """By pair, the nats of the side that is harder to show."""
+        each = {
+            (a, b): float(np.median([one.against([a], [b], settings) for one in effects]))
+            for a, b in itertools.permutations(ids, 2)
+        }
+        return {(a, b): min(each[a, b], each[b, a]) for a, b in itertools.combinations(ids, 2)}
+
+    before, best = apart(planned), None
+    for name, effects in others.items():
+        after = apart(effects)
+        pairs = [list(p) for p in after if before[p] < settings.apart <= after[p]]
+        least = min(after.values())
+        if pairs and (best is None or (len(pairs), least) > (len(best.pairs), best.nats)):
+            best = AlsoRead(name, least, least >= settings.apart, pairs)
+    return best
 
 
 def _cheapest(

@@ -37,7 +37,6 @@ from psafit.experiment.records import (
     session_name,
 )
 from psafit.experiment.rig import Rig
-from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import read_csv, readings_of
 from psafit.experiment.text import unreadable
 from psafit.experiment.trace_table import read_trace
@@ -198,7 +197,7 @@ def _read(folder: Path, *, planned: bool) -> tuple[Plan, str]:
                 groups.append(_sweep(declared, planned=planned))
     faults.end()
     names = {b.name for b in stated}
-    followed = () if rig is None else (b for b in rig_beliefs(rig, constants) if b.name not in names)
+    followed = () if rig is None else (b for b in definition.followed(rig, constants) if b.name not in names)
     return Plan(constants, tuple(groups), (*followed, *stated), limits, title, rig), source
 
 

@@ -7,7 +7,7 @@ import math
 import re
 import stat
 import tomllib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -16,6 +16,7 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.drive_table import read_drive
 from psafit.experiment.records import CONDITION_COLUMNS, DEFINITION, Constants, GroupId
 from psafit.experiment.rig import MATERIALS, Rig
+from psafit.experiment.rig import beliefs as rig_beliefs
 from psafit.experiment.table import LIMITS as COLUMN_LIMITS
 from psafit.experiment.text import listed, one_line, read_text, shown, unreadable
 from psafit.parameters import Belief, LogNormal, Normal
@@ -287,6 +288,11 @@ class Definition:
                     facts[name] = self._material(name, value) if name.endswith("material") else self._fact(name, value)
         faults.end()
         return Rig(**facts)
+
+    def followed(self, rig: Rig, constants: Constants) -> tuple[Belief, ...]:
+        """What is known of parameters from what the rig is made of, with the place of that table."""
+        line = self._line("rig")
+        return tuple(replace(b, file=self.file, line=line) for b in rig_beliefs(rig, constants))
 
     def _material(self, name: str, value: object) -> str:
         if not isinstance(value, str) or value.lower() not in MATERIALS:

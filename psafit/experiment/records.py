@@ -410,7 +410,7 @@ def _lone(group: Group) -> str:
 
 
 def _describe_group(group: Group) -> dict[str, Any]:
-    own = [group.frequency_hz, group.amplitude_v, group.measured]
+    own: list[NDArray[Any]] = [group.frequency_hz, group.amplitude_v, group.measured]
     conditions = np.column_stack(own if group.time_us is None else [*own, group.time_us])
     names = CONDITION_COLUMNS if group.time_us is None else (*CONDITION_COLUMNS, "time_us")
     spans = {name: getattr(group, name) for name in names}

@@ -6,7 +6,12 @@ range `L` is
 .. math:: y = L + s\,t_\nu, \qquad s^2 = \sigma_{abs}^2 + (\sigma_{rel} L)^2 + \sigma_i^2,
 
 with Student's :math:`t_\nu`, which gives an outlier a bounded pull and tends to the normal law for large
-:math:`\nu`; :math:`\sigma_i` is the reading's own uncertainty, where the file has one. Zero is an ordinary reading.
+:math:`\nu`; :math:`\sigma_i` is the reading's own uncertainty, where the file has one.
+
+An instrument shows no range below zero, and a launch that failed reads zero. A reading of exactly zero therefore says
+that `y` was zero at most: its likelihood is the probability :math:`F_\nu(-L/s)` of that, no density (Tobin's censored
+reading). Rows of zeros would otherwise be taken for readings that repeat to the last digit. A sample of a trace has
+either sign, and zero is one of its values.
 
 Along a trace errors are correlated: drift, filters and ringing outlast a sample. With :math:`r = (y - L)/s` each sample
 of a trace remembers the one before it,
@@ -43,7 +48,7 @@ def columns(noise: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def remembered(noise: FloatArray) -> FloatArray | None:
     """Correlation of each reading's error with that of the sample before, (n_sets, n_points); None without traces."""
-    return noise[:, 3] if noise.shape[1] > 3 else None
+    return np.nan_to_num(noise[:, 3]) if noise.shape[1] > 3 else None
 
 
 def whitened(deviation: FloatArray, noise: FloatArray) -> FloatArray:
@@ -100,7 +105,7 @@ def memory_score(z: FloatArray, innovation: FloatArray, pull: FloatArray, noise:
     log_scale, location
         Of the width of the innovation's law, in logarithm, and of its place, in widths.
     """
-    rho = noise[:, 3]
+    rho = np.nan_to_num(noise[:, 3])
     rate = -rho * np.log(np.maximum(rho, 1e-300))
     rest = 1.0 - rho * rho
     before = np.concatenate([np.zeros_like(z[:, :1]), z[:, :-1]], axis=1)
@@ -116,7 +121,7 @@ def scale(predicted: FloatArray, noise: FloatArray, known: FloatArray | None) ->
     predicted : (n_sets, n_points) array
     noise : (n_sets, 3) or (n_sets, 3, n_points) or (n_sets, 4, n_points) array
         sigma_rel, sigma_abs, nu: of all readings, or of each, where they are of several observables; where some are
-        samples of a trace, also the correlation with the one before.
+        samples of a trace, also the correlation with the one before, NaN for readings that are none.
     known : (n_points,) array, optional
         The readings' own standard uncertainties.
     """
@@ -140,28 +145,69 @@ def log_density(observed: FloatArray, predicted: FloatArray, noise: FloatArray, 
     """
     s = scale(predicted, noise, known)
     nu, rho = columns(noise)[2], remembered(noise)
-    constant = gammaln(0.5 * (nu + 1)) - gammaln(0.5 * nu) - 0.5 * np.log(nu * np.pi)
     z = whitened((observed - predicted) / s, noise)
-    density = constant - np.log(s) - 0.5 * (nu + 1) * np.log1p(z**2 / nu)
-    return density if rho is None else density - 0.5 * np.log(1.0 - rho * rho)
+    density = _log_pdf(z, nu) - np.log(s)
+    if rho is not None:
+        density -= 0.5 * np.log(1.0 - rho * rho)
+    zero = at_zero(observed, noise)
+    if zero.any():
+        zero, nu = np.broadcast_to(zero, z.shape), np.broadcast_to(nu, z.shape)
+        density[zero] = _log_below(z[zero], nu[zero])
+    return density
 
 
-def tail_score(z: FloatArray, nu: FloatArray) -> FloatArray:
-    """Derivative of each reading's log density by ``ln nu``.
+def at_zero(observed: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+    """Which readings say no more than zero at most; of the shape of `observed`, or of (n_sets, n_points)."""
+    zero = np.asarray(observed) == 0.0
+    return zero if noise.shape[1] == 3 else zero & np.isnan(noise[:, 3])
+
+
+def _log_pdf(z: FloatArray, nu: FloatArray) -> FloatArray:
+    """Log density of Student's law."""
+    constant = gammaln(0.5 * (nu + 1)) - gammaln(0.5 * nu) - 0.5 * np.log(nu * np.pi)
+    return np.asarray(constant - 0.5 * (nu + 1) * np.log1p(z**2 / nu))
+
+
+def _log_below(z: FloatArray, nu: FloatArray) -> FloatArray:
+    """Log of Student's probability below `z`."""
+    p = stdtr(nu, z)
+    # Where it underflows the law is its own power of z: F = f |z|/nu, to nu/z^2.
+    far = p < np.finfo(float).tiny
+    tail = _log_pdf(z, nu) + np.log(np.where(far, np.abs(z), 1.0) / nu)
+    return np.where(far, tail, np.log(np.where(far, 1.0, p)))
+
+
+def pull(z: FloatArray, nu: FloatArray, zero: NDArray[np.bool_]) -> FloatArray:
+    """Negative derivative of each reading's log density by its innovation; (n_sets, n_points).
 
     Parameters
     ----------
     z : (n_sets, n_points) array
-        Residuals in units of the scatter `s`.
+        Innovations.
     nu : (n_sets, 1) or (n_sets, n_points) array
+    zero : bool array
+        Readings of which is known that they were zero at most (`at_zero`).
+    """
+    found = (nu + 1) * z / (nu + z * z)
+    if zero.any():
+        zero, nu = np.broadcast_to(zero, z.shape), np.broadcast_to(nu, z.shape)
+        found[zero] = -np.exp(_log_pdf(z[zero], nu[zero]) - _log_below(z[zero], nu[zero]))
+    return np.asarray(found)
 
-    Returns
-    -------
-    (n_sets, n_points) array
+
+def tail_score(z: FloatArray, nu: FloatArray, zero: NDArray[np.bool_], step: float = 1e-4) -> FloatArray:
+    """Derivative of each reading's log density by ``ln nu``; arguments as in `pull`.
+
+    That of a probability is a difference over twice `step`.
     """
     constant = 0.5 * nu * (digamma(0.5 * (nu + 1)) - digamma(0.5 * nu)) - 0.5
     square = z * z
-    return constant - 0.5 * nu * np.log1p(square / nu) + 0.5 * (nu + 1) * square / (nu + square)
+    found = constant - 0.5 * nu * np.log1p(square / nu) + 0.5 * (nu + 1) * square / (nu + square)
+    if zero.any():
+        zero, nu = np.broadcast_to(zero, z.shape), np.broadcast_to(nu, z.shape)
+        above, below = (_log_below(z[zero], nu[zero] * np.exp(by)) for by in (step, -step))
+        found[zero] = (above - below) / (2 * step)
+    return np.asarray(found)
 
 
 def cumulative(observed: FloatArray, predicted: FloatArray, noise: FloatArray, known: FloatArray | None) -> FloatArray:

@@ -176,12 +176,17 @@ def expansion(
     s = noise.scale(predicted, values, problem.known_sigma)
     z = (observed - predicted) / s
     innovation = noise.whitened(z, values)
-    own_pull = (nu + 1) * innovation / (nu + innovation * innovation)
+    zero = noise.at_zero(observed, values)
+    own_pull = noise.pull(innovation, nu, zero)
     pull = noise.carried_back(own_pull, values)
     # d ln s by every coordinate: the ranges move it through the relative scatter.
     by_range = relative**2 * predicted / s**2
     gradient, curvature = np.zeros((n, d)), np.zeros((n, d, d))
-    tails = noise.tail_score(innovation, nu)
+    tails = noise.tail_score(innovation, nu, zero)
+    wide = z * pull - np.where(zero, 0.0, 1.0)
+    # What is expected of the squares of both is Student's, but for zeros: their own squares stand for it.
+    weight = np.where(zero, np.abs(pull) * np.sqrt((nu + 3) / (nu + 1)), 1.0)
+    wide_weight = np.where(zero, np.abs(wide) * np.sqrt((nu + 3) / (2 * nu)), 1.0)
     for j, here in enumerate(problem.rows_of_scatter):  # of each observable, whose scatter is its own
         if not z[:, here].size:
             continue  # of one that these groups do not read, nothing but the prior is known
@@ -193,7 +198,7 @@ def expansion(
         log_scale[:, k] = (relative * predicted / s)[:, here] ** 2
         log_scale[:, k + 1] = (absolute / s)[:, here] ** 2
         some = nu[:, here][:, :1] if nu.shape[1] > 1 else nu
-        gradient[:, at] += np.einsum("nkp,np->nk", log_scale, (z * pull - 1)[:, here])
+        gradient[:, at] += np.einsum("nkp,np->nk", log_scale, wide[:, here])
         gradient[:, :k] += np.einsum("nkp,np->nk", location, pull[:, here])
         if problem.observables[j].traced:
             score, wider, further = (a[:, here] for a in noise.memory_score(z, innovation, own_pull, values))
@@ -202,6 +207,8 @@ def expansion(
             log_scale = np.concatenate([log_scale, wider[:, None]], axis=1)
             location = noise.whitened(location, values[:, :, here])
             curvature[:, own + 3, own + 3] += ((some + 1) / (some + 3) * np.square(further)).sum(axis=1)
+        log_scale *= wide_weight[:, None, here]
+        location = location * weight[:, None, here]
         both = np.einsum("nip,njp->nij", log_scale, log_scale)
         curvature[:, at[:, None], at] += (2 * some / (some + 3))[:, :, None] * both
         both = np.einsum("nip,njp->nij", location, location)

@@ -286,7 +286,7 @@ class Problem:
         starts = np.array([at.start for at in self.scatter_at])[self.scatter_of(design.measured)]
         rows = [values[:, starts + k] for k in range(3)]
         if design.traced.any():
-            rows.append(np.zeros_like(rows[0]))
+            rows.append(np.full_like(rows[0], np.nan))
             tau = values[:, starts[design.traced] + 3] * 1e-6
             rows[3][:, design.traced] = np.exp(-design.elapsed[design.traced] / tau)
         return np.stack(rows, axis=1)

@@ -193,8 +193,11 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
         try:
             found[b.name] = known[b.name].informed(b)
         except ValueError as error:
-            what = f"prior of {b.name} ({b.prior.describe()}) cannot be"
-            raise InputError(what, f"it {error}", file=b.file, line=b.line) from None
+            what, remedy = f"prior of {b.name} ({b.prior.describe()}) cannot be", f"it {error}"
+            if b.derived:
+                what = f"{b.name} cannot be what follows from the rig: {b.source.partition(';')[0]}"
+                remedy = f"correct the fact or its unit, or leave it out; a prior {error}"
+            raise InputError(what, remedy, file=b.file, line=b.line) from None
 
     def known_of(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
         return tuple(found.get(p.name, p) for p in parameters)

@@ -381,6 +381,11 @@ class Term:
         return self.drives == "every" or not drive.recorded
 
     @property
+    def after_launch(self) -> bool:
+        """Whether it acts on the flight and on the reading alone, so that nothing but launch ranges can show it."""
+        return self.setup is None and not self.stepped
+
+    @property
     def by_session(self) -> bool:
         """Whether every session has a rig of its own, and not only a reading."""
         return self.latent is not None and self.setup is not None

@@ -343,7 +343,7 @@ def _simulate(
     # Sets that differ only in what happens after the launch, or in another session, share their contact.
     after = np.zeros(sets.shape[1], bool)
     for term, columns_ in zip(terms, own, strict=True):
-        after[columns_] = term.setup is None and not term.stepped
+        after[columns_] = term.after_launch
         if term.by_session:
             latent = columns_.start + len(term.parameters)
             after[latent : columns_.stop] = np.arange(n_sessions) != session

@@ -39,7 +39,7 @@ from psafit.drives import WAVEFORMS, Drive
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
 from psafit.physics.term import Memory, Term, World
-from psafit.simulate.literal_scheme import EPS, GRID, TINY, Clock, Monitor, Step, advance
+from psafit.simulate.literal_scheme import EPS, PLACES, TINY, Clock, Monitor, Step, advance
 from psafit.simulate.reference import Point
 
 Outcome = Literal["launched", "no launch"]
@@ -477,14 +477,15 @@ class _Drive:
         return self.contact_force(y) - self.seat
 
     def look_for_peak(self, step: Step) -> None:
-        """Largest contact force within a step: the highest place of a grid, and what lies next to it."""
-        found = [self.contact_force(step.at(theta)) for theta in GRID]
+        """Largest contact force within a step: the highest of its values, and what lies next to that."""
+        found = [self.contact_force(y) for y in step.values.tolist()]
         top = int(np.argmax(found))
-        if found[top] > 0.9 * self.peak:
-            around = float(GRID[max(top - 1, 0)]), float(GRID[min(top + 1, len(GRID) - 1)])
+        left, right = max(top - 1, 0), min(top + 1, len(PLACES) - 1)
+        # Between two places it rises above the higher one by less than it falls to the lower.
+        if 2.0 * found[top] - min(found[left], found[right]) > self.peak:
             near = minimize_scalar(
                 lambda theta: -self.contact_force(step.at(theta)),
-                bounds=around, method="bounded", options={"xatol": 1e-9},
+                bounds=(float(PLACES[left]), float(PLACES[right])), method="bounded", options={"xatol": 1e-9},
             )  # fmt: skip
             self.peak = max(self.peak, found[top], -float(near.fun))
 

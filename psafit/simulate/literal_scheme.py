@@ -41,6 +41,8 @@ def _collocation(stages: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 _NODES, _MATRIX, _SERIES = _collocation(_STAGES)
+PLACES = np.append(0.0, _NODES)
+"""Fractions of a step at which its values are solved for."""
 GRID = np.linspace(0.0, 1.0, 25)
 """Fractions of a step at which it is looked at first."""
 _ON_GRID = legendre.legvander(2.0 * GRID - 1.0, _STAGES) @ _SERIES

@@ -28,7 +28,7 @@ from psafit.experiment import Constants
 from psafit.parameters import Parameter
 from psafit.physics import baseline
 from psafit.physics.term import Term, Trend
-from psafit.simulate.batch import simulate
+from psafit.simulate.batch import readings, simulate
 from psafit.simulate.design import Design
 
 Status = Literal["visible", "absorbed", "idle"]
@@ -157,26 +157,24 @@ class Effect:
     @property
     def deviation(self) -> FloatArray:
         """The same in standard deviations of the scatter, (n_directions, n_points): always finite."""
-        return self.in_units_of(UsualScatter.relative, UsualScatter.absolute_m)
-
-    def in_units_of(self, relative: float, absolute: float) -> FloatArray:
-        """The same of a scatter of so many parts of the range and, in quadrature, so many m."""
-        return in_scatter(self.launch_range, relative, absolute) - in_scatter(self.neutral, relative, absolute)
+        return in_scatter(self.launch_range) - in_scatter(self.neutral)
 
 
 def in_scatter(
-    launch_range: ArrayLike, relative: float = UsualScatter.relative, absolute: float = UsualScatter.absolute_m
+    reading: ArrayLike,
+    relative: float | FloatArray = UsualScatter.relative,
+    absolute: float | FloatArray = UsualScatter.absolute_m,
 ) -> FloatArray:
-    """Map launch ranges to the coordinate in which the scatter has standard deviation 1.
+    """Map launch ranges, or other readings, to the coordinate in which the scatter has standard deviation 1.
 
     Parameters
     ----------
-    launch_range : array
+    reading : (..., n_points) array
         In the unit of `absolute`, m by default.
-    relative, absolute : float
-        The scatter.
+    relative, absolute : float or (n_points,) array
+        The scatter, of all readings or of each.
     """
-    return np.asarray(np.arcsinh(relative * np.asarray(launch_range, dtype=float) / absolute)) / relative
+    return np.asarray(np.arcsinh(relative * np.asarray(reading, dtype=float) / absolute)) / relative
 
 
 def effect(
@@ -205,15 +203,34 @@ def effect(
     base = np.asarray(theta, dtype=float)
     own = plausible(term) if values is None else np.asarray(values, dtype=float)
     neutral = simulate(design, base, tolerance=tolerance).launch_range[0]
-    sets = np.concatenate([base, own])[None, :]
-    if term.latent:
-        # A spread has no effect by itself: each session in turn lies off the latent's median.
-        usual, one = term.latent.to_physical(term.latent.prior_quantile(np.array([0.5, share])))
-        n = int(design.group.max(initial=0)) + 1
-        sessions = np.vstack([np.zeros(n), np.eye(n)]) * (one - usual) + usual
-        sets = np.hstack([np.repeat(sets, len(sessions), axis=0), sessions])
-    found = simulate(design, sets, (term,), tolerance=tolerance).launch_range
+    found = simulate(design, sets_with(term, design, base, own, share), (term,), tolerance=tolerance).launch_range
     return Effect(term.id, own, neutral, found[1:] if term.latent else found, found[0])
+
+
+def sets_with(term: Term, design: Design, theta: ArrayLike, values: ArrayLike, share: float = _ONE_UP) -> FloatArray:
+    """Parameter sets that have a cause, (n_sets, n_columns): arguments as of `effect`.
+
+    One set; of a cause that every session has for itself the first has all sessions at their medians, and in one more
+    for each session that one has the value at `share`.
+    """
+    sets = np.concatenate([np.asarray(theta, dtype=float), np.asarray(values, dtype=float)])[None, :]
+    if not term.latent:
+        return sets
+    # A spread has no effect by itself: each session in turn lies off the latent's median.
+    usual, one = term.latent.to_physical(term.latent.prior_quantile(np.array([0.5, share])))
+    n = int(design.group.max(initial=0)) + 1
+    sessions = np.vstack([np.zeros(n), np.eye(n)]) * (one - usual) + usual
+    return np.hstack([np.repeat(sets, len(sessions), axis=0), sessions])
+
+
+def reading_slopes(design: Design, theta: ArrayLike, *, step: float = 1e-4, tolerance: float = 1e-9) -> FloatArray:
+    """Slopes of all readings by the sampling coordinate of the baseline's parameters, (3, n_points).
+
+    Central differences, in the readings' units; see `derivatives`.
+    """
+    sets, widths = _moved(theta, (), (), step)
+    found = readings(design, sets, tolerance=tolerance)
+    return np.asarray((found[2::2] - found[1::2]) / widths[:, None])
 
 
 def derivatives(
@@ -251,6 +268,17 @@ def _slopes(
     tolerance: float = 1e-9,
 ) -> FloatArray:
     """Central differences by a `step` of the sampling coordinate, whose digits the stepper's `tolerance` leaves."""
+    sets, widths = _moved(theta, terms, values, step)
+    found = simulate(design, sets, terms, tolerance=tolerance).launch_range
+    slope = (found[2::2] - found[1::2]) / widths[:, None]
+    size = found[0] if logarithmic else np.hypot(UsualScatter.absolute_m, UsualScatter.relative * found[0])
+    return np.divide(slope, size, out=np.zeros_like(slope), where=size > 0)
+
+
+def _moved(
+    theta: ArrayLike, terms: Sequence[Term], values: Sequence[ArrayLike], step: float
+) -> tuple[FloatArray, FloatArray]:
+    """A parameter set, then for each parameter one below and one above; and how far those two are apart."""
     for term in terms:
         if term.latent:
             raise ValueError(f"{term.id} has a parameter for every session: take its effect instead")
@@ -268,10 +296,7 @@ def _slopes(
             moved = x.copy()
             moved[i] = p.to_physical(end)
             sets.append(moved)
-    found = simulate(design, np.array(sets), terms, tolerance=tolerance).launch_range
-    slope = (found[2::2] - found[1::2]) / np.array(widths)[:, None]
-    size = found[0] if logarithmic else np.hypot(UsualScatter.absolute_m, UsualScatter.relative * found[0])
-    return np.divide(slope, size, out=np.zeros_like(slope), where=size > 0)
+    return np.array(sets), np.array(widths)
 
 
 @dataclass(frozen=True)
@@ -494,5 +519,6 @@ def _trend(e: FloatArray, how: SymptomSettings) -> Trend:
 
 __all__ = [
     "REFERENCE", "RIGS", "Confounding", "Effect", "ObservedSymptom", "Side", "SymptomSettings", "UsualScatter",
-    "confounding", "derivatives", "effect", "in_scatter", "observe", "plausible", "share_above", "share_of",
+    "confounding", "derivatives", "effect", "in_scatter", "observe", "plausible", "reading_slopes", "sets_with",
+    "share_above", "share_of",
 ]  # fmt: skip

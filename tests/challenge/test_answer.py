@@ -68,7 +68,7 @@ def test_a_seal_that_is_not_there_is_reported(known: Experiment, tmp_path: Path,
     [
         (lambda a: a["parameters"].pop("k_c"), "does not say k_c"),
         (lambda a: a["scatter"].pop("nu"), "does not say nu"),
-        (lambda a: a["true_um"].pop(), "not one true range for every reading"),
+        (lambda a: a["true_readings"].pop(), "not one true value for every reading"),
         (lambda a: a["terms"].append("no such cause"), "no such cause"),
         (lambda a: a["parameters"].update(k_c=-1e7), "has k_c = -1e[+]07, outside the bounds"),
         (lambda a: a["scatter"].update(sigma_abs=float("nan")), "has sigma_abs = nan, outside the bounds"),

@@ -13,13 +13,16 @@ from outside import OUTSIDE, parts
 from rigs import measure
 
 from psafit.challenge import hide
-from psafit.challenge.answer import unseal
+from psafit.challenge.answer import sizes, unseal
+from psafit.challenge.conditions import ConditionSettings, drawn
 from psafit.challenge.hide import HideSettings, Outside, make, simulate_literally
 from psafit.challenge.oracle import consult
+from psafit.drives import Drive, Table
 from psafit.errors import InputError
-from psafit.experiment import Experiment, read_experiment
+from psafit.experiment import Experiment, read_experiment, write_experiment
+from psafit.observables import LAUNCH_RANGE, OF_LAUNCHES
 from psafit.physics import TERMS, term
-from psafit.simulate import Design, simulate
+from psafit.simulate import Design, readings, simulate
 
 # Of the effects outside the catalogue.
 FAST = ("unit_error",)
@@ -57,12 +60,12 @@ def test_data_come_from_the_literal_reference(known: Experiment, lagged: Path, m
     names = ["k_c", "c_s", "c_c", "amplifier_lag_tau"]
     design = Design.of(known.constants, known.groups)
     fast = simulate(design, [answer.parameters[n] for n in names], [lag]).launch_range[0] * 1e6
-    assert answer.true_um == pytest.approx(fast, rel=1e-8)
+    assert answer.true_readings == pytest.approx(fast, rel=1e-8)
     with monkeypatch.context() as patch:
         patch.setattr("psafit.simulate.batch.closed_form.separation", None)
         patch.setattr("psafit.simulate.batch.stepper.separation", None)
         again = simulate_literally(design, answer.parameters, [lag], known.ids, points=np.array([0, 15]))
-    assert again.tolist() == [answer.true_um[0], answer.true_um[15]]
+    assert again.tolist() == [answer.true_readings[0], answer.true_readings[15]]
 
 
 def test_sessions_keep_what_they_have_for_themselves(known: Experiment) -> None:
@@ -79,7 +82,7 @@ def test_sessions_keep_what_they_have_for_themselves(known: Experiment) -> None:
 def test_readings_scatter_as_the_answer_says(lagged: Path) -> None:
     experiment, answer = unseal(lagged)
     read = np.concatenate([g.reading for g in experiment.groups])
-    true = np.array(answer.true_um)
+    true = np.array(answer.true_readings)
     relative, absolute = answer.scatter["sigma_rel"], answer.scatter["sigma_abs"]
     assert relative is not None and absolute is not None and answer.scatter["nu"] is None
     assert 0.01 < relative < 0.2 and 0.005 < absolute < 0.5
@@ -92,7 +95,7 @@ def test_readings_scatter_as_the_answer_says(lagged: Path) -> None:
 def test_most_readings_of_a_truth_launch(known: Experiment, lagged: Path, tmp_path: Path) -> None:
     made = [make(s, tmp_path / str(s), design_of=known, kind="nothing").answer for s in range(6)]
     for answer in (unseal(lagged)[1], *made):
-        assert np.mean(np.array(answer.true_um) > 1.0) >= 0.5
+        assert np.mean(np.array(answer.true_readings) > 1.0) >= 0.5
 
 
 def test_a_weak_truth_that_hardly_launches_is_tried_once(
@@ -117,15 +120,92 @@ def test_a_weak_truth_that_hardly_launches_is_tried_once(
     assert (answer.expected_nats, answer.redraws) == ({"swing_drag": 98.0}, 3)
 
 
-def test_a_drawn_design_is_one_of_similar_size(tmp_path: Path) -> None:
-    blank = hide._drawn_design(np.random.default_rng(1))
-    other = hide._drawn_design(np.random.default_rng(2))
-    for e in (blank, other):
+def test_a_design_like_the_study_is_one_of_similar_size() -> None:
+    like = ConditionSettings.like_the_study()
+    for e in (drawn(seed, settings=like) for seed in (1, 2)):
         assert 4 <= len(e.groups) <= 7 and 180 <= sum(g.n_points for g in e.groups) <= 350
-    assert blank.fingerprint != other.fingerprint
+        assert all(g.drive.plain and g.observables == (LAUNCH_RANGE,) for g in e.groups)
+        assert (e.constants.k_s, e.constants.q) == (4.89e7, 1.2e-7)
+    assert drawn(1).fingerprint == drawn(1).fingerprint != drawn(2).fingerprint
     for n in (60, 300):
-        asked = [hide._drawn_design(np.random.default_rng(seed), n) for seed in range(9)]
+        asked = [drawn(seed, n, settings=like) for seed in range(9)]
         assert all(n - 6 <= sum(g.n_points for g in e.groups) <= n for e in asked)
+
+
+def test_drawn_designs_have_every_drive_and_observable_and_other_stacks(tmp_path: Path) -> None:
+    every = [drawn(seed) for seed in range(120)]
+    groups = [g for e in every for g in e.groups]
+    assert {g.drive.label.partition(" (")[0].replace(" ", "_") for g in groups} == {
+        "sine", "square", "triangle", "unipolar_sine", "unipolar_square", "table", "recorded_drive",
+    }  # fmt: skip
+    assert all(any(getattr(g.drive, key) not in (0.0, math.inf) for g in groups)
+               for key in ("bias_v", "idle_v", "phase_deg", "cycles"))  # fmt: skip
+    assert {o for g in groups for o in g.observables} == set(OF_LAUNCHES)
+    few = [e for e in every if sum(g.n_points for g in e.groups) <= 60]
+    # Of 120 with a chance of 0.4 fewer than 30 or more than 66 come in one run of a thousand.
+    assert 30 <= len(few) <= 66 and len({e.constants.k_s for e in every}) > 30
+    for e in every[:8]:  # the files hold them as they are
+        whole = e.with_readings(np.ones(sum(g.n_points for g in e.groups)))
+        write_experiment(whole, tmp_path / e.fingerprint)
+        assert read_experiment(tmp_path / e.fingerprint).fingerprint == whole.fingerprint
+
+
+def test_a_design_shows_what_is_hidden_in_it() -> None:
+    """Some group is driven so that the cause acts, and reads what it changes."""
+    for id in ("start_phase", "swing_drag"):
+        cause = term(id)
+        for seed in range(40):
+            e = drawn(seed, causes=[cause])
+            acting = [g for g in e.groups if cause.acts_on(g.drive)]
+            assert any(LAUNCH_RANGE in g.observables or not cause.after_launch for g in acting)
+
+
+def mixed() -> Experiment:
+    """Two small sweeps: a unipolar sine whose ranges, times and forces are read, and a recording whose speeds are."""
+    rig = measure(np.random.default_rng(5), readings=(8, 4, 3))
+    a, b, _ = rig.groups
+    rows, kinds = np.tile(np.arange(8), 3), np.repeat([0, 2, 3], 8)
+    time = np.linspace(0.0, 1e-3, 40)
+    recorded = Drive("table", table=Table(time, 15.0 * np.sin(1e3 * np.pi * time) ** 2, True), file="pulse.csv")
+    first = replace(a.at(rows), drive=Drive("unipolar_sine", bias_v=2.0), measured=kinds, row=rows)
+    second = replace(b, drive=recorded, frequency_hz=np.full(4, 1e3), measured=np.ones(4))
+    return replace(rig, groups=(first, second))
+
+
+def test_any_drive_and_observable_holds_what_the_reference_makes_of_it(tmp_path: Path) -> None:
+    made = make(5, tmp_path, design_of=mixed(), kind="nothing")
+    experiment, answer = unseal(tmp_path)
+    assert answer.scatter.keys() == {p.name for o in OF_LAUNCHES for p in o.scatter}
+    assert [g.observables for g in experiment.groups] == [g.observables for g in mixed().groups]
+    design = Design.of(experiment.constants, experiment.groups)
+    theta = [answer.parameters[name] for name in ("k_c", "c_s", "c_c")]
+    assert answer.true_readings == pytest.approx(readings(design, theta)[0], rel=1e-6)
+    relative, absolute = sizes(answer.scatter, design.measured)
+    read = np.concatenate([g.reading for g in experiment.groups])
+    z = (read - np.array(answer.true_readings)) / np.hypot(relative * np.array(answer.true_readings), absolute)
+    assert np.abs(z).max() < 5.0 and made.experiment.fingerprint == experiment.fingerprint
+    assert b"pulse" not in b"".join(files(tmp_path / "experiment").values())
+
+
+def test_a_launch_that_fails_has_no_time(tmp_path: Path) -> None:
+    """Its cell stays empty, its range reads zero."""
+    weak = mixed()
+    a, b = weak.groups
+    a = replace(a, amplitude_v=np.where(a.row < 2, 0.0, a.amplitude_v), drive=Drive("unipolar_sine"))
+    make(5, tmp_path, design_of=replace(weak, groups=(a, b)), kind="nothing")
+    experiment, answer = unseal(tmp_path)
+    first = experiment.groups[0]
+    assert [int(np.sum(first.measured == k)) for k in (0, 2, 3)] == [8, 6, 6]
+    assert len(answer.true_readings) == first.n_points + experiment.groups[1].n_points
+
+
+def test_the_answer_says_what_was_drawn(tmp_path: Path) -> None:
+    made = make(7, tmp_path / "a", kind="nothing")
+    reported = made.answer.drawn
+    assert reported is not None and made.answer.design == "drawn"
+    assert reported.drives == {str(g.id): g.drive.label for g in made.experiment.groups}
+    assert reported.constants["M"] == made.experiment.constants.M
+    assert files(tmp_path / "a") == files(make(7, tmp_path / "b", kind="nothing").folder)
 
 
 @pytest.mark.parametrize(
@@ -145,6 +225,15 @@ def test_a_request_that_contradicts_itself_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=what):
         make(1, tmp_path / "x", design_of=known, **options)
+    assert not (tmp_path / "x").exists()
+
+
+def test_nothing_is_hidden_in_traces(known: Experiment, tmp_path: Path) -> None:
+    first = known.groups[0]
+    n = first.n_points
+    trace = replace(first, time_us=np.arange(1.0, n + 1), measured=np.full(n, len(OF_LAUNCHES)))
+    with pytest.raises(InputError, match="holds traces"):
+        make(5, tmp_path / "x", design_of=replace(known, groups=(trace,)), kind="nothing")
     assert not (tmp_path / "x").exists()
 
 
@@ -187,7 +276,7 @@ def test_outside_effects_act_where_they_say(known: Experiment, tmp_path: Path, e
     made = make(11, tmp_path / "hidden", design_of=known, outside=effect)
     assert made.answer.parameters == plain.parameters  # the same rig, and one thing more
     assert made.answer.outside == effect.name and made.answer.terms == []
-    changed = np.array(made.answer.true_um) != np.array(plain.true_um)
+    changed = np.array(made.answer.true_readings) != np.array(plain.true_readings)
     assert changed.any()
     for g, s in zip(known.groups, parts(known), strict=True):
         inside = np.zeros(g.n_points, bool)

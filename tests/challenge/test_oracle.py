@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from psafit.challenge.answer import EXPERIMENT, unseal
+from psafit.challenge.conditions import ConditionSettings
 from psafit.challenge.hide import make
 from psafit.challenge.oracle import consult, find_rivals
 from psafit.experiment import Experiment, read_experiment
@@ -44,7 +45,10 @@ def test_a_rival_that_does_the_same_is_found(lagged: Path) -> None:
 @pytest.mark.slow
 def test_what_a_cause_adds_is_seen_from_everywhere(tmp_path: Path) -> None:
     """What a cause adds is counted from the best fit without it, however far from the truth that lies."""
-    made = make(2941797860, tmp_path, kind="two", terms=["slew_limit", "stack_stiffness"], strength=60.0)
+    like = ConditionSettings.like_the_study()
+    made = make(
+        2941797860, tmp_path, kind="two", terms=["slew_limit", "stack_stiffness"], strength=60.0, conditions=like
+    )
     experiment = read_experiment(tmp_path / EXPERIMENT)
     found = consult(experiment, made.answer, seed=1)
     assert found.gain > 50 and found.without["slew_limit"] > 50

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scripts import loaded
 from truths import experiment
 
 from psafit.diagnose.isolability import IsolabilitySettings, _Effects, isolability
 from psafit.diagnose.next_experiment import proposals, proposed
 from psafit.drives import Drive, Table
+from psafit.experiment import Experiment
+from psafit.inference.problem import Problem
+from psafit.observables import CONTACT_TIME, OF_LAUNCHES, PEAK_FORCE
 from psafit.physics import terms
 from psafit.simulate import Design
 from psafit.simulate.sensitivity import RIGS
 
+ROOT = Path(__file__).resolve().parents[2]
 FEW = terms(["amplifier_lag", "hunt_crossley", "indentation_damping"])
 
 
@@ -92,3 +99,61 @@ def test_more_scatter_separates_less(found):
         "a rig", e.constants, e.groups, (), FEW, settings=replace(found.settings, relative=0.2, absolute=1.2)
     )
     assert all(a < b for a, b in zip(wide.seen, found.seen, strict=True))
+
+
+def read_of(e: Experiment, kinds: Sequence[int]) -> Experiment:
+    """The same launches, of each of which these observables are read."""
+    groups = []
+    for g in e.groups:
+        rows = np.tile(np.arange(g.n_points), len(kinds))
+        groups.append(replace(g.at(rows), row=rows, measured=np.repeat(kinds, g.n_points)))
+    return replace(e, groups=tuple(groups))
+
+
+# Causes, the strength at which they are confounded in launch ranges, and what distinguishes them.
+TIES = ((("soft_layer", "gap"), 0.07, CONTACT_TIME), (("idle_level", "indentation_damping"), 0.5, PEAK_FORCE))
+
+
+@pytest.mark.parametrize(("pair", "strength", "other"), TIES, ids=lambda x: getattr(x, "name", None))
+def test_another_observable_that_would_distinguish_causes_is_named(pair, strength, other):
+    e = experiment(n=16)
+    settings = IsolabilitySettings(strength=strength, imitating=(0.5 * strength, strength, min(2 * strength, 0.9)))
+    found = isolability("a rig", e.constants, e.groups, (), terms(pair), settings=settings, places=[RIGS["study"]])
+    (block,) = found.blocks
+    assert set(block.causes) == set(pair) and block.also is not None
+    assert (block.also.observable, block.also.splits) == (other.name, True)
+    assert [set(two) for two in block.also.pairs] == [set(pair)] and block.also.nats >= settings.apart
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pair", "strength", "other"), TIES, ids=lambda x: getattr(x, "name", None))
+def test_refits_lose_by_that_observable_what_ranges_leave(pair, strength, other):
+    """By least squares with the simulator itself, of the side that is harder to show."""
+    ties = loaded(ROOT / "benchmarks" / "ties.py")
+    e = read_of(experiment(n=16), range(len(OF_LAUNCHES)))
+    sides = []
+    for truth, rival in (pair, pair[::-1]):
+        made = Problem(e, e.ids, terms([truth]))
+        exact = made.predict(ties.start(made, RIGS["study"], strength, None)[None])[0]
+        wrong = replace(made, terms=terms([rival]))
+        near = [ties.start(wrong, RIGS["study"], share, None) for share in (0.2, 0.5, 0.8)]
+        whole, end = ties.left(wrong, near, exact, (0, OF_LAUNCHES.index(other)), 30)
+        sides.append((ties.left(wrong, [*near, end], exact, (0,), 30)[0], whole))
+    (ranges, both) = map(min, zip(*sides, strict=True))
+    apart = IsolabilitySettings().apart
+    assert ranges < apart < 2 * apart < both
+
+
+def test_a_design_of_other_readings_is_split_by_sweeps_that_read_them():
+    e = read_of(experiment(n=8), [1, 2])
+    pair = terms(["hunt_crossley", "indentation_damping"])
+    settings = IsolabilitySettings(apart=1e-3, readings=(4,))
+    found = isolability("a rig", e.constants, e.groups, (), pair, settings=settings)
+    for block in found.blocks:
+        assert block.split is not None and "and read" not in block.split.text
+        assert block.also is None or block.also.observable in ("launch_range", "peak_force")
+    only = isolability("a rig", e.constants, [g.at(g.measured == 1) for g in e.groups], (), pair, settings=settings)
+    # What ranges and speeds of the same launches say is nearly the same, and times add to it.
+    assert found.readings == 2 * only.readings and all(a > b for a, b in zip(found.seen, only.seen, strict=True))
+    ranges = isolability("a rig", e.constants, experiment(n=8).groups, (), pair, settings=settings)
+    assert only.seen == pytest.approx(ranges.seen, rel=0.3)

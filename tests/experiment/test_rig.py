@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from folders import TOML, write
 
+from psafit.errors import InputError
 from psafit.experiment import read_experiment, read_plan, write_experiment
 from psafit.experiment.rig import Rig, hertz_stiffness
 from psafit.inference.problem import Problem
@@ -76,3 +77,16 @@ def test_facts_that_cannot_be_right_are_reported(tmp_path: Path, fact: str) -> N
     other, said = DOUBTS[fact]
     warnings = read_experiment(write(tmp_path, TOML + FACTS.replace(fact, other))).warnings
     assert len(warnings) == 1 and said in warnings[0] and warnings[0].startswith("experiment.toml: [rig] ")
+
+
+def test_facts_that_follow_to_what_cannot_be_are_refused_where_they_stand(tmp_path: Path) -> None:
+    """Fifty kilo-ohms into a stack: a lag of 75 ms, of which none is believed in."""
+    place = write(tmp_path, TOML + FACTS.replace("source_resistance = 50", "source_resistance = 5e4"))
+    text = (place / "experiment.toml").read_text("utf-8")
+    experiment = read_experiment(place)
+    with pytest.raises(
+        InputError, match=r"amplifier_lag_tau cannot be what follows .*: 50000 ohm into 1.5e-06"
+    ) as found:
+        Problem(experiment, experiment.ids)
+    assert found.value.file == place / "experiment.toml"
+    assert text.splitlines()[(found.value.line or 0) - 1] == "[rig]"
