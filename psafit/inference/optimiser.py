@@ -305,8 +305,7 @@ def _optimise(
             value = log_posteriors(problem, rows, found, np.repeat(target[live], tried, axis=0))
             value, rows, found = (a.reshape(live.size, tried, *a.shape[1:]) for a in (value, rows, found))
             best = np.argmax(value, axis=1)
-            pick = np.arange(live.size)
-            gain = value[pick, best] - log_posterior[live]
+            gain = value[np.arange(live.size), best] - log_posterior[live]
             better = gain > 0
             # What slopes carried over from earlier iterations cannot do, fresh ones may.
             carried = age[live] > 0
@@ -328,9 +327,8 @@ def _optimise(
         done += iterations
         if survivors < len(u) or unite:
             kept, starts_at = _kept(problem, u, log_posterior, predicted, starts_at, survivors, unite, how)
-            u, log_posterior, predicted, damping, target = (
-                a[kept] for a in (u, log_posterior, predicted, damping, target)
-            )
+            u, log_posterior, predicted = u[kept], log_posterior[kept], predicted[kept]
+            damping, target = damping[kept], target[kept]
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
     progress(total, total)
     return Optima(u, log_posterior, predicted, starts_at, Effort(begun, failed, n_sets))
