@@ -58,7 +58,7 @@ def measured(name: str, seed: int, seconds: float) -> bool:
     found, draws = sample(problem, known, seed=seed)
     searched = time.process_time()
 
-    def tell(state: Progress) -> None:
+    def say(state: Progress) -> None:
         last[0] = state
         if time.process_time() - searched > seconds and not state.converged:
             raise _Over
@@ -67,7 +67,7 @@ def measured(name: str, seed: int, seconds: float) -> bool:
     with tempfile.TemporaryDirectory() as folder:
         try:
             target = Target(found, draws, seed, Path(folder) / "chain.h5", name)
-            chain = own.draw(target, own.settings(problem), tell)
+            chain = own.draw(target, own.settings(problem), say)
             flat, q = chain.draws.reshape(-1, problem.n_dim), [0.05, 0.5, 0.95]
             ours, other = np.quantile(flat, q, axis=0), draws.quantiles(draws.draws, q)
             off = (np.abs(ours - other) / (ours[2] - ours[0])).max(axis=0)

@@ -30,7 +30,7 @@ from psafit.records import write_json
 from psafit.report.challenge import write_page
 
 
-def told(done: int, total: int, note: str) -> None:
+def reported(done: int, total: int, note: str) -> None:
     print(f"{done} of {total} data sets {note}".rstrip(), file=sys.stderr, flush=True)
 
 
@@ -56,7 +56,7 @@ def campaign(words: argparse.Namespace) -> int:
         scheduler=words.scheduler,
         limit=words.limit,
         command=portable_command(["python", *command]),
-        progress=told,
+        progress=reported,
     )
     planned, results = load(words.out)
     found = score(results)

@@ -42,7 +42,7 @@ from psafit.model_search import SearchSettings
 from psafit.model_search.fitter import ProblemFitter
 from psafit.physics import TERMS, terms
 
-LEAST_UM = 1.0  # median of the readings: a ball that hardly moves tells nothing
+LEAST_UM = 1.0  # median of the readings: a ball that hardly moves shows nothing
 
 
 def drawn(rng: np.random.Generator, ids: tuple[str, ...], rig: str) -> Problem:
@@ -75,7 +75,7 @@ def measure(number: int, seed: int, rig: str) -> dict[str, Any]:
     begun_sample = time.process_time()
     one, two = (f.sample(short) for f in fitters)
     ended = time.process_time()
-    tops = [m.content.candidate.height for m in (short, one, two)]
+    tops = [m.content.candidate.log_posterior for m in (short, one, two)]
     return {
         "number": number,
         "seed": seed,

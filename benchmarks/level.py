@@ -57,12 +57,12 @@ def main() -> None:
         if (k + 1) % 10 == 0 or k + 1 == given.n:
             print(f"{k + 1} data sets, {time.monotonic() - begun:.0f} s")
             for name, p in found.items():
-                told = []
+                reported = []
                 for level in LEVELS:
                     count = int(np.sum(np.array(p) <= level))
                     low, high = binomtest(count, len(p)).proportion_ci()
-                    told.append(f"{level:g}: {count} ({100 * low:.0f}-{100 * high:.0f} %)")
-                print(f"  {name:10} p at most {', '.join(told)}", flush=True)
+                    reported.append(f"{level:g}: {count} ({100 * low:.0f}-{100 * high:.0f} %)")
+                print(f"  {name:10} p at most {', '.join(reported)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 A design is drawn with about so many readings, a baseline and its scatter from the priors of a diagnosis, the readings
 are simulated by the literal reference, and the search of a diagnosis looks at the whole catalogue. What its best model
-with causes leads the baseline by goes into psafit/diagnose/null_leads.json, from which `psafit diagnose` tells how
+with causes leads the baseline by goes into psafit/diagnose/null_leads.json, from which `psafit diagnose` reads how
 often a search finds as much by chance.
 
 Sizes are taken in turn, and each search is written when it is done: what was interrupted goes on with the same command.
@@ -78,7 +78,7 @@ def fill(
     *,
     jobs: int = 1,
     scheduler: str | None = None,
-    tell: Callable[[str], None] = print,
+    say: Callable[[str], None] = print,
 ) -> NullLeads:
     """Make searches that a table lacks, and write it after each.
 
@@ -93,19 +93,19 @@ def fill(
         Processes.
     scheduler : str, optional
         Address of a Dask scheduler whose workers search instead.
-    tell : callable
+    say : callable
         Called with a line for each.
     """
     with processes(jobs, scheduler) as usable:
         for k, one in enumerate(unordered(usable, search, [(*c, catalogue, table.settings) for c in calls]), 1):
             if isinstance(one, str):
-                tell(f"{k} of {len(calls)}: {one}")
+                say(f"{k} of {len(calls)}: {one}")
                 continue
             # In one order, whoever was done first.
             leads = sorted([*table.leads, one], key=lambda lead: (lead.asked, lead.seed))
             table = replace(table, leads=leads)
             write_json(file, table)
-            tell(f"{k} of {len(calls)}: {one.readings} readings, {one.sessions} sessions, lead {one.lead:+.2f} nats")
+            say(f"{k} of {len(calls)}: {one.readings} readings, {one.sessions} sessions, lead {one.lead:+.2f} nats")
     return table
 
 

@@ -3,7 +3,7 @@
 Both integrate ``x1, x1', d, d', x2'`` - the indentation and the ball's speed as states of their own, which reaches a
 given accuracy at looser tolerances than ``x1, x1', x2, x2'`` - and, with hysteresis, its state z. The voltage is
 handed to them: pieces of sines and ramps, found once and outside of every timing. Neither steps across a kink of the
-drive: SciPy starts anew there, diffrax is told of it (`jump_ts`).
+drive: SciPy starts anew there, diffrax is reported of it (`jump_ts`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One launch: everything a peer is told. Neutral values switch a cause off."""
+    """One launch: everything a peer is given. Neutral values switch a cause off."""
 
     k_c: float
     c_s: float

@@ -362,18 +362,18 @@ def search(rows: list[dict[str, object]]) -> None:
     for name in SEARCHES:
         of: Problem = cases.problem(name, groups=(1,))
         of.log_posterior(cases.draws(of, 8, 1))
-        heights, times = [], []
+        log_posteriors, times = [], []
         for seed in range(10):
             begin = time.perf_counter()
             found = both(of, seed, 16)
-            heights.append(max(polish(of, u)[1] for u in found.modes))
+            log_posteriors.append(max(polish(of, u)[1] for u in found.modes))
             times.append(time.perf_counter() - begin)
-        wide = both(of, 1000, 256).height
-        top = max(*heights, wide)
-        found = sum(height >= top - 0.1 for height in heights)
+        wide = both(of, 1000, 256).log_posterior
+        top = max(*log_posteriors, wide)
+        found = sum(log_posterior >= top - 0.1 for log_posterior in log_posteriors)
         median, within = spread(np.array(times))
         print(f"    baseline + {name}: {within} s; 512 starts end {top - wide:.2g} below the best, the seeds "
-              + " ".join(f"{top - height:.2g}" for height in heights))  # fmt: skip
+              + " ".join(f"{top - log_posterior:.2g}" for log_posterior in log_posteriors))  # fmt: skip
         rows.append(row(f"lmfit search, baseline + {name}, group 1, 2 cores: seconds, median of 10 seeds",
                         median, "below 10", median < 10))  # fmt: skip
         rows.append(row("the same: seeds of 10 that found the best minimum (within 0.1 of the highest known)",

@@ -74,7 +74,7 @@ from psafit.workers import processes, reach, scratch, unordered
 
 @dataclass(frozen=True)
 class Plan:
-    """What determines a data set and what is made of it, beside its number and the code.
+    """What determines a data set and what is made of it, apart from its number and the code.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Result:
     differs : float
         Largest difference of the two medians of a parameter, in standard deviations of the draws.
     rise : float, nats
-        Top of a climb from the truth above the top that was found.
+        Top of an optimisation from the truth above the top that was found.
     effective, pareto_k : float
         Of the draws.
     cpu_s : float
@@ -222,11 +222,13 @@ def fitted(problem: Problem, seed: int, steps: int) -> tuple[Candidate, Importan
         target = Target(found, draws, seed, folder / "chain.h5", "")
         chain = own.draw(target, replace(own.settings(problem), max_steps=steps), lambda state: None)
     flat = chain.draws.reshape(-1, problem.n_dim)
-    height = problem.log_posterior(flat)
-    top = int(np.argmax(height))
+    log_posterior = problem.log_posterior(flat)
+    top = int(np.argmax(log_posterior))
     k = 0.0 if chain.converged else math.inf
     same = np.full(len(flat), 1 / len(flat))
-    return found, ImportanceSample(flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(height[top]))
+    return found, ImportanceSample(
+        flat, same, math.nan, math.nan, float(len(flat)), k, flat[top], float(log_posterior[top])
+    )
 
 
 def below(values: FloatArray, weights: FloatArray, true: FloatArray) -> FloatArray:
@@ -319,7 +321,7 @@ def solve(plan: Plan, number: int) -> Result:
         away=away,
         level=float(level),
         differs=differs,
-        rise=float(maximise(problem, u[None]).height[0]) - max(draws.height, found.height),
+        rise=float(maximise(problem, u[None]).log_posterior[0]) - max(draws.log_posterior, found.log_posterior),
         effective=draws.effective,
         pareto_k=draws.pareto_k,
         cpu_s=round(seconds, 2),
@@ -451,7 +453,8 @@ def summary(found: Sequence[Result]) -> tuple[str, float]:
     )
     lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.failed}" for r in found if r.failed]
     higher = [r for r in sampled if r.rise > SearchSettings().better]
-    lines.append(f"a climb from the truth ends higher by more than {SearchSettings().better} nats: {len(higher)}")
+    better = SearchSettings().better
+    lines.append(f"an optimisation from the truth ends higher by more than {better} nats: {len(higher)}")
     lines += [f"  {r.number} {','.join(r.causes) or '-'}: {r.rise:.1f} nats" for r in higher]
     tails = beyond(sampled)
     n, some = sum(len(names) for _, names in tails), sum(map(len, every))
@@ -498,7 +501,7 @@ def main() -> int:
     options.add_argument("--seed", type=int, default=usual.seed)
     options.add_argument("--experiment", dest="rig", default=usual.rig, help="folder, or a stored data set's name")
     options.add_argument("--group", default="", help="of its groups, these: 1,2,3")
-    options.add_argument("--terms", help="causes beside the baseline; by default drawn from the prior over sets")
+    options.add_argument("--terms", help="causes added to the baseline; by default drawn from the prior over sets")
     options.add_argument("--size", type=int, help="number of causes, where that is not drawn")
     options.add_argument("--sampler", choices=["evidence", "emcee"], default=usual.sampler)
     options.add_argument("--steps", type=int, default=usual.steps, help="of --sampler emcee, at most")

@@ -76,7 +76,7 @@ class Found:
     order : tuple of Ids
         Sets fitted, the best first.
     reported : tuple of Ids
-        The best, and those that are reported beside it as doing as well.
+        The best, and those that are reported with it as doing as well.
     modes : (n_modes, n_dim) array
         Of the best, in the sampling coordinates of its problem.
     """
@@ -113,7 +113,7 @@ def evidence_of(candidate: Candidate, seed: int, rounds: int = 3) -> tuple[float
     """
     sampled = importance_sample(candidate, seed=seed)
     for _ in range(rounds):
-        if sampled.height < candidate.height + 0.5:
+        if sampled.log_posterior < candidate.log_posterior + 0.5:
             break
         problem = candidate.problem
         candidate = candidate_of(problem, maximise(problem, np.vstack([candidate.modes, sampled.top])))
@@ -125,7 +125,7 @@ def from_scratch(problem: Problem, seeds: Sequence[int]) -> tuple[Candidate, lis
     """Fit a model from draws of its prior alone, and the log posterior density at the top that each seed leads to."""
     draws, most = (1024, 24) if problem.terms else (4096, 48)
     fits = [fit(problem, (), seed=seed, draws=draws, most=most) for seed in seeds]
-    return candidate_at(problem, np.vstack([c.modes for c in fits])), [c.height for c in fits]
+    return candidate_at(problem, np.vstack([c.modes for c in fits])), [c.log_posterior for c in fits]
 
 
 @contextmanager
@@ -316,7 +316,7 @@ def run(
     quick: bool = False,
     jobs: int = 1,
     truths: Mapping[str, Mapping[str, Any]] | None = None,
-    tell: Callable[[str], None] = print,
+    say: Callable[[str], None] = print,
 ) -> int:
     """Search the data sets that the file has no record of, and add theirs; how many could not be searched.
 
@@ -324,7 +324,7 @@ def run(
     """
     failed = 0
     for k, id in enumerate(ids, 1):
-        tell(f"{k} of {len(ids)}: {id}")
+        say(f"{k} of {len(ids)}: {id}")
         try:
             data = get(id)
             most = 4 if quick else data.most
@@ -336,12 +336,12 @@ def run(
             record = measure(data, seed, most=most, jobs=jobs, known=known, progress=_shown)
         except Exception:  # hours of other searches do not end with one that fails
             failed += 1
-            tell(traceback.format_exc())
+            say(traceback.format_exc())
             continue
         records[id] = record
         lines = (json.dumps(one) for one in records.values())
         write_atomically(file, "".join(f"{line}\n" for line in lines).encode())
-        tell(f"  {in_words(record)}")
+        say(f"  {in_words(record)}")
     return failed
 
 
@@ -556,7 +556,7 @@ def main() -> int:
             quick=words.quick,
             jobs=words.jobs,
             truths=read(words.truths) if words.truths else None,
-            tell=lambda text: print(text, flush=True),
+            say=lambda text: print(text, flush=True),
         )
     except KeyboardInterrupt:
         print("interrupted; repeat the same command to go on where it stopped", file=sys.stderr)

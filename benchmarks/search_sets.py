@@ -318,10 +318,10 @@ def hidden(
     *,
     least: float = 15.0,
     most: float = 200.0,
-    beside: float = 8.0,
+    each: float = 8.0,
     patience: int = 40,
 ) -> DataSet:
-    """Hide some causes so that they show: the truth gains `least` to `most` nats, each cause `beside` the others.
+    """Hide some causes so that they show: the truth gains `least` to `most` nats, each cause `each` given the others.
 
     Truths are drawn from the priors until one does. After each `patience` of them the causes are drawn anew.
 
@@ -331,7 +331,7 @@ def hidden(
     ids : sequence of str
     seed, number : int
         Of the draws.
-    least, most, beside : float, nats
+    least, most, each : float, nats
         Gain in log likelihood, by `psafit.challenge.oracle`.
     patience : int
     """
@@ -358,22 +358,22 @@ def hidden(
         if not enough(design, quick_um):
             continue
         quick = _read(conditions, quick_um, truth, noise)
-        if not _shows(quick, answer_of(quick_um), least, most, beside):
+        if not _shows(quick, answer_of(quick_um), least, most, each):
             continue
         true_um = simulate_literally(design, truth.values, truth.causes, conditions.ids)
         experiment = _read(conditions, true_um, truth, noise)
         answer = answer_of(true_um)
         oracle = consult(experiment, answer, seed=1)
-        if seen(oracle, least, most, beside):
+        if seen(oracle, least, most, each):
             about = f"benchmarks/search_sets.py, seed {seed}, number {number}, draw {attempt}"
             return replace(
                 _of_answer(name, "pairs", about, experiment, answer), gain=oracle.gain, without=oracle.without
             )
 
 
-def seen(oracle: Oracle, least: float, most: float, beside: float) -> bool:
+def seen(oracle: Oracle, least: float, most: float, each: float) -> bool:
     """Whether the truth gains what is asked for, and each of its causes."""
-    return least <= oracle.gain <= most and min(oracle.without.values()) >= beside
+    return least <= oracle.gain <= most and min(oracle.without.values()) >= each
 
 
 def _simulated(design: Design, truth: Truth, conditions: Experiment) -> np.ndarray:
@@ -392,7 +392,7 @@ def _read(conditions: Experiment, true_um: np.ndarray, truth: Truth, noise: np.n
     return _experiment(read.constants, read.groups)
 
 
-def _shows(experiment: Experiment, answer: Answer, least: float, most: float, beside: float) -> bool:
+def _shows(experiment: Experiment, answer: Answer, least: float, most: float, each: float) -> bool:
     """A quick look at what the oracle would say: it fits every part from many more places."""
     whole = Problem(experiment, experiment.ids, terms(answer.terms), tolerance=1e-3)
     at = truth_of(whole, answer)
@@ -403,6 +403,6 @@ def _shows(experiment: Experiment, answer: Answer, least: float, most: float, be
         return False
     for gone in whole.terms:
         rest, kept = whole.without(gone)
-        if reached - fit(rest, [bare], seed=1, extra=at[kept][None], draws=32, most=2).log_likelihood < beside:
+        if reached - fit(rest, [bare], seed=1, extra=at[kept][None], draws=32, most=2).log_likelihood < each:
             return False
     return True

@@ -19,15 +19,15 @@ def unseen(table: Path) -> Figure:
     from psafit.report import figures
     from psafit.validate import log_ratio, root_mean_square
 
-    told = [read_predictions(table, model) for model in ("extended", "baseline")]
+    reported = [read_predictions(table, model) for model in ("extended", "baseline")]
     curves, titles = [], []
-    for e, b in zip(*told, strict=True):
+    for e, b in zip(*reported, strict=True):
         band = figures.Band(figures.READING_BAND, e.lower, e.upper)
         extended = figures.Curve("extended", "vermillion", e.median, (band,))
         curves.append([extended, figures.Curve("baseline", "grey", b.median, dashed=True)])
         after, before = (root_mean_square(log_ratio(t.median, t.group.reading)) for t in (e, b))
         titles.append(f"Group {e.group.id}: log_rmse {before:.2f} → {after:.2f}")
-    groups = [t.group for t in told[0]]
+    groups = [t.group for t in reported[0]]
     figure = figures.groups_figure(groups, [figures.sweep_of(g) for g in groups], curves)
     for axes, title in zip(figure.axes, titles, strict=True):
         axes.set_title(title)

@@ -208,7 +208,7 @@ def section(e: CauseEntry) -> Iterator[str]:
 def likeness() -> Iterator[str]:
     """What the simulator says of the causes' likeness: not from the declarations."""
     six, first = six_groups(), first_group()
-    yield "![Which causes are confounded](figures/causes/alike.png)"
+    yield "![Which causes are confounded](figures/causes/confounded.png)"
     for name, found in (("Group 1 alone", first), ("All six groups", six)):
         absorbed, idle = (
             [f"`{id}`" for id, s in zip(found.ids, found.status, strict=True) if s == kind]
@@ -218,11 +218,11 @@ def likeness() -> Iterator[str]:
             f"**{name}.** The refit absorbs {listed(absorbed)}. At a plausible strength too small to be seen:"
             f" {listed(idle)}."
         )
-    told = [
+    reported = [
         f"`{id}`" for id, one, all_six in zip(first.ids, first.status, six.status, strict=True)
         if all_six == "visible" != one
     ]  # fmt: skip
-    yield f"What the amplitude sweeps and the square waves add: they bring out {listed(told)}, and part most pairs."
+    yield f"What the amplitude sweeps and the square waves add: they bring out {listed(reported)}, and part most pairs."
     rows = ["| confounded in group 1 or in all six | group 1 | all six |", "|---|---|---|"]
     pairs = itertools.combinations(range(len(six.ids)), 2)
     angles = [(float(six.angle[i, j]), float(first.angle[i, j]), i, j) for i, j in pairs]
@@ -277,7 +277,8 @@ and 0.3 um.
 - **Force acting back on the voltage.** A force frees the charge $q F$, 0.12 uC/N: 0.08 V/N on 1.5 uF without a source.
   That is 0.4-2 % of 20 V at 1 to 5 N, and less with a source of 50 ohm, which drains it within 75 us.
 - **Bending of the stack.** A ball $e$ off the axis of a stack of width $b$ adds $12 e^2/b^2$ of the stack's compliance:
-  48 % for 1 mm and 5 mm, 1e-8 m/N. Beside the 3e-7 m/N of a contact of 3e6 N/m that is 3 %, which $k_c$ takes up.
+  48 % for 1 mm and 5 mm, 1e-8 m/N. Compared with the 3e-7 m/N of a contact of 3e6 N/m that is 3 %, which $k_c$ takes
+  up.
 - **Plastic contact.** Hertz's greatest pressure of steel on PZT is 0.28 GPa at 5 N. Yield begins at 1.6 times the yield
   stress, above 1 GPa in either.
 - **Stretch of the string.** 0.26 N on nylon of 0.2 mm (1 kN/m at 90 mm) is 0.3 % of the length and 0.14 % of the range.
@@ -451,7 +452,7 @@ def clustered(found: Confounding) -> list[int]:
     return [seen[i] for i in leaves_list(optimal_leaf_ordering(tree, distance))]
 
 
-def draw_alike() -> None:
+def draw_confounded() -> None:
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
@@ -491,20 +492,20 @@ def draw_alike() -> None:
             axes.spines[:].set_visible(False)
             axes.set_title(title)
         bar = figure.colorbar(image, ax=panels, shrink=0.72, aspect=28, pad=0.015)
-        bar.set_label("Angle after the refit (°): 0 alike, 90 distinct")
+        bar.set_label("Angle after the refit (°): 0 confounded, 90 distinct")
         bar.set_ticks([0, 30, 60, 90])
         bar.outline.set_visible(False)
         figure.legend(
             [Rectangle((0, 0), 1, 1, facecolor="#ececec")], ["absorbed by the refit, or too small to be seen"],
             loc="outside lower center", fontsize=9.5, frameon=False,
         )  # fmt: skip
-        save(figure, FIGURES / "alike.png", colours=160)
+        save(figure, FIGURES / "confounded.png", colours=160)
 
 
 def main() -> int:
     PAGE.write_text(page("\n\n".join(likeness())), encoding="utf-8")
     if "--text" not in sys.argv:
-        draw_alike()
+        draw_confounded()
         for term in TERMS:
             draw_cause(term)
     return 0

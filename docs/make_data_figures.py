@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 FIGURES = ROOT / "docs" / "figures"
 OFFSET_UM = 0.3  # of the error metric log_rmse
-# Okabe-Ito colours; the marker tells the groups apart without colour.
+# Okabe-Ito colours; the marker distinguishes the groups without colour.
 LOOK = {
     1: ("#0072B2", "o", "1: sine 20 V"),
     2: ("#E69F00", "s", "2: sine 15 V"),
@@ -39,7 +39,7 @@ LOOK = {
     5: ("#D55E00", "D", "5: square 1.2 kHz"),
     6: ("#000000", "P", "6: square 20 V"),
 }
-# What the study states beside its appendix.
+# What the study states apart from its appendix.
 TABLE_2_RANGE_UM = {
     1: (0.67, 76.0),
     2: (0.90, 34.2),
@@ -283,7 +283,7 @@ def text_numbers(groups: dict[int, Group]) -> dict[str, Any]:
 
 
 def table_numbers(groups: dict[int, Group]) -> dict[str, Any]:
-    """What it quotes beside the study's Table 4."""
+    """What it quotes in addition to the study's Table 4."""
     return {
         "measured_equals_appendix": all(
             at(groups[3], v) == row[1] and at(groups[4], v) == row[3] for v, row in TABLE_4.items()

@@ -1,4 +1,4 @@
-"""Draw the annotated picture of a diagnosis page: numbers beside what docs/howto/read-the-page.md explains.
+"""Draw the annotated picture of a diagnosis page: numbers by what docs/howto/read-the-page.md explains.
 
 It takes the page of the data set gap_and_slew, made as docs/make_readme_figure.py says, and needs a Chromium.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 FILE = ROOT / "docs" / "figures" / "diagnosis-page.png"
-# What is numbered, in this order: a selector, and the edge beside which its number stands.
+# What is numbered, in this order: a selector, and the edge next to which its number stands.
 MARKED = (
     (".summary .verdict", "left"),
     (".said p:has-text('Examined')", "left"),
@@ -30,7 +30,7 @@ BADGE = (
 
 
 def draw(page_file: Path, file: Path) -> None:
-    """Open the page, put the numbers beside, and photograph its first screen."""
+    """Open the page, put the numbers in, and photograph its first screen."""
     from playwright.sync_api import sync_playwright
 
     names = ("chromium", "chromium-browser", "google-chrome")

@@ -132,14 +132,14 @@ def said(words: list[str], folder: Path) -> str:
 def fill(page: str, folder: Path, quick: bool = False) -> str:
     """A page with what its commands print now."""
 
-    def told(found: re.Match[str]) -> str:
+    def reported(found: re.Match[str]) -> str:
         words = shlex.split(found[1])[1:]
         if quick and words[1] in SLOW:
             return found[0]
         print(found[1], end="", flush=True)
         return f"{found[1]}{said(words, folder)}"
 
-    return BLOCK.sub(told, page)
+    return BLOCK.sub(reported, page)
 
 
 def main() -> int:

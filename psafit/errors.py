@@ -55,7 +55,7 @@ class InputErrors(InputError):
     faults : sequence of InputError
         Those that are named.
     more : int
-        How many were found beside them.
+        How many were found in addition to them.
     """
 
     def __init__(self, faults: Sequence[InputError], more: int = 0) -> None:
@@ -89,7 +89,7 @@ class Faults:
         return len(self._found) + self._more
 
     def add(self, fault: InputError, more: int = 0) -> None:
-        """Keep a fault, or those that it consists of; `more` were found beside it."""
+        """Keep a fault, or those that it consists of; `more` were found in addition."""
         self._found += fault.faults
         self._more += more + (fault.more if isinstance(fault, InputErrors) else 0)
 

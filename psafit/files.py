@@ -100,7 +100,7 @@ def _takes_bytes_as_they_come(path: Path) -> bool:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Hand out a temporary file beside `path`, and move it there in one step when the block ends well.
+    """Hand out a temporary file next to `path`, and move it there in one step when the block ends well.
 
     A link stays: what it points to is replaced.
 
@@ -304,7 +304,7 @@ def filling(folder: Path) -> Iterator[None]:
 
 
 def usual_folder(experiment: Path, *what: str) -> Path:
-    """Where a result goes unless told otherwise: below `fits`, named after the experiment and what was done."""
+    """Where a result goes by default: below `fits`, named after the experiment and what was done."""
     return Path("fits") / "-".join([experiment.resolve().name, *what])
 
 

@@ -1,7 +1,7 @@
 r"""Whether the predictions of a fit are converged, and what a fixed-step integrator would have needed.
 
 For a fitted model the predictions are repeated with a tolerance tightened by decades. The closed form has no step to
-refine: there the stepper, which shares no formula with it, is refined towards it. Beside that, the largest stable step
+refine: there the stepper, which shares no formula with it, is refined towards it. In addition, the largest stable step
 of the classical Runge-Kutta method at the fitted parameters: where it lies below the step that a simulation of such a
 drive commonly takes, its result would be an artefact.
 """
@@ -29,7 +29,7 @@ def audit(run: Run, *, n_draws: int = 8) -> Numerics:
     ----------
     run : Run
     n_draws : int
-        Posterior draws beside the best minimum, evenly spread over the chains.
+        Posterior draws in addition to the best minimum, evenly spread over the chains.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def refine(
         Of the run that stands for the truth of a model without closed form. Its own error is a hundredth of that of the
         finest of the others, or less.
     least_m : float, m
-        Ranges below this are not told from zero by any reading; their relative error says nothing.
+        Ranges below this are not distinguished from zero by any reading; their relative error says nothing.
     common_step : float, s
         The fixed step that many would take, a round microsecond as in the study.
     """

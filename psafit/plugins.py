@@ -69,7 +69,5 @@ def blamed(error: BaseException) -> InputError | None:
     """The same error as one line, where it came up in a plugin."""
     for file in files():
         if line := place(error, file):
-            return InputError(
-                f"the cause fails ({message_of(error)})", "psafit check-cause tells more", file=file, line=line
-            )
+            return InputError(f"the cause fails ({message_of(error)})", "see psafit check-cause", file=file, line=line)
     return None

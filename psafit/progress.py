@@ -24,7 +24,7 @@ TITLES = {
     "parts": "search the causes, without some of the groups",
     "causes": "search the causes, on all groups",
     "tests": "test the baseline and its best extension",
-    "next experiment": "look for the measurement that tells most",
+    "next experiment": "look for the best next measurement",
     "isolability": "compare what causes would do",
     "significance": "repeat the search where nothing is hidden",
     "calibration": "diagnose data sets drawn from the answer",

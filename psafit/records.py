@@ -184,7 +184,7 @@ class Fit(Brief):
     command : str
         That made it, if any did; absolute paths are cut to their last part.
     known : list of dict
-        Values, by parameter, at which the search was told to begin, too: where a diagnosis had found these causes.
+        Values, by parameter, at which the search had to begin, too: where a diagnosis had found these causes.
     """
 
     _in_repr = ("title", "groups", "terms", "engine", "seed")
@@ -425,7 +425,7 @@ class GroupScore:
     pit_p_value : float
         Whether the probability integral transforms are uniform.
     drift_p_value : float
-        Whether neighbours in the sweep err alike more than they should.
+        Whether neighbours in the sweep err to one side more than they should.
     informative : bool
         Whether a prediction can fail here: the drive is on, and some readings are above zero. Others enter no mean.
     verdict : str
@@ -516,7 +516,7 @@ def _seal(content: dict[str, Any]) -> str:
 def write_json(path: Path, record: Any, *, sealed: bool = False) -> None:
     """Write a record as JSON with its schema number, in one step; a list has no place for the number.
 
-    A sealed one holds its own SHA-256, so that `read_json` can tell whether somebody has changed it.
+    A sealed one holds its own SHA-256, so that `read_json` can say whether somebody has changed it.
     """
     content = plain(record)
     if isinstance(content, dict):

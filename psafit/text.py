@@ -1,7 +1,7 @@
 """Numbers as text: rounded half away from zero, and zero without a sign.
 
 What is rounded is the decimal number that a float prints as. So 0.925 is 0.93 as a fraction and 93 in per cent;
-Python's own formats round the binary numbers beside it, to 0.93 and 92.
+Python's own formats round the binary numbers next to it, to 0.93 and 92.
 """
 
 from __future__ import annotations
@@ -41,20 +41,21 @@ def fixed(value: float, digits: int = 0, *, sign: bool = False, per_cent: bool =
     return f"{number:+zf}".replace("+", "" if not sign or not number else "+")
 
 
-def significant(value: float, digits: int = 3, *, per_cent: bool = False) -> str:
-    """Format a number with so many significant digits, as Python's ``g`` does.
+def significant(value: float, digits: int = 3, *, per_cent: bool = False, plain: int = 5) -> str:
+    """Format a number with so many significant digits; without a power of ten up to `plain` places before the point.
 
     Examples
     --------
-    >>> significant(0.0125, 2), significant(0.0125, 2, per_cent=True), significant(-0.0), significant(1234567.0)
-    ('0.013', '1.3', '0', '1.23e+06')
+    >>> significant(0.0125, 2), significant(0.0125, 2, per_cent=True), significant(1612.0), significant(1234567.0)
+    ('0.013', '1.3', '1610', '1.23e+06')
     """
     if not math.isfinite(value):
         return f"{value:g}"
     number = _decimal(value, per_cent)
     if number:
         number = number.quantize(Decimal(1).scaleb(number.adjusted() - digits + 1), context=_EXACT)
-    return f"{float(number) + 0.0:.{digits}g}"
+    places = number.adjusted() + 1
+    return f"{float(number) + 0.0:.{max(digits, places) if places <= plain else digits}g}"
 
 
 def percent(fraction: float) -> str:

@@ -318,14 +318,14 @@ def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupI
 
 
 def silence(group: Group) -> str:
-    """Why a group cannot tell a good prediction from a bad one; empty where it can."""
+    """Why a group cannot separate a good prediction from a bad one; empty where it can."""
     if not group.amplitude_v.any():
         return "nothing drives it"
     return too_few(group)
 
 
 def too_few(group: Group, least: int = 3) -> str:
-    """Why a group has too few readings to tell anything; empty where it has enough."""
+    """Why a group has too few readings to show anything; empty where it has enough."""
     few = np.count_nonzero(group.reading) < least
     return f"fewer than {least} of its readings are above zero" if few else ""
 
@@ -362,7 +362,7 @@ def score(prediction: Prediction) -> GroupScore:
 
 
 def _factor(error: float) -> str:
-    """A log error as the factor that a sentence tells."""
+    """A log error as the factor that a sentence gives."""
     return f"×{math.exp(error):.2f}"
 
 
@@ -466,7 +466,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
 
 
 def write_predictions(path: Path, predictions: list[Prediction]) -> None:
-    """Write a table, one row a launch range, and beside it one of each other observable: ``<stem>-<name>.csv``.
+    """Write a table, one row a launch range, and next to it one of each other observable: ``<stem>-<name>.csv``.
 
     The first is there without a launch range, too: then it has a header alone.
     """

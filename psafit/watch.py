@@ -1,7 +1,7 @@
 """How far a running fit or diagnosis has come, from the files it leaves behind; nothing is written, no file is locked.
 
 The checkpoint is replaced in one step, so whatever is opened is whole. It may yet be gone, or be another program's
-half-written file: then there is no chain to tell of.
+half-written file: then there is no chain to report.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _FOREIGN = "give a folder that psafit fit or psafit diagnose writes to"
 
 @dataclass(frozen=True)
 class State(Convergence):
-    """A run as its folder shows it, beside the `Convergence` of its chains; None where there is nothing to say yet.
+    """A run as its folder shows it, next to the `Convergence` of its chains; None where there is nothing to say yet.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class State(Convergence):
     written : float, optional
         When the last checkpoint was, seconds since the epoch.
     running : bool, optional
-        Whether a process works in the folder; None where the system cannot tell.
+        Whether a process works in the folder; None where the system cannot say.
     whole_left : float, optional, s
         Of all stages, as the run itself reckons.
     chunk : int, optional
@@ -80,7 +80,7 @@ class State(Convergence):
 
 @dataclass(frozen=True)
 class DiagnosisState:
-    """A diagnosis as its folder shows it; None where there is nothing to tell.
+    """A diagnosis as its folder shows it; None where there is nothing to report.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class DiagnosisState:
     headline : str
         The verdict of a finished one.
     running : bool, optional
-        Whether a process works in the folder; None where the system cannot tell.
+        Whether a process works in the folder; None where the system cannot say.
     """
 
     stage: str

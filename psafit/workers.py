@@ -28,7 +28,7 @@ from joblib.externals.loky import get_reusable_executor, process_executor
 from psafit import plugins
 from psafit.errors import InputError
 
-# How often a worker looks whether its parent is still there, and a parent tells how far its workers are.
+# How often a worker looks whether its parent is still there, and a parent reports how far its workers are.
 _LOOK_UP_S = 1.0
 # For a scheduler's first worker to come. (How long the scheduler itself may take to answer is Dask's own setting.)
 _WORKERS_S = 60
@@ -178,7 +178,7 @@ def unordered(
     calls : iterable of tuple
         Taken from when a worker needs more.
     waiting : int
-        Calls that wait for each worker beside the one at which it is.
+        Calls that wait for each worker in addition to the one at which it is.
     """
     if jobs > 1 and (client := _CLIENT.get()):
         return _on_cluster(client, jobs, work, calls, waiting)
@@ -232,15 +232,15 @@ def ahead(
             while not over.wait(_LOOK_UP_S):
                 progress(done, len(calls))
 
-        teller = threading.Thread(target=report, name="progress", daemon=True)
-        teller.start()
+        reporter = threading.Thread(target=report, name="progress", daemon=True)
+        reporter.start()
         try:
             for result in unordered(usable, work, calls):
                 take(result)
                 done += 1
         finally:
             over.set()
-            teller.join()
+            reporter.join()
 
 
 def _attended(owner: int, work: Callable[..., Any], call: tuple[Any, ...]) -> Any:
@@ -250,7 +250,7 @@ def _attended(owner: int, work: Callable[..., Any], call: tuple[Any, ...]) -> An
     try:
         return work(*call)
     except Exception as error:
-        if blamed := plugins.blamed(error):  # whose line in whose file is not told to other processes
+        if blamed := plugins.blamed(error):  # whose line in whose file is not passed to other processes
             raise blamed from error
         raise
 

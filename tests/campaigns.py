@@ -17,8 +17,15 @@ SMALL = {"terms": ["amplifier_lag"], "each": 0, "nothing": 3, "pairs": 0, "drawn
 
 def says(folder: Path, **content: Any) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    told = {"schema": 1, "verdict": "adequate", "named": [], "alternatives": [], "causes": [], "misfit": {}} | content
-    (folder / "diagnosis.json").write_text(json.dumps(told))
+    reported = {
+        "schema": 1,
+        "verdict": "adequate",
+        "named": [],
+        "alternatives": [],
+        "causes": [],
+        "misfit": {},
+    } | content
+    (folder / "diagnosis.json").write_text(json.dumps(reported))
 
 
 def deaf(experiment: Experiment, group_ids: Any, folder: Path, *, quick: bool, seed: int) -> None:
@@ -54,7 +61,7 @@ def result(
         "0", 1, kind, truth, {"tau": 2.0, "k_c": 10.0}, {}, None, {}, True, {}, outside, "", places or [], "given", 0,
         [], "",
     )  # type: ignore[arg-type]  # fmt: skip
-    told = {
+    reported = {
         "verdict": verdict,
         "named": named or [],
         "alternatives": alternatives or [],
@@ -62,4 +69,4 @@ def result(
         "misfit": {"where": where or []},
     }
     oracle = Oracle(gain, without or {}, {}, confusable, 0.0)
-    return Result(spec, "0", "done", "", answer, oracle, told, {"diagnose": seconds})
+    return Result(spec, "0", "done", "", answer, oracle, reported, {"diagnose": seconds})

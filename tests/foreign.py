@@ -227,7 +227,7 @@ def _notation(rng: random.Random, separator: str) -> Notation:
 
 
 def _headings(rng: random.Random, form: Form) -> tuple[list[str], list[str] | None, list[str]]:
-    """Headings of the columns, a row of units or none, and what is said beside them."""
+    """Headings of the columns, a row of units or none, and what is said next to them."""
     names = [rng.choice(NAMES[kind]) for kind in ("frequency", "volts")]
     options: list[str] = []
     volts = form.units[1]

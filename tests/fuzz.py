@@ -606,7 +606,7 @@ def _all(given: argparse.Namespace, root: Path, whole: Path) -> int:
 
 
 def _sound(wanted: Sequence[str], place: Path, whole: Path) -> bool:
-    """Whether the commands take what is not spoilt: a refusal would otherwise be told of anything."""
+    """Whether the commands take what is not spoilt: a refusal would otherwise be reported of anything."""
     for kind in READERS.keys() & set(wanted):
         for command in READERS[kind][1]:
             shutil.copytree(whole, place)

@@ -59,7 +59,7 @@ def main() -> None:
             f"{kind:8} right {sum(right)} of {len(right)} ({100 * low:.0f}-{100 * high:.0f} %), assumed {assumed:g}; "
             f"missed by all of {tries(assumed)}: {missed:.1e}"
         )
-    print(f"the test fails by chance in {chance:.1e} of its runs, as far as these counts tell")
+    print(f"the test fails by chance in {chance:.1e} of its runs, as far as these counts show")
 
 
 if __name__ == "__main__":

@@ -49,8 +49,8 @@ def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> No
     assert (one.parameters["lower_90"] < one.parameters["median"]).all()
     assert list(one.scores["role"]) == ["fit", "holdout", "holdout"] and len(one.predictions) == 62
     assert "fitted to group 1 of A rig with known truth" in " ".join(repr(one).split()) and "not converged" in repr(one)
-    told = next(line for line in repr(one).splitlines() if line.startswith("c_c "))
-    assert told.count("c_c") == 1 and re.search(r"\d\.\d{4}$", told)  # named once; R-hat to four decimals
+    reported = next(line for line in repr(one).splitlines() if line.startswith("c_c "))
+    assert reported.count("c_c") == 1 and re.search(r"\d\.\d{4}$", reported)  # named once; R-hat to four decimals
     html = one._repr_html_()
     assert html.count("<table") == 2 and "k_c" in html and "N s/m" in html
     ax = Figure().subplots()
@@ -65,12 +65,12 @@ def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, tmp_pat
 
     asked: list[Path] = []
 
-    def told(experiment, ids, folder, **options):  # type: ignore[no-untyped-def]
+    def reported(experiment, ids, folder, **options):  # type: ignore[no-untyped-def]
         asked.append(folder)
         raise InputError("enough", "stop")
 
-    monkeypatch.setattr(api, "fit", told)
-    monkeypatch.setattr(api, "diagnose", told)
+    monkeypatch.setattr(api, "fit", reported)
+    monkeypatch.setattr(api, "diagnose", reported)
     rig = Rig(known)
     for ask in (lambda: rig.fit(1, quiet=True), lambda: rig.fit([1, 2], terms=["preload", "gap"], quiet=True),
                 lambda: rig.diagnose(quick=True, quiet=True)):  # fmt: skip
@@ -141,9 +141,9 @@ def test_a_diagnosis_prints_the_values_of_what_it_names(diagnosis: tuple[Path, E
     text = repr(found)
     assert "parameter of hysteresis" in text and "90 %: " in text and "implausible under its prior" in text
     assert all(name in text for name in cause.parameters) and "parameter of hysteresis" in found._repr_html_()
-    told = repr(found.record)
-    assert told.startswith("Diagnosis(verdict='ambiguous', named=['hysteresis']") and "causes: 3" in told
-    assert len(told) < 1000
+    reported = repr(found.record)
+    assert reported.startswith("Diagnosis(verdict='ambiguous', named=['hysteresis']") and "causes: 3" in reported
+    assert len(reported) < 1000
 
 
 def test_a_baseline_that_was_not_sampled_has_values_too(diagnosis: tuple[Path, Experiment]) -> None:

@@ -283,7 +283,7 @@ def text_files() -> list[Path]:
     try:
         done = subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
     except (OSError, subprocess.CalledProcessError):
-        pytest.skip("not a git work tree: what belongs to the project cannot be told")
+        pytest.skip("not a git work tree: what belongs to the project is not known")
     paths = [ROOT / name for name in done.stdout.decode().split("\0") if name]
     return [p for p in paths if p.is_file() and b"\0" not in p.read_bytes()]
 

@@ -47,7 +47,7 @@ def best(log_posterior: float) -> dict[str, Any]:
     return {"causes": ["gap"], "log_posterior": log_posterior, "probability": 0.9}
 
 
-def test_causes_are_dealt_alike_every_time_and_all_occur() -> None:
+def test_causes_are_dealt_the_same_every_time_and_all_occur() -> None:
     sizes = [2] * 20 + [3] * 10
     hands = search_sets.dealt(1, sizes)
     assert hands == search_sets.dealt(1, sizes) != search_sets.dealt(2, sizes)
@@ -57,7 +57,7 @@ def test_causes_are_dealt_alike_every_time_and_all_occur() -> None:
     assert often.keys() == set(search_sets.CATALOGUE)
 
 
-def test_a_truth_is_drawn_alike_every_time(known: Experiment) -> None:
+def test_a_truth_is_drawn_the_same_every_time(known: Experiment) -> None:
     ids = ["amplifier_lag", "reading_gain"]
     first, again, other = (search_sets.drawn_truth(np.random.default_rng(k), ids, known.ids) for k in (1, 1, 2))
     assert first == again != other
@@ -156,20 +156,20 @@ def test_a_run_goes_on_where_it_stopped(known: Experiment, tmp_path: Path, monke
     )
     file, said = tmp_path / "out.jsonl", lambda text: None
     with pytest.raises(KeyboardInterrupt):
-        yardstick.run(["a", "b", "c"], file, seed=1, tell=said)
+        yardstick.run(["a", "b", "c"], file, seed=1, say=said)
     assert list(yardstick.read(file)) == ["a"]
-    assert yardstick.run(["a", "b", "c"], file, seed=1, tell=said) == 0
+    assert yardstick.run(["a", "b", "c"], file, seed=1, say=said) == 0
     assert searched == [("a", 4, None), ("b", 4, None), ("c", 6, None)]
     # One that fails is counted, and the others are searched.
     monkeypatch.setattr(yardstick, "get", lambda id, get=yardstick.get: get(id) if id != "bad" else 1 / 0)
-    assert yardstick.run(["bad", "a"], file, seed=1, tell=said) == 1
+    assert yardstick.run(["bad", "a"], file, seed=1, say=said) == 1
     # What was asked otherwise is searched anew; a plain fit of the truth is taken over where readings are the same.
     truths = copy.deepcopy(yardstick.read(file))
     for id, fingerprint in (("b", known.fingerprint), ("c", "another")):
         truths[id] |= {"fingerprint": fingerprint, "truth_alone": {"log_posterior": 1.0}}
-    assert yardstick.run(["a", "b", "c"], file, seed=1, quick=True, truths=truths, tell=said) == 0
+    assert yardstick.run(["a", "b", "c"], file, seed=1, quick=True, truths=truths, say=said) == 0
     assert searched[3:] == [("c", 4, None)]
-    yardstick.run(["b"], file, seed=2, truths=truths, tell=said)
+    yardstick.run(["b"], file, seed=2, truths=truths, say=said)
     assert searched[4:] == [("b", 4, {"log_posterior": 1.0})]
 
 
@@ -200,7 +200,7 @@ def test_a_small_data_set_is_measured(known: Experiment, monkeypatch: pytest.Mon
     assert yardstick.compare({"known": found}, {"known": found})[0].flags == ()
 
 
-def test_estimates_are_told_by_number_of_causes(tmp_path: Path) -> None:
+def test_estimates_are_described_by_number_of_causes(tmp_path: Path) -> None:
     """What a run has written is read again, and counted where it belongs."""
     rows = [
         {"number": k, "causes": ["gap", "preload"][: 1 + k // 4], "short_below": float(k), "second_top_above": 0.2 * k,
@@ -228,7 +228,7 @@ def test_a_random_model_is_fitted_and_sampled_twice() -> None:
 def test_searches_where_nothing_is_hidden_go_on_where_they_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each size in turn, one table whatever the order; a search that fails is told and left out."""
+    """Each size in turn, one table whatever the order; a search that fails is reported and left out."""
     table = null_leads.blank(1, TERMS, null_leads.SearchSettings())
     calls = null_leads.wanted(table, (60, 150), 2)
     assert [n for n, _ in calls] == [60, 150, 60, 150] and len(set(calls)) == 4

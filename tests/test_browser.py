@@ -195,9 +195,9 @@ def other_pages(tmp_path_factory) -> dict[str, Path]:
     experiment = make_experiment(HOSTILE)
     sides = made(HOSTILE, 2.0), made("b", 1.1)
     provenance = {"Command": HOSTILE}
-    told = {"tau": {"median": 2.0, "lower": 1.0, "upper": 3.0}}
+    reported = {"tau": {"median": 2.0, "lower": 1.0, "upper": 3.0}}
     judged = [
-        result(["a"], named=["a"], causes=[{"terms": ["a"], "probability": 0.9, "parameters": told}]),
+        result(["a"], named=["a"], causes=[{"terms": ["a"], "probability": 0.9, "parameters": reported}]),
         result(["a"], named=["<b> & $x_ {{ 7 }}"]),
         result([], verdict="adequate"),
         result([], outside="<i> & $x_ {{ 7 }}", verdict="unexplained"),

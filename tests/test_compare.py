@@ -25,7 +25,7 @@ from psafit.report.comparison import write_comparison
 def test_the_better_one_is_named_and_overlap_is_measured() -> None:
     found = compare(made("a", 2.0), made("b", 1.1))
     assert found.judged == ["two"] and found.log_rmse is not None
-    # 0.3 um beside the readings takes a little of the factor away.
+    # 0.3 um added to the readings takes a little of the factor away.
     assert found.log_rmse == pytest.approx([np.log(2), np.log(1.1)], rel=0.05)
     low, high = found.log_rmse_interval or (0, 0)
     assert low <= found.log_rmse[1] - found.log_rmse[0] <= high < 0
@@ -66,10 +66,10 @@ def test_without_a_group_to_judge_by_nobody_wins(tmp_path: Path) -> None:
     found = compare(one, other)
     assert found.judged == [] and found.log_rmse is None
     page = Reader(write_comparison(one, other, found, tmp_path / "c.html").read_text("utf-8"))
-    assert "no group to judge by" in page.text and "Nobody can tell" in page.text
+    assert "no group to judge by" in page.text and "Nobody can say" in page.text
 
 
-def test_what_is_not_determined_has_no_interval_beside_another(tmp_path: Path) -> None:
+def test_what_is_not_determined_has_no_interval_next_to_another(tmp_path: Path) -> None:
     one, other = made("a", 2.0, spread=0.1), made("b", 1.1)
     open_ended = replace(one.parameters["k_c"], verdict="bounded above", limit="at most 7.7e6 N/m (95 %)")
     one.parameters["k_c"] = open_ended
@@ -114,7 +114,7 @@ def test_the_page_of_two_fits(fitted: tuple[Path, Path], tmp_path: Path, monkeyp
 
 
 @pytest.mark.slow
-def test_a_diagnosis_stands_beside_a_fit_or_alone(  # type: ignore[no-untyped-def]
+def test_a_diagnosis_stands_next_to_a_fit_or_alone(  # type: ignore[no-untyped-def]
     diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys
 ) -> None:
     folder, experiment = diagnosis

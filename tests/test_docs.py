@@ -37,7 +37,7 @@ FOLLOWED_ELSEWHERE = ("add-a-cause.md", "elsewhere.md", "own-causes.md", "tutori
 # A transcript shows commands, after a dollar, and what they printed; its script is run where it is made.
 TRANSCRIPT = "console"
 SHELL, PSAFIT = ("sh", "bash", "shell", TRANSCRIPT), ("psafit", ".venv/bin/psafit")
-# What a page may ask of a shell beside psafit and make; run as it stands.
+# What a page may ask of a shell other than psafit and make; run as it stands.
 PLAIN = {"cat", "cp", "head", "ls", "mkdir", "mv"}
 # They take minutes and have tests of their own: tests/reproduce, tests/challenge.
 LONG = {("reproduce",), ("challenge", "run")}
@@ -372,7 +372,7 @@ def run_python(block: Block, page: Path, names: dict[str, object], capsys: pytes
 
 
 def run_toml(block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An experiment.toml, beside files with the columns that its comments name; or more of the one before."""
+    """An experiment.toml, next to files with the columns that its comments name; or more of the one before."""
     folder.mkdir(exist_ok=True)
     if "[constants]" not in block.text:
         before = (folder / "experiment.toml").read_text("utf-8")

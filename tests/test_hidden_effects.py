@@ -48,8 +48,8 @@ PAIR = ("start_phase", "preload")
 # What a diagnosis chooses from where it need not look at all there is.
 FEW = SINGLES
 ASKED, ASKED_OF_EACH = 100.0, 60.0
-# What the oracle must see for a miss to count: of the whole, and of each of a pair beside the other.
-SEEN, SEEN_BESIDE = 40.0, 15.0
+# What the oracle must see for a miss to count: of the whole, and of each of a pair given the other.
+SEEN, SEEN_EACH = 40.0, 15.0
 _TRIES = 12
 
 # Chances that a sound diagnosis is right about a data set: the targets of the full campaign, which count from 25 nats
@@ -122,7 +122,7 @@ def hide(kind: str, causes: Sequence[str], rng: np.random.Generator, folder: Pat
             asked = how.strength if kind == "one" else ASKED_OF_EACH
             made = make(seed, place, design_of=design, terms=causes, strength=asked)
         oracle = consult(made.experiment, made.answer, seed=1, starts=12)  # enough to see 40 nats or more
-        if kind == "nothing" or (oracle.gain >= how.seen and min(oracle.without.values(), default=SEEN) >= SEEN_BESIDE):
+        if kind == "nothing" or (oracle.gain >= how.seen and min(oracle.without.values(), default=SEEN) >= SEEN_EACH):
             return Hidden(made, oracle, seed)
     raise AssertionError(f"{kind} {causes}: nothing that an oracle sees, in {_TRIES} tries")
 
@@ -202,21 +202,21 @@ def test_a_stubborn_diagnosis_can_do_one_kind() -> None:
     """One that always finds the baseline adequate, or always something without a name, misses all other kinds."""
     hidden = {"nothing": [], "one": ["gap"], "two": ["gap", "preload"], "outside": []}
     for verdict in ("adequate", "unexplained"):
-        told = {"verdict": verdict, "named": [], "alternatives": [], "causes": [], "misfit": {}}
+        printed = {"verdict": verdict, "named": [], "alternatives": [], "causes": [], "misfit": {}}
         answers = [
             Answer("0", 1, kind, causes, {}, {}, None, {}, True, {}, None, "", [], "given", 0, [], "")  # type: ignore[arg-type]
             for kind, causes in hidden.items()
         ]
-        assert sum(is_right(answer, told) for answer in answers) == 1
+        assert sum(is_right(answer, printed) for answer in answers) == 1
     # Nor is it an answer to name everything that there is.
-    told = {
+    printed = {
         "verdict": "ambiguous",
         "named": ["gap"],
         "alternatives": [[t.id] for t in TERMS],
         "causes": [],
         "misfit": {},
     }
-    assert not any(is_right(answer, told) for answer in answers)
+    assert not any(is_right(answer, printed) for answer in answers)
 
 
 # Parts of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by two, the tests with

@@ -17,9 +17,9 @@ def test_an_audit_is_of_the_steps_that_were_taken() -> None:
     """At the problem's own tolerance, and not converged where its error is more than would do."""
     model = Problem(rig(["hertz_exponent"], [1.5], seed=1), (1,), terms(["hertz_exponent"]), tolerance=1e-3)
     u = model.prior_transform(np.full((1, model.n_dim), 0.5))
-    told = refine(model, u, "me")
+    reported = refine(model, u, "me")
     exact = replace(model, tolerance=1e-10).predict(u, model.experiment.ids)
     error = np.abs(model.predict(u, model.experiment.ids) / exact - 1).max()
-    assert told.engine == "stepper" and told.tolerance == 1e-3 and told.converged
-    assert told.error == pytest.approx(error, rel=0.05) and told.error > 1e-9
+    assert reported.engine == "stepper" and reported.tolerance == 1e-3 and reported.converged
+    assert reported.error == pytest.approx(error, rel=0.05) and reported.error > 1e-9
     assert not refine(model, u, "me", required=0.5 * error, of_scatter=0.0).converged

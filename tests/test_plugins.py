@@ -99,7 +99,7 @@ def test_a_bad_plugin_is_one_line_and_exit_2(arguments: list[str], words: str, s
     assert {p.name for p in tmp_path.iterdir()} - before <= {"__pycache__", *(["o"] if "wild.py" in arguments else [])}
 
 
-def test_a_plugin_that_comes_too_late_is_told(sensor: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_a_plugin_that_comes_too_late_is_reported(sensor: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     """In a process that has read the registry, as this one, it would not take part."""
     monkeypatch.setenv(plugins.VARIABLE, "")
     assert run(monkeypatch, "terms", "--plugin", sensor) == 2
@@ -121,8 +121,8 @@ if __name__ == "__main__":
     plugins.add(["sensor_compression.py"])
     from psafit.physics import term
     function = term("sensor_compression").reading
-    told = joblib.Parallel(2)(joblib.delayed(ask)(function) for _ in range(2))
-    print(told == 2 * [(function.__module__, False, plugins.files())])
+    reported = joblib.Parallel(2)(joblib.delayed(ask)(function) for _ in range(2))
+    print(reported == 2 * [(function.__module__, False, plugins.files())])
 """
 
 

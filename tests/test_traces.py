@@ -128,8 +128,8 @@ def test_a_trace_is_a_group_of_samples(tmp_path: Path) -> None:
     assert group.observables == (DISPLACEMENT,) and group.swept == "time" and group.n_points == 40
     assert group.time_us is not None and group.time_us[:3].tolist() == [0, 5, 10]
     assert set(group.frequency_hz) == {1200} and group.drive.waveform == "sine"
-    told = describe(experiment)["groups"][-1]
-    assert told["time_us"] == [0, 195] and told["displacement_um"] == [0, 15.21] and told["replicates"] == 0
+    reported = describe(experiment)["groups"][-1]
+    assert reported["time_us"] == [0, 195] and reported["displacement_um"] == [0, 15.21] and reported["replicates"] == 0
 
 
 def test_a_trace_is_written_as_it_was(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_a_trace_of_launches_is_pointed_to_its_key(tmp_path: Path) -> None:
     assert "a.csv:1" in str(caught.value) and "with trace in the place of file" in str(caught.value)
 
 
-def test_what_is_suspicious_of_a_trace_is_told(tmp_path: Path) -> None:
+def test_what_is_suspicious_of_a_trace_is_reported(tmp_path: Path) -> None:
     many = "time_us,displacement_um\n" + "".join(f"{0.1 * k},{1e-6 * k * k}\n" for k in range(5000))
     assert any("one in 3 says nearly as much" in w for w in read_experiment(folder(tmp_path / "a", many)).warnings)
     off = "time_us,displacement_um\n" + "".join(f"{k},{50 + k}\n" for k in range(40))
@@ -311,7 +311,7 @@ def test_the_error_of_a_trace_is_logarithmic_for_large_values_of_either_sign() -
     )
 
 
-def test_sessions_keep_their_columns_beside_traces() -> None:
+def test_sessions_keep_their_columns_with_traces() -> None:
     """A cause with a value a session, where the traces are not the first groups."""
     problem = made((4,), n=20, ranges=5)
     gain = term("session_lean")

@@ -53,7 +53,7 @@ def test_the_pages_show_commands_that_have_said_something() -> None:
     for page in TUTORIAL.PAGES:
         found = TUTORIAL.BLOCK.findall(page.read_text("utf-8"))
         assert len(found) == len(blocks(page.name, "console"))
-        assert all(told for command, told in found if "--measure" not in command)
+        assert all(reported for command, reported in found if "--measure" not in command)
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from psafit.diagnose.misfit import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running
-from psafit.inference.optimiser import heights
+from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
 from psafit.inference.samplers.emcee import Settings
 from psafit.physics import terms
@@ -87,15 +87,20 @@ def test_stated_errors_reach_fit_and_bands(known: Experiment) -> None:
     seen = law((1, 2))
     assert problem.log_likelihood(u)[0] == pytest.approx(seen.logpdf(problem.observed).sum())
     predicted = problem.predict(u)
-    assert heights(problem, u, predicted, problem.observed)[0] == pytest.approx(problem.log_posterior(u)[0])
+    assert log_posteriors(problem, u, predicted, problem.observed)[0] == pytest.approx(problem.log_posterior(u)[0])
     scores = normal_scores(problem, u, predicted, problem.observed)[0]
     expected = stats.norm.ppf(seen.cdf(problem.observed))
     assert scores[np.abs(expected) < 4] == pytest.approx(expected[np.abs(expected) < 4])
-    for told, group in zip(validate.predictive(problem, np.repeat(u, 4000, axis=0), 1), known.groups, strict=True):
+    for reported, group in zip(validate.predictive(problem, np.repeat(u, 4000, axis=0), 1), known.groups, strict=True):
         own = law((int(group.id),))
-        assert told.log_density == pytest.approx(own.logpdf(group.reading))
+        assert reported.log_density == pytest.approx(own.logpdf(group.reading))
         width = own.kwds.get("scale", own.args[2])
-        for found, q in ((told.lower, 0.05), (told.lower_50, 0.25), (told.upper_50, 0.75), (told.upper, 0.95)):
+        for found, q in (
+            (reported.lower, 0.05),
+            (reported.lower_50, 0.25),
+            (reported.upper_50, 0.75),
+            (reported.upper, 0.95),
+        ):
             # (Bands begin at zero; a quantile of 4,000 draws errs by a tenth of the width or less.)
             assert (np.abs(found - np.maximum(own.ppf(q), 0.0)) < 0.2 * width).all(), q
 
@@ -197,14 +202,14 @@ def test_many_small_errors_against_few_large_ones() -> None:
     assert "mostly too large;" in said and "on average" not in said
 
 
-def test_no_factor_is_told_that_says_nothing() -> None:
+def test_no_factor_is_given_that_says_nothing() -> None:
     large = validate.verdict(np.full(50, 0.004), 0.9, 0.5, 0.5)
     assert "typically off by ×1.00, mostly too large;" in large
     one = validate.verdict(np.append(np.full(50, 1e-4), -0.015), 0.9, 0.5, 0.5)
     assert "typically off by ×1.00, mostly too " in one and "one reading" not in one and "average" not in one
 
 
-def test_a_group_that_cannot_tell_enters_no_mean(checked) -> None:  # type: ignore[no-untyped-def]
+def test_a_group_that_cannot_show_it_enters_no_mean(checked) -> None:  # type: ignore[no-untyped-def]
     run, _, predictions = checked
     held_out = predictions[1].group
     for silent, why in (
@@ -290,8 +295,8 @@ def test_many_zeros_are_no_departure_where_they_are_predicted(known: Experiment)
     for k in range(40):
         y = np.maximum(noise.draw(ranges, scatter, None, rng)[0], 0.0)
         assert 0.05 < np.mean(y == 0) < 0.95
-        told = replace(problem, experiment=problem.experiment.with_readings(y))
-        p.append(validate.predictive(told, np.repeat(truth, 300, axis=0), seed=k)[0].pit_p_value)
+        reported = replace(problem, experiment=problem.experiment.with_readings(y))
+        p.append(validate.predictive(reported, np.repeat(truth, 300, axis=0), seed=k)[0].pit_p_value)
     assert np.mean(np.array(p) < 0.05) < 0.2 and 0.3 < np.mean(p) < 0.7
 
 
@@ -307,7 +312,7 @@ def test_a_sweep_is_ordered_by_what_it_sweeps() -> None:
     assert np.isin(np.diff(np.argsort(group.in_sweep)[rows], axis=1), [1, -11]).mean() > 0.6
 
 
-def test_one_reading_that_rules_a_group_is_told_apart():
+def test_one_reading_that_rules_a_group_is_distinguished():
     off = np.full(20, 0.1)
     assert "but for one reading" not in verdict(off, 0.9, 0.5, 0.5)
     off[7] = -2.0

@@ -47,7 +47,7 @@ def running(fitted: tuple[Path, Path], tmp_path: Path) -> Iterator[Path]:
         yield folder
 
 
-def test_a_finished_run_is_told(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_a_finished_run_is_reported(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     state = watch.look(fitted[0])
     assert (state.stage, state.steps, state.walkers) == ("gave up", 60, 64) and state.finished
     file = tmp_path / "w.json"
@@ -66,7 +66,7 @@ def test_one_that_gave_up_and_is_drawn_on_is_not_finished(fitted: tuple[Path, Pa
     assert watch.look(folder).stage == "gave up"
 
 
-def test_a_running_one_is_told_of(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_a_running_one_is_reported(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InputError, match="holds a run under way; psafit watch shows how far it is"):
         load(running)
     before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in running.rglob("*") if p.is_file()}
@@ -88,8 +88,8 @@ def test_the_pace_is_that_of_the_last_checkpoints(running: Path) -> None:
     later = (state.written or 0) + 3
     with h5py.File(running / "chain.h5", "a") as f:
         group = f["psafit"]
-        chain, height = group["chain"][:], group["log_prob"][:]
-        for name, values in (("chain", chain), ("log_prob", height)):
+        chain, log_posterior = group["chain"][:], group["log_prob"][:]
+        for name, values in (("chain", chain), ("log_prob", log_posterior)):
             group[name].resize(2 * len(values), axis=0)
             group[name][len(values) :] = values
         group.attrs["iteration"] = 120
@@ -174,7 +174,7 @@ def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Pa
     assert capsys.readouterr().out.startswith("interrupted")
 
 
-def test_the_whole_of_a_fit_is_told_beside_its_stage(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_the_whole_of_a_fit_is_shown_with_its_stage(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     Reporter(Silent(), running, "fit", "a", {"search": 1.0, "sample": 2.0}).stage("search")
     record = replace(progress_of(running), left=3600.0)  # type: ignore[type-var]
     write_json(running / "progress.json", record)
@@ -228,8 +228,8 @@ def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-unty
     (running / "posterior.json").unlink()
     monkeypatch.setattr(watching.time, "sleep", stop)
     assert run(monkeypatch, "watch", running) == 0
-    told = capsys.readouterr()
-    assert told.err == "" and told.out.startswith("sampling")
+    reported = capsys.readouterr()
+    assert reported.err == "" and reported.out.startswith("sampling")
 
 
 def test_a_terminal_gets_a_table(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

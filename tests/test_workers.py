@@ -29,11 +29,11 @@ def test_work_is_done_ahead_where_several_processes_share_it(tmp_path):
     for jobs, n_calls, made in ((1, 3, 0), (2, 3, 3), (2, 1, 0)):
         place = tmp_path / f"{jobs}-{n_calls}"
         place.mkdir()
-        told: list[tuple[int, int]] = []
+        reported: list[tuple[int, int]] = []
         calls = [(str(place / f"{k}"),) for k in range(n_calls)]
-        ahead(os.mkdir, calls, jobs, lambda done, total, told=told: told.append((done, total)))
+        ahead(os.mkdir, calls, jobs, lambda done, total, reported=reported: reported.append((done, total)))
         assert len(list(place.iterdir())) == made
-        assert all(done <= total == n_calls for done, total in told)
+        assert all(done <= total == n_calls for done, total in reported)
 
 
 @pytest.mark.parametrize("why", ["switch", "closed"])
@@ -46,7 +46,7 @@ def test_where_joblib_starts_no_process_nothing_is_done_ahead(why, tmp_path, mon
     assert not list(tmp_path.iterdir())
 
 
-def test_a_number_of_cores_that_is_none_is_told_of(monkeypatch):
+def test_a_number_of_cores_that_is_none_is_reported(monkeypatch):
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "many")
     with pytest.raises(InputError, match="set it to a number of cores"):
         cores()
@@ -57,7 +57,7 @@ def test_what_a_process_cannot_do_is_raised():
         ahead(os.rmdir, [("no such folder",)] * 2, 2)
 
 
-def test_a_process_ended_from_outside_is_told_of():
+def test_a_process_ended_from_outside_is_reported():
     with pytest.raises(InputError, match="ended from outside"):
         ahead(os._exit, [(1,), (1,)], 2)
 
@@ -72,7 +72,7 @@ def test_a_process_that_grows_is_kept() -> None:
 
 
 @pytest.mark.slow
-def test_work_that_ends_one_worker_of_a_cluster_after_the_other_is_told_of():
+def test_work_that_ends_one_worker_of_a_cluster_after_the_other_is_reported():
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
@@ -92,7 +92,7 @@ time.sleep(600)
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_dies_is_told_of():
+def test_a_scheduler_that_dies_is_reported():
     pytest.importorskip("distributed")
     with subprocess.Popen([sys.executable, "-c", CLUSTER], stdout=subprocess.PIPE, text=True) as cluster:
         assert cluster.stdout is not None

@@ -71,7 +71,7 @@ def few(readings: list[float], amplitude: float = 20.0) -> Experiment:
     return Experiment("a rig", "a test", RIG, (one,), Path(), fingerprint(RIG, (one,)))
 
 
-def rig_with_two_hills(seed: int) -> tuple[Problem, np.ndarray]:
+def rig_with_two_modes(seed: int) -> tuple[Problem, np.ndarray]:
     """A hardly damped stack with a lossy contact, which reads like a damped one with a stiff contact; and its truth."""
     design = read_experiment(Path(__file__).parents[1] / "experiments" / "psa")
     p = Problem(design, design.ids)

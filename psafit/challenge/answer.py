@@ -101,7 +101,7 @@ class Answer:
     places : list of Place
     design : {"given", "drawn"}
     redraws : int
-        True models drawn besides that launched too little, or in which a cause could not be as strong as asked for.
+        True models drawn as well that launched too little, or in which a cause could not be as strong as asked for.
     true_readings : list of float
         Readings before scatter and rounding, group after group, each in its unit.
     fingerprint : str

@@ -393,7 +393,7 @@ def run(
 
 
 def judge(folder: Path, diagnosis: Path) -> Result:
-    """Put one diagnosis of a challenge beside the sealed answer.
+    """Put one diagnosis of a challenge next to the sealed answer.
 
     Parameters
     ----------
@@ -428,7 +428,7 @@ def load(folder: Path) -> tuple[Campaign, list[Result]]:
 
 
 def content_hash(result: Result) -> str:
-    """SHA-256 of everything in a result but wall times: equal wherever and beside whatever it was computed."""
+    """SHA-256 of everything in a result but wall times: equal wherever and with whatever it was computed."""
     content = plain(result)
     del content["seconds"], content["oracle"]["seconds"]
     return digest(content)

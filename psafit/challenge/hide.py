@@ -1,6 +1,6 @@
 """Hide an effect: draw a true model, simulate a design with the literal reference, scatter, write, seal.
 
-Nothing in the experiment folder tells what was hidden. Everything is drawn from the seed, in streams of their own, so
+Nothing in the experiment folder says what was hidden. Everything is drawn from the seed, in streams of their own, so
 that one seed gives the same bytes however the work is shared out.
 """
 

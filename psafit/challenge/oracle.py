@@ -41,7 +41,7 @@ Rows = NDArray[np.intp] | slice
 
 @dataclass(frozen=True)
 class RivalSettings:
-    """How causes are looked for that nobody can tell from the truth.
+    """How causes are looked for that nobody can distinguish from the truth.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Oracle:
         Parameters of the true model at its top; empty for an effect outside the catalogue.
     confusable : list of str, optional
         Causes that come within 3 nats of the truth on readings without scatter, so that no diagnosis can be asked to
-        tell them apart; None where nobody looked. Each was found at work: what is not listed may still be confusable.
+        distinguish them; None where nobody looked. Each was found at work: what is not listed may still be confusable.
     seconds : float
     """
 
@@ -102,7 +102,8 @@ def consult(
     seed : int
         Of the search for the baseline's top.
     rivals_from : float, nats, optional
-        Gain from which to look for causes that nobody can tell from the truth (one cause only); never by default.
+        Gain from which to look for causes that nobody can distinguish from the truth (one cause only); never by
+        default.
     starts : int
         Of the search for the tops of models that lack something. With eight, a baseline that fails was one time in two
         fitted below its top, and what that lacks would count as strength.
@@ -115,8 +116,8 @@ def consult(
     truth = truth_of(plain, answer)
     best = fit(plain, (), seed=seed, draws=draws, most=starts)
     tops = [polish(plain, u)[0] for u in (best.modes[0], truth)]
-    heights = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
-    base = tops[int(np.argmax(heights))]
+    log_posteriors = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
+    base = tops[int(np.argmax(log_posteriors))]
     base_likelihood = _likelihood(plain, base)
     without: dict[str, float] = {}
     fitted: dict[str, float] = {}
@@ -135,11 +136,11 @@ def consult(
         if len(terms) > 1:
             for term in terms:
                 rest = Problem(experiment, experiment.ids, tuple(t for t in terms if t is not term))
-                # What one cause does beside another may as well be done by another contact: far from the truth.
+                # What one cause does in addition to another may as well be done by another contact: far from the truth.
                 found = fit(rest, [best], seed=seed, draws=draws, most=starts)
-                beside = [polish(rest, u)[0] for u in (found.modes[0], truth_of(rest, answer))]
+                reduced = [polish(rest, u)[0] for u in (found.modes[0], truth_of(rest, answer))]
                 # The baseline is a case of it, too.
-                most = max(base_likelihood, *(_likelihood(rest, u) for u in beside))
+                most = max(base_likelihood, *(_likelihood(rest, u) for u in reduced))
                 without[term.id] = max(reached - most, 0.0)
         elif rivals_from is not None and gain >= rivals_from:
             confusable = find_rivals(experiment, answer)

@@ -22,8 +22,8 @@ from psafit.text import fixed
 
 Ids = frozenset[str]
 
-# Of two causes, each must add so much beside the other to be asked for.
-SEEN_BESIDE_NATS = 10.0
+# Of two causes, each must add so much to the other to be asked for.
+SEEN_EACH_NATS = 10.0
 SHOWING_NATS = 3.6
 """An oracle gain (log likelihood) below which no prior of the catalogue's kinds gives a cause the evidence of one.
 
@@ -68,7 +68,7 @@ class Row:
     located : bool
         Of an outside effect: whether the misfit points where it acts.
     confusable : list of str
-        Causes that nobody can tell from the truth here.
+        Causes that nobody can distinguish from the truth here.
     set_size : int
     probability : float, optional
         Printed for exactly the truth.
@@ -405,10 +405,8 @@ def _at_least(what: str, least: float, hits: Iterable[bool]) -> Target:
 
 
 def _both_seen(result: Result) -> bool:
-    beside = result.oracle.without.values()
-    return (
-        result.spec.kind == "two" and result.oracle.gain >= SEEN_NATS and min(beside, default=0.0) >= SEEN_BESIDE_NATS
-    )
+    each = result.oracle.without.values()
+    return result.spec.kind == "two" and result.oracle.gain >= SEEN_NATS and min(each, default=0.0) >= SEEN_EACH_NATS
 
 
 def _both(result: Result) -> bool:
@@ -509,6 +507,6 @@ def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
 
 
 __all__ = [
-    "SEEN_BESIDE_NATS", "SEEN_NATS", "GainBin", "ProbabilityBin", "Rate", "Recovery", "Row", "Score", "Target",
+    "SEEN_EACH_NATS", "SEEN_NATS", "GainBin", "ProbabilityBin", "Rate", "Recovery", "Row", "Score", "Target",
     "located", "percent", "rate", "reported_set", "score",
 ]  # fmt: skip

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from psafit.records import CauseEntry, CauseParameterEntry
 
 
-@click.command(cls=Command, short_help="List causes and parameters, or tell all about one.")
+@click.command(cls=Command, short_help="List causes and parameters, or describe one in full.")
 @click.argument("id", metavar="[ID]", required=False)
 @PLUGIN
 @QUIET

@@ -235,7 +235,7 @@ def refuse_run_file(json_file: Path | None, folder: Path) -> None:
 
 
 def refuse_both(jobs: int | None, scheduler: str | None) -> None:
-    """Refuse processes of this machine beside a Dask scheduler; neither is given where it is None."""
+    """Refuse processes of this machine together with a Dask scheduler; neither is given where it is None."""
     if scheduler and jobs is not None:
         raise InputError("--jobs and --scheduler are both given", "give one: Dask's workers are set where they start")
 

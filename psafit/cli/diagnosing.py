@@ -203,7 +203,7 @@ def _share(fraction: float) -> str:
 
 
 def _sizes(cause: CauseResult, *, whole: bool) -> Iterator[str]:
-    """The values of a model's own causes, as the readings tell them; of the `whole` rig, if wanted."""
+    """The values of a model's own causes, as the readings determine them; of the `whole` rig, if wanted."""
     from psafit.inference.identify import describe
     from psafit.physics import baseline, owner
 

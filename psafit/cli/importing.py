@@ -160,13 +160,14 @@ def _columns_text(table: Table) -> list[str]:
         separated = SEPARATORS.get(table.separator, repr(table.separator))
         form = [table.encoding.replace("_", "-"), f"separated by {separated}", marks[table.decimal], *form]
     lines = [f"{table.place}: {', '.join(form)}"]
+    width = 1 + max(len(column.column) for column in table.columns)
     for column in table.columns:
         if not column.headings:
-            lines.append(f"  {column.column:<16} given")
+            lines.append(f"  {column.column:<{width}} given")
             continue
         volts = f", {VOLTS[column.volts]}" if column.volts else ""
         headings = ", ".join(map(repr, column.headings))
-        lines.append(f"  {column.column:<16} from {headings}, {column.unit or 'unit in each cell'}{volts}")
+        lines.append(f"  {column.column:<{width}} from {headings}, {column.unit or 'unit in each cell'}{volts}")
     lines += [f"  not used: {', '.join(map(repr, table.unused))}"] if table.unused else []
     lines += [f"  not used: {heading!r} is {column}, which psafit cannot use yet" for heading, column in table.not_yet]
     lines += [f"  line {line} left out: {text[:80]}" for line, text in table.left_out[:3]]
@@ -193,7 +194,7 @@ def _next(imported: Imported, out: Path) -> None:
     then = f"psafit check {place}"
     if imported.missing:
         file = shown_path(out / DEFINITION)
-        click.echo(f"no file tells {', '.join(imported.missing)}: fill them in in {file}, then: {then}")
+        click.echo(f"not in the files: {', '.join(imported.missing)}; write what is missing into {file}, then: {then}")
     else:
         click.echo(f"go on with: {then}; psafit diagnose {place} --quick")
 

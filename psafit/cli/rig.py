@@ -60,13 +60,13 @@ def new(folder: Path, quiet: bool) -> int:
     return DONE
 
 
-@click.command(cls=Command, short_help="Plan a measurement: a proposed one, or what conditions can tell.")
+@click.command(cls=Command, short_help="Plan a measurement: a proposed one, or what conditions can show.")
 @click.argument("place", metavar="RUN|EXP", type=Place("input"))
 @click.option("--out", type=Place("folder"), help="Receives the folder; must be new, or empty.")
 @click.option("--proposal", type=click.IntRange(1), default=1, show_default=True, help="Which one, from the best on.")
 @click.option("--experiment", type=Place("input"), metavar="EXP", help="Measurements of a diagnosis that keeps none.")
 @click.option(
-    "--isolability", is_flag=True, help="Say which causes the conditions of an experiment EXP can tell apart."
+    "--isolability", is_flag=True, help="Say which causes the conditions of an experiment EXP can distinguish."
 )
 @click.option("--plot", type=Place("file"), metavar="FILE", help="Draw that as a matrix: .png, .svg or .pdf.")
 @PLUGIN
@@ -85,8 +85,8 @@ def plan(
     """Turn a measurement that a diagnosis RUN proposes into an experiment folder.
 
     It holds what was measured and one more group, whose file waits for its readings. With --isolability, say which
-    causes the conditions of an experiment folder EXP can tell apart, and which sweep would split those that look alike.
-    Its files need no readings.
+    causes the conditions of an experiment folder EXP can distinguish, and which sweep would split those that are
+    confounded. Its files need no readings.
     """
     if isolability:
         if out is not None:
@@ -100,7 +100,7 @@ def plan(
 
 
 def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet: bool) -> int:
-    """Say which causes conditions can tell apart."""
+    """Say which causes conditions can distinguish."""
     from psafit.cli.simulating import PICTURES
     from psafit.diagnose.isolability import isolability
     from psafit.experiment import read_plan
@@ -116,7 +116,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         show.stage("isolability")
         found = isolability(
             read.title, read.constants, read.groups, read.limits, terms,
-            progress=lambda k, n: show.update(k, n, "blocks of causes that look alike"),
+            progress=lambda k, n: show.update(k, n, "blocks of confounded causes"),
         )  # fmt: skip
     if plot is not None:
         from psafit.report.figures.isolability import isolability_figure
@@ -131,14 +131,14 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
         for id, others in found.taken_for.items():
             click.echo(f"{id} may be taken for {', '.join(others)}")
         for block in found.blocks:
-            click.echo(f"look alike: {', '.join(block.causes)}")
+            click.echo(f"confounded: {', '.join(block.causes)}")
             if (s := block.split) is not None:
-                what = "are told apart by" if s.splits else "none tells all apart; the best is"
+                what = "are separated by" if s.splits else "none separates all; the best is"
                 click.echo(f"  {what} {s.readings} readings, {s.text} (the closest pair by {fixed(s.nats, 1)} nats)")
             if (other := block.also) is not None:
                 titles = {o.name: o.titles for o in OF_LAUNCHES}
-                told = "them all" if other.splits else ", ".join(" from ".join(pair) for pair in other.pairs)
-                click.echo(f"  {titles[other.observable]}, read of the same launches, would tell {told} apart")
+                pairs = "them all" if other.splits else ", ".join(" from ".join(pair) for pair in other.pairs)
+                click.echo(f"  {titles[other.observable]}, read of the same launches, would distinguish {pairs}")
         if found.pairs:
             click.echo(f"{len(found.pairs)} pairs of causes look like a single one, or the reverse; --json lists them")
         if plot is not None:

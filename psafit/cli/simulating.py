@@ -158,9 +158,9 @@ def _predictions(groups: Sequence[Conditions], predicted: FloatArray) -> dict[st
 
 
 def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
-    """The CSV of simulated readings, (n_points,), one group after the other, beside what was measured.
+    """The CSV of simulated readings, (n_points,), one group after the other, next to what was measured.
 
-    Where not all are of one observable, a column names it; where there are traces, one tells the time of their samples.
+    Where not all are of one observable, a column names it; where there are traces, one gives the time of their samples.
     """
     from psafit.experiment import Group, by_group
     from psafit.observables import OBSERVABLES
@@ -254,7 +254,7 @@ def _models_of(run: Path, most: int = 4) -> tuple[list[_Model], tuple[Group, ...
 
 
 def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:
-    """What tells sets of causes apart, in words."""
+    """What distinguishes sets of causes, in words."""
     shared = set(sets[0]).intersection(*sets[1:])
     plain = "these alone" if shared else "the baseline"
     return [" + ".join(t.id for t in terms if t not in shared) or plain for terms in sets]

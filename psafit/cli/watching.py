@@ -102,7 +102,7 @@ _STAGES = {
 
 
 def _facts_of(state: State | DiagnosisState) -> tuple[str, list[tuple[str, str]]]:
-    """What it does, and the facts to tell of it, each with its goal and unit."""
+    """What it does, and the facts to report, each with its goal and unit."""
     from psafit.watch import State
 
     return (_stage(state), _facts(state)) if isinstance(state, State) else (_doing(state), _counts(state))

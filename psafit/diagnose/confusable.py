@@ -1,4 +1,4 @@
-r"""Causes that this design could hardly tell from those of a model.
+r"""Causes that this design could hardly distinguish from those of a model.
 
 Around the model's fit, a little of another cause moves the ranges by :math:`e`. Of that, what is fitted can imitate a
 part. With :math:`P` the projection on what it cannot, and :math:`P_c` the same where the parameters of one cause `c` of

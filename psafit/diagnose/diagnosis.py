@@ -243,7 +243,7 @@ def _claim(folder: Path, experiment: Experiment) -> None:
 
 
 def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
-    """Whether a folder holds a fit of the same readings, beside which a diagnosis may lie."""
+    """Whether a folder holds a fit of the same readings, next to which a diagnosis may lie."""
     try:
         fitted = load(folder).problem.experiment
     except Refused:
@@ -321,9 +321,9 @@ class _Work:
             decisive = [set(ids) for ids in ((), verdict.named, best_model.ids, *verdict.alternatives)]
             with self._stage("nautilus"):
                 causes = [self._confirmed(c, model_set) if set(c.terms) in decisive else c for c in causes]
-        beside = screen(best_model, self.catalogue) if verdict.verdict != "adequate" and best_model.terms else []
+        given_best = screen(best_model, self.catalogue) if verdict.verdict != "adequate" and best_model.terms else []
         screening = results.screening_of(
-            screen(model_set.baseline, self.catalogue), beside, model_set, verdict, self.seed
+            screen(model_set.baseline, self.catalogue), given_best, model_set, verdict, self.seed
         )
         tables = [PREDICTIONS, *(one.predictions for one in measured.values())]
         result = Diagnosis(
@@ -618,7 +618,7 @@ def _protocols(
 def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:
     """What is adopted and what does as well, with draws of their posteriors.
 
-    Beside an adequate baseline that is the cause that it excludes least, if one keeps a twentieth.
+    Of an adequate baseline that is the cause that it excludes least, if one keeps a twentieth.
     """
     if verdict.verdict == "adequate":
         causes = [c.ids for c in model_set.candidates if c.ids and model_set.probability[c.ids] >= 1 - CREDIBLE]

@@ -1,4 +1,4 @@
-r"""What is left when the causes have done what they can: an unnamed discrepancy, and its evidence.
+r"""What is left when the causes have done what they can: a discrepancy, and its evidence.
 
 Around a fit the readings are, relative to the predictions,
 
@@ -32,7 +32,7 @@ from psafit.parameters import Parameter
 
 @dataclass(frozen=True)
 class DiscrepancySettings:
-    """What is believed of a discrepancy, and which readings tell of one.
+    """What is believed of a discrepancy, and which readings show one.
 
     Parameters
     ----------
@@ -58,18 +58,18 @@ class DiscrepancySettings:
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """An unnamed discrepancy.
+    """A discrepancy.
 
     Parameters
     ----------
     log_bayes : float
         Its evidence over none.
     log_evidence : float
-        Of model and discrepancy together, comparable with those of other models beside the same readings.
+        Of model and discrepancy together, comparable with those of other models of the same readings.
     amplitude, level, reach : float
         Standard deviation of the smooth part and of the groups' levels (relative), and its length in ln units.
     sigma_rel : float
-        Relative scatter beside it, of the first observable.
+        Relative scatter given it, of the first observable.
     mean, sd : (n_points,) arrays
         ``ln(reading/prediction)`` that it explains, and its posterior standard deviation.
     hyper, covariance : (5,) and (5, 5) arrays
@@ -107,7 +107,7 @@ class Discrepancy:
         return np.asarray(np.sqrt(np.maximum(a**2 + b**2 + self.sigma_rel**2 - sigma_rel**2, 0.0)))
 
     def largest(self, candidate: Candidate) -> list[tuple[GroupId, float, float]]:
-        """Each group's mean and largest absolute discrepancy, in ln units; NaN where no reading tells of one."""
+        """Each group's mean and largest absolute discrepancy, in ln units; NaN where no reading shows one."""
         found = []
         for group_id, _, rows in sweeps(candidate.problem):
             seen = self.mean[rows][np.isfinite(self.sd[rows])]
@@ -119,7 +119,7 @@ class Discrepancy:
 def discrepancy(
     candidate: Candidate, outlying: FloatArray | None = None, settings: DiscrepancySettings | None = None
 ) -> Discrepancy:
-    """Fit an unnamed discrepancy beside a model.
+    """Fit a discrepancy added to a model.
 
     Parameters
     ----------
@@ -255,8 +255,8 @@ class _Expansion:
             for rows, factor in zip(self.groups, factors, strict=True):
                 white[rows] = solve_triangular(factor, columns[rows], lower=True, check_finite=False)
                 log_size += float(np.log(np.diag(factor)).sum())
-        # The parameters' values given all else, by least squares beside their priors: no product of what they do, whose
-        # sizes differ by powers of ten.
+        # The parameters' values given all else, by least squares with their priors: no product of what they do,
+        # whose sizes differ by powers of ten.
         k = self.free.shape[1]
         q, r = np.linalg.qr(np.vstack([white[:, 1:], np.eye(k)]))
         target = np.append(white[:, 0], np.zeros(k))
@@ -351,7 +351,7 @@ def stretch(candidate: Candidate, *, lone: float = 3.0) -> FloatArray:
     tails = np.broadcast_to(noise.columns(candidate.noise)[2][0], score.shape)
     for _, _, rows in sweeps(problem):
         z, nu = score[rows], tails[rows]
-        beside = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
-        alone = (np.abs(z) > lone) & (np.abs(beside) < 0.5 * lone)
+        sides = np.convolve(np.pad(z, 1, mode="reflect"), [0.5, 0.0, 0.5], mode="valid") if z.size > 2 else 0.0 * z
+        alone = (np.abs(z) > lone) & (np.abs(sides) < 0.5 * lone)
         found[rows] = np.where(alone, (nu + z**2) / (nu + 1), 1.0)
     return found

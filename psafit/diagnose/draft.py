@@ -55,11 +55,11 @@ class DraftSettings:
 
 
 def drafted(judgement: Judgement, folder: Path) -> Draft | None:
-    """Draft a cause where a verdict is unexplained: beside the causes, or in their place where that is simpler."""
+    """Draft a cause where a verdict is unexplained: added to the causes, or in their place where that is simpler."""
     if judgement.verdict.verdict != "unexplained":
         return None
-    beside = judgement.verdict.remains or not judgement.verdict.named
-    if beside:
+    added = judgement.verdict.remains or not judgement.verdict.named
+    if added:
         return draft(judgement.model_set.best_model, judgement.left, folder)
     return draft(judgement.model_set.baseline, judgement.bare, folder)
 
@@ -70,7 +70,7 @@ def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: Draft
     Parameters
     ----------
     candidate : Candidate
-        The model beside which the discrepancy was found.
+        The model to which the discrepancy was added.
     left : Discrepancy
     folder : Path
         Where `draft_cause.py` goes; one that is there stays, for somebody may have edited it.
@@ -97,7 +97,7 @@ def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: Draft
 
 
 def _described(axis: Axis, x: FloatArray, y: FloatArray, settings: DraftSettings) -> Draft:
-    """The factor on one axis that takes up most of a discrepancy, beside one common to all; `x` is a logarithm."""
+    """The factor on one axis that takes up most of a discrepancy, apart from one common to all; `x` is a logarithm."""
     y = y - y.mean()
     best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, settings.widths[0], 0.0)
     for place in np.linspace(x.min(), x.max(), settings.places):

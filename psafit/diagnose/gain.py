@@ -4,13 +4,13 @@ r"""What the extension is worth on data that no choice has seen.
 fit see all the others; that group is scored. The nested searches begin at the sets that all groups have led to, which
 saves computation and gives no set a probability. The extended model of a split predicts with Bayesian model averaging
 over the models that its own search found, weighted by their probabilities: averaging is what a reader should do who
-cannot tell them apart, and no hindsight chooses among them. The prediction is the median of that mixture (the error
+cannot distinguish them, and no hindsight chooses among them. The prediction is the median of that mixture (the error
 metric) and its predictive density (the log score). A ledger says which groups each choice saw.
 
 A model that cannot be distinguished from the truth in one session may err in the next. The predictive density therefore
-holds the unnamed discrepancy (`psafit.diagnose.discrepancy`) before and after alike: as large as the fitted groups
-allow where they tell, as large as its prior where they do not, which is the level of a session when only one has been
-seen. It widens intervals and moves no median.
+holds the discrepancy (`psafit.diagnose.discrepancy`) before and after: as large as the fitted groups
+allow where they determine it, as large as its prior where they do not, which is the level of a session when only one
+has been seen. It widens intervals and moves no median.
 
 Uncertainty: readings of one group are not independent, so groups are drawn with replacement, and within each group
 blocks of five neighbours in the sweep. A bootstrap over few groups is too narrow, for it knows their spread from the
@@ -140,7 +140,7 @@ class Gain:
     protocol : {"strict", "nested"}
     groups : list of GroupGain
     log_rmse_before, log_rmse_after : float
-        Means over the groups, those aside that cannot tell (`psafit.validate.silence`); so with all that follows.
+        Means over the groups, those aside that cannot show it (`psafit.validate.silence`); so with all that follows.
     log_rmse_interval : list of float
         90 % interval of the mean's change (after minus before): `over_groups`.
     elpd_before, elpd_after : float
@@ -152,7 +152,7 @@ class Gain:
     ledger : list of Choice
         What each choice saw.
     predictions : str
-        The CSV beside the result.
+        The CSV next to the result.
     """
 
     protocol: str
@@ -320,7 +320,7 @@ def over_groups(redrawn: FloatArray, found: FloatArray, rng: np.random.Generator
     Returns
     -------
     list of float
-        Of a single group, what its readings alone leave open: nothing tells how groups differ.
+        Of a single group, what its readings alone leave open: nothing shows how groups differ.
     """
     n, times = redrawn.shape
     group, again = rng.integers(0, n, (n, times)), rng.integers(0, times, (n, times))
@@ -368,18 +368,18 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         file = folder / table_name(f"predictions-{protocol}", observable)
         write_table(file, (*columns_of(observable), "model"), table)
     every = [np.concatenate([_inside(p[k]) for p in heard]) for k in (0, 1)]
-    telling = [r for r in rows if not r.silent]
+    informative = [r for r in rows if not r.silent]
     rmse, elpd = (np.array(each) for each in zip(*redrawn, strict=True))
-    found = np.array([[r.log_rmse_after - r.log_rmse_before, r.elpd_after - r.elpd_before] for r in telling])
+    found = np.array([[r.log_rmse_after - r.log_rmse_before, r.elpd_after - r.elpd_before] for r in informative])
     return Gain(
         protocol=protocol,
         groups=rows,
-        log_rmse_before=float(np.mean([r.log_rmse_before for r in telling])),
-        log_rmse_after=float(np.mean([r.log_rmse_after for r in telling])),
+        log_rmse_before=float(np.mean([r.log_rmse_before for r in informative])),
+        log_rmse_after=float(np.mean([r.log_rmse_after for r in informative])),
         log_rmse_interval=over_groups(rmse, found[:, 0], rng),
-        elpd_before=float(sum(r.elpd_before for r in telling)),
-        elpd_after=float(sum(r.elpd_after for r in telling)),
-        elpd_interval=[len(telling) * end for end in over_groups(elpd, found[:, 1], rng)],
+        elpd_before=float(sum(r.elpd_before for r in informative)),
+        elpd_after=float(sum(r.elpd_after for r in informative)),
+        elpd_interval=[len(informative) * end for end in over_groups(elpd, found[:, 1], rng)],
         coverage_before=float(every[0].mean()),
         coverage_after=float(every[1].mean()),
         ledger=[

@@ -55,7 +55,7 @@ class Influence:
     causes : list of Carried
         Of what is named.
     tail : list of float
-        By reading: shape of the weights' tail (Pareto k) beside the adopted model. Above 0.7 this reading alone moves
+        By reading: shape of the weights' tail (Pareto k) by the adopted model. Above 0.7 this reading alone moves
         the posterior far, and its nats are not to be trusted.
     """
 

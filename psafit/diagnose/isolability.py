@@ -1,8 +1,8 @@
-r"""Which causes a design can tell apart, before anything is measured.
+r"""Which causes a design can distinguish, before anything is measured.
 
 At a place :math:`\theta` of the baseline, cause :math:`i` at a plausible strength changes readings by :math:`e_i`, in
 standard deviations of the scatter (`psafit.simulate.sensitivity`). With :math:`P` the projection on what refitted
-parameters of the baseline cannot imitate, and :math:`Q_M` that on what the effects of a model's causes span beside it,
+parameters of the baseline cannot imitate, and :math:`Q_M` that on what the effects of a model's causes span with it,
 
 .. math:: N_{i|M} = \tfrac12 \lVert (1 - Q_M) P e_i \rVert^2
 
@@ -11,10 +11,10 @@ expected difference of the best log likelihoods in the linearised problem. :math
 says whether the cause is seen at all. Effects bend with their strength: a cause of :math:`M` is taken at several
 strengths, and the one that imitates best counts. Of the places in the baseline that are tried the median is reported.
 
-A cause *may be taken for* another where its readings speak less than a threshold against that. Two *look alike* where
-each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the refit is
-linear: of a cause that changes the readings many times over the numbers say in which direction, not how far. A reading
-that a launch does not give with the cause, or without it, is left out.
+A cause *may be taken for* another where its readings speak less than a threshold against that. Two are *confounded*
+where each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the
+refit is linear: of a cause that changes the readings many times over the numbers say in which direction, not how far. A
+reading that a launch does not give with the cause, or without it, is left out.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class IsolabilitySettings:
 
 
 @dataclass(frozen=True)
-class LookAlike:
+class ConfoundedPair:
     """Readings of `truth` that speak by so many nats only against `rival`."""
 
     truth: list[str]
@@ -88,7 +88,7 @@ class LookAlike:
 
 @dataclass(frozen=True)
 class Split:
-    """The cheapest sweep that tells the causes of a block apart.
+    """The cheapest sweep that distinguishes the causes of a block.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Split:
     drive : dict
         What else the drive has: see `psafit.diagnose.next_experiment.Proposal`.
     nats : float
-        By which the pair of the block that is hardest to tell apart is reported, with this sweep and what is planned.
+        By which the pair of the block that is hardest to distinguish is reported, with this sweep and what is planned.
     splits : bool
         Whether every pair is reported; else the sweep is the best of those that the rig allows.
     """
@@ -123,7 +123,7 @@ class AlsoRead:
     ----------
     observable : str
     nats : float
-        By which the pair of the block that is hardest to tell apart is reported then.
+        By which the pair of the block that is hardest to distinguish is reported then.
     splits : bool
         Whether every pair is reported.
     pairs : list of lists of str
@@ -138,7 +138,7 @@ class AlsoRead:
 
 @dataclass(frozen=True)
 class Block:
-    """Causes that look alike, and what would split them.
+    """Causes that are confounded, and what would split them.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Block:
     split : Split, optional
         A further sweep; None where none was asked for.
     also : AlsoRead, optional
-        Another observable, of those that tell some pair apart the one that tells most.
+        Another observable, of those that distinguish some pair the one that distinguishes most.
     """
 
     causes: list[str]
@@ -156,7 +156,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Isolability:
-    """Which causes a design can tell apart.
+    """Which causes a design can distinguish.
 
     Parameters
     ----------
@@ -168,10 +168,10 @@ class Isolability:
     seen : list of float
         Nats by which readings that a cause has made speak against the baseline.
     nats : list of lists of float
-        By which readings of the row's cause speak against the column's, both beside refitted parameters.
+        By which readings of the row's cause speak against the column's, both after a refit of the parameters.
     unseen : list of str
         Causes that the design would not show; they are in no block.
-    pairs : list of LookAlike
+    pairs : list of ConfoundedPair
         Two causes that one other one may be had for, and causes that a pair may be had for which neither of it is.
     taken_for : dict
         By cause: those for which its readings may be taken.
@@ -186,7 +186,7 @@ class Isolability:
     seen: list[float]
     nats: list[list[float]]
     unseen: list[str]
-    pairs: list[LookAlike]
+    pairs: list[ConfoundedPair]
     taken_for: dict[str, list[str]]
     blocks: list[Block]
     settings: IsolabilitySettings
@@ -287,7 +287,7 @@ def isolability(
     places: Sequence[Sequence[float]] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Isolability:
-    """Ask which causes a design can tell apart.
+    """Ask which causes a design can distinguish.
 
     Parameters
     ----------
@@ -323,16 +323,16 @@ def isolability(
     nats = [[0.0 if i == j else evidence_against([i], [j]) for j in ids] for i in ids]
     visible = [id for id, size in zip(ids, seen, strict=True) if size >= settings.apart]
     blocks = _blocks(ids, visible, nats, settings.apart)
-    alike = [t for t in catalogue if any(t.id in block for block in blocks)]
+    confounded = [t for t in catalogue if any(t.id in block for block in blocks)]
     others: dict[str, list[_Effects]] = {}
     for k, o in enumerate(OF_LAUNCHES):
-        if alike and k not in design.measured:
+        if confounded and k not in design.measured:
             also = Design.of(constants, [_reading_also(g, k) for g in groups])
-            others[o.name] = [_Effects.at(also, theta, alike, settings).refitted() for theta in at]
+            others[o.name] = [_Effects.at(also, theta, confounded, settings).refitted() for theta in at]
     split: list[Block] = []
     for k, block in enumerate(blocks):
         progress(k, len(blocks))
-        terms = [t for t in alike if t.id in block]
+        terms = [t for t in confounded if t.id in block]
         split.append(Block(block, _cheapest(raw, sweeps, at, terms, settings), _also(effects, others, block, settings)))
     return Isolability(
         title=title, readings=design.n_points, causes=ids, seen=seen, nats=nats,
@@ -346,23 +346,23 @@ def isolability(
     )  # fmt: skip
 
 
-def _pairs(visible: Sequence[str], evidence_against: Callable[..., float], apart: float) -> list[LookAlike]:
+def _pairs(visible: Sequence[str], evidence_against: Callable[..., float], apart: float) -> list[ConfoundedPair]:
     """Pairs that look like a single cause, and single ones that look like a pair of which neither alone does."""
     alone = {(i, j): evidence_against([i], [j]) for i in visible for j in visible if i != j}
     found = []
     for one in visible:
         for pair in itertools.combinations([id for id in visible if id != one], 2):
             if (size := evidence_against(pair, [one])) < apart:
-                found.append(LookAlike(list(pair), [one], size))
+                found.append(ConfoundedPair(list(pair), [one], size))
             if all(alone[one, id] >= apart for id in pair) and (size := evidence_against([one], pair)) < apart:
-                found.append(LookAlike([one], list(pair), size))
+                found.append(ConfoundedPair([one], list(pair), size))
     return sorted(found, key=lambda x: x.nats)
 
 
 def _blocks(
     ids: Sequence[str], visible: Sequence[str], nats: Sequence[Sequence[float]], apart: float
 ) -> list[list[str]]:
-    """Causes connected by looking alike: components of the graph whose edges are the pairs that may be exchanged."""
+    """Causes connected by confounding: components of the graph whose edges are the pairs that may be exchanged."""
     places = [ids.index(id) for id in visible]
     most = np.maximum(np.array(nats), np.array(nats).T)[np.ix_(places, places)]
     n, label = connected_components(most < apart, directed=False)
@@ -385,10 +385,10 @@ def _also(
     ids: Sequence[str],
     settings: IsolabilitySettings,
 ) -> AlsoRead | None:
-    """The observable that tells most pairs of a block apart, and these; None if none does any."""
+    """The observable that distinguishes most pairs of a block, and these; None if none does any."""
 
     def apart(effects: Sequence[_Effects]) -> dict[tuple[str, str], float]:
-        """By pair, the nats of the side that is harder to tell."""
+        """By pair, the nats of the side that is harder to show."""
         each = {
             (a, b): float(np.median([one.against([a], [b], settings) for one in effects]))
             for a, b in itertools.permutations(ids, 2)
@@ -412,7 +412,7 @@ def _cheapest(
     terms: Sequence[Term],
     settings: IsolabilitySettings,
 ) -> Split | None:
-    """The sweep of fewest readings that tells all pairs of some causes apart; the best one where none does."""
+    """The sweep of fewest readings that distinguishes all pairs of some causes; the best one where none does."""
     ids = [t.id for t in terms]
     before = [one.of(ids) for one in planned]
     further = [[_Effects.at(s.design, theta, terms, settings) for theta in places] for s in sweeps]

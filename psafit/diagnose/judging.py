@@ -26,7 +26,7 @@ class Judgement:
     before, after : Misfit
         Of the baseline, and of the best model where that is another model.
     left, bare : Discrepancy
-        Discrepancies beside the best model, and beside the baseline.
+        Discrepancies added to the best model, and to the baseline.
     verdict : Verdict
     """
 

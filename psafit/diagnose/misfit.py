@@ -498,12 +498,12 @@ def _repeated(problem: Problem, e: FloatArray, least: int) -> dict[Key, FloatArr
     """Statistics of readings at the same conditions, `least` of them beyond the first of each."""
     found: dict[Key, FloatArray] = {}
     design = problem.design
-    alike = conditions(design)
-    in_sessions = [rows for rows in alike if np.ptp(design.group[rows])]
+    repeated = conditions(design)
+    in_sessions = [rows for rows in repeated if np.ptp(design.group[rows])]
     if in_sessions:
         found["one condition in two sessions", "replicate", None] = np.sqrt(_scattered(e, in_sessions))
-    replicates = [rows[design.group[rows] == k] for rows in alike for k in np.unique(design.group[rows])]
-    # What agrees to the last digit is a copy, or an instrument too coarse to tell.
+    replicates = [rows[design.group[rows] == k] for rows in repeated for k in np.unique(design.group[rows])]
+    # What agrees to the last digit is a copy, or an instrument with too few digits.
     replicates = [rows for rows in replicates if rows.size > 1 and np.ptp(problem.observed[rows]) > 0]
     spare = sum(rows.size - 1 for rows in replicates)
     if spare >= least:
@@ -528,7 +528,7 @@ def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
     """
     ordered: dict[tuple[Variable, int], list[NDArray[np.intp]]] = {}
     for _, variable, rows in sweeps(problem):
-        if variable != "time":  # two traces at one time are not alike
+        if variable != "time":  # two traces at one time are no replicates
             ordered.setdefault((variable, int(problem.design.measured[rows[0]])), []).append(rows)
     found: dict[Variable, list[NDArray[np.intp]]] = {}
     for (variable, _), groups in ordered.items():

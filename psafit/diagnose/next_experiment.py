@@ -1,14 +1,14 @@
-r"""Which measurement would tell tied causes apart, or a weakly determined parameter best.
+r"""Which measurement would distinguish tied causes, or a weakly determined parameter best.
 
 Each proposal is a sweep, with a drive that the rig has, within the limits that the experiment states for frequency,
 amplitude and each constant of the rig that can be changed; where it states none, between the frequencies and up to the
 amplitude that were measured, or the same with a string or a ball of half or twice the size. It is read with the fitted
 scatter and the usual uncertainty of the readings, where they state one. On the rig as it is, every other observable is
-tried as well: a contact time may tell apart what launch ranges cannot. For models with posterior draws, readings are
+tried as well: a contact time may distinguish what launch ranges cannot. For models with posterior draws, readings are
 simulated from one, and the log ratio of its posterior predictive density of these readings (a mixture over its draws)
 to the mean of the others' is what the readings would add to its log odds. The mean over many simulated experiments is
 the expected separation; the share of them in which the right model wins by three nats is how often the proposal works:
-measured data drawn from each tied model, judged again. Of more than two it is also told which pairs a proposal tells
+measured data drawn from each tied model, judged again. Of more than two it also says which pairs a proposal separates
 apart, since one may settle one question and leave another. What is printed comes from simulated experiments that had no
 part in the choice of a proposal.
 """
@@ -147,7 +147,7 @@ class Purpose:
     Parameters
     ----------
     kind : {"separate", "narrow"}
-        To tell sets of causes apart, or to determine a parameter.
+        To distinguish sets of causes, or to determine a parameter.
     sets : list of lists of str
         The first is to be distinguished from the others.
     parameter : str
@@ -164,7 +164,7 @@ class Purpose:
         if self.kind == "narrow":
             return f"determines {self.parameter}"
         first, *others = ((" + ".join(ids) or "the baseline") for ids in self.sets)
-        return f"tells {first} from {', '.join(others)}"
+        return f"separates {first} from {', '.join(others)}"
 
 
 @dataclass(frozen=True)
@@ -422,7 +422,7 @@ def determine(
 ) -> tuple[str, list[Proposal]]:
     """Measurements by how much they would narrow a weakly determined parameter, and which one that is; best first.
 
-    It is the one of which a measurement can tell most.
+    It is the one of which a measurement can show most.
     """
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
@@ -473,7 +473,8 @@ def _first(ranked: Sequence[_Item], n: int, unchanged: Callable[[_Item], bool]) 
 def weakly_determined(best_model: Candidate, draws: ImportanceSample, *, share: float = 0.5) -> list[int]:
     """Indices of the physical parameters that the readings leave a `share` as wide as the prior, or wider.
 
-    If there is none, of the widest. Spreads of sessions are left aside: more sessions tell of those, not more readings.
+    If there is none, of the widest. Spreads of sessions are left aside: more sessions determine those, not more
+    readings.
     """
     ratio = _width_left(best_model, draws)
     return np.flatnonzero(ratio >= min(share, ratio.max())).tolist()
@@ -500,7 +501,7 @@ class _Model:
 
     problem: Problem
     theta: FloatArray  # (n_draws, n_columns)
-    u: FloatArray  # the draws themselves, (n_draws, n_dim), no two alike
+    u: FloatArray  # the draws themselves, (n_draws, n_dim), no two equal
     weight: FloatArray  # (n_draws,)
 
     @classmethod
@@ -565,7 +566,7 @@ def _trial(
 ) -> tuple[_Judgement, FloatArray]:
     """Mean log ratio of predictive densities when one model makes the readings, how often it wins clearly, the error.
 
-    Against all others together, which are equally likely; the means against each of them, (n,), come beside it.
+    Against all others together, which are equally likely; the means against each of them, (n,), come with it.
     """
     right = models[truth]
     chosen = rng.choice(len(right.ranges), settings.trials, p=right.weight)

@@ -39,7 +39,7 @@ class RehearsalSettings:
     trials : int
         Simulated experiments for each model that may be the truth.
     starts : int
-        Starts of a fit from posterior draws, beside the optima.
+        Starts of a fit from posterior draws, in addition to the optima.
     schedule : tuple of (int, int)
         Iterations of the fit, and how many of the highest go on after them.
     """
@@ -134,8 +134,9 @@ def _judged(
             progress(settings.trials * k + trial, settings.trials * len(tied))
             rng = np.random.default_rng([*stream, k, trial])
             measured = measure(candidate, own, rng)
-            # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not tell it.
-            height = [
+            # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not change
+            # it.
+            log_posterior = [
                 d.log_evidence
                 + _optimised(measured(c.problem), c, d, rng, settings).laplace_apart
                 - c.laplace_apart
@@ -143,8 +144,8 @@ def _judged(
                 for (c, d), p in zip(tied, log_prior, strict=True)
             ]
             truth.append(list(candidate.ids))
-            after.append(float(softmax(height)[k]))
-            first += int(np.argmax(height) == k)
+            after.append(float(softmax(log_posterior)[k]))
+            first += int(np.argmax(log_posterior) == k)
     return Rehearsal(what, truth, np.repeat(before, settings.trials).tolist(), after, first)
 
 

@@ -113,13 +113,13 @@ def _sensitivity(candidate: Candidate, found: ImportanceSample) -> dict[str, flo
 
 
 def screening_of(
-    screened: Sequence[Screened], beside: Sequence[Screened], model_set: ModelSet, verdict: Verdict, seed: int
+    screened: Sequence[Screened], given_best: Sequence[Screened], model_set: ModelSet, verdict: Verdict, seed: int
 ) -> list[ScreeningResult]:
     """Every cause: what it gains, and what is made of it.
 
-    What could have been seen is asked `beside` the model that is adopted: a baseline that fails has a large scatter.
+    What could have been seen is asked given the model that is adopted: a baseline that fails has a large scatter.
     """
-    visible = {s.term.id: s.visible for s in beside}
+    visible = {s.term.id: s.visible for s in given_best}
     adopted, found = () if verdict.verdict == "adequate" else model_set.best_model.ids, []
     for s in screened:
         s = replace(s, visible=visible.get(s.term.id, s.visible))
@@ -220,7 +220,7 @@ def misfit_of(
     remains: bool | None = None,
     firm: Robustness | None = None,
 ) -> MisfitResult:
-    """Return what the tests say of baseline and best model, and what a smooth curve finds beside the best model."""
+    """Return what the tests say of baseline and best model, and what a smooth curve finds given the best model."""
     return MisfitResult(
         p_value=before.p_value,
         where=_where(before),

@@ -24,8 +24,8 @@ class Robustness:
     without : float, optional
         Gain on the other groups, both models fitted to them alone.
     over_smooth : float
-        Evidence, nats, of the best model over that of a smooth discrepancy without a name beside the baseline: a richer
-        law of the scatter, whose errors along a sweep and within a session are alike.
+        Evidence, nats, of the best model over that of a smooth discrepancy without a name added to the baseline: a
+        richer law of the scatter, whose errors along a sweep and within a session are correlated.
     """
 
     groups: list[tuple[GroupId, float]]
@@ -47,7 +47,7 @@ def robustness(baseline: Candidate, best_model: Candidate, bare: Discrepancy, le
     baseline, best_model : Candidate
         Of the same readings.
     bare, left : Discrepancy
-        Discrepancies beside them.
+        Discrepancies added to them.
     """
     problem = best_model.problem
     change = np.subtract(*(c.problem.pointwise_log_likelihood(c.modes[:1])[0] for c in (best_model, baseline)))

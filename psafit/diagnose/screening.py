@@ -92,7 +92,7 @@ class Screened:
     chance : float, nats
         What scatter alone gains once in twenty times.
     visible : float
-        Size of the effect of a plausible strength (the prior's median) beside a refit of everything else, in standard
+        Size of the effect of a plausible strength (the prior's median) after a refit of everything else, in standard
         deviations of the fitted scatter.
     """
 
@@ -122,7 +122,7 @@ def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSett
         candidate.problem, candidate.modes[:1], candidate.predicted[None], candidate.relative_slope,
         iterations=settings.iterations,
     )  # fmt: skip
-    top = float(alone.height[0])
+    top = float(alone.log_posterior[0])
     white = np.random.default_rng(0).standard_normal((settings.n_simulated, candidate.predicted.size))
     nothing = candidate.project_out(candidate.scatter * noise.correlated(white, candidate.noise))
     return [
@@ -138,7 +138,7 @@ def _screen(
     catalogue: Sequence[Term],
     settings: ScreenSettings,
 ) -> Screened:
-    """One cause beside a model whose own expansion ends at a height `top`; `nothing` is simulated scatter."""
+    """One cause added to a model whose own expansion ends at a log posterior `top`; `nothing` is simulated scatter."""
     large = extended(candidate.problem, term, catalogue)
     at, shared = candidate.within(large)
     own = [large.names.index(p.name) for p in term.parameters]
@@ -163,7 +163,7 @@ def _screen(
         end = maximise_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
-        gain = end.height - prior - neutral - top
+        gain = end.log_posterior - prior - neutral - top
         return np.where(np.isfinite(gain), gain, -1e3)
 
     q = np.array(settings.quantiles)
@@ -197,7 +197,7 @@ def _luck(effects: FloatArray, moved: Sequence[FloatArray], nothing: FloatArray)
     Parameters
     ----------
     effects : (n, n_points) array
-        Of as many strengths, in units of the scatter and beside a refit.
+        Of as many strengths, in units of the scatter and after a refit.
     moved : sequence of (n, n_points) arrays
         How they change with each quantity that the cause draws anew, in units of its prior.
     nothing : (n_simulated, n_points) array

@@ -18,7 +18,7 @@ class LawSettings:
     energy : float
         Share of the drive's work by which the ball's energy may exceed it: far above the reference's error.
     held : int
-        Alternatives, the most probable first, that are asked beside the model adopted.
+        Alternatives, the most probable first, that are asked in addition to the model adopted.
     """
 
     margin: float = 2.0

@@ -232,7 +232,7 @@ class CornerSettings:
 
     Parameters
     ----------
-    fewest, beside : int
+    fewest, each_side : int
         Readings that two lines are drawn through at least, and those on either side of a corner.
     places : int
         Places tried for it.
@@ -247,7 +247,7 @@ class CornerSettings:
     """
 
     fewest: int = 12
-    beside: int = 3
+    each_side: int = 3
     places: int = 200
     neighbours: int = 5
     clear: float = 0.3
@@ -264,9 +264,9 @@ def corners(candidate: Candidate, settings: CornerSettings | None = None) -> lis
         relative = relative * np.exp(y - usual)
         clear = noise.columns(candidate.noise)[1][0, 0] < s.clear * np.exp(usual)
         x, y, p, relative = x[clear], y[clear], p[clear], relative[clear]
-        if x.size < s.fewest or x[-s.beside] - x[s.beside - 1] < 0.1:
+        if x.size < s.fewest or x[-s.each_side] - x[s.each_side - 1] < 0.1:
             continue
-        places = np.linspace(x[s.beside - 1], x[-s.beside], s.places)
+        places = np.linspace(x[s.each_side - 1], x[-s.each_side], s.places)
         weight = 1 / relative
         alone, left, exponents = _two_lines(x, y, weight, places)
         best = int(np.argmin(left))
@@ -338,7 +338,7 @@ def drift(candidate: Candidate, *, knots: int = 4, in_order: float = 0.9) -> lis
         "amplitude": design.along("amplitude"),
         "range": np.log(np.abs(candidate.predicted) * problem.per_um + 0.05),
     }
-    # Sweeps that were read from one end to the other do not tell the time from what was swept.
+    # Sweeps that were read from one end to the other do not separate the time from what was swept.
     if max(_sorted(np.argsort(rows)) for _, _, rows in sweeps(problem)) < in_order:
         covariates["order"] = in_session(design)
     # A weak prior keeps directions that the readings leave open at rest.

@@ -6,7 +6,7 @@ there is compared with what it found in the measured readings.
 
 Such searches stand in a table that comes with psafit (`NULL_LEADS`; `make null-leads` works it out). They are of drawn
 designs, baselines and scatters, with the whole catalogue. Those of designs with at most as many readings are counted:
-where more readings tell more, chance leads less. On request the search is repeated on readings simulated from the
+where more readings show more, chance leads less. On request the search is repeated on readings simulated from the
 fitted baseline instead.
 """
 
@@ -80,10 +80,10 @@ class NullLeads:
 
 
 Missing = Literal["", "catalogue", "settings", "readings"]
-"""Why the stored table tells nothing; empty where it does."""
+"""Why the stored table says nothing; empty where it does."""
 
 OTHERWISE = {"catalogue": "another catalogue", "settings": "a search with other settings", "readings": "larger designs"}
-"""Of what the stored table is where it tells nothing, in words."""
+"""Of what the stored table is where it says nothing, in words."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Significance:
     readings : list of int
         Fewest and most readings of the designs that were searched.
     missing : {"", "catalogue", "settings", "readings"}
-        Why the stored table tells nothing: it is of other causes, of another search, or of larger designs.
+        Why the stored table says nothing: it is of other causes, of another search, or of larger designs.
     """
 
     lead: float

@@ -7,7 +7,7 @@ r"""From the model set, the tests and the discrepancy to a verdict.
   other set does as well is said only where those that were not sampled have less than a hundredth of the probability
   together.
 * ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
-* ``unexplained``: after the best extension structure remains, or an unnamed discrepancy is more probable than any
+* ``unexplained``: after the best extension structure remains, or a discrepancy is more probable than any
   cause.
 
 Probabilities are those of `psafit.model_search.model_set`: a set stands for its supersets that add nothing visible.
@@ -39,13 +39,13 @@ class Verdict:
     alternatives : tuple of tuples of str
         Sets that do as well.
     probability : dict
-        Of each model fitted; what is missing to one is unnamed, or of sets that the search may have missed.
+        Of each model fitted; what is missing to one is a discrepancy, or of sets that the search may have missed.
     unnamed : float
-        Probability of a discrepancy without a name, beside what has one or in its place.
+        Probability of a discrepancy without a name, added to what has one or in its place.
     inclusion : dict
         Probability of each cause to be part of the truth, given that the catalogue holds it.
     remains : bool
-        Whether structure remains beside the causes; where it does not, and yet they do not explain the readings, a
+        Whether structure remains given the causes; where it does not, and yet they do not explain the readings, a
         smooth curve in their place would be simpler.
     """
 
@@ -81,13 +81,13 @@ def conclude(
     laws : sequence of Broken
         Laws that the best model breaks.
     prior_unnamed : float
-        Prior probability of a discrepancy beside any model.
+        Prior probability of a discrepancy added to any model.
     """
-    beside, instead = _odds(model_set, left, bare, prior_unnamed)
-    unnamed = (beside + instead) / (1 + beside + instead)
+    added, instead = _odds(model_set, left, bare, prior_unnamed)
+    unnamed = (added + instead) / (1 + added + instead)
     probability = {ids: p * (1 - unnamed) * (1 - model_set.missed) for ids, p in model_set.probability.items()}
     inclusion: dict[str, float] = {}
-    # Given that the catalogue holds the truth: what is unnamed takes nothing from one cause against another.
+    # Given that the catalogue holds the truth: a discrepancy takes nothing from one cause against another.
     for ids, p in model_set.probability.items():
         for id in ids:
             inclusion[id] = inclusion.get(id, 0.0) + p
@@ -100,7 +100,7 @@ def conclude(
     alternatives, named = model_set.rivals(best), _best_first(best, model_set)
     residual = after is not None and after.p_value < ALPHA
     if residual or mostly_unnamed:
-        remains = residual or beside > instead
+        remains = residual or added > instead
         return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, remains)
     if alternatives:
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion)
@@ -108,9 +108,9 @@ def conclude(
 
 
 def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability: float) -> tuple[float, float]:
-    """Odds of a discrepancy without a name, beside the causes and in their place; it has a part of each model's prior.
+    """Odds of a discrepancy without a name, added to the causes and in their place, as a part of each model's prior.
 
-    Beside all models but the baseline the evidence of it beside the best model stands for all.
+    For all models but the baseline the evidence of it, added to the best model, stands for all.
     """
     prior, best = probability / (1 - probability), model_set.best_model.ids
     if not best:
@@ -123,8 +123,8 @@ def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability
     ratio = (
         bare.log_evidence - (left.log_evidence - left.log_bayes) + model_set.log_prior(()) - model_set.log_prior(best)
     )
-    beside = (1 - model_set.probability[()]) * math.exp(min(left.log_bayes, 700.0))
-    return prior * beside, prior * own * math.exp(min(ratio, 700.0))
+    added = (1 - model_set.probability[()]) * math.exp(min(left.log_bayes, 700.0))
+    return prior * added, prior * own * math.exp(min(ratio, 700.0))
 
 
 def _best_first(named: Ids, model_set: ModelSet) -> Ids:

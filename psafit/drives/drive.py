@@ -48,7 +48,7 @@ class Table:
 
     @property
     def key(self) -> tuple[bool, bytes, bytes]:
-        """What tells it from others."""
+        """What distinguishes it from others."""
         return self.recorded, self.at.tobytes(), self.value.tobytes()
 
     def __eq__(self, other: object) -> bool:
@@ -92,7 +92,7 @@ class Drive:
 
     def __post_init__(self) -> None:
         if self.waveform != "table" and self.table is not None:
-            raise ValueError(f"a table beside the waveform {self.waveform}")
+            raise ValueError(f"a table with the waveform {self.waveform}")
         if not (math.isfinite(self.bias_v) and math.isfinite(self.idle_v) and math.isfinite(self.phase_deg)):
             raise ValueError("bias_v, idle_v and phase_deg must be finite")
         if not self.cycles > 0.0:
@@ -129,7 +129,7 @@ class Drive:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Keys of a group in `experiment.toml` beside `waveform`, those that are not the usual."""
+        """Keys of a group in `experiment.toml` other than `waveform`, those that are not the usual."""
         usual = Drive("")
         names = ("bias_v", "idle_v", "phase_deg", "cycles")
         changed = {name: getattr(self, name) for name in names if getattr(self, name) != getattr(usual, name)}

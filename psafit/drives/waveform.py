@@ -54,7 +54,7 @@ class Waveform:
     shifts : bool
         Whether the cause `start_phase` acts: a waveform of jumps is switched by a trigger and starts where it should.
     names : tuple of str
-        What instruments and spreadsheets call it besides.
+        What instruments and spreadsheets call it as well.
     """
 
     id: str

@@ -269,7 +269,7 @@ def read_as(groups: Sequence[Conditions], reading: FloatArray) -> tuple[Group, .
 def session_name(name: str, id: GroupId) -> str:
     """Name of what one session has for itself: `name`, and the session's id.
 
-    It depends on the id alone: what a Python name cannot hold is replaced, and a checksum tells such ids apart.
+    It depends on the id alone: what a Python name cannot hold is replaced, and a checksum distinguishes such ids.
     """
     text = re.sub(r"\W", "_", str(id))
     return f"{name}_{text}" if text == str(id) else f"{name}_{text}_{zlib.crc32(str(id).encode()):08x}"
@@ -406,7 +406,7 @@ def describe(experiment: Experiment) -> dict[str, Any]:
 
 
 def _lone(group: Group) -> str:
-    return one_line(f"{group.file}: group {group.id}: one reading is no sweep; it tells a level and no trend")
+    return one_line(f"{group.file}: group {group.id}: one reading is no sweep; it shows a level and no trend")
 
 
 def _describe_group(group: Group) -> dict[str, Any]:

@@ -90,7 +90,7 @@ def read_trace(
 
 
 def _column(names: list[str], file: Path, line: int) -> str:
-    """The column that is read beside the time; `InputError` where the header is not one of a trace."""
+    """The column that is read with the time; `InputError` where the header is not one of a trace."""
     here = [name for name in names if name in TRACES]
     if len(here) > 1:
         what = f"columns {listed(here)} in one trace"

@@ -17,7 +17,7 @@ from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference.evolution import evolved
 from psafit.inference.optimise import joined_values, starts_of, widened
-from psafit.inference.optimiser import Effort, Optima, expansion, heights, maximise, slopes
+from psafit.inference.optimiser import Effort, Optima, expansion, log_posteriors, maximise, slopes
 from psafit.inference.problem import Problem
 from psafit.physics.term import Term
 
@@ -78,7 +78,7 @@ class Candidate:
     problem : Problem
     modes : (n_modes, n_dim) array
         Optima, in sampling coordinates, best first.
-    heights : (n_modes,) array
+    log_posteriors : (n_modes,) array
         Log posteriors there.
     predicted : (n_points,) array, um
         Launch ranges at the best.
@@ -96,7 +96,7 @@ class Candidate:
 
     problem: Problem
     modes: FloatArray
-    heights: FloatArray
+    log_posteriors: FloatArray
     predicted: FloatArray
     slope: FloatArray
     curvature: FloatArray
@@ -125,8 +125,8 @@ class Candidate:
         which its normal is above the others' at its own top.
         """
         away = self.modes[:, None] - self.modes[None]  # (n_at, n_of, n_dim)
-        height = self.heights - 0.5 * np.einsum("kmi,mij,kmj->km", away, self.curvature, away)
-        return float(logsumexp(self.mass + self.heights - logsumexp(height, axis=1)))
+        log_posterior = self.log_posteriors - 0.5 * np.einsum("kmi,mij,kmj->km", away, self.curvature, away)
+        return float(logsumexp(self.mass + self.log_posteriors - logsumexp(log_posterior, axis=1)))
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -139,9 +139,9 @@ class Candidate:
         return self.problem.ids
 
     @property
-    def height(self) -> float:
+    def log_posterior(self) -> float:
         """Log posterior of the best mode."""
-        return float(self.heights[0])
+        return float(self.log_posteriors[0])
 
     @property
     def values(self) -> FloatArray:
@@ -151,7 +151,7 @@ class Candidate:
     @property
     def log_likelihood(self) -> float:
         """Log likelihood of the best mode."""
-        return self.height - float(self.problem.log_prior(self.modes[:1])[0])
+        return self.log_posterior - float(self.problem.log_prior(self.modes[:1])[0])
 
     @property
     def noise(self) -> FloatArray:
@@ -290,15 +290,15 @@ def fit(
         begun, n_fresh = starts_of(trial, seed, most, draws)
         races.append((begun, s.fresh))
         n_drawn += n_fresh
-    # Some of the readings may mislead where few of them tell: what is known is looked at on all of them, too, and its
+    # Some of the readings may mislead where few of them count: what is known is looked at on all of them, too, and its
     # best go on. (They hold the smaller models' optima: no optimisation ends below those.)
     there = problem.log_posterior(known)
     trials = [
         maximise(trial, starts, schedule=schedule, still_below=s.enough, unite=True) for starts, schedule in races
     ]
-    tried, height = np.vstack([t.u for t in trials]), np.concatenate([t.height for t in trials])
+    tried, log_posterior = np.vstack([t.u for t in trials]), np.concatenate([t.log_posterior for t in trials])
     best_known = known[np.argsort(-there, kind="stable")[: s.taken]]
-    hopeful = height > height.max() - s.hopeless
+    hopeful = log_posterior > log_posterior.max() - s.hopeless
     counts = np.concatenate([np.concatenate([t.starts for t in trials])[hopeful], np.ones(len(best_known), np.intp)])
     tried = np.vstack([tried[hopeful], best_known])
     end = maximise(problem, tried, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
@@ -346,22 +346,22 @@ def optimised(problem: Problem, starts: FloatArray) -> Candidate:
 
 
 def _across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
-    """Go on where a parameter has no slope: what acts by thresholds is better a step away, or not, but never uphill."""
+    """Go on where a parameter has no slope: what acts by thresholds may be better a step away."""
     for _ in range(s.crossings):
-        here, height = end.predicted[end.best], float(end.height[end.best])
+        here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])
         rows = _steps_away(problem, end.u[end.best], here)
         found = problem.predict(rows) if len(rows) else np.empty((0, here.size))
-        value = heights(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
+        value = log_posteriors(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
         # One row of each step, the highest first; none of that on which the optimisations have ended.
         steps = {here.tobytes(): -1}
         for k in np.argsort(-value, kind="stable"):
             steps.setdefault(found[k].tobytes(), int(k))
-        starts = [k for k in list(steps.values())[1 : 1 + s.taken] if value[k] > height - s.hopeless]
+        starts = [k for k in list(steps.values())[1 : 1 + s.taken] if value[k] > log_posterior - s.hopeless]
         if not starts:
             break
         moved = maximise(problem, rows[starts], schedule=s.across, still_below=s.enough, unite=True).uncounted
         end = end.joined(moved)
-        if moved.height.max() < height + s.enough:
+        if moved.log_posterior.max() < log_posterior + s.enough:
             break
     return end
 
@@ -395,25 +395,25 @@ def candidate_of(
     same : float
         Two are one where all coordinates of the model agree to this.
     """
-    if not np.isfinite(end.height).any():
+    if not np.isfinite(end.log_posterior).any():
         raise ConvergenceError("search for a finite posterior", reached=0, required=1)
-    order = np.argsort(-end.height, kind="stable")
+    order = np.argsort(-end.log_posterior, kind="stable")
     modes: dict[int, int] = {}  # and the starts that ended there
     for k in order:
         known = [m for m in modes if np.abs(end.u[k] - end.u[m])[: problem.n_physical].max() < same]
         if known:
             modes[known[0]] += int(end.starts[k])
-        elif end.height[k] > end.height[order[0]] - forgotten:
+        elif end.log_posterior[k] > end.log_posterior[order[0]] - forgotten:
             modes[int(k)] = int(end.starts[k])
     rows = list(modes)
     u, predicted = end.u[rows], end.predicted[rows]
     slope = slopes(problem, u, predicted)
     observed = np.broadcast_to(problem.observed, predicted.shape)
     gradient, curvature = expansion(problem, u, predicted, slope, observed)
-    mass = [_laplace(problem, u[k], float(end.height[m]), gradient[k], curvature[k]) for k, m in enumerate(rows)]
+    mass = [_laplace(problem, u[k], float(end.log_posterior[m]), gradient[k], curvature[k]) for k, m in enumerate(rows)]
     effort = end.effort + (before or Effort())
     return Candidate(
-        problem, u, end.height[rows], predicted[0], slope[0], curvature, np.array(mass),
+        problem, u, end.log_posterior[rows], predicted[0], slope[0], curvature, np.array(mass),
         np.array(list(modes.values()), np.intp), effort,
     )  # fmt: skip
 
@@ -433,8 +433,8 @@ def candidate_at(
         What finding them has taken.
     """
     predicted, starts = problem.predict(modes), np.zeros(len(modes), np.intp) if starts is None else starts
-    height = heights(problem, modes, predicted, problem.observed)
-    return candidate_of(problem, Optima(modes, height, predicted, starts, effort or Effort()))
+    log_posterior = log_posteriors(problem, modes, predicted, problem.observed)
+    return candidate_of(problem, Optima(modes, log_posterior, predicted, starts, effort or Effort()))
 
 
 def united(first: Candidate, second: Candidate) -> Candidate:
@@ -454,7 +454,7 @@ def _weighty(candidate: Candidate, minor: float = 5.0) -> NDArray[np.intp]:
 
     A high and narrow one may have less than one that is seven nats lower.
     """
-    mass = candidate.heights - 0.5 * np.linalg.slogdet(within_bounds(candidate.problem, candidate.curvature))[1]
+    mass = candidate.log_posteriors - 0.5 * np.linalg.slogdet(within_bounds(candidate.problem, candidate.curvature))[1]
     return np.flatnonzero(mass > mass.max() - minor)
 
 
@@ -482,7 +482,7 @@ def separate_modes(candidate: Candidate, *, apart: float = 4.0, valley: float = 
             continue
         way = np.vstack([candidate.modes[m] + steps * (candidate.modes[k] - candidate.modes[m]) for m in tops])
         lowest = problem.log_posterior(way).reshape(len(tops), -1).min(axis=1)
-        if (lowest < candidate.heights[k] - valley).all():
+        if (lowest < candidate.log_posteriors[k] - valley).all():
             tops.append(int(k))
     return tops
 
@@ -492,12 +492,14 @@ def within_bounds(problem: Problem, curvature: FloatArray) -> FloatArray:
     return curvature + np.diag((3.5 / np.ptp(problem.bounds, axis=1)) ** 2)
 
 
-def _laplace(problem: Problem, u: FloatArray, height: float, gradient: FloatArray, curvature: FloatArray) -> float:
+def _laplace(
+    problem: Problem, u: FloatArray, log_posterior: float, gradient: FloatArray, curvature: FloatArray
+) -> float:
     """Log mass of a mode: normal, cut at the bounds coordinate by coordinate."""
     low, high = u - problem.bounds[:, 0], problem.bounds[:, 1] - u
     curvature = within_bounds(problem, curvature)
     covariance = np.linalg.inv(curvature)
-    total = height + 0.5 * (u.size * math.log(2 * math.pi) - np.linalg.slogdet(curvature)[1])
+    total = log_posterior + 0.5 * (u.size * math.log(2 * math.pi) - np.linalg.slogdet(curvature)[1])
     for i in range(u.size):
         c = 1.0 / max(covariance[i, i], 1e-300)
         # At a bound the slope is not zero: exp(-g x - c x^2 / 2) over the half line, over the whole normal's mass.

@@ -67,8 +67,8 @@ def cost(
     some = replace(problem, experiment=thinned(problem.experiment, max(n // sample, 1)))
     more = n / some.observed.size
     u = some.prior_transform(np.random.default_rng(0).random((draws, problem.n_dim)))
-    height = some.log_posterior(u)  # compiles, too
-    best = u[np.argsort(-np.where(np.isfinite(height), height, -np.inf), kind="stable")[:batch]]
+    log_posterior = some.log_posterior(u)  # compiles, too
+    best = u[np.argsort(-np.where(np.isfinite(log_posterior), log_posterior, -np.inf), kind="stable")[:batch]]
     each = min(_timed(lambda: some.log_posterior(best)) for _ in range(3)) / len(best)
     search = _timed(lambda: optimise.starts_of(some, 0, 1, draws)) / draws
     tracemalloc.start()

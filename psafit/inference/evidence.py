@@ -25,7 +25,7 @@ from psafit.errors import ConvergenceError
 from psafit.inference import store
 from psafit.inference.candidate import Candidate, candidate_at, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
-from psafit.inference.optimiser import heights
+from psafit.inference.optimiser import log_posteriors
 from psafit.physics import baseline
 
 TRUSTED = 0.7
@@ -106,7 +106,7 @@ class ImportanceSample:
         Shape of the weights' tail (Vehtari et al.): above 0.7 the evidence is not to be trusted.
     top : (n_dim,) array
         The draw of the highest posterior density.
-    height : float
+    log_posterior : float
         Its log posterior.
     """
 
@@ -117,7 +117,7 @@ class ImportanceSample:
     effective: float
     pareto_k: float
     top: FloatArray
-    height: float
+    log_posterior: float
 
     @property
     def standard_error(self) -> float:
@@ -232,16 +232,16 @@ def _importance(
     problem = candidate.problem
     simulated: list[FloatArray] = []
 
-    def height(u: FloatArray) -> FloatArray:
+    def log_posterior(u: FloatArray) -> FloatArray:
         found = problem.predict(u)
         simulated.append(found)
-        return np.where(region(u), heights(problem, u, found, problem.observed), -np.inf)
+        return np.where(region(u), log_posteriors(problem, u, found, problem.observed), -np.inf)
 
     def next_one(pool: Pool, before: _Density) -> _Density:
         return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
 
     first = laplace_mixture(candidate)
-    pool = _sample(height, problem.bounds, first, next_one, random, rounds)
+    pool = _sample(log_posterior, problem.bounds, first, next_one, random, rounds)
     return pool, np.concatenate(simulated)
 
 
@@ -268,14 +268,14 @@ def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0,
         rows = np.repeat(mode[None], places, axis=0)
         rows[:, k] = place
         found = problem.predict(rows)
-        height = heights(problem, rows, found, problem.observed)
-        near = height > candidate.heights[0] - company
+        log_posterior = log_posteriors(problem, rows, found, problem.observed)
+        near = log_posterior > candidate.log_posteriors[0] - company
         if candidate.slope[k].any():
             near &= np.abs(place - mode[k]) > away / math.sqrt(max(curvature[k, k], 1e-300))
         if not near.any():
             continue
         step = np.gradient(place)
-        mass = np.where(near, np.exp(height - candidate.heights[0]) * step, 0.0)
+        mass = np.where(near, np.exp(log_posterior - candidate.log_posteriors[0]) * step, 0.0)
         mass /= mass.sum()
         middle = int(np.argmin(np.where(near, np.abs(place - mass @ place), np.inf)))
         spread = float(mass @ ((place - place[middle]) ** 2 + step**2 / 12))
@@ -285,7 +285,7 @@ def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0,
         candidate = replace(
             candidate,
             modes=np.vstack([rows[middle], candidate.modes]),
-            heights=np.append(height[middle], candidate.heights),
+            log_posteriors=np.append(log_posterior[middle], candidate.log_posteriors),
             predicted=found[middle],
             slope=slope,
             curvature=np.concatenate([apart[None], candidate.curvature]),
@@ -314,7 +314,7 @@ class Pool:
     """Draws inside the bounds, with the log of the function and the log weights; `n` counts those outside, too."""
 
     u: FloatArray
-    height: FloatArray
+    log_posterior: FloatArray
     log_weight: FloatArray
     n: int
 
@@ -323,8 +323,8 @@ class Pool:
         """Draws of regions that do not overlap, as draws of all of them."""
         n = sum(p.n for p in pools)
         weight = [p.log_weight + math.log(n / p.n) for p in pools]
-        u, height = np.concatenate([p.u for p in pools]), np.concatenate([p.height for p in pools])
-        return cls(u, height, np.concatenate(weight), n)
+        u, log_posterior = np.concatenate([p.u for p in pools]), np.concatenate([p.log_posterior for p in pools])
+        return cls(u, log_posterior, np.concatenate(weight), n)
 
     @property
     def weights(self) -> FloatArray:
@@ -348,14 +348,13 @@ class Pool:
         k_hat = store.pareto_k(self.log_weight[finite]) if finite.sum() > 25 else math.inf
         error = float(np.sqrt(max(1 / count - 1 / self.n, 0.0)))
         kept = weights > 0
-        best = int(np.argmax(self.height))
-        return ImportanceSample(
-            self.u[kept], weights[kept], self.log_evidence, error, count, k_hat, self.u[best], float(self.height[best])
-        )  # fmt: skip
+        best = int(np.argmax(self.log_posterior))
+        top = float(self.log_posterior[best])
+        return ImportanceSample(self.u[kept], weights[kept], self.log_evidence, error, count, k_hat, self.u[best], top)
 
 
 def _sample(
-    height: Callable[[FloatArray], FloatArray],
+    log_posterior: Callable[[FloatArray], FloatArray],
     bounds: FloatArray,
     first: _Density,
     adapted: Callable[[Pool, _Density], _Density],
@@ -372,7 +371,7 @@ def _sample(
         rounds_of.append(drawn / how.draws)
         density = np.vstack([density, proposals[-1].log_density(u)[None]]) if len(u) else np.empty((len(proposals), 0))
         density = np.hstack([density, [p.log_density(draws) for p in proposals]])
-        u, h = np.concatenate([u, draws]), np.concatenate([h, height(draws)])
+        u, h = np.concatenate([u, draws]), np.concatenate([h, log_posterior(draws)])
         share = np.array(rounds_of)[:, None]
         pool = Pool(u, h, h - logsumexp(density, axis=0, b=share) + math.log(share.sum()), n)
         if len(proposals) == how.most or (len(proposals) >= how.least and pool.effective > how.effective):
@@ -408,7 +407,7 @@ def laplace_mixture(candidate: Candidate) -> StudentMixture:
     """Student densities at the modes with the expected curvature."""
     width = candidate.problem.widths
     wider = widening(candidate.problem.n_dim)
-    masses = np.maximum(np.exp(candidate.heights - candidate.heights[0]), 0.02)
+    masses = np.maximum(np.exp(candidate.log_posteriors - candidate.log_posteriors[0]), 0.02)
     return StudentMixture.of(
         [
             (u, positive(own, width) * wider, float(mass))
@@ -435,8 +434,8 @@ class Emulated:
     """The posterior of a model whose launch ranges are polynomials in its parameters, fitted to simulated draws.
 
     Ranges are emulated in the coordinate in which the fitted scatter has unit width, so that all readings have equal
-    rights and none becomes negative. Linear terms start from the slopes at the mode; what the draws do not tell stays
-    there.
+    rights and none becomes negative. Linear terms start from the slopes at the mode; what the draws do not determine
+    stays there.
     """
 
     def __init__(
@@ -467,8 +466,8 @@ class Emulated:
         start[1 : 1 + k] = unwhiten.T @ slope
         start[0] = here + (self._mean[:k] - mode) @ slope
         # Far from the posterior nothing need be right.
-        usable = np.isfinite(pool.height)
-        depth = (pool.height[usable].max() - pool.height[usable]) / (how.near * problem.n_dim)
+        usable = np.isfinite(pool.log_posterior)
+        depth = (pool.log_posterior[usable].max() - pool.log_posterior[usable]) / (how.near * problem.n_dim)
         weight = 1 / (1 + depth**2)
         # ... and one draw that is far above all others is no width: then what the mixture has stands for one.
         self._reach = max(how.beyond * float(self._distance(pool.u[usable, :k])[depth < 1].max()), 1.0)
@@ -488,7 +487,7 @@ class Emulated:
         def wider(found: Pool, last: _Density) -> _Density:
             return last.mixture.around(found.u, found.weights, width)
 
-        self._pool = _sample(self.height, problem.bounds, first, wider, random, how.rounds)
+        self._pool = _sample(self.log_posterior, problem.bounds, first, wider, random, how.rounds)
         self.mixture = first.around(self._pool.u, self._pool.weights, width).stretched(k, width)
 
     @property
@@ -504,7 +503,7 @@ class Emulated:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of such draws."""
-        own = math.log1p(-self._how.caution) + self.height(u) - self.log_evidence
+        own = math.log1p(-self._how.caution) + self.log_posterior(u) - self.log_evidence
         return np.logaddexp(own, math.log(self._how.caution) + self.mixture.log_density(u))
 
     def _scaled(self, ranges: FloatArray) -> FloatArray:
@@ -523,14 +522,14 @@ class Emulated:
     def _distance(self, u: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.norm((u - self._mean[: u.shape[1]]) @ self._whiten.T, axis=1))
 
-    def height(self, u: FloatArray) -> FloatArray:
+    def log_posterior(self, u: FloatArray) -> FloatArray:
         """Log posterior of the emulated model, less what distrusts it far out; minus infinity outside the bounds."""
         k = self._problem.n_model
         result = np.full(len(u), -np.inf)
         for part in np.array_split(np.arange(len(u)), max(len(u) // 1024, 1)):
             scaled = self._features(u[part, :k]) @ self._coefficients
             ranges = np.sinh(np.clip(scaled * self._relative, -30, 30)) * (self._absolute / self._relative)
-            result[part] = heights(
+            result[part] = log_posteriors(
                 self._problem, u[part], np.maximum(ranges, self._problem.floor), self._problem.observed
             )
         far = np.maximum(self._distance(u[:, :k]) / self._reach - 1, 0.0)

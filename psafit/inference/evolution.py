@@ -32,7 +32,7 @@ class EvolutionSettings:
     generations : int
         At most.
     gathered : float, nats
-        Spread of the members' heights at which the rest is an optimisation's.
+        Spread of the members' log posteriors at which the rest is an optimisation's.
     factor : tuple of float
         Range of the factor on differences, drawn anew for each generation.
     crossed : float
@@ -80,8 +80,8 @@ def evolved(problem: Problem, known: FloatArray, *, seed: int, settings: Evoluti
     about = parents + s.about * rng.standard_normal(parents.shape)
 
     def depth(columns: FloatArray) -> FloatArray:
-        height = problem.log_posterior(np.clip(columns.T, low, high))
-        return np.asarray(-np.where(np.isfinite(height), height, s.nowhere))
+        log_posterior = problem.log_posterior(np.clip(columns.T, low, high))
+        return np.asarray(-np.where(np.isfinite(log_posterior), log_posterior, s.nowhere))
 
     try:
         found = differential_evolution(

@@ -34,14 +34,14 @@ class ProfileSettings:
         Drop beyond which a side is closed; a little above `DROP_90`, so that the limit can be interpolated.
     smooth : float, nats
     jump : float
-        Neighbouring points differ by no more than `smooth` in height, unless it jumps between coordinates as close as
-        `jump`.
+        Neighbouring points differ by no more than `smooth`, unless the likelihood jumps between coordinates as close
+        as `jump`.
     across : int
         Points across it, at least.
     first : float
         First step, in widths of the likelihood there.
     flattest : float
-        Curvature of what the data do not tell at all.
+        Curvature of what the data do not determine at all.
     """
 
     closed: float = 3.0
@@ -66,13 +66,13 @@ class _Likelihood(Problem):
         found[:, own] = super()._shapes[:, own]
         return found
 
-    def height(self, ends: Optima, columns: Sequence[int]) -> FloatArray:
-        """Where optimisations ended, each without the prior of the column that it is to profile; (n,)."""
+    def profiled(self, ends: Optima, columns: Sequence[int]) -> FloatArray:
+        """Log posterior where optimisations ended, each without the prior of the column that it is to profile; (n,)."""
         priors = [
             float(self.parameters[k].log_prior(u[k])) if len(baseline.PARAMETERS) <= k < self.n_model else 0.0
             for k, u in zip(columns, ends.u, strict=True)
         ]
-        return ends.height - np.array(priors)
+        return ends.log_posterior - np.array(priors)
 
 
 @dataclass(eq=False)
@@ -85,7 +85,7 @@ class _Walk:
 
     @property
     def highest(self) -> float:
-        return max(height for _, height in self.points)
+        return max(log_posterior for _, log_posterior in self.points)
 
     def next(self, side: int, width: float, low: float, high: float) -> FloatArray | None:
         """Where to go next on one side: along the last step, as far as changes the drop by a part of what closes it."""
@@ -104,15 +104,17 @@ class _Walk:
 
     def gaps(self) -> list[FloatArray]:
         """Midpoints of what lies too far apart."""
-        inside = [float(u[self.index]) for u, height in self.points if height > self.highest - self.how.closed]
+        inside = [
+            float(u[self.index]) for u, log_posterior in self.points if log_posterior > self.highest - self.how.closed
+        ]
         widest = max((max(inside) - min(inside)) / self.how.across, self.how.jump)
         return [
             0.5 * (a + b)
-            for (a, height), (b, other) in itertools.pairwise(self.points)
-            if max(height, other) > self.highest - self.how.closed
+            for (a, log_posterior), (b, other) in itertools.pairwise(self.points)
+            if max(log_posterior, other) > self.highest - self.how.closed
             and (
                 b[self.index] - a[self.index] > widest
-                or (abs(height - other) > self.how.smooth and b[self.index] - a[self.index] > self.how.jump)
+                or (abs(log_posterior - other) > self.how.smooth and b[self.index] - a[self.index] > self.how.jump)
             )
         ]
 
@@ -155,9 +157,9 @@ def profiles(
         held = np.zeros(rows.shape, bool)
         held[np.arange(len(rows)), [walk.index for walk, _ in starts]] = True
         end = maximise(likelihood, rows, frozen=held)
-        heights = likelihood.height(end, [walk.index for walk, _ in starts])
-        for (walk, _), u, height in zip(starts, end.u, heights, strict=True):
-            walk.points.append((u, float(height)))
+        log_posteriors = likelihood.profiled(end, [walk.index for walk, _ in starts])
+        for (walk, _), u, log_posterior in zip(starts, end.u, log_posteriors, strict=True):
+            walk.points.append((u, float(log_posterior)))
             walk.points.sort(key=lambda point: (float(point[0][walk.index]), point[1]))
 
     peak = maximise(likelihood, np.clip(top, low, high))
@@ -165,7 +167,7 @@ def profiles(
     _, curvature = expansion(likelihood, peak.u, peak.predicted, slope, likelihood.observed[None])
     spread = np.linalg.pinv(curvature[0] + how.flattest * np.eye(likelihood.n_dim))
     width = np.sqrt(np.maximum(np.diag(spread), 1e-12))
-    walks = [_Walk(k, [(peak.u[0], float(likelihood.height(peak, [k])[0]))], how) for k in columns]
+    walks = [_Walk(k, [(peak.u[0], float(likelihood.profiled(peak, [k])[0]))], how) for k in columns]
     first = []
     for walk in walks:
         k = walk.index
@@ -192,7 +194,9 @@ def profiles(
     found = []
     for walk in walks:
         to_physical, highest = problem.parameters[walk.index].to_physical, walk.highest
-        values = dict.fromkeys((float(to_physical(u[walk.index])), highest - height) for u, height in walk.points)
+        values = dict.fromkeys(
+            (float(to_physical(u[walk.index])), highest - log_posterior) for u, log_posterior in walk.points
+        )
         found.append([ProfilePoint(*pair) for pair in values])
     return found
 
@@ -320,5 +324,5 @@ def describe(
     if word == "not determined":
         why = "neither side of its profile closes" if points else "its interval is little narrower than the prior's"
     else:
-        why = f"the data set no {'lower' if word == 'bounded above' else 'upper'} limit"
+        why = f"these readings give no {'lower' if word == 'bounded above' else 'upper'} limit"
     return f"{name} {supported(unit, points, interval, word)}; {why}"

@@ -19,7 +19,7 @@ from psafit.workers import ahead, scratch
 
 _SEAL = "sha256"
 # Parts of the package that work nothing out.
-_TELLERS = ("report", "challenge", "cli", "api", "progress", "compare", "reproduce")
+_REPORTERS = ("report", "challenge", "cli", "api", "progress", "compare", "reproduce")
 Arrays = Mapping[str, NDArray[np.float64]]
 Result = TypeVar("Result")
 
@@ -29,7 +29,7 @@ def code() -> str:
     """What the code was that works a diagnosis out: SHA-256 of its sources."""
     package = Path(__file__).parents[1]
     files = {path.relative_to(package).as_posix(): path for path in package.rglob("*.py")}
-    hashes = [[name, sha256(files[name])] for name in sorted(files) if not name.startswith(_TELLERS)]
+    hashes = [[name, sha256(files[name])] for name in sorted(files) if not name.startswith(_REPORTERS)]
     return digest(hashes)
 
 
@@ -184,7 +184,7 @@ def shared_out(
 
 
 def _sealed(arrays: Arrays) -> bytes:
-    """What tells whether arrays are those that were kept."""
+    """What shows whether arrays are those that were kept."""
     found = hashlib.sha256()
     for name in sorted(arrays):
         a = np.ascontiguousarray(arrays[name])

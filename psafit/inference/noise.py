@@ -22,8 +22,8 @@ of a trace remembers the one before it,
 which is the Ornstein-Uhlenbeck process at any sample times, exactly, where :math:`\nu` is large. It is Markov: the
 density of a trace is a product over its samples, no matrix is inverted, and each sample has an innovation
 :math:`z_i = (r_i - \rho_i r_{i-1})/\sqrt{1 - \rho_i^2}` that is independent of all others. The innovations are what is
-tested. White noise beside it would cost that, and is the case of a small :math:`\tau`. The first sample of a trace, and
-every reading that is none, has :math:`\rho = 0`.
+tested. White noise added to it would cost that, and is the case of a small :math:`\tau`. The first sample of a trace,
+and every reading that is none, has :math:`\rho = 0`.
 """
 
 from __future__ import annotations

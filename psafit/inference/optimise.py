@@ -22,7 +22,7 @@ from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
 from psafit.inference import noise
-from psafit.inference.optimiser import heights
+from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline
@@ -133,14 +133,14 @@ def _scatter(
         values = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(observable.scatter)], axis=1)
         prior = np.sum([p.log_prior(u[:, i]) for i, p in enumerate(observable.scatter)], axis=0)
         known = None if problem.known_sigma is None else problem.known_sigma[here]
-        height = np.empty((len(predicted), len(grid)))
+        log_posterior = np.empty((len(predicted), len(grid)))
         for k, one in enumerate(values):
             scatter = problem.noise_along(one[None], here)
             density = noise.log_density(problem.observed[here], predicted[:, here], scatter, known)
-            height[:, k] = density.sum(axis=1)
-        height += prior
-        best = np.argmax(np.where(np.isfinite(height), height, -np.inf), axis=1)
-        total += height[np.arange(len(height)), best]
+            log_posterior[:, k] = density.sum(axis=1)
+        log_posterior += prior
+        best = np.argmax(np.where(np.isfinite(log_posterior), log_posterior, -np.inf), axis=1)
+        total += log_posterior[np.arange(len(log_posterior)), best]
         at.append(u[best])
     return total, np.concatenate(at, axis=1)
 
@@ -195,14 +195,14 @@ def starts_of(
         crossed = np.flatnonzero(np.arange(len(draws)) % 4)
         keep = rng.random((crossed.size, problem.blocks[-1] + 1))[:, problem.blocks] < 0.5
         draws[crossed] = np.where(keep, known[crossed % len(known)], draws[crossed])
-    height = problem.log_prior(draws) - np.sum(
+    log_posterior = problem.log_prior(draws) - np.sum(
         [p.log_prior(draws[:, n + i]) for i, p in enumerate(problem.parameters[n:])], axis=0
     )
     for part in np.array_split(np.arange(len(draws)), math.ceil(len(draws) / 1024)):
         likelihood, draws[part, n:] = _scatter(problem, problem.predict(draws[part]))
-        height[part] += likelihood
+        log_posterior[part] += likelihood
     width = np.ptp(problem.prior_transform(np.array([[0.16] * problem.n_dim, [0.84] * problem.n_dim])), axis=0)[:n]
-    left = np.argsort(np.where(np.isfinite(height), -height, np.inf), kind="stable")
+    left = np.argsort(np.where(np.isfinite(log_posterior), -log_posterior, np.inf), kind="stable")
     if problem.terms:
         # A cause's far end has its best draws, too, though nearer ones look better until all else is fitted to them.
         strengths = [problem.names.index(t.strength.name) for t in problem.terms]
@@ -215,7 +215,7 @@ def starts_of(
             rank[tuple(quarter[k])] += 1
         half = np.argsort(place[left], kind="stable")
         left = np.array([k for pair in zip(left, left[half], strict=True) for k in pair])
-    left = left[np.isfinite(height[left])]
+    left = left[np.isfinite(log_posterior[left])]
     return draws[_far_apart(draws[:, :n], width, left, n_starts, apart)], len(draws)
 
 
@@ -256,7 +256,7 @@ def joined_values(problem: Problem, values: Mapping[str, float]) -> FloatArray:
 def halved(parameter: Parameter, halvings: FloatArray) -> FloatArray:
     """Coordinates of a strength that approach its neutral value by halves: from each bound, `halvings` times.
 
-    Strengths differ by orders of magnitude in what they do; how far the readings want one, no prior tells.
+    Strengths differ by orders of magnitude in what they do; how far the readings want one, no prior says.
 
     Returns
     -------
@@ -323,19 +323,19 @@ def widened(
             beyond = by[::-1] >= np.maximum(wanted, 1e-9)[:, None]
             chosen = {len(by) - 1 - int(k) for k in beyond.argmax(axis=1)[beyond.any(axis=1)]}
             rows += list(points.reshape(*sides.shape, -1)[side, sorted(chosen)])
-        best = int(np.argmax(_heights_at(problem, points, predicted)))
+        best = int(np.argmax(_log_posteriors_at(problem, points, predicted)))
         side, k = divmod(best, len(halvings))
         near, there = scanned(halved(term.strength, np.maximum(k + np.linspace(-1, 1, 2 * s.between + 1), 0.0))[side])
-        rows.append(near[np.argmax(_heights_at(problem, near, there))])
+        rows.append(near[np.argmax(_log_posteriors_at(problem, near, there))])
     return np.array(rows)
 
 
-def _heights_at(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
-    return heights(problem, u, predicted, np.broadcast_to(problem.observed, predicted.shape))
+def _log_posteriors_at(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
+    return log_posteriors(problem, u, predicted, np.broadcast_to(problem.observed, predicted.shape))
 
 
 def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:
-    """Top of the posterior near `start`, all parameters free: (coordinates, height, lmfit's result)."""
+    """Top of the posterior near `start`, all parameters free: (coordinates, log_posterior, lmfit's result)."""
 
     def depth(rows: FloatArray) -> FloatArray:
         return _finite(-problem.log_posterior(rows))

@@ -42,8 +42,8 @@ class FisherSettings:
     longest : float
         Longest step, in units of the sampling coordinate (a factor of e, or a prior's standard deviation).
     like : float, nats
-    alike : float
-        Optimisations whose log posteriors differ by less than `like`, and all whose ranges by less than `alike`
+    indistinct : float
+        Optimisations whose log posteriors differ by less than `like`, and all whose ranges by less than `indistinct`
         standard deviations of the scatter, are at one place, or on one ridge.
     """
 
@@ -54,7 +54,7 @@ class FisherSettings:
     stuck: float = 1e4
     longest: float = 2.0
     like: float = 0.5
-    alike: float = 0.1
+    indistinct: float = 0.1
 
 
 class Effort(NamedTuple):
@@ -84,7 +84,7 @@ class Optima:
     ----------
     u : (n, n_dim) array
         Sampling coordinates.
-    height : (n,) array
+    log_posterior : (n,) array
         Log posterior there.
     predicted : (n, n_points) array, um
         Launch ranges there.
@@ -95,7 +95,7 @@ class Optima:
     """
 
     u: FloatArray
-    height: FloatArray
+    log_posterior: FloatArray
     predicted: FloatArray
     starts: NDArray[np.intp]
     effort: Effort
@@ -103,7 +103,7 @@ class Optima:
     @property
     def best(self) -> int:
         """Index of the highest."""
-        return int(np.argmax(self.height))
+        return int(np.argmax(self.log_posterior))
 
     @property
     def uncounted(self) -> Optima:
@@ -114,14 +114,14 @@ class Optima:
         """Both, as if they had been optimised together."""
         return Optima(
             np.vstack([self.u, other.u]),
-            np.concatenate([self.height, other.height]),
+            np.concatenate([self.log_posterior, other.log_posterior]),
             np.vstack([self.predicted, other.predicted]),
             np.concatenate([self.starts, other.starts]),
             self.effort + other.effort,
         )
 
 
-def heights(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
+def log_posteriors(problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray) -> FloatArray:
     """Log posteriors of predictions that are known already; minus infinity outside the bounds. Shape (n,)."""
     likelihood = noise.log_density(observed, predicted, problem.noise_values(u), problem.known_sigma).sum(axis=1)
     value = problem.log_prior(u) + likelihood
@@ -273,11 +273,11 @@ def _optimise(
     u = np.clip(np.atleast_2d(starts), problem.bounds[:, 0], problem.bounds[:, 1])
     n_dim, who = u.shape[1], np.arange(len(u))
     predicted = predict(u, who)
-    height = heights(problem, u, predicted, target)
+    log_posterior = log_posteriors(problem, u, predicted, target)
     damping = np.full(len(u), how.first)
-    still, n_sets = np.where(np.isfinite(height), 0, 9), len(u)
+    still, n_sets = np.where(np.isfinite(log_posterior), 0, 9), len(u)
     starts_at = np.ones(len(u), np.intp) if counts is None else counts
-    begun, failed = len(u), int((~np.isfinite(height)).sum())
+    begun, failed = len(u), int((~np.isfinite(log_posterior)).sum())
     k = problem.n_model
     slopes_at, age = np.empty((len(u), k, predicted.shape[1])), np.full(len(u), lasting)
     done, total = 0, sum(iterations for iterations, _ in schedule)
@@ -302,11 +302,10 @@ def _optimise(
             rows = _steps(problem, u[live], gradient, curvature, dampings, held, how.longest).reshape(-1, n_dim)
             found = predict(rows, np.repeat(who[live], tried))
             n_sets += len(rows)
-            value = heights(problem, rows, found, np.repeat(target[live], tried, axis=0))
+            value = log_posteriors(problem, rows, found, np.repeat(target[live], tried, axis=0))
             value, rows, found = (a.reshape(live.size, tried, *a.shape[1:]) for a in (value, rows, found))
             best = np.argmax(value, axis=1)
-            pick = np.arange(live.size)
-            gain = value[pick, best] - height[live]
+            gain = value[np.arange(live.size), best] - log_posterior[live]
             better = gain > 0
             # What slopes carried over from earlier iterations cannot do, fresh ones may.
             carried = age[live] > 0
@@ -318,7 +317,7 @@ def _optimise(
             up = live[better]
             step = rows[better, best[better], :k] - u[up, :k]
             change = found[better, best[better]] - predicted[up]
-            u[up], height[up] = rows[better, best[better]], value[better, best[better]]
+            u[up], log_posterior[up] = rows[better, best[better]], value[better, best[better]]
             predicted[up] = found[better, best[better]]
             if lasting > 1:
                 # Broyden: the least change, in the posterior's own widths, that agrees with the step just taken.
@@ -327,17 +326,18 @@ def _optimise(
                 slopes_at[up] += share[:, :, None] * (change - (step[:, None] @ slopes_at[up])[:, 0])[:, None, :]
         done += iterations
         if survivors < len(u) or unite:
-            kept, starts_at = _kept(problem, u, height, predicted, starts_at, survivors, unite, how)
-            u, height, predicted, damping, target = (a[kept] for a in (u, height, predicted, damping, target))
+            kept, starts_at = _kept(problem, u, log_posterior, predicted, starts_at, survivors, unite, how)
+            u, log_posterior, predicted = u[kept], log_posterior[kept], predicted[kept]
+            damping, target = damping[kept], target[kept]
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
     progress(total, total)
-    return Optima(u, height, predicted, starts_at, Effort(begun, failed, n_sets))
+    return Optima(u, log_posterior, predicted, starts_at, Effort(begun, failed, n_sets))
 
 
 def _kept(
     problem: Problem,
     u: FloatArray,
-    height: FloatArray,
+    log_posterior: FloatArray,
     predicted: FloatArray,
     starts: NDArray[np.intp],
     most: int,
@@ -345,7 +345,7 @@ def _kept(
     how: FisherSettings,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Optimisations that go on, and the starts of each; of those to be united, the highest alone, for all."""
-    order = np.argsort(-height, kind="stable")
+    order = np.argsort(-log_posterior, kind="stable")
     if not unite:
         kept = np.sort(order[:most])
         return kept, starts[kept]
@@ -354,7 +354,7 @@ def _kept(
     for k in order:
         for m in total:
             apart = np.abs((predicted[k] - predicted[m]) / scatter[m]).max()
-            if height[m] < height[k] + how.like and apart < how.alike:
+            if log_posterior[m] < log_posterior[k] + how.like and apart < how.indistinct:
                 total[m] += int(starts[k])
                 break
         else:
@@ -397,7 +397,7 @@ def maximise(
     progress : callable
         Called with (iterations done, iterations at most).
     unite : bool
-        After each part of the schedule, optimisations that predict the same readings at the same height are one.
+        After each part of the schedule, optimisations that predict the same readings at the same log posterior are one.
     frozen : (n, n_dim) array of bool, optional
         Coordinates that stay where each optimisation begins.
     counts : (n,) array of int, optional

@@ -180,7 +180,7 @@ class Problem:
         return float(np.median(stated)) if 2 * stated.size > known.size else None
 
     def usually_measured(self, n: int) -> NDArray[np.int8]:
-        """What `n` readings to come are of: the first observable of launches fitted; launch ranges beside none."""
+        """What `n` readings to come are of: the first observable of launches fitted, or else launch ranges."""
         return np.full(n, self.design.measured[~self.design.traced].min(initial=len(OF_LAUNCHES)) % len(OF_LAUNCHES))
 
     @cached_property

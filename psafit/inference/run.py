@@ -293,9 +293,9 @@ class _Work:
             ceiling = record.minima[0].log_posterior + self.how.missed if more else math.inf
             importance = self._importance_sample(found)
             chain = self._drawn(found, importance, limit, ceiling)
-            # The summary goes first and comes last: it must never describe other draws than those beside it.
+            # The summary goes first and comes last: it must never describe other draws than those next to it.
             (folder / "posterior.json").unlink(missing_ok=True)
-            if chain.height <= ceiling:
+            if chain.highest_log_posterior <= ceiling:
                 break
             record = self._improved(record, found, chain)
             limit = settings.max_steps
@@ -325,8 +325,8 @@ class _Work:
         tops, evaluations = [], 0
         for k, mode in enumerate(found.modes):
             self.watcher.update(k, len(found.modes), "modes polished")
-            top, height, result = polish(problem, mode)
-            tops.append((height if math.isfinite(height) else -math.inf, k, top, result))
+            top, log_posterior, result = polish(problem, mode)
+            tops.append((log_posterior if math.isfinite(log_posterior) else -math.inf, k, top, result))
             evaluations += int(result.nfev) * (1 + 2 * problem.n_dim)
         polished = candidate_at(problem, np.array([top for _, _, top, _ in tops]), found.starts)
         _, _, top, result = max(tops, key=lambda polish: (polish[0], -polish[1]))
@@ -381,14 +381,14 @@ class _Work:
         self.watcher.stage("sample")
         target = Target(found, importance, asked.seed, self.folder / "chain.h5", asked.identity, ceiling)
         settings = replace(asked.settings, max_steps=limit)
-        return sampler(asked.sampled_by).draw(target, settings, _teller(self.watcher, limit))
+        return sampler(asked.sampled_by).draw(target, settings, _reporter(self.watcher, limit))
 
     def _improved(self, record: Fit, found: Candidate, chain: Chain) -> Fit:
         """Add the mode that the search has missed, and begin the chain anew."""
         problem = self.asked.problem
         self.watcher.stage("climb")
-        top, height, result = polish(problem, chain.highest)
-        if not height > chain.height:
+        top, log_posterior, result = polish(problem, chain.highest)
+        if not log_posterior > chain.highest_log_posterior:
             top = chain.highest
         better = principal(
             candidate_at(problem, np.vstack([top[None], found.modes]), np.concatenate([[0], found.starts]))
@@ -522,8 +522,10 @@ def _claim(folder: Path, determinants: Mapping[str, Any]) -> Fit | None:
 def _entries(found: Candidate) -> list[MinimumEntry]:
     problem = found.problem
     return [
-        MinimumEntry(dict(zip(problem.names, values.tolist(), strict=True)), float(height), int(starts))
-        for values, height, starts in zip(problem.to_physical(found.modes), found.heights, found.starts, strict=True)
+        MinimumEntry(dict(zip(problem.names, values.tolist(), strict=True)), float(log_posterior), int(starts))
+        for values, log_posterior, starts in zip(
+            problem.to_physical(found.modes), found.log_posteriors, found.starts, strict=True
+        )
     ]
 
 
@@ -533,7 +535,7 @@ def _found(problem: Problem, record: Fit) -> Candidate:
     return candidate_at(problem, problem.to_sampling(values), np.array([m.starts for m in record.minima]))
 
 
-def _teller(watcher: Watcher, limit: int) -> Callable[[Progress], None]:
+def _reporter(watcher: Watcher, limit: int) -> Callable[[Progress], None]:
     def show(s: Progress) -> None:
         words = [f"steps (at most {limit})"]
         if s.r_hat is not None:
@@ -590,7 +592,7 @@ def _summarise(
     kept = chain.draws.shape[1]
     reached = kept / float(chain.autocorrelation_time.max())
     goal = record.sampler.get("r_hat", math.inf)
-    # Rounded so that what misses its goal is never told as meeting it.
+    # Rounded so that what misses its goal is never printed as meeting it.
     mixed = store.rounded_r_hat(float(chain.r_hat.max()), goal)
     message = f"{math.floor(reached)} autocorrelation times, R-hat at most {mixed}"
     if not chain.converged:
@@ -620,7 +622,7 @@ def _summarise(
 def _compared(
     problem: Problem, sampled: FloatArray, importance: ImportanceSample, effective: float
 ) -> ImportanceSummary:
-    """Importance draws beside those of the sampler, (n, n_dim) in the sampling coordinate.
+    """Importance draws next to those of the sampler, (n, n_dim) in the sampling coordinate.
 
     `effective` is what the latter are worth.
     """
@@ -644,12 +646,14 @@ def _compared(
     )
 
 
-def _apart(names: Sequence[str], heights: Sequence[float], r_hat: FloatArray, goal: float, near: float = 5.0) -> str:
+def _apart(
+    names: Sequence[str], log_posteriors: Sequence[float], r_hat: FloatArray, goal: float, near: float = 5.0
+) -> str:
     """What keeps walkers apart, where the search ended in several places within so many nats of the best."""
-    alike = sum(height > max(heights) - near for height in heights)
-    if alike < 2 or r_hat.max() < goal:
+    near_top = sum(log_posterior > max(log_posteriors) - near for log_posterior in log_posteriors)
+    if near_top < 2 or r_hat.max() < goal:
         return ""
     return (
-        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {alike} places within {near:g} nats,"
+        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {near_top} places within {near:g} nats,"
         " between which walkers rarely cross; psafit diagnose weighs such places one by one"
     )

@@ -98,9 +98,9 @@ def joined(
     s, found = settings, principal(united(one, other))
     added = min(max(found.laplace_apart - one.laplace_apart, 0.0), math.log(2.0))
     draws = importance_sample(found, seed=seed, rounds=s.rounds, effective=s.effective)
-    while draws.height > found.height + s.better:
+    while draws.log_posterior > found.log_posterior + s.better:
         higher = principal(_optimised(found, draws.top))
-        if higher.height <= found.height + s.better:
+        if higher.log_posterior <= found.log_posterior + s.better:
             added = math.log(2.0)  # that draw is of a mode that cannot be reached
             break
         found, draws = higher, importance_sample(higher, seed=seed, rounds=s.rounds, effective=s.effective)

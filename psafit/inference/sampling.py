@@ -91,7 +91,7 @@ class Chain:
         Whether the sampler's own rule was met.
     highest : (n_dim,) array
         The draw of highest posterior, burn-in included.
-    height : float
+    highest_log_posterior : float
         Its log posterior.
     """
 
@@ -103,12 +103,12 @@ class Chain:
     acceptance: float
     converged: bool
     highest: FloatArray
-    height: float
+    highest_log_posterior: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Convergence:
-    """How far chains have come; None where a sampler has no such thing, or has not told it yet.
+    """How far chains have come; None where a sampler has no such thing, or has not reported it yet.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class Convergence:
 
 @dataclass(frozen=True, kw_only=True)
 class Progress(Convergence):
-    """State of a running sampler, for whoever shows it, beside its `Convergence`.
+    """State of a running sampler, for whoever shows it, next to its `Convergence`.
 
     Parameters
     ----------

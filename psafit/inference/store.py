@@ -24,7 +24,7 @@ REBUILD = "remove posterior.json and repeat the command that made it: psafit reb
 """What to do about a posterior that is not as it was written: the chain is kept elsewhere."""
 
 HDF5_FRAME = 1 << 18
-"""Bytes that a file of ours needs beside its arrays, at most."""
+"""Bytes that a file of ours needs in addition to its arrays, at most."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def pareto_k(log_weights: FloatArray) -> float:
 
 
 def rounded_r_hat(value: float, goal: float) -> str:
-    """An R-hat rounded up, to as many digits as tell whether it is below its goal; at least four."""
+    """An R-hat rounded up, to as many digits as show whether it is below its goal; at least four."""
     if not math.isfinite(value):
         return "not defined"
     texts = (f"{math.ceil(10**n * value) / 10**n:.{n}f}" for n in range(4, 12))

@@ -13,7 +13,7 @@ from psafit.arrays import FloatArray
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import Emulated, Pool, laplace_mixture, on_plateaus, separated
 from psafit.inference.mixture import StudentMixture
-from psafit.inference.optimiser import heights
+from psafit.inference.optimiser import log_posteriors
 
 
 class Surrogate:
@@ -54,14 +54,14 @@ class Surrogate:
         random = np.random.default_rng([seed, 6])
         modes, self._nearest = separated(candidate)
         of, predicted = self._nearest(draws), problem.predict(draws)
-        height = heights(problem, draws, predicted, problem.observed)
+        log_posterior = log_posteriors(problem, draws, predicted, problem.observed)
         self._parts: dict[int, Emulated] = {}
         self._mixtures: dict[int, StudentMixture] = {}
         for k, mode in enumerate(modes):
             own = of == k
             if weights[own].any():  # else nothing of the posterior is there
                 with np.errstate(divide="ignore"):
-                    pool = Pool(draws[own], height[own], np.log(weights[own]), int(own.sum()))
+                    pool = Pool(draws[own], log_posterior[own], np.log(weights[own]), int(own.sum()))
                 plateau = on_plateaus(mode)
                 before = laplace_mixture(plateau).around(pool.u, pool.weights, problem.widths)
                 self._parts[k] = part = Emulated(plateau, pool, predicted[own], before, random)
@@ -93,8 +93,8 @@ class Surrogate:
             Where the steps end, and ``ln q(u) - ln q(u')``.
         """
         here, mode = u, self._nearest(u)
-        height = self._height(u, mode)
-        begun = height
+        log_posterior = self._log_posterior(u, mode)
+        begun = log_posterior
         # Half of the time all steps are near: from where the emulated density is far too low, no far end is accepted.
         near = 1.0 if random.uniform() < 0.5 else 0.5
         for _ in range(random.choice(self._strides)):
@@ -108,13 +108,13 @@ class Surrogate:
                 there = self.mixture.scatter(len(u), random)
                 on = self._nearest(there)
                 ratio = self.mixture.log_density(here) - self.mixture.log_density(there)
-            found = self._height(there, on)
+            found = self._log_posterior(there, on)
             with np.errstate(invalid="ignore"):
-                accepted = np.log(random.uniform(size=len(u))) < found - height + ratio
-            here, height = np.where(accepted[:, None], there, here), np.where(accepted, found, height)
+                accepted = np.log(random.uniform(size=len(u))) < found - log_posterior + ratio
+            here, log_posterior = np.where(accepted[:, None], there, here), np.where(accepted, found, log_posterior)
             mode = np.where(accepted, on, mode)
         with np.errstate(invalid="ignore"):
-            gone = begun - height
+            gone = begun - log_posterior
         return here, np.where(np.isnan(gone), -np.inf, gone)
 
     def _jumps(self, mode: NDArray[np.intp], normal: FloatArray) -> FloatArray:
@@ -124,13 +124,13 @@ class Surrogate:
             steps[mode == k] = self._length * normal[mode == k] @ part.root.T
         return steps
 
-    def _height(self, u: FloatArray, mode: NDArray[np.intp]) -> FloatArray:
+    def _log_posterior(self, u: FloatArray, mode: NDArray[np.intp]) -> FloatArray:
         """Its log density, not normalised: emulator and Student densities of the mode that each row is on."""
         result = np.full(len(u), -np.inf)
         for k, part in self._parts.items():
             own = mode == k
             if own.any():
                 wide = part.log_evidence + self._mixtures[k].log_density(u[own])
-                emulated = math.log1p(-self._caution) + part.height(u[own])
+                emulated = math.log1p(-self._caution) + part.log_posterior(u[own])
                 result[own] = np.logaddexp(emulated, math.log(self._caution) + wide)
         return result

@@ -54,7 +54,7 @@ def search_models(
     scheduler : str, optional
         Address of a Dask scheduler whose workers share them instead; see `psafit.workers.processes`.
     starts : sequence of Candidate
-        Models, fitted to other readings, that are fitted before all else, beside the one without causes.
+        Models, fitted to other readings, that are fitted before all else, in addition to the one without causes.
     passes : callable
         Whether the readings pass the tests of misfit by a model.
     progress : callable

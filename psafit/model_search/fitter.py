@@ -94,7 +94,7 @@ class ProblemFitter:
         risen = []
         for model, end in zip(known, self._done(tasks), strict=True):
             before = model.content.candidate
-            if end["height"][0] > max(before.height, model.content.top) + self.settings.better:
+            if end["height"][0] > max(before.log_posterior, model.content.top) + self.settings.better:
                 risen.append(_estimated(candidate_at(before.problem, np.vstack([end["u"], before.modes])), model))
         return risen
 
@@ -112,9 +112,9 @@ class ProblemFitter:
         modes = kept["modes"]
         values: dict[str, Any] = {name: a if a.ndim else float(a) for name, a in kept.items() if name != "modes"}
         draws, found = ImportanceSample(**values), candidate_at(problem, modes)
-        top = max(model.content.top, short.height, found.height)
+        top = max(model.content.top, short.log_posterior, found.log_posterior)
         off = found.laplace_apart - draws.log_evidence
-        return Model(short.ids, draws.log_evidence, found.height, True, Fitted(found, draws, top), off)
+        return Model(short.ids, draws.log_evidence, found.log_posterior, True, Fitted(found, draws, top), off)
 
     @cached_property
     def _starting(self) -> Iterator[None]:
@@ -275,13 +275,13 @@ def _short(
 def _optimised(
     problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], schedule: tuple[tuple[int, int], ...]
 ) -> Arrays:
-    """Where optimisations end; a strength that only the first of a pair knows is scanned beside the second, too."""
+    """Where optimisations end; a strength that only the first of a pair knows is scanned with the second, too."""
     starts = [
         widened(problem, _merged(problem, *pair), [t for t in problem.terms if t.id not in pair[1].ids])
         for pair in pairs
     ]
     end = maximise(problem, np.vstack(starts), schedule=schedule, still_below=FitSettings.enough, unite=True)
-    return {"u": end.u, "height": end.height}
+    return {"u": end.u, "height": end.log_posterior}
 
 
 def _look(problem: Problem, which: str, short: Candidate, settings: SearchSettings, seed: int) -> Arrays:
@@ -296,7 +296,7 @@ def _joined(problem: Problem, one: Candidate, other: Candidate, settings: Search
 
 
 def _highest_first(known: Mapping[Ids, Known]) -> list[Candidate]:
-    return sorted((m.content.candidate for m in known.values()), key=lambda c: -c.height)
+    return sorted((m.content.candidate for m in known.values()), key=lambda c: -c.log_posterior)
 
 
 def _part(ids: Ids, fitted: Sequence[Candidate]) -> list[Candidate]:
@@ -316,4 +316,10 @@ def _estimated(candidate: Candidate, before: Known | None = None) -> Known:
     """A model that was fitted, with Laplace's evidence; one that has risen has no less of it than `before`."""
     least, top = (-math.inf, -math.inf) if before is None else (before.log_evidence, before.content.top)
     estimate = max(candidate.laplace_apart, least)
-    return Model(candidate.ids, estimate, candidate.height, False, Fitted(candidate, None, max(candidate.height, top)))
+    return Model(
+        candidate.ids,
+        estimate,
+        candidate.log_posterior,
+        False,
+        Fitted(candidate, None, max(candidate.log_posterior, top)),
+    )

@@ -44,7 +44,7 @@ class Model(Generic[Content]):
     log_evidence : float, nats
         Of a short fit by Laplace's approximation, of a sampled model by importance sampling. In the result of a search
         that of a short fit is corrected by what sampling has shown Laplace to be off by in its largest sampled part.
-    height : float
+    log_posterior : float
         Log posterior density at the highest optimum known: of a model that rises by more than a setting says, the
         neighbours are looked at again.
     sampled : bool
@@ -56,7 +56,7 @@ class Model(Generic[Content]):
 
     ids: Ids
     log_evidence: float
-    height: float
+    log_posterior: float
     sampled: bool
     content: Content
     laplace_off: float = 0.0
@@ -209,7 +209,7 @@ class _Known(Generic[Content]):
         new = tuple(ids for ids in sets if ids not in self.models)
         foreseen = Foreseen(tuple(m for m in others if not m.sampled), new, self.models)
         self.models[best.ids] = sampled = self.fitter.sample(best, foreseen)
-        if sampled.height > best.height + self.settings.better:
+        if sampled.log_posterior > best.log_posterior + self.settings.better:
             self.done[best.ids] = 0
 
     def searched(self) -> Searched[Content]:
@@ -239,7 +239,7 @@ def search(
         Log prior probability of a set.
     settings : SearchSettings, optional
     starts : sequence of sets
-        Models to fit before all else, beside the one without causes.
+        Models to fit before all else, in addition to the one without causes.
     passes : callable
         Whether the readings pass the tests of misfit by a model. Asked of the one without causes, if it leads in the
         end.

@@ -5,7 +5,7 @@ and gives a reason for. Most are surprises: of two dozen such causes about one i
 contact does not pull. Models that were fitted and not sampled are counted with what the fit says, so that a best model
 is not certain only because its rivals were not sampled.
 
-*What counts as a model.* Beside any truth stand its supersets whose further causes are too weak to be seen; nobody can
+*What counts as a model.* Any truth has supersets whose further causes are too weak to be seen; nobody can
 refute them, and together they have as much probability as the truth itself. A superset whose evidence is not better by
 three nats is therefore counted with the set it is added to: a probability printed for {a, b} is that of "a and b are
 at work, and nothing else that these readings show".
@@ -123,20 +123,20 @@ class ModelSet:
     def rivals(self, named: Ids) -> tuple[Ids, ...]:
         """Sets that do as well as the named one: the most probable ones, down to the last that must be listed.
 
-        Those are the sets needed beside it for 95 % of the probability; and those of no more causes that fit as well,
+        Those are the sets needed in addition for 95 % of the probability; and those of no more causes that fit as well,
         which only what is plausible beforehand holds back.
         """
         share = self.probability
         order = [ids for ids in sorted(share, key=lambda ids: -share[ids]) if ids != named and share[ids] > 0]
-        alike = self._fitting_alike(named)
+        as_well = self._fitting_as_well(named)
         held, cut = share[named], 0
         for k, ids in enumerate(order, 1):
-            if held < CREDIBLE or ids in alike:
+            if held < CREDIBLE or ids in as_well:
                 cut = k
             held += share[ids]
         return tuple(order[:cut])
 
-    def _fitting_alike(self, named: Ids, absurd: float = 1e-3) -> set[Ids]:
+    def _fitting_as_well(self, named: Ids, absurd: float = 1e-3) -> set[Ids]:
         """Fitted sets of no more causes that Akaike's criterion does not put behind a set at odds of 19.
 
         None is brought up whose own probability is less than that of the set by a factor `absurd`: a value can be found
@@ -147,9 +147,9 @@ class ModelSet:
         def behind(c: Candidate) -> float:
             return own.log_likelihood - c.log_likelihood - (own.problem.n_dim - c.problem.n_dim)
 
-        least, alike = absurd * self.probability[named], math.log(CREDIBLE / (1 - CREDIBLE))
+        least, close = absurd * self.probability[named], math.log(CREDIBLE / (1 - CREDIBLE))
         rivals = [c for c in self.candidates if c.ids != named and len(c.ids) <= len(named)]
-        return {c.ids for c in rivals if self.probability[c.ids] > least and behind(c) < alike}
+        return {c.ids for c in rivals if self.probability[c.ids] > least and behind(c) < close}
 
     def gain(self, ids: Ids) -> float:
         """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""

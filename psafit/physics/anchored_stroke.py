@@ -115,7 +115,7 @@ TERM = Term(
     ),
     symptom=Symptom(
         "the launch range is below what the data sheet's stroke gives and grows faster than the voltage, by the factor"
-        " 1 + alpha V_a, at every frequency alike; the return of the tip lags behind",
+        " 1 + alpha V_a, at every frequency; the return of the tip lags behind",
         sign=-1,
         frequency="mixed",
         amplitude="falls",

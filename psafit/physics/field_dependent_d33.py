@@ -48,12 +48,12 @@ TERM = Term(
             " voltage (Physik Instrumente, Piezo tutorial, read) are x = 0.25-0.43, and 2 % at small signals;"
             " 0.003-0.015 1/V on layers of 0.11 mm is from memory (Hall 2001 and Li, Cao and Cross 1991, of which"
             " only abstracts were read). At 0.1 1/V the stroke per volt at 150 V would be 16 times that at 1 V,"
-            " beside a data sheet whose strokes at 100 and 150 V are proportional",
+            " next to a data sheet whose strokes at 100 and 150 V are proportional",
             neutral=0.0,
         ),
     ),
     symptom=Symptom(
-        "the launch range grows faster than the voltage, by the factor 1 + alpha V_a or more, at every frequency alike",
+        "the launch range grows faster than the voltage, by the factor 1 + alpha V_a or more, at every frequency",
         sign=1,
         frequency="mixed",
         amplitude="grows",

@@ -4,7 +4,7 @@ r"""A contact whose loss scales with its force.
 
 Hunt and Crossley: a damper in proportion to the elastic force starts and ends at zero, as a contact must, and gives
 the restitution :math:`e = 1 - \alpha v` seen in experiments, with :math:`\lambda = 3\alpha/2`; Lankarani and
-Nikravesh: :math:`\lambda = 3(1 - e^2)/(4 v)`. The study's damper :math:`c_c` stays beside it. Assumed: one elastic law
+Nikravesh: :math:`\lambda = 3(1 - e^2)/(4 v)`. The study's damper :math:`c_c` stays as well. Assumed: one elastic law
 for loading and unloading.
 """
 

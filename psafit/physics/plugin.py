@@ -27,7 +27,7 @@ from psafit.physics.term import Term
 
 ENTRY_POINTS = "psafit.causes"
 SCATTER = ("sigma_rel", "sigma_abs", "nu")
-"""Names of the scatter's parameters, which stand beside those of causes in every fit."""
+"""Names of the scatter's parameters, which stand next to those of causes in every fit."""
 
 _REMEDY = "correct the file; docs/own-causes.md says what a cause declares"
 
@@ -137,7 +137,7 @@ def _bytes(file: Path) -> bytes:
 
 
 def _digest(source: bytes, digits: int = 16) -> str:
-    """So many hexadecimal digits of the SHA-256: enough to tell two files apart."""
+    """So many hexadecimal digits of the SHA-256: enough to distinguish two files."""
     return hashlib.sha256(source).hexdigest()[:digits]
 
 

@@ -59,7 +59,7 @@ TERM = Term(
             "distance of the pendulum's equilibrium behind the ball's place of rest",
             "whoever wants contact at every launch sets the frame some millimetres in; 4 mm is 2.5 degrees of a 90"
             " mm string (an estimate; a micrometre stage sets 10 um). 45 mm is a string at 30 degrees, no pendulum"
-            " beside its stack any more",
+            " next to its stack any more",
             neutral=0.0,
         ),
     ),

@@ -57,7 +57,7 @@ TERM = Term(
         ),
     ),
     symptom=Symptom(
-        "launch ranges cannot fall below the distance over which the tip carried the ball; beside ranges far above the"
+        "launch ranges cannot fall below the distance over which the tip carried the ball; next to ranges far above the"
         " stroke (2.4 um at 20 V) it is a ten-thousandth or less, most at low frequency, where the tip carries the ball"
         " furthest",
         sign=1,

@@ -3,7 +3,7 @@ r"""A free stroke per volt that is not the data sheet's.
 .. math:: q \to r_q q.
 
 Data sheets state the stroke at full voltage with a tolerance; at small voltages the piezoelectric coefficient is
-lower. An error of the voltage's gain acts alike. Assumed: one factor for all voltages and frequencies.
+lower. An error of the voltage's gain acts in the same way. Assumed: one factor for all voltages and frequencies.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ TERM = Term(
         ),
     ),
     symptom=Symptom(
-        "every launch range is scaled by the same factor, at all frequencies and voltages, sine and square alike",
+        "every launch range is scaled by the same factor, at all frequencies and voltages, with sine and square",
         sign=1,
         frequency="flat",
         amplitude="flat",

@@ -50,7 +50,7 @@ TERM = Term(
         ),
     ),
     symptom=Symptom(
-        "every launch range is lowered by the same factor, at all frequencies and voltages, sine and square alike",
+        "every launch range is lowered by the same factor, at all frequencies and voltages, with sine and square",
         sign=-1,
         frequency="flat",
         amplitude="flat",

@@ -57,7 +57,7 @@ class Setup:
         String.
     g : array, m/s^2
     phase : array, rad
-        At which the command starts, beside its own; one of jumps, or from a table, ignores it.
+        At which the command starts, in addition to its own; one of jumps, or from a table, ignores it.
     lag : array, s
         Time constant of the amplifier: ``u' = (V_cmd - u)/lag``; 0: the voltage is the command.
     inverse_slew : array, s/V
@@ -151,7 +151,7 @@ class World:
     elastic, damping : callable
         ``elastic(d, rate)``, ``damping(d, rate)``: the two parts of the contact force, N.
     deceleration : callable
-        ``deceleration(x, v)``: tangential deceleration, m/s^2, of the swinging ball beside gravity's.
+        ``deceleration(x, v)``: tangential deceleration, m/s^2, of the swinging ball in addition to gravity's.
     offset_weight : float
         Weight of the ball's place at separation in the swing's energy.
     reading : callable

@@ -103,7 +103,7 @@ def _interval(r: Rate) -> str:
     )
 
 
-def _beside(r: Rate) -> str:
+def _wanted(r: Rate) -> str:
     return f"; 95{NBSP}%: {_interval(r)}" if r.n else ""
 
 
@@ -157,11 +157,11 @@ def _tiles(score: Score) -> list[dict[str, str]]:
     alarms, covered, drawn = score.false_alarms, score.coverage, score.coverage_believed
     return [
         {"value": _share(alarms.share),
-         "label": f"false alarms of {count(alarms.n, 'data set')} with nothing hidden{_beside(alarms)}"},
+         "label": f"false alarms of {count(alarms.n, 'data set')} with nothing hidden{_wanted(alarms)}"},
         {"value": _share(covered.share),
-         "label": f"of {count(covered.n, 'parameter interval')} hold the truth{_beside(covered)}"},
+         "label": f"of {count(covered.n, 'parameter interval')} hold the truth{_wanted(covered)}"},
         {"value": _share(drawn.share),
-         "label": f"of {count(drawn.n, 'such interval')} whose truth was drawn from the priors{_beside(drawn)}"},
+         "label": f"of {count(drawn.n, 'such interval')} whose truth was drawn from the priors{_wanted(drawn)}"},
         {"value": seconds(score.seconds["median"]), "label": "median time of a diagnosis"},
         {"value": seconds(score.seconds["p90"]), "label": "nine of ten are done by"},
     ]  # fmt: skip

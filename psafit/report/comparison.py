@@ -135,7 +135,7 @@ def _better(first: Side, second: Side, found: Comparison) -> Markup:
     head = Markup("<strong>Which predicts better?</strong> ")
     if found.log_rmse is None or found.log_rmse_interval is None:
         return head + (
-            "Nobody can tell: there is no group that both could fail at and neither has fitted."
+            "Nobody can say: there is no group that both could fail at and neither has fitted."
             " Fit both to the same groups, and leave one out."
         )
     low, high = found.log_rmse_interval
@@ -306,7 +306,7 @@ def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
 def _pictures(pictured: Sequence[_Shown]) -> list[Picture]:
     return [
         Picture(
-            figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), alike=len(pictured)),
+            figure_data_uri(figures.group_figure(g.group, g.sweep, g.curves), like=len(pictured)),
             f"Launch range of group {g.pair.group}, {g.sweep.condition}: measured, and predicted by {text}.",
             f"Off by {text}.",
         )

@@ -28,6 +28,7 @@ from psafit.report.page import render, worst
 from psafit.report.wording import (
     NBSP,
     compared,
+    offsets,
     percent,
     typeset,
 )
@@ -37,7 +38,7 @@ _LOOKS: Final = {"baseline": ("baseline", "grey"), "extended": ("extended model"
 
 
 def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> Path:
-    """Write `diagnosis.html`, and the pages of the extension's runs beside it.
+    """Write `diagnosis.html`, and the pages of the extension's runs next to it.
 
     Parameters
     ----------
@@ -108,6 +109,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "data_warnings": experiment.warnings,
         "facts": _facts(result, experiment),
         "alpha": percent(ALPHA),
+        "offsets": offsets(g.group for g in shown),
         "provenance": {
             "psafit": result.versions.get("psafit", "?"),
             "seed": result.seed,
@@ -150,13 +152,13 @@ def _next(result: Diagnosis) -> dict[str, Any]:
     return {
         "proposals": tables.proposals(result.next_experiment),
         "confusion": tables.rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
-        "alike": tables.alike(result.confusion.alike),
+        "confounded": tables.confounded(result.confusion.alike),
         "rehearsals": [tables.rehearsal(one) for one in result.next_experiment.rehearsals or []],
     }
 
 
 def _predicted(path: Path, model: str | None = None) -> dict[str, Predicted]:
-    """What a table beside the record says of each group; nothing where it is not there."""
+    """What a table next to the record says of each group; nothing where it is not there."""
     return {str(t.group.id): t for t in read_predictions(path, model)} if path.is_file() else {}
 
 
@@ -188,7 +190,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     found = []
     for whole, group in ((g, part) for g in members for part in g.parts):
         part = starts[members.index(whole)] + np.flatnonzero(whole.measured == group.measured[0])
-        name = group.label  # the tables beside the record hold launch ranges
+        name = group.label  # the tables next to the record hold launch ranges
         looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in models.items() if values.size == n}
         last = "extended" if "extended" in looks and result.verdict != "adequate" else "baseline"
         curves = {

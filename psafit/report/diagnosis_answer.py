@@ -42,7 +42,7 @@ _QUESTIONS: Final[dict[Topic, str]] = {
 }
 _JUDGED: Final = {
     "yes": "Yes.",
-    "so far": "As far as these readings tell.",
+    "so far": "As far as these readings show.",
     "no": "No.",
     "together": "No.",
     "tails": "Not without heavy tails.",

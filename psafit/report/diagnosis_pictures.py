@@ -85,8 +85,8 @@ class Shown:
 
 
 def _uri(figure: Figure, n: int) -> str:
-    """Image of one of `n` alike, which are simpler than those of a fit."""
-    return figure_data_uri(figure, alike=n, few=12)
+    """Image of one of `n` of a kind, which are simpler than those of a fit."""
+    return figure_data_uri(figure, like=n, few=12)
 
 
 def _scale_x(axes: Axes, values: FloatArray, *, log: bool) -> None:
@@ -258,7 +258,7 @@ def screening_pictures(
             figure_data_uri(inclusion),
             "Inclusion probability of each cause over all models: above one half for"
             f" {', '.join(present) if present else 'none'}.",
-            "Summed over all models that contain the cause. A cause may gain much alone and yet not be needed beside"
+            "Summed over all models that contain the cause. A cause may gain much alone and yet not be needed with"
             " another one; one whose evidence is less than 3 nats counts with the model without it. A dash: could not"
             " have been seen, so that nothing is known.",
         ),

@@ -59,7 +59,7 @@ from psafit.report.wording import (
 )
 from psafit.text import fixed, significant
 
-_COVARIATES: Final = {**SWEPT, "range": "launch range", "order": "order in each session"}
+_COVARIATES: Final = {**SWEPT, "range": "predicted reading", "order": "order in each session"}
 _SCREENED: Final = {
     "present": "bad",
     NEAREST: "warn",
@@ -281,7 +281,7 @@ def _at_prior(share: float) -> str:
 
 
 def screening_rows(screening: Sequence[ScreeningResult]) -> list[list[Any]]:
-    """What each cause gains, alone and beside others."""
+    """What each cause gains, alone and with others."""
     return [
         [
             cause(s.id),
@@ -346,7 +346,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
                 _LOOKS_AT.get(s.kind, s.kind),
                 typeset(fixed(s.excess, 2)),
                 p_value(s.p_value),
-                {"text": "significant", "kind": "bad"} if s.significant else "no",
+                {"text": "yes", "kind": "bad" if tests.p_value < ALPHA else "warn"} if s.significant else "no",
             ]
             for s in tests.statistics[:most]
         ],
@@ -354,7 +354,7 @@ def tests(tests: Tests, most: int = 10) -> dict[str, Any]:
 
 
 def discrepancy(result: Diagnosis, shown: Sequence[Shown]) -> dict[str, Any]:
-    """What a smooth curve finds beside the causes, with its pictures."""
+    """What a smooth curve finds given the causes, with its pictures."""
     left = result.misfit.leftover
     mean, sd = np.array(left.mean), np.array([known(x) for x in left.sd])
     whole = mean.size == sd.size == sum(g.group.n_points for g in shown)
@@ -474,7 +474,7 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
     if not several:
         rows = [row[: -1 if found.separates else -2] for row in rows]
     about = purpose_text(found.purpose, PAGE)
-    return {"about": about, "tells": found.separates, "several": several, "rows": rows}
+    return {"about": about, "separates": found.separates, "several": several, "rows": rows}
 
 
 def _read_as(proposal: Proposal) -> str:
@@ -546,8 +546,8 @@ def leaning(result: Diagnosis, shown: Sequence[Shown], most: int = 12) -> list[l
     ]
 
 
-def alike(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
-    """Pairs of causes whose effects look alike, `most` of them, and by which angle they differ."""
+def confounded(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
+    """Pairs of causes that are confounded, `most` of them, and by which angle they differ."""
     return [[model([pair.cause]), model([pair.other]), f"{pair.degrees:.0f}°"] for pair in pairs[:most]]
 
 

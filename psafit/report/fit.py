@@ -30,6 +30,7 @@ from psafit.report.wording import (
     listed,
     noted,
     number,
+    offsets,
     p_value,
     percent,
     prefixed,
@@ -79,6 +80,7 @@ def write_report(
     pictured = fit_pictures.pictured(shown)
     marginals = fit_pictures.marginals(run)
     content = {
+        "offsets": offsets(g.prediction.group for g in shown),
         "title": f"Fit of {groups(run.fit.groups).unescape()}: {run.fit.title}",
         "warning": None if run.summary.converged else run.summary.message,
         "verdict": _verdict(validation),
@@ -146,10 +148,10 @@ def _what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
 
 
 def _what_it_predicts(validation: Validation) -> Markup:
-    unseen, seen = _telling(validation, "holdout"), _telling(validation, "fit")
+    unseen, seen = _informative(validation, "holdout"), _informative(validation, "fit")
     if not unseen:
         held_out = any(s.role == "holdout" for s in validation.groups)
-        why = "there is no group that could tell" if held_out else "every group was fitted"
+        why = "there is no group that could show it" if held_out else "every group was fitted"
         return Markup(
             "<strong>Does it predict what it has not seen?</strong> Not tested: {}, so nothing is left to test the"
             " prediction on. The fitted readings themselves are typically off by {}."
@@ -181,7 +183,7 @@ def _verdict(validation: Validation) -> dict[str, str]:
     mean = validation.holdout_log_rmse
     if mean is None:
         return {"text": "not tested", "kind": "warn"}
-    if mean <= GOOD and too_narrow(_telling(validation, "holdout")):
+    if mean <= GOOD and too_narrow(_informative(validation, "holdout")):
         return {"text": "comes near, too sure", "kind": "warn"}
     if mean <= GOOD:
         return {"text": "predicts", "kind": "good"}
@@ -202,11 +204,11 @@ def _what_is_wrong(run: Run, validation: Validation) -> Markup:
     return Markup(" ").join([head, trend, _what_is_not_determined(run), *_what_is_implausible(run)])
 
 
-def _telling(validation: Validation, role: str) -> list[GroupScore]:
-    """The groups of a role that enter means; all of them where none tells anything."""
+def _informative(validation: Validation, role: str) -> list[GroupScore]:
+    """The groups of a role that enter means; all of them where none shows anything."""
     scores = [s for s in validation.groups if s.role == role]
-    telling = [s for s in scores if s.informative]
-    return telling if telling or role == "holdout" else scores
+    informative = [s for s in scores if s.informative]
+    return informative if informative or role == "holdout" else scores
 
 
 def _mean_log_rmse(scores: Sequence[GroupScore]) -> float:
@@ -235,10 +237,10 @@ def _what_is_not_determined(run: Run) -> Markup:
         ("what sessions have for themselves", run.summary.parameters[run.fit.n_physical : first]),
         ("the scatter", run.summary.parameters[first:]),
     ):
-        alike = list(dict.fromkeys(symbols[s.name] for s in those if s.verdict == "not determined"))
-        if alike:
-            verb = "follows" if len(alike) == 1 else "follow"
-            parts.append(Markup("of {}, {} {} the prior").format(what, listed(alike), verb))
+        undetermined = list(dict.fromkeys(symbols[s.name] for s in those if s.verdict == "not determined"))
+        if undetermined:
+            verb = "follows" if len(undetermined) == 1 else "follow"
+            parts.append(Markup("of {}, {} {} the prior").format(what, listed(undetermined), verb))
     return Markup("Not determined: ") + Markup("; ").join(parts) + "."
 
 
@@ -252,7 +254,7 @@ def _what_is_implausible(run: Run) -> list[Markup]:
 
 
 def _tiles(validation: Validation) -> list[dict[str, str]]:
-    unseen, seen = _telling(validation, "holdout"), _telling(validation, "fit")
+    unseen, seen = _informative(validation, "holdout"), _informative(validation, "fit")
     tiles = [{"value": f"×{factor(_mean_log_rmse(seen))}", "label": "typical factor, fitted readings" + _spread(seen)}]
     if unseen:
         tiles.append(
@@ -414,16 +416,16 @@ def _health(run: Run) -> list[list[Any]]:
 
 
 def _importance(run: Run) -> dict[str, Any]:
-    """The sampler's medians and limits beside those of importance sampling."""
+    """The sampler's medians and limits next to those of importance sampling."""
     other, symbols, worst = run.summary.importance, _symbols(run), run.summary.importance.furthest
     rows = []
-    for e, own, beside in zip(run.fit.parameters, run.summary.parameters, other.parameters, strict=True):
+    for e, own, importance in zip(run.fit.parameters, run.summary.parameters, other.parameters, strict=True):
         cells: list[Any] = []
-        for one in (own, beside):
+        for one in (own, importance):
             unit, (median, lower, upper) = prefixed(e.unit, one.median, one.lower, one.upper)
             width = (upper - lower) / 2
             cells += [with_unit(number(median, width), unit), with_unit(interval(lower, upper, width), unit)]
-        rows.append([symbols[own.name], *cells, fixed(beside.apart, 2)])
+        rows.append([symbols[own.name], *cells, fixed(importance.apart, 2)])
     words = compared(worst.name, worst.apart, other.by_chance, other.effective)
     return {
         "text": typeset(words[0].upper() + words[1:]) + ".",

@@ -140,7 +140,7 @@ def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         if p.group.sigma is not None:
             caption += " Bars: the readings’ own standard uncertainty."
         figure = figures.group_figure(p.group, w, g.curves, p.role)
-        pictures.append(Picture(figure_data_uri(figure, alike=len(pictured)), alt, caption))
+        pictures.append(Picture(figure_data_uri(figure, like=len(pictured)), alt, caption))
     return pictures
 
 
@@ -168,7 +168,7 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         furthest = factor(float(error[worst]))
         pictures.append(
             Picture(
-                figure_data_uri(figures.residual_figure(p, w, error, band, others, view), alike=len(pictured)),
+                figure_data_uri(figures.residual_figure(p, w, error, band, others, view), like=len(pictured)),
                 f"Predicted over measured against {_swept(w)}, group {s.group}, {ROLE_TEXT[s.role]}: mean"
                 f" ×{factor(s.log_bias)}, furthest from one ×{furthest} at {place}.",
                 f"On average ×{factor(s.log_bias)}; furthest off ×{furthest} at {place}.",
@@ -188,7 +188,7 @@ def pit_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         edge = percent(float(np.mean((pit < 1 / bins) | (pit >= 1 - 1 / bins))))
         pictures.append(
             Picture(
-                figure_data_uri(figures.pit_figure(p, g.sweep, pit, (low, high), bins), alike=len(pictured)),
+                figure_data_uri(figures.pit_figure(p, g.sweep, pit, (low, high), bins), like=len(pictured)),
                 f"Histogram of the probability integral transforms of group {p.group.id}, {ROLE_TEXT[p.role]}:"
                 f" {edge} of {pit.size} readings in the two outermost of {bins} bins, {percent(2 / bins)} expected.",
                 f"{edge} of {count(pit.size, 'reading')} in the two outermost bins, where {percent(2 / bins)} belong.",

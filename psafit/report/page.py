@@ -64,7 +64,7 @@ def _environment() -> jinja2.Environment:
 def render(template: str, out_path: str | Path, **context: Any) -> Path:
     """Render a template of this package to one HTML file.
 
-    The page is written beside its destination and moved there in one step, so that a reader never
+    The page is written next to its destination and moved there in one step, so that a reader never
     sees half a page and a failed report leaves the previous one in place.
 
     Parameters
@@ -104,7 +104,7 @@ def _with_palette(png: io.BytesIO) -> io.BytesIO:
     return small
 
 
-def figure_data_uri(figure: Figure, *, svg_limit: int = 120_000, alike: int = 1, few: int = 8, dpi: int = 200) -> str:
+def figure_data_uri(figure: Figure, *, svg_limit: int = 120_000, like: int = 1, few: int = 8, dpi: int = 200) -> str:
     """Encode a figure for `<img src>`: SVG while it is small, else PNG.
 
     Parameters
@@ -113,7 +113,7 @@ def figure_data_uri(figure: Figure, *, svg_limit: int = 120_000, alike: int = 1,
         Drawn inside `psafit.report.style.figure_style`.
     svg_limit : int, bytes
         Largest SVG to embed; 0 for PNG in any case.
-    alike, few : int
+    like, few : int
         Figures like this one on the page. Of more than a few each is a PNG, the smaller format.
     dpi : int
         Dots per inch of a PNG.
@@ -126,7 +126,7 @@ def figure_data_uri(figure: Figure, *, svg_limit: int = 120_000, alike: int = 1,
     buffer = io.BytesIO()
     with figure_style():
         kind = "svg+xml"
-        if alike > few:
+        if like > few:
             svg_limit = 0
         if svg_limit > 0:
             figure.savefig(buffer, format="svg", metadata={"Date": None})

@@ -58,7 +58,7 @@ def _stability_figure(result: Reproduction) -> Figure:
     colors = [PALETTE[name] for name in ("vermillion", "green", "purple", "purple")]
     for k, value in enumerate(s.eigenvalues):
         if value.imag < 0:
-            continue  # the conjugate grows alike
+            continue  # the conjugate grows as fast
         rate = f"{value.real / 1e3:.4g}".replace("-", "\N{MINUS SIGN}")
         label = f"{rate} /ms" if value.imag == 0 else f"{rate} ± {value.imag / 1e3:.3g}i /ms"
         axes.plot(1e6 * s.step, s.growth[k], color=colors[k], label=label)

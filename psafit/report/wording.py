@@ -9,6 +9,7 @@ from typing import Final
 
 from markupsafe import Markup, escape
 
+from psafit.experiment import Group
 from psafit.report.figures.axes import SUPERSCRIPT, power_of_ten
 from psafit.text import fixed
 from psafit.text import percent as plain_percent
@@ -73,9 +74,16 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text}{NBSP}{unit_text(unit)}" if unit_text(unit) else text
 
 
+def offsets(groups: Iterable[Group]) -> str:
+    """The offset of `log_rmse`; where several observables were read, that of each."""
+    found = {g.observable.name: g.observable for g in groups}.values()
+    each = [with_unit(f"{o.offset:g}", o.unit) + (f" for {o.plural}" if len(found) > 1 else "") for o in found]
+    return str(listed(each))
+
+
 def symbol_html(latex: str) -> Markup:
     """LaTeX symbol as HTML: Greek letters, sub- and superscripts; braces vanish, everything else is escaped."""
-    text = re.sub(r"\\(?:mathrm|text|mathit)\b", "", latex)
+    text = re.sub(r"\\(?:mathrm|text|mathit)\{([^{}]*)\}", r"\1", latex).replace("\\ ", " ")
     text = re.sub(r"\\([A-Za-z]+) ?", lambda m: _GREEK.get(m[1], m[1]), text)
     html = str(escape(text))
     for mark, tag in (("_", "sub"), (r"\^", "sup")):
@@ -114,7 +122,7 @@ def number(value: float, spread: float | None = None, *, power: bool = False) ->
 def interval(low: float, high: float, spread: float | None = None) -> str:
     """Two ends, both with a power of ten or neither, and only one where both have the same.
 
-    An end that everybody reads without a power keeps its form beside one that needs it.
+    An end that everybody reads without a power keeps its form next to one that needs it.
 
     >>> interval(23270.9, 4.297e7).replace(NBSP, " ")
     '2.33 × 10⁴ to 4.30 × 10⁷'

@@ -1,4 +1,4 @@
-"""Batch simulator: exact closed form, and the literal references beside it (`reference`)."""
+"""Batch simulator: exact closed form, and the literal references next to it (`reference`)."""
 
 # First: what follows cannot be imported under settings that this refuses.
 from psafit.simulate import environment  # noqa: F401 # isort: split

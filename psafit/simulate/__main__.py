@@ -1,7 +1,7 @@
 """Compile the simulator ahead of its first use: ``python -m psafit.simulate``.
 
-Numba compiles the two engines when they are first called, and keeps the machine code beside the sources. Processes that
-start together would each compile it.
+Numba compiles the two engines when they are first called, and keeps the machine code next to the sources. Processes
+that start together would each compile it.
 """
 
 from __future__ import annotations

@@ -144,7 +144,7 @@ def poles(coefficients: FloatArray) -> ComplexArray:
 
     The companion matrix yields starting values. They are grouped into two real quadratic factors, the
     closest two real roots together, and Newton's method on the factors' coefficients restores
-    the small roots' digits beside large ones; a double root inside a factor does no harm there.
+    the small roots' digits next to large ones; a double root inside a factor does no harm there.
 
     Parameters
     ----------
@@ -440,7 +440,7 @@ def _highest(place, amplitude, n, end, spring, damper, force, table, best, peak=
 
 @compiled
 def _aside(s, drive, apart=1e-7):  # type: ignore[no-untyped-def]
-    """The pole itself, or one beside the drive's where they coincide: `apart` from it, relative to it.
+    """The pole itself, or one next to the drive's where they coincide: `apart` from it, relative to it.
 
     It costs the square of (cycles in contact x this), and eps over it.
     """
@@ -498,7 +498,7 @@ def _leading(da, db, dC, omega):  # type: ignore[no-untyped-def]
 def _answer(s, value, da, db, dC, omega):  # type: ignore[no-untyped-def]
     """Laplace transform at `s` of a change of the command: its level, slope and phasor change by so much.
 
-    What is fast beside the drive sees the level and the swing's value together, and the two may cancel.
+    What is fast compared with the drive sees the level and the swing's value together, and the two may cancel.
     """
     found = db / (s * s) if db != 0.0 else 0j
     if omega == 0.0:

@@ -147,8 +147,8 @@ class Draw:
         like : float
             Relative difference of `fast` from what is beyond the jump.
         """
-        beside = (self.reference(1 + e) for e in (-nearby, nearby))
-        return any(abs(b - value) > jump * abs(value) and abs(fast - b) <= like * _size_of(b) for b in beside)
+        nearby_values = (self.reference(1 + e) for e in (-nearby, nearby))
+        return any(abs(b - value) > jump * abs(value) and abs(fast - b) <= like * _size_of(b) for b in nearby_values)
 
     def disagreement(self, tolerance: float = stepper.TOLERANCE) -> float:
         """Relative error of the fast path in units of what it is allowed."""
@@ -281,7 +281,7 @@ def _observed(function: Callable[[], float]) -> tuple[float, set[CodeType | None
 
 
 class _Numbers(list[float]):
-    """A list that refuses what machine code would take from beside it."""
+    """A list that refuses what machine code would take from next to it."""
 
     def __getitem__(self, i: Any) -> Any:
         return super().__getitem__(self._sound(i))
@@ -306,7 +306,7 @@ def compiled(cause: Term, rng: np.random.Generator) -> Outcome:
         scale = 1e-6 if kind == "law" else 1.0
         numbers = [float(x) for x in rng.uniform(0.1, 2.0 if kind == "law" else 9.0, n_numbers) * scale]
         out = [[3.0, 1e6, 0.1, 0.5, 0.2, 60.0]] if kind == "law" else []
-        # Python first: it raises where machine code would write beside the array.
+        # Python first: it raises where machine code would write next to the array.
         buffers = [_Numbers(numbers_) for numbers_ in out]
         value = function(*numbers, _Numbers(p), *buffers)
         number, array = c_double, POINTER(c_double)
@@ -409,8 +409,8 @@ def _size(sets: FloatArray, design: Design) -> str:
 def symptom(cause: Term, constants: Constants = STUDY, drives: Sequence[Drive] = (), volts: float = 20.0) -> Outcome:
     """The declared symptom is what the simulator shows.
 
-    It is declared for sine and square. Of other `drives`, driven up to `volts`, it is told what the simulator shows,
-    which must not be the opposite sign, nor anything where the cause has no meaning.
+    It is declared for sine and square. Of other `drives`, driven up to `volts`, it also checks what the simulator
+    shows, which must not be the opposite sign, nor anything where the cause has no meaning.
     """
     if any(not d.plain or d.waveform not in ("sine", "square") for d in drives):
         return _symptom_on(cause, constants, drives, volts)

@@ -22,7 +22,7 @@ MAX_FREQUENCY = 1e9  # Hz; no stack follows
 
 @dataclass(frozen=True)
 class Design:
-    """Measurement conditions: everything the simulator needs besides the parameters.
+    """Measurement conditions: everything the simulator needs as well the parameters.
 
     Parameters
     ----------
@@ -151,11 +151,11 @@ class Design:
         """
         if not self.measured.any():
             return None
-        first, back = self._alike
+        first, back = self._patterns
         return self.points(first), back
 
     @property
-    def _alike(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _patterns(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """First point of each of the conditions, and which of these each point has."""
         of = np.column_stack([self.group, self.rig, self.drive, self.frequency, self.amplitude])
         _, first, back = np.unique(of, axis=0, return_index=True, return_inverse=True)
@@ -190,7 +190,7 @@ class Design:
             if not rows.size:
                 continue
             part = self.points(rows)
-            first, back = part._alike
+            first, back = part._patterns
             times = [np.unique(part.time[back == k]) for k in range(first.size)]
             moments = np.full((first.size, max(map(len, times))), np.inf)
             column = np.empty(rows.size, np.intp)

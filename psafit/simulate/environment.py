@@ -48,7 +48,7 @@ def check_numba(most_threads: int = 10_000) -> None:
 
     config: Any = numba.config
     if config.DISABLE_JIT:  # by a program, or by the file .numba_config.yaml
-        what = "Numba is told not to compile (its DISABLE_JIT): psafit runs compiled only"
+        what = "Numba is set not to compile (its DISABLE_JIT): psafit runs compiled only"
         raise InputError(what, "remove that from the program or from .numba_config.yaml, and start again")
     given = [name for name in os.environ if name.startswith("NUMBA_THREADING_LAYER")]
     if given:

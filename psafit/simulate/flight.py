@@ -179,6 +179,6 @@ def swing(speed, place, status, length, g, lean, rub, weight, loss_at, loss_p, t
                 height = min(v * v / (2.0 * g[i]), l - low)
                 gained = height * (2.0 * (l - low) - height)
                 top = math.sqrt(start * start + gained)
-                # What the ball gains beyond its rest keeps its digits beside a long lean.
+                # What the ball gains beyond its rest keeps its digits next to a long lean.
                 moved = start - x_0
                 out[i, j] = top if x_0 == 0.0 else (moved * (2.0 * x_0 + moved) + gained) / (top + x_0)

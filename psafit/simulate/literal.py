@@ -435,7 +435,7 @@ class _Drive:
         return self.world.elastic(d, w) + self.world.damping(d, w)
 
     def bent_force(self, d: float, w: float) -> float:
-        """What the contact force has beside ``k_c d + c_c d'``: nothing, to the last bit, where it is that."""
+        """What the contact force has in addition to ``k_c d + c_c d'``: nothing, to the last bit, where it is that."""
         return (self.world.elastic(d, w) - self.world.k_c * d) + (self.world.damping(d, w) - self.world.c_c * w)
 
     def field(self, tau: float, y: list[float]) -> list[float]:
@@ -477,7 +477,7 @@ class _Drive:
         return self.contact_force(y) - self.seat
 
     def look_for_peak(self, step: Step) -> None:
-        """Largest contact force within a step: the highest of its values, and what lies beside that."""
+        """Largest contact force within a step: the highest of its values, and what lies next to that."""
         found = [self.contact_force(y) for y in step.values.tolist()]
         top = int(np.argmax(found))
         left, right = max(top - 1, 0), min(top + 1, len(PLACES) - 1)

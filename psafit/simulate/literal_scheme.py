@@ -80,7 +80,7 @@ class Monitor:
     noise : float
         Values this small have no sign.
     clean : bool
-        The function's own equation has no kink at its zero, so that a step too long still tells where it is.
+        The function's own equation has no kink at its zero, so that a step too long still shows where it is.
     """
 
     name: str
@@ -282,7 +282,7 @@ def advance(
         if found is not None and (badness <= 1.0 or (found[1].clean and found[0] > 0.0)):
             theta, monitor = found
             if theta == 0.0:
-                # Wrong from the first glance on: a piece of no length, unless a closer look tells otherwise.
+                # Wrong from the first glance on: a piece of no length, unless a closer look shows otherwise.
                 opening = opening or h
                 if h < earliest * opening:
                     return tau, y, monitor.name

@@ -485,7 +485,7 @@ def mp_launch(
     import mpmath
 
     mp = mpmath.MPContext()  # its own precision: the global one is left alone
-    # The matrix has entries up to c_s/m and k_s/m beside 1: their ratio eats digits in the
+    # The matrix has entries up to c_s/m and k_s/m next to 1: their ratio eats digits in the
     # squarings.
     mp.dps = digits + 40
     rates = np.linalg.eigvals(_jacobian(parameters, constants)).imag

@@ -73,7 +73,7 @@ _TOO_SLOW = 9
 
 
 class StepSettings(NamedTuple):
-    """How steps are chosen, beside the error that is admitted in one.
+    """How steps are chosen, apart from the error that is admitted in one.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def test_tampering_is_refused(known: Experiment, tmp_path: Path, victim: str) ->
 
 
 @pytest.mark.parametrize("victim", ["answer.json", "commitment.txt"])
-def test_a_seal_that_is_not_there_is_told(known: Experiment, tmp_path: Path, victim: str) -> None:
+def test_a_seal_that_is_not_there_is_reported(known: Experiment, tmp_path: Path, victim: str) -> None:
     make(5, tmp_path, design_of=known, kind="nothing")
     (tmp_path / victim).unlink()
     with pytest.raises(InputError, match="is missing"):

@@ -24,7 +24,7 @@ from psafit.physics import TERMS
 
 
 class Counting:
-    """A stand-in that notes its calls, and gives up when told to."""
+    """A stand-in that notes its calls, and gives up when asked to."""
 
     def __init__(self, stop_at: int = -1, error: type[BaseException] = KeyboardInterrupt) -> None:
         self.seeds: list[int] = []
@@ -64,11 +64,11 @@ def test_an_interrupted_campaign_goes_on_and_runs_nothing_twice(known: Experimen
     with pytest.raises(KeyboardInterrupt):
         run(specs, tmp_path / "cut", design_of=known, diagnose=first, jobs=1)
     assert len(list((tmp_path / "cut" / "results").iterdir())) == 2
-    rest, told = Counting(), []
+    rest, reported = Counting(), []
     resumed = run(
-        specs, tmp_path / "cut", design_of=known, diagnose=rest, jobs=1, progress=lambda *x: told.append(x[:2])
+        specs, tmp_path / "cut", design_of=known, diagnose=rest, jobs=1, progress=lambda *x: reported.append(x[:2])
     )
-    assert len(rest.seeds) == 1 and rest.seeds[0] == first.seeds[2] and told == [(2, 3), (3, 3)]
+    assert len(rest.seeds) == 1 and rest.seeds[0] == first.seeds[2] and reported == [(2, 3), (3, 3)]
     assert [content_hash(r) for r in resumed] == [content_hash(r) for r in whole]
     last = Counting()
     run(specs, tmp_path / "cut", design_of=known, diagnose=last, jobs=1)
@@ -270,9 +270,9 @@ def test_an_edited_result_is_one_line(
     content = json.loads(file.read_text())
     edit(content)
     file.write_text(json.dumps(content))
-    with pytest.raises(InputError, match="was changed") as told:
+    with pytest.raises(InputError, match="was changed") as reported:
         load(tmp_path)
-    assert told.value.file == file
+    assert reported.value.file == file
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ def test_a_seed_gives_the_same_bytes_however_the_work_is_shared(known: Experimen
     assert files(tmp_path / "one")["experiment/group1.csv"] != files(tmp_path / "other")["experiment/group1.csv"]
 
 
-def test_the_folder_tells_nothing(known: Experiment, lagged: Path, tmp_path: Path) -> None:
+def test_the_folder_reveals_nothing(known: Experiment, lagged: Path, tmp_path: Path) -> None:
     make(123456, tmp_path, design_of=known, kind="nothing")
     plain, hidden = files(tmp_path / "experiment"), files(lagged / "experiment")
     assert plain.keys() == hidden.keys() == {"experiment.toml", "group1.csv", "group2.csv", "group3.csv"}
@@ -201,10 +201,10 @@ def test_a_launch_that_fails_has_no_time(tmp_path: Path) -> None:
 
 def test_the_answer_says_what_was_drawn(tmp_path: Path) -> None:
     made = make(7, tmp_path / "a", kind="nothing")
-    told = made.answer.drawn
-    assert told is not None and made.answer.design == "drawn"
-    assert told.drives == {str(g.id): g.drive.label for g in made.experiment.groups}
-    assert told.constants["M"] == made.experiment.constants.M
+    reported = made.answer.drawn
+    assert reported is not None and made.answer.design == "drawn"
+    assert reported.drives == {str(g.id): g.drive.label for g in made.experiment.groups}
+    assert reported.constants["M"] == made.experiment.constants.M
     assert files(tmp_path / "a") == files(make(7, tmp_path / "b", kind="nothing").folder)
 
 
@@ -237,7 +237,7 @@ def test_nothing_is_hidden_in_traces(known: Experiment, tmp_path: Path) -> None:
     assert not (tmp_path / "x").exists()
 
 
-def test_a_drive_that_launches_nothing_is_told(known: Experiment, tmp_path: Path) -> None:
+def test_a_drive_that_launches_nothing_is_reported(known: Experiment, tmp_path: Path) -> None:
     still = tuple(replace(g, amplitude_v=np.full(g.n_points, 1e-6)) for g in known.groups)
     with pytest.raises(InputError, match="nothing launches at these conditions"):
         make(

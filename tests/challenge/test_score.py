@@ -25,8 +25,8 @@ def test_binomial_intervals_are_exact() -> None:
 
 def test_the_reported_set_is_named_and_alternatives() -> None:
     assert reported_set(result([], verdict="adequate").diagnosis) == {frozenset()}
-    told = result(["a"], verdict="ambiguous", named=["a"], alternatives=[["b"], ["b", "c"]]).diagnosis
-    assert reported_set(told) == {frozenset("a"), frozenset("b"), frozenset("bc")}
+    reported = result(["a"], verdict="ambiguous", named=["a"], alternatives=[["b"], ["b", "c"]]).diagnosis
+    assert reported_set(reported) == {frozenset("a"), frozenset("b"), frozenset("bc")}
     assert reported_set(result(["a"], verdict="unexplained").diagnosis) == set()
 
 
@@ -63,7 +63,7 @@ def test_pairs_need_both() -> None:
         result(["a", "b"], named=["b", "a"], without=seen),
         result(["a", "b"], named=["a"], alternatives=[["a", "b", "c"]], without=seen),
         result(["a", "b"], named=["a"], without=seen),
-        result(["a", "b"], named=["a"], without={"a": 50.0, "b": 1.0}),  # nobody can see b beside a
+        result(["a", "b"], named=["a"], without={"a": 50.0, "b": 1.0}),  # nobody can see b given a
     ]
     target = score(results).targets[6]
     assert (target.rate.k, target.rate.n, target.holds) == (2, 3, False)
@@ -137,15 +137,15 @@ def test_probabilities_are_held_against_how_often_they_are_right() -> None:
 
 
 def test_recovery_looks_at_what_was_named_right() -> None:
-    def told(truth: str, lower: float, upper: float) -> Result:
+    def reported(truth: str, lower: float, upper: float) -> Result:
         parameters = {"tau": {"median": 0.5 * (lower + upper), "lower": lower, "upper": upper}, "other": 3}
         return result([truth], named=["a"], causes=[{"terms": ["a"], "probability": 1.0, "parameters": parameters}])
 
-    found = score([told("a", 1.0, 2.5), told("a", 2.5, 3.5), told("b", 1.0, 2.5)])
+    found = score([reported("a", 1.0, 2.5), reported("a", 2.5, 3.5), reported("b", 1.0, 2.5)])
     assert found.coverage_believed.n == 0
-    drawn = told("a", 1.0, 2.5)
+    drawn = reported("a", 1.0, 2.5)
     drawn = replace(drawn, spec=replace(drawn.spec, level=PRIOR))
-    both = score([drawn, told("a", 2.5, 3.5)])
+    both = score([drawn, reported("a", 2.5, 3.5)])
     assert (both.coverage.k, both.coverage.n) == (1, 2)
     assert (both.coverage_believed.k, both.coverage_believed.n) == (1, 1)
     (tau,) = found.recovery
@@ -153,7 +153,7 @@ def test_recovery_looks_at_what_was_named_right() -> None:
     assert tau.error == pytest.approx(np.median([-0.25 / 0.75, 1.0 / 0.5]))
 
 
-def test_intervals_of_one_posterior_count_as_what_they_tell() -> None:
+def test_intervals_of_one_posterior_count_as_what_they_show() -> None:
     """Nine of ten hits, one by one or five at a time that hit or miss together; and all of them."""
     alone = _clustered([[k % 10 > 0] for k in range(100)])
     exact = rate(k % 10 > 0 for k in range(100))
@@ -166,6 +166,6 @@ def test_intervals_of_one_posterior_count_as_what_they_tell() -> None:
     assert _clustered([[]]) == rate([])
 
 
-def test_time_is_told() -> None:
+def test_time_is_reported() -> None:
     found = score([result([], verdict="adequate", seconds=s) for s in (1.0, 2.0, 9.0)])
     assert found.seconds["median"] == 2.0 and found.seconds["p90"] == pytest.approx(7.6)

@@ -15,11 +15,11 @@ from psafit.errors import InputError
 @pytest.mark.slow
 def test_make_and_score_from_the_command_line(known_folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "c"
-    told = tmp_path / "made.json"
+    printed = tmp_path / "made.json"
     words = ["--seed", 3, "--out", out, "--experiment", known_folder, "--terms", "amplifier_lag", "--strength", 30]
-    code, text = call("make", *words, "--jobs", 1, "--json", told)
-    assert code == 0 and "amplifier_lag" not in text + told.read_text()
-    assert json.loads(told.read_text())["commitment"] == (out / "commitment.txt").read_text().split()[0]
+    code, text = call("make", *words, "--jobs", 1, "--json", printed)
+    assert code == 0 and "amplifier_lag" not in text + printed.read_text()
+    assert json.loads(printed.read_text())["commitment"] == (out / "commitment.txt").read_text().split()[0]
     says(tmp_path, verdict="explained", named=["amplifier_lag"], fingerprint="another")
     with pytest.raises(InputError, match="of other readings"):
         call("score", out, "--diagnosis", tmp_path / "diagnosis.json")
@@ -56,9 +56,9 @@ def test_a_campaign_by_command(known_folder: Path, tmp_path: Path, monkeypatch, 
     words = ["challenge", "run", "--seed", 5, "--experiment", known_folder, "--terms", "start_phase", "--each", 1]
     words += ["--nothing", 1, "--pairs", 0, "--drawn", 0, "--jobs", 1, "--out", out]
     assert run(monkeypatch, *words, "--json", tmp_path / "run.json") == 0
-    told = capsys.readouterr()
+    printed = capsys.readouterr()
     n = json.loads((tmp_path / "run.json").read_text())["n"]
-    assert n >= 2 and f"{n} of {n} data sets" in told.err and "results: " in told.out
+    assert n >= 2 and f"{n} of {n} data sets" in printed.err and "results: " in printed.out
     kept = {file: file.read_bytes() for file in (out / "results").iterdir()}
     assert len(kept) == n
     monkeypatch.setattr("psafit.challenge.campaign.examine", None)

@@ -17,10 +17,10 @@ from psafit.errors import InputError
 
 def test_a_diagnosis_without_its_page_was_interrupted(known_folder, tmp_path, monkeypatch):  # type: ignore[no-untyped-def]
     """Chains are drawn on by the command after a finished one, and it is finished when its page is there."""
-    told = []
+    reported = []
 
     def examine(*args, draw_on, **options):  # type: ignore[no-untyped-def]
-        told.append(draw_on)
+        reported.append(draw_on)
         raise InputError("asked", "enough")
 
     monkeypatch.setattr(psafit.diagnose, "diagnose", examine)
@@ -30,7 +30,7 @@ def test_a_diagnosis_without_its_page_was_interrupted(known_folder, tmp_path, mo
     out.mkdir(exist_ok=True)
     (out / "diagnosis.html").touch()
     assert run(monkeypatch, "diagnose", known_folder, "--out", out) == 2
-    assert told == [False, True, True]
+    assert reported == [False, True, True]
 
 
 @pytest.mark.slow
@@ -42,14 +42,14 @@ def test_diagnose(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> No
         (["--group", "1", "--json", out / "diagnosis.json"], "file of the run itself"),
     ):
         assert run(monkeypatch, "diagnose", known_folder, *bad, "--out", out) == 2
-        told = capsys.readouterr()
-        assert words in told.err
-        assert told.err.count("\n") == 1
+        reported = capsys.readouterr()
+        assert words in reported.err
+        assert reported.err.count("\n") == 1
         assert not out.exists()
     copy = tmp_path / "copy.json"
     assert run(monkeypatch, "diagnose", known_folder, "--group", "1", "--quick", "--out", out, "--json", copy) == 0
-    told = capsys.readouterr().out
-    assert "verdict: adequate" in told
+    reported = capsys.readouterr().out
+    assert "verdict: adequate" in reported
     own = json.loads((out / "diagnosis.json").read_text())
     assert own.pop("sha256") and json.loads(copy.read_text()) == own
     assert (out / "diagnosis.html").exists()
@@ -58,7 +58,7 @@ def test_diagnose(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> No
     assert capsys.readouterr().out == ""
 
 
-def test_the_terminal_tells_models_by_their_probability(capsys):
+def test_the_terminal_lists_models_by_their_probability(capsys):
     """What is named first, the rest by their shares; the whole rig of the one, of rivals the causes."""
     record = make_record(make_experiment())
     named, other, nothing = record.causes

@@ -51,7 +51,7 @@ def test_check(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
 
 @pytest.mark.slow
 def test_what_has_not_converged_ends_with_one(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    """A chain that is too short, and a simulation whose error is more than would do; told in a line each."""
+    """A chain that is too short, and a simulation whose error is more than would do; reported in a line each."""
     short = Settings(chunk=40, max_steps=40, tuned=15)
     monkeypatch.setattr(Settings, "of", classmethod(lambda cls, problem: short))
     words = ["fit", known_folder, "--group", 1, "--starts", 2, "--out", tmp_path / "r", "--no-report"]

@@ -31,13 +31,13 @@ def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, caps
     said = capsys.readouterr().out
     assert all(str(p) in said for p in folder.iterdir()) and "psafit check" in said
     assert run(monkeypatch, "check", folder) == 0
-    told = capsys.readouterr()
-    assert told.out.startswith("EXAMPLE, replace")
+    reported = capsys.readouterr()
+    assert reported.out.startswith("EXAMPLE, replace")
     # What is still the example's is said, and no longer once it is not.
-    assert told.err.count("\n") == 4 and "source is still that of the example" in told.err
-    assert all(f"example_{name}.csv: group {k}: these readings are the example's" in told.err
+    assert reported.err.count("\n") == 4 and "source is still that of the example" in reported.err
+    assert all(f"example_{name}.csv: group {k}: these readings are the example's" in reported.err
                for k, name in ((1, "sine"), (2, "square")))  # fmt: skip
-    assert "all six constants are the example's" in told.err
+    assert "all six constants are the example's" in reported.err
     # The same numbers in another spelling are the same numbers.
     sine = folder / "example_sine.csv"
     before = sine.read_bytes()
@@ -116,25 +116,25 @@ def test_the_command_checks_a_cause(sensor: Path, tmp_path: Path) -> None:
         done = psafit("check-cause", sensor.name, "--draws", 4, "--json", "c.json", cwd=tmp_path)
         lines = done.stdout.splitlines()
         assert done.returncode == code and done.stderr == "" and lines[-1].endswith(last)
-        told = json.loads((tmp_path / "c.json").read_text())
+        reported = json.loads((tmp_path / "c.json").read_text())
         assert (
-            told["id"] == "sensor_compression"
-            and told["passed"] is (code == 0)
-            and len(told["checks"]) == len(lines) - 1
+            reported["id"] == "sensor_compression"
+            and reported["passed"] is (code == 0)
+            and len(reported["checks"]) == len(lines) - 1
         )
-        assert [line[:4] for line in lines[:-1]] == ["pass" if c["passed"] else "FAIL" for c in told["checks"]]
+        assert [line[:4] for line in lines[:-1]] == ["pass" if c["passed"] else "FAIL" for c in reported["checks"]]
 
 
-def test_what_conditions_can_tell_apart_is_said_and_drawn(
+def test_what_conditions_can_distinguish_is_said_and_drawn(
     known_folder: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:  # type: ignore[no-untyped-def]
     few = terms(["amplifier_lag", "hunt_crossley", "swing_drag"])
     monkeypatch.setattr("psafit.physics.TERMS", few)
     picture, file = tmp_path / "m.png", tmp_path / "m.json"
     assert run(monkeypatch, "plan", known_folder, "--isolability", "--plot", picture, "--json", file) == 0
-    told, held = capsys.readouterr().out, json.loads(file.read_text("utf-8"))
+    reported, held = capsys.readouterr().out, json.loads(file.read_text("utf-8"))
     assert held["causes"] == [t.id for t in few] and len(held["nats"]) == 3 and picture.stat().st_size > 1000
-    assert "swing_drag" in held["unseen"] and "would not be seen: " in told
+    assert "swing_drag" in held["unseen"] and "would not be seen: " in reported
     for words, said in (
         (["--isolability", "--out", tmp_path / "x"], "writes no folder"),
         (["--isolability", "--plot", tmp_path / "x.txt"], "no kind of picture"),
@@ -175,7 +175,7 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
         nothing / "diagnosis.json", replace(make_record(experiment), next_experiment=NextExperiment()), sealed=True
     )
     capsys.readouterr()
-    for words, told in (
+    for words, reported in (
         ([folder, "--out", tmp_path / "next"], "holds something already"),
         ([folder, "--proposal", 3, "--out", tmp_path / "x"], "--proposal 3: there are 2"),
         ([nothing, "--out", tmp_path / "x"], "proposes no measurement"),
@@ -186,5 +186,5 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
     ):
         assert run(monkeypatch, "plan", *words) == 2
         error = capsys.readouterr().err
-        assert told in error and error.count("\n") == 1 and not (tmp_path / "x").exists()
+        assert reported in error and error.count("\n") == 1 and not (tmp_path / "x").exists()
     assert [of_rigs._unused(ids) for ids in ((1, 2), (1, 3), ("a", 1), ("next1",))] == [3, 4, "next1", "next2"]

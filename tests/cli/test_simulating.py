@@ -58,10 +58,10 @@ def test_simulate_takes_the_model_of_a_diagnosis(  # type: ignore[no-untyped-def
     write_json(tmp_path / "diagnosis.json", replace(record, causes=[best, *record.causes[1:]]), sealed=True)
     words = ("--set", "c_c=40", "--quiet", "--json", tmp_path / "it.json")
     assert run(monkeypatch, "simulate", known_folder, "--run", tmp_path, *words) == 0
-    told = json.loads((tmp_path / "it.json").read_text("utf-8"))
-    assert told["terms"] == ["hysteresis"]
+    reported = json.loads((tmp_path / "it.json").read_text("utf-8"))
+    assert reported["terms"] == ["hysteresis"]
     wanted = {"k_c": 2e6, "c_c": 40.0, "hysteresis_strength": 0.2, "hysteresis_voltage": 15.0}
-    assert wanted.items() <= told["parameters"].items() and "sigma_rel" not in told["parameters"]
+    assert wanted.items() <= reported["parameters"].items() and "sigma_rel" not in reported["parameters"]
 
 
 def test_a_ball_that_hardly_passes_its_place_of_rest_reads_no_less_than_zero(
@@ -74,8 +74,8 @@ def test_a_ball_that_hardly_passes_its_place_of_rest_reads_no_less_than_zero(
     for seed in ((), ("--seed", 1)):
         out = tmp_path / f"readings{len(seed)}"
         assert run(monkeypatch, *words, "--readings", out, "--out", tmp_path / "s.csv", *seed) == 0, capsys.readouterr()
-        told = pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
-        assert 0.0 <= told.min() < 0.05 < told.max()
+        reported = pandas.read_csv(tmp_path / "s.csv")["predicted_um"].to_numpy()
+        assert 0.0 <= reported.min() < 0.05 < reported.max()
         assert min(g.reading.min() for g in read_experiment(out).groups) >= 0.0
 
 
@@ -119,12 +119,12 @@ def test_a_plan_needs_no_readings(known_folder: Path, tmp_path: Path, monkeypatc
     rows = zip(planned.frequency_hz.tolist(), planned.amplitude_v.tolist(), strict=True)
     conditions = "".join(f"{f!r},{v!r}\n" for f, v in rows)
     (folder / planned.file).write_text("frequency_hz,amplitude_v\n" + conditions, "utf-8")
-    told = {}
+    reported = {}
     for place in (known_folder, folder):
         out, picture = tmp_path / "simulated.csv", tmp_path / "picture.svg"
         assert run(monkeypatch, "simulate", place, "--out", out, "--plot", picture) == 0
-        told[place] = pandas.read_csv(out)
-    with_readings, without = told.values()
+        reported[place] = pandas.read_csv(out)
+    with_readings, without = reported.values()
     assert with_readings["predicted_um"].equals(without["predicted_um"])
     assert without["launch_range_um"].isna().equals(without["group"] == planned.id)
     assert (without["launch_range_um"][without["group"] == measured.id] == measured.reading).all()
@@ -135,7 +135,7 @@ def test_a_plan_needs_no_readings(known_folder: Path, tmp_path: Path, monkeypatc
 
 
 def test_simulated_readings_are_an_experiment(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    """What is written is what was simulated; a seed scatters it as the model says, and always alike."""
+    """What is written is what was simulated; a seed scatters it as the model says, and always the same."""
     noise = ("--set", "sigma_rel=0.04", "--set", "sigma_abs=1e-3", "--set", "nu=100")
     exact, drawn, again = (tmp_path / name for name in ("exact", "drawn", "again"))
     assert run(monkeypatch, "simulate", known_folder, "--readings", exact, "--out", tmp_path / "s.csv") == 0
@@ -254,13 +254,13 @@ def test_simulate_takes_the_medians_of_a_fit(fitted: Path, known_folder: Path, t
     """They predict what the run's own file of predictions says, and --set goes before them."""
     words = ["simulate", known_folder, "--run", fitted, "--out", tmp_path / "s.csv", "--json", tmp_path / "s.json"]
     assert run(monkeypatch, *words, "--quiet") == 0
-    told = json.loads((tmp_path / "s.json").read_text())
+    reported = json.loads((tmp_path / "s.json").read_text())
     medians = {p["name"]: p["median"] for p in json.loads((fitted / "posterior.json").read_text())["parameters"]}
-    assert told["parameters"] == {name: medians[name] for name in told["parameters"]}
-    assert sorted(told["parameters"]) == ["c_c", "c_s", "k_c"]
+    assert reported["parameters"] == {name: medians[name] for name in reported["parameters"]}
+    assert sorted(reported["parameters"]) == ["c_c", "c_s", "k_c"]
     here = [float(row.split(",")[-1]) for row in (tmp_path / "s.csv").read_text().splitlines()[1:]]
     with (fitted / "predictions.csv").open(newline="") as file:
         there = [float(row["predicted_um"]) for row in csv.DictReader(file)]
     assert here == pytest.approx(there, rel=0.05, abs=0.05)
     assert run(monkeypatch, *words, "--quiet", "--set", "k_c=1e6") == 0
-    assert json.loads((tmp_path / "s.json").read_text())["parameters"] == told["parameters"] | {"k_c": 1e6}
+    assert json.loads((tmp_path / "s.json").read_text())["parameters"] == reported["parameters"] | {"k_c": 1e6}

@@ -60,21 +60,21 @@ def test_why_the_best_extension_is_no_explanation() -> None:
     )
 
 
-def test_what_is_held_back_by_what_is_plausible_alone_is_told() -> None:
+def test_what_is_held_back_by_what_is_plausible_alone_is_reported() -> None:
     best_model = record().causes[0]
     sure = replace(best_model, evidence=replace(best_model.evidence, share=0.97))
     (named,) = of(replace(record(), causes=[sure, *record().causes[1:]]), Named)
-    assert named.fits_alike and "cannot separate it from what fits as well" in named.say(PLAIN)
+    assert named.fits_as_well and "only by its priors" in named.say(PLAIN)
 
 
-def test_heavy_tails_are_told_with_the_readings_that_they_take_up() -> None:
+def test_heavy_tails_are_reported_with_the_readings_that_they_take_up() -> None:
     best_model = record().causes[0]
-    for ends, told in (((2.1, 3.4), True), ((2.1, 80.0), False)):
+    for ends, reported in (((2.1, 3.4), True), ((2.1, 80.0), False)):
         nu = ParameterResult(3.0, *ends, "1", "tails", 0.1)
         wide = replace(best_model, parameters=best_model.parameters | {"nu": nu})
         (furthest,) = of(replace(record(), causes=[wide]), Furthest)
-        assert (furthest.tails == ends) == told
-        assert ("heavy tails (nu 2.1 to 3.4, 90 %)" in furthest.say(PLAIN)) == told
+        assert (furthest.tails == ends) == reported
+        assert ("heavy tails (nu 2.1 to 3.4, 90 %)" in furthest.say(PLAIN)) == reported
 
 
 def test_why_tests_that_pass_do_not_make_a_baseline_adequate() -> None:
@@ -83,7 +83,7 @@ def test_why_tests_that_pass_do_not_make_a_baseline_adequate() -> None:
     for change, adequate, said in (
         ({"usual_tails": 0.005}, "tails", "only because heavy tails take up what stands out; without: of 999"),
         ({"coincidences": [pair]}, "together", "readings of several groups stand out together."),
-        ({"usual_tails": 0.5}, "improbable", "it is improbable beside"),
+        ({"usual_tails": 0.5}, "improbable", "it is improbable compared with"),
     ):
         passed = replace(d.misfit, p_value=0.4, baseline=replace(d.misfit.baseline, p_value=0.4, **change))
         (judged,) = of(replace(d, verdict="unexplained", named=[], misfit=passed), Judged)
@@ -102,7 +102,7 @@ def test_what_fits_at_implausible_values_is_not_said_to_explain() -> None:
 
 
 def test_groups_that_are_predicted_worse_are_named() -> None:
-    """Beyond chance, and where a reading can tell."""
+    """Beyond chance, and where a reading can show it."""
     strict = record().gain["strict"]
     first, second = strict.groups
     rows = [
@@ -131,7 +131,7 @@ def test_how_often_chance_finds_as_much() -> None:
 
 
 @pytest.mark.parametrize(
-    ("looked_at", "told"),
+    ("looked_at", "reported"),
     [
         (LookedAt(1, 0, 0.0), "1 set of causes was fitted on all readings and sampled."),
         (LookedAt(3, 0, 0.0), "3 sets of causes were fitted on all readings, all of them sampled."),
@@ -147,8 +147,8 @@ def test_how_often_chance_finds_as_much() -> None:
         ),
     ],
 )
-def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, told: str) -> None:
+def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str) -> None:
     assert (
         Searched(looked_at, 0.03).say(PLAIN)
-        == f"{told} The chance that a better set was missed is 3 %, a part of every probability."
+        == f"{reported} The probabilities allow for a chance of 3 % that a better set was missed."
     )

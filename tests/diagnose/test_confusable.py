@@ -1,4 +1,4 @@
-"""Causes that look alike."""
+"""Causes that are confounded."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from psafit.inference.candidate import fit
 from psafit.physics import TERMS, terms
 
 
-def test_causes_that_look_alike():
+def test_causes_that_are_confounded():
     """A cause and its double under another name do the same; a lag does something else."""
     e = experiment(["flight_friction"], [0.1], relative=0.02)
     (friction,) = terms(["flight_friction"])

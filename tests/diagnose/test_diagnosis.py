@@ -33,7 +33,7 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
     e = experiment(["amplifier_lag"], [4e-5], groups=("a", "b"), n=8)
     a, b = e.groups
     groups = (a, replace(b, reading=3 * b.reading))
-    told = []
+    reported = []
     for name, data in (("as read", e), ("changed", replace(e, groups=groups, fingerprint=fingerprint(RIG, groups)))):
         folder = tmp_path / name
         folder.mkdir()
@@ -45,21 +45,21 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
             with (folder / f"predictions-{protocol}.csv").open() as f:
                 rows = [row for row in csv.DictReader(f) if row["group"] == "b"]
             assert len(rows) == 2 * 8
-            told.append([[float(row[k]) for k in ("predicted_um", "lower_um", "upper_um")] for row in rows])
-    assert told[0] == told[2]
+            reported.append([[float(row[k]) for k in ("predicted_um", "lower_um", "upper_um")] for row in rows])
+    assert reported[0] == reported[2]
     # The searches of the nested protocol begin where all groups have led to, which is another draw of the same.
-    assert np.array(told[1]) == pytest.approx(np.array(told[3]), rel=0.05, abs=0.05)
+    assert np.array(reported[1]) == pytest.approx(np.array(reported[3]), rel=0.05, abs=0.05)
 
 
 @pytest.mark.slow
-def test_what_an_adequate_baseline_does_not_exclude_is_told_apart(tmp_path):
-    """Else the parameter of which the readings tell least is what to measure next."""
+def test_what_an_adequate_baseline_does_not_exclude_is_distinguished(tmp_path):
+    """Else the parameter of which the readings say least is what to measure next."""
     # By the usual seed two readings at one frequency stand out together, at the tests' level: a false alarm.
     found = diagnose(experiment(seed=2), ["a"], tmp_path, quick=True, catalogue=FEW)
     assert found.verdict == "adequate" and found.next_experiment.proposals
     open_ = [c for c in found.causes if c.terms and c.probability >= 0.05]
     assert found.next_experiment.separates == bool(open_)
-    assert found.next_experiment.about.startswith("tells the baseline from" if open_ else "determines ")
+    assert found.next_experiment.about.startswith("separates the baseline from" if open_ else "determines ")
     assert found.confusion == Confusion()
 
 
@@ -131,16 +131,16 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
     named = {"adopted": stored["named"], "strict": stored["gain"]["strict"]["groups"][0]["named"]}
     seen = {"adopted": list(groups), "strict": ["a"]}
     assert set(stored["extension"]) == {which for which, ids in named.items() if ids and steps}
-    for which, told in stored["extension"].items():
-        extension = load(tmp_path / "one" / told["folder"])
-        assert extension.fit.terms == told["terms"] == named[which]
+    for which, reported in stored["extension"].items():
+        extension = load(tmp_path / "one" / reported["folder"])
+        assert extension.fit.terms == reported["terms"] == named[which]
         # Begun where the search has found these causes, and not left below that.
         place = extension.problem.to_sampling(np.array([list(extension.fit.known[0].values())]))
         assert list(extension.fit.known[0]) == list(extension.problem.names)
         assert extension.fit.minima[0].log_posterior > extension.problem.log_posterior(place)[0] - 0.01
-        assert extension.fit.groups == told["groups"] == seen[which]
-        assert told["scored_on"] == [g for g in e.ids if g not in seen[which]]
-        assert told["converged"] == extension.summary.converged
+        assert extension.fit.groups == reported["groups"] == seen[which]
+        assert reported["scored_on"] == [g for g in e.ids if g not in seen[which]]
+        assert reported["converged"] == extension.summary.converged
     # Again from what is kept, and once more from nothing: the same.
     again = diagnose(e, ["a"], tmp_path / "one", draw_on=False, **asked)
     asked["quick"] = True
@@ -217,7 +217,7 @@ def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_diagnosis_lies_beside_the_fit_of_the_same_readings(tmp_path):
+def test_a_diagnosis_lies_next_to_the_fit_of_the_same_readings(tmp_path):
     e = experiment(n=8)
     settings = replace(Settings.of(problem(e)), max_steps=60, chunk=20, tuned=15)
     fitted = run_fit(e, ["a"], tmp_path, n_starts=4, settings=settings)
@@ -230,7 +230,7 @@ def test_a_diagnosis_lies_beside_the_fit_of_the_same_readings(tmp_path):
 
 
 def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
-    """Measurements of another rig, a fit, somebody's own notes: told before any work."""
+    """Measurements of another rig, a fit, somebody's own notes: reported before any work."""
     one, other = experiment(seed=1), experiment(seed=2)
     for name in ("experiment/experiment.toml", "fit.json", "diagnosis.json"):
         folder = tmp_path / name.replace("/", "-")

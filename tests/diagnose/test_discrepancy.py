@@ -1,4 +1,4 @@
-"""The unnamed discrepancy."""
+"""The discrepancy."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_reading_without_a_drive_does_not_turn_a_sweep_round():
     assert a > 3 and b == pytest.approx(a, abs=2)
 
 
-def test_an_unnamed_discrepancy_is_that_of_dense_matrices(sound):
+def test_a_discrepancy_is_that_of_dense_matrices(sound):
     """By groups and with the parameters as least squares, against the readings' covariance as it is written."""
     around = _Expansion.of(sound, 1 + 0.1 * np.arange(sound.problem.observed.size), DiscrepancySettings().priors)
     group = sound.problem.design.group
@@ -59,7 +59,7 @@ def test_an_unnamed_discrepancy_is_that_of_dense_matrices(sound):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ids", [(), ("flight_friction",)])
-def test_the_best_hill_of_an_unnamed_discrepancy_is_found(ids):
+def test_the_best_mode_of_a_discrepancy_is_found(ids):
     """Its scatter may be most of the misfit or hardly any: optimisations from many random places find none higher."""
     one = replace(problem(experiment(["hysteresis"], [0.5, 20.0], relative=0.03, seed=4)), terms=terms(ids))
     candidate = fit(one, [fit(problem(one.experiment), (), seed=1)] if ids else (), seed=1)
@@ -93,4 +93,6 @@ def test_readings_that_say_nothing_do_not_dilute_a_discrepancy(sound):
     mean[quiet], sd[quiet] = 0.0, np.inf
     found = Discrepancy(0.0, 0.0, 0.1, 0.1, 0.7, 0.04, mean, sd, np.zeros(5), np.eye(5)).largest(sound)
     assert [g for g, *_ in found] == ["a", "b", "c"]
-    assert np.array_equal([told for _, *told in found], [[0.5, 0.5], [np.nan, np.nan], [0.5, 0.5]], equal_nan=True)
+    assert np.array_equal(
+        [reported for _, *reported in found], [[0.5, 0.5], [np.nan, np.nan], [0.5, 0.5]], equal_nan=True
+    )

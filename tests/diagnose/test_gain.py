@@ -38,7 +38,7 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
     assert len(rows) == 1 + 2 * 48
 
 
-def test_an_unnamed_discrepancy_widens_and_moves_nothing(monkeypatch):
+def test_a_discrepancy_widens_and_moves_nothing(monkeypatch):
     """Where a group was not seen; half a unit of the logarithm makes a band about exp(0.8) wide to either side."""
     model_set = search_models(problem(experiment(relative=0.01), ("a",)), FEW[:1], seed=1)
     found = []
@@ -56,7 +56,7 @@ def test_an_unnamed_discrepancy_widens_and_moves_nothing(monkeypatch):
     assert (vague.log_density < exact.log_density)[clear].mean() > 0.8
 
 
-def test_a_group_that_cannot_tell_is_in_no_mean(tmp_path):
+def test_a_group_that_cannot_show_it_is_in_no_mean(tmp_path):
     e = experiment(["amplifier_lag"], [4e-5])
     still = replace(e.groups[1], amplitude_v=np.zeros(24), reading=np.full(24, 0.02))
     groups = (e.groups[0], still, e.groups[2])
@@ -86,7 +86,7 @@ def test_nine_in_ten_intervals_of_a_gain_hold_it(n, noise):
     assert 0.84 < np.mean(inside) < (0.93 if not noise else 0.98)
 
 
-def test_of_one_group_the_readings_alone_tell_how_sure_a_gain_is():
+def test_of_one_group_the_readings_alone_show_how_sure_a_gain_is():
     rng = np.random.default_rng(1)
     redrawn = 2.0 + rng.standard_normal((1, 1000))
     assert over_groups(redrawn, np.array([2.0]), rng) == pytest.approx([2.0 - 1.645, 2.0 + 1.645], abs=0.25)

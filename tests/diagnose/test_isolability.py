@@ -1,4 +1,4 @@
-"""Which causes a design can tell apart, before anything is measured."""
+"""Which causes a design can distinguish, before anything is measured."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def found():
     return isolability("a rig", e.constants, e.groups, limits, FEW, settings=IsolabilitySettings(readings=(4,)))
 
 
-def test_dampings_of_one_contact_look_alike(found):
+def test_dampings_of_one_contact_are_confounded(found):
     nats = np.array(found.nats)
     assert found.causes == [t.id for t in FEW] and np.diag(nats) == pytest.approx(0.0)
     lag, hunt_crossley, indentation = range(3)
@@ -40,7 +40,7 @@ def test_dampings_of_one_contact_look_alike(found):
     assert all(nats[i, j] <= found.seen[i] + 1e-9 for i in range(3) for j in range(3))
 
 
-def test_a_sweep_is_offered_for_causes_that_look_alike(found):
+def test_a_sweep_is_offered_for_causes_that_are_confounded(found):
     assert all(
         found.nats[found.causes.index(i)][found.causes.index(j)] < 3.0
         for i, near in found.taken_for.items()
@@ -58,8 +58,8 @@ def test_nats_are_half_the_least_squares_that_the_rival_leaves():
     made = raw.rows["amplifier_lag", 0.5][0]
     columns = np.vstack([raw.slopes, raw.rows["indentation_damping", 0.5]]).T
     left = made - columns @ np.linalg.lstsq(columns, made, rcond=None)[0]
-    told = raw.refitted().against(["amplifier_lag"], ["indentation_damping"], settings)
-    assert told == pytest.approx(0.5 * left @ left, rel=1e-6)
+    reported = raw.refitted().against(["amplifier_lag"], ["indentation_damping"], settings)
+    assert reported == pytest.approx(0.5 * left @ left, rel=1e-6)
 
 
 def test_a_part_of_a_session_to_come_is_as_in_the_whole_design():
@@ -83,10 +83,8 @@ def test_a_rig_keeps_its_drives(table):
     recorded = Table(time, 10 * np.sin(2 * np.pi * 800 * time) ** 2, True)
     drive = Drive("table", table=recorded, file="record.csv") if table else Drive("sine", bias_v=10.0, idle_v=10.0)
     groups = [replace(g, drive=drive) for g in e.groups]
-    alike = terms(["hunt_crossley", "indentation_damping"])
-    found = isolability(
-        "a rig", e.constants, groups, (), alike, settings=IsolabilitySettings(apart=1e-3, readings=(4,))
-    )
+    pair = terms(["hunt_crossley", "indentation_damping"])
+    found = isolability("a rig", e.constants, groups, (), pair, settings=IsolabilitySettings(apart=1e-3, readings=(4,)))
     splits = [b.split for b in found.blocks if b.split]
     for possible in proposals(e.constants, groups, ()):
         assert possible.design.used == (drive,)
@@ -95,7 +93,7 @@ def test_a_rig_keeps_its_drives(table):
     assert proposed(drive.waveform, drive.settings, groups) == drive
 
 
-def test_more_scatter_tells_less(found):
+def test_more_scatter_separates_less(found):
     e = experiment()
     wide = isolability(
         "a rig", e.constants, e.groups, (), FEW, settings=replace(found.settings, relative=0.2, absolute=1.2)
@@ -112,12 +110,12 @@ def read_of(e: Experiment, kinds: Sequence[int]) -> Experiment:
     return replace(e, groups=tuple(groups))
 
 
-# Causes, the strength at which they are alike in launch ranges, and what tells them apart.
+# Causes, the strength at which they are confounded in launch ranges, and what distinguishes them.
 TIES = ((("soft_layer", "gap"), 0.07, CONTACT_TIME), (("idle_level", "indentation_damping"), 0.5, PEAK_FORCE))
 
 
 @pytest.mark.parametrize(("pair", "strength", "other"), TIES, ids=lambda x: getattr(x, "name", None))
-def test_another_observable_that_would_tell_causes_apart_is_named(pair, strength, other):
+def test_another_observable_that_would_distinguish_causes_is_named(pair, strength, other):
     e = experiment(n=16)
     settings = IsolabilitySettings(strength=strength, imitating=(0.5 * strength, strength, min(2 * strength, 0.9)))
     found = isolability("a rig", e.constants, e.groups, (), terms(pair), settings=settings, places=[RIGS["study"]])
@@ -130,7 +128,7 @@ def test_another_observable_that_would_tell_causes_apart_is_named(pair, strength
 @pytest.mark.slow
 @pytest.mark.parametrize(("pair", "strength", "other"), TIES, ids=lambda x: getattr(x, "name", None))
 def test_refits_lose_by_that_observable_what_ranges_leave(pair, strength, other):
-    """By least squares with the simulator itself, of the side that is harder to tell."""
+    """By least squares with the simulator itself, of the side that is harder to show."""
     ties = loaded(ROOT / "benchmarks" / "ties.py")
     e = read_of(experiment(n=16), range(len(OF_LAUNCHES)))
     sides = []
@@ -148,14 +146,14 @@ def test_refits_lose_by_that_observable_what_ranges_leave(pair, strength, other)
 
 def test_a_design_of_other_readings_is_split_by_sweeps_that_read_them():
     e = read_of(experiment(n=8), [1, 2])
-    alike = terms(["hunt_crossley", "indentation_damping"])
+    pair = terms(["hunt_crossley", "indentation_damping"])
     settings = IsolabilitySettings(apart=1e-3, readings=(4,))
-    found = isolability("a rig", e.constants, e.groups, (), alike, settings=settings)
+    found = isolability("a rig", e.constants, e.groups, (), pair, settings=settings)
     for block in found.blocks:
         assert block.split is not None and "and read" not in block.split.text
         assert block.also is None or block.also.observable in ("launch_range", "peak_force")
-    only = isolability("a rig", e.constants, [g.at(g.measured == 1) for g in e.groups], (), alike, settings=settings)
+    only = isolability("a rig", e.constants, [g.at(g.measured == 1) for g in e.groups], (), pair, settings=settings)
     # What ranges and speeds of the same launches say is nearly the same, and times add to it.
     assert found.readings == 2 * only.readings and all(a > b for a, b in zip(found.seen, only.seen, strict=True))
-    ranges = isolability("a rig", e.constants, experiment(n=8).groups, (), alike, settings=settings)
+    ranges = isolability("a rig", e.constants, experiment(n=8).groups, (), pair, settings=settings)
     assert only.seen == pytest.approx(ranges.seen, rel=0.3)

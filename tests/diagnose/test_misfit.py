@@ -83,7 +83,7 @@ def test_readings_of_two_sweeps_that_are_odd_at_one_frequency_are_seen():
     assert pair.lower == pair.upper == pytest.approx(e.group("a").frequency_hz[9])
 
 
-def test_tails_that_were_needed_to_pass_are_told(sound):
+def test_tails_that_were_needed_to_pass_are_reported(sound):
     """Two readings of a hundred are off, not together: Student's law passes them, a usual one does not."""
     assert sound.noise[0, 2] > 10 and examine(sound, FEW, seed=1, n_simulated=99).usual_tails is None
 

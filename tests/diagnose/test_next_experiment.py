@@ -48,9 +48,11 @@ def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
     monkeypatch.setattr(next_experiment.noise, "scale", lambda ranges, scatter, sigma: np.ones_like(ranges))
     rng = np.random.default_rng(1)
 
-    def falls(told, u):
-        n = len(told)
-        return next_experiment._narrowing(next_experiment._Forecast(told, np.zeros((n, 3)), np.full(n, 1 / n)), u)[0]
+    def falls(reported, u):
+        n = len(reported)
+        return next_experiment._narrowing(next_experiment._Forecast(reported, np.zeros((n, 3)), np.full(n, 1 / n)), u)[
+            0
+        ]
 
     # Sixteen readings of unit scatter of a quantity of unit variance leave 1/17 of it.
     x = rng.normal(size=(400, 1))
@@ -75,10 +77,10 @@ def test_nothing_is_built_for_hardly_more():
     assert first(0.85, 1.0, error=0.1) == "as it is" and first(1.1, 1.0) == "as it is"
 
 
-def test_luck_puts_a_measurement_first_but_is_not_told(sound, monkeypatch):
-    """Where nothing but chance tells proposals apart, the first of twelve promises no more than any other."""
+def test_luck_puts_a_measurement_first_but_is_not_reported(sound, monkeypatch):
+    """Where nothing but chance distinguishes proposals, the first of twelve promises no more than any other."""
     rng = np.random.default_rng(1)
-    monkeypatch.setattr(next_experiment, "_narrowing", lambda told, u: rng.normal(size=(2, u.shape[1])))
+    monkeypatch.setattr(next_experiment, "_narrowing", lambda reported, u: rng.normal(size=(2, u.shape[1])))
     draws = importance_sample(sound, seed=1)
     first = [determine(sound, draws, seed=1)[1][0].separation for _ in range(5)]
     assert abs(np.mean(first)) < 2 / np.sqrt(5)  # two standard errors; the best of twelve has 1.6
@@ -97,7 +99,7 @@ def test_proposals_differ_and_stay_where_was_measured(sound):
 
 
 def test_copies_of_a_draw_do_not_judge_what_it_made():
-    """Two models of one posterior cannot be told apart, however few different draws it has."""
+    """Two models of one posterior cannot be distinguished, however few different draws it has."""
     rng = np.random.default_rng(1)
     few = np.repeat(rng.normal(100.0, 30.0, size=(12, 1)), 16, axis=1)
     weight = rng.dirichlet(np.ones(12))
@@ -111,7 +113,7 @@ def test_copies_of_a_draw_do_not_judge_what_it_made():
     assert next_experiment._apart([known, other], rng, ProposalSettings())[0][0] < 0.5 < clear[0]
 
 
-def test_a_measurement_that_settles_one_question_of_two_is_told_so():
+def test_a_measurement_that_settles_one_question_of_two_is_reported_so():
     """Two models that predict the same, and a third far from them: worth ln 2 against the others, and one pair tied."""
     rng = np.random.default_rng(1)
     near = np.repeat(rng.normal(100.0, 1.0, size=(40, 1)), 16, axis=1)
@@ -143,7 +145,7 @@ def test_proposals_keep_to_stated_limits(sound):
 
 
 def test_one_proposal_leaves_the_rig_as_it_is(sound):
-    """... though every other string tells more: it is the one that can be rehearsed with what was measured."""
+    """... though every other string separates more: it is the one that can be rehearsed with what was measured."""
     rng = np.random.default_rng(1)
     e = sound.problem.experiment
     possible = proposals(e.constants, e.groups, e.limits)
@@ -173,11 +175,11 @@ def test_each_observable_is_tried_on_the_rig_as_it_is(sound):
 
 def test_no_contact_time_is_expected_of_a_launch_that_fails(sound):
     """A cell is left empty there: whether it is says nothing."""
-    told = next_experiment._Forecast(np.array([[0.0, 3.0, 2.0], [1.0, 3.0, 2.0]]), np.ones((2, 3)), np.full(2, 0.5))
+    reported = next_experiment._Forecast(np.array([[0.0, 3.0, 2.0], [1.0, 3.0, 2.0]]), np.ones((2, 3)), np.full(2, 0.5))
     possible = next_experiment._possible(sound)
     times = next(p for p in possible if p.other and OBSERVABLES[p.design.measured[0]].blank)
-    assert next_experiment._legible([told, told], times)[1].ranges.tolist() == [[3.0, 2.0], [3.0, 2.0]]
-    assert next_experiment._legible([told], possible[0])[0].ranges.shape == (2, 3)
+    assert next_experiment._legible([reported, reported], times)[1].ranges.tolist() == [[3.0, 2.0], [3.0, 2.0]]
+    assert next_experiment._legible([reported], possible[0])[0].ranges.shape == (2, 3)
 
 
 def test_a_planned_contact_time_waits_for_its_column(sound):

@@ -11,7 +11,7 @@ from psafit.inference.evidence import importance_sample
 
 
 @pytest.mark.slow
-def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
+def test_rehearsal_finds_the_truth_whichever_it_is(hidden):
     """Readings from either of two causes, added to what was measured: the cause that made them comes out ahead."""
     models = [(c, importance_sample(c, seed=1)) for c in (hidden.best_model, hidden.of(("flight_friction",)))]
     best = next(p for p in separating(models, seed=1) if p.as_it_is)
@@ -35,7 +35,7 @@ def test_rehearsal_tells_the_truth_whichever_it_is(hidden):
 
 
 @pytest.mark.slow
-def test_the_same_experiment_again_tells_what_it_can_separate(hidden):
+def test_the_same_experiment_again_shows_what_it_can_separate(hidden):
     """A lag and friction, each as fitted to readings that a lag has made; and a model against its own double."""
     models = [(c, importance_sample(c, seed=1)) for c in (hidden.best_model, hidden.of(("flight_friction",)))]
     found = repeat(models, [0.0, 0.0], seed=1)

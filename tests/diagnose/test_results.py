@@ -43,9 +43,9 @@ def test_the_word_for_a_cause(hidden):
 def test_values_that_nobody_expects_are_flagged():
     """A lag far beyond what is believed of it, and nothing else; the wider its prior, the more evidence it has."""
     e = experiment(["amplifier_lag"], [4e-5])
-    told = Belief("amplifier_lag_tau", Normal(0.0, 1.2e-5), "a data sheet")
+    reported = Belief("amplifier_lag_tau", Normal(0.0, 1.2e-5), "a data sheet")
     verdict = SimpleNamespace(named=("amplifier_lag",), probability={("amplifier_lag",): 1.0})
-    for beliefs, flagged in (((), []), ((told,), ["amplifier_lag_tau"])):
+    for beliefs, flagged in (((), []), ((reported,), ["amplifier_lag_tau"])):
         one = problem(replace(e, beliefs=beliefs))
         lag = replace(one, terms=terms(["amplifier_lag"])).terms
         model_set = search_models(one, lag, seed=1)
@@ -53,12 +53,12 @@ def test_values_that_nobody_expects_are_flagged():
         assert cause.implausible == flagged
     widths = cause.evidence.prior_width
     assert widths["twice"] > 1 > 0 > widths["half"]
-    wide = problem(replace(e, beliefs=(replace(told, prior=Normal(0.0, 2.4e-5)),)))
+    wide = problem(replace(e, beliefs=(replace(reported, prior=Normal(0.0, 2.4e-5)),)))
     wider = sample(replace(wide, terms=terms(["amplifier_lag"])), [model_set.baseline], seed=1)[1]
     assert widths["twice"] == pytest.approx(wider.log_evidence - cause.evidence.log_evidence, abs=0.7)
 
 
-def test_the_readings_furthest_from_what_is_adopted_are_always_told(hidden):
+def test_the_readings_furthest_from_what_is_adopted_are_always_reported(hidden):
     """And that heavy tails take them up, where they do."""
     e = experiment(spoil=narrow)
     model_set = search_models(problem(e), FEW, seed=1)

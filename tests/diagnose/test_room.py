@@ -25,7 +25,7 @@ def test_sharper_readings_leave_less() -> None:
 
 
 def test_what_is_at_work_has_as_much_room_as_its_effect(hidden: ModelSet) -> None:
-    """Beside a baseline that fails, the hidden lag changes ranges by about what it truly does."""
+    """Added to a baseline that fails, the hidden lag changes ranges by about what it truly does."""
     left = room(hidden, (), LAG, seed=1)
     e = hidden.baseline.problem.experiment
     plain, lagging = (
@@ -44,3 +44,9 @@ def test_what_is_at_work_has_as_much_room_as_its_effect(hidden: ModelSet) -> Non
 
 def test_what_was_not_fitted_has_no_number(hidden: ModelSet) -> None:
     assert room(hidden, ("reading_offset", "stack_stiffness", "flight_friction"), LAG, seed=1) is None
+
+
+def test_weights_that_are_not_to_be_trusted_give_no_number(hidden: ModelSet) -> None:
+    """With three draws nobody knows the tail of their weights."""
+    assert room(hidden, (), LAG, seed=1) is not None
+    assert room(hidden, (), LAG, seed=1, draws=3, most=3) is None

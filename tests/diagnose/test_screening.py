@@ -26,7 +26,7 @@ def test_what_a_fit_has_left_to_optimise_is_no_causes_merit(sound):
     short = sound.modes[:1].copy()
     short[0, 0] += 0.1
     end = maximise(sound.problem, short, schedule=((0, 1),))
-    assert end.height[0] < sound.height - 50
+    assert end.log_posterior[0] < sound.log_posterior - 50
     onward = screen(candidate_of(sound.problem, end), FEW)
     for there, here in zip(onward, screen(sound, FEW), strict=True):
         assert there.log_bayes == pytest.approx(here.log_bayes, abs=0.7)
@@ -63,7 +63,7 @@ def test_what_luck_gains_has_the_known_laws():
 
 
 def test_screening_looks_between_where_gains_are_steep():
-    """A cause that acts by thresholds helps in a narrow range, beside which it harms."""
+    """A cause that acts by thresholds helps in a narrow range, next to which it harms."""
     q = np.array([0.1, 0.3, 0.5, 0.9])
     assert _unclear(q, np.array([0.0, 0.0, -30.0, -31.0]), ScreenSettings()) == pytest.approx([0.4])
     assert _unclear(q, np.array([0.0, 1.0, 2.0, 1.0]), ScreenSettings()).size == 0

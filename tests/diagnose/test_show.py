@@ -27,7 +27,7 @@ def test_sessions_are_compared_where_they_share_a_condition(sound):
     assert (found.first, found.second, found.n_conditions) == ("a", "again", 8)
     assert found.factor == pytest.approx(1.33, rel=1e-3) and 1 < found.lower < 1.33 < found.upper
     assert offsets(sound) == []
-    # The time that a reading was taken is only told where sweeps went to and fro.
+    # The time that a reading was taken is only known where sweeps went to and fro.
     assert "order" not in {d.variable for d in drift(one)}
     rng = np.random.default_rng(0)
     shuffled = []

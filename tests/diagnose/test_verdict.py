@@ -42,9 +42,11 @@ def test_verdicts(hidden, sound):
     assert best_model.log_likelihood - other.log_likelihood > 4.0
     verdicts = {}
     for behind in (2.0, 4.0):
-        alike = replace(other, heights=other.heights + best_model.log_likelihood - other.log_likelihood - behind)
+        close = replace(
+            other, log_posteriors=other.log_posteriors + best_model.log_likelihood - other.log_likelihood - behind
+        )
         for p in (0.02, 1e-4):
-            candidates = tuple(alike if c is other else c for c in hidden.candidates)
+            candidates = tuple(close if c is other else c for c in hidden.candidates)
             share = dict.fromkeys(hidden.probability, 0.0) | {best_model.ids: 0.98 - p, other.ids: p}
             verdicts[behind, p] = conclude(
                 replace(hidden, candidates=candidates, probability=share), before, after, left, bare
@@ -71,7 +73,7 @@ def test_verdicts(hidden, sound):
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
     assert better.verdict == "unexplained" and not better.remains
-    # What has no name and keeps a part beside an explanation is told with it.
+    # What has no name and keeps a part next to an explanation is reported with it.
     doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
     # Nothing hidden.

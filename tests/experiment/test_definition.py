@@ -50,7 +50,7 @@ def test_limits_of_a_next_experiment_are_read_and_written(tmp_path: Path) -> Non
 
 
 def test_what_is_known_of_the_rig_is_read(tmp_path: Path) -> None:
-    """And written, and told; it is no reading, so that the data stay the same data."""
+    """And written, and reported; it is no reading, so that the data stay the same data."""
     toml = TOML + (
         '[prior.k_c]\nmedian = 4e6\nfactor = 1.5\nsource = "Hertz"\n[prior."stroke"]\nsd = 2\nmean = -1\nsource = "é"\n'
     )
@@ -58,8 +58,8 @@ def test_what_is_known_of_the_rig_is_read(tmp_path: Path) -> None:
     beliefs = (Belief("k_c", LogNormal(4e6, 1.5), "Hertz"), Belief("stroke", Normal(-1.0, 2.0), "é"))
     assert experiment.beliefs == beliefs and [b.line for b in experiment.beliefs] == [21, 25]
     assert read_plan(tmp_path / "two").beliefs == beliefs
-    told = {"name": "k_c", "prior": "log-normal, median 4e+06, factor 1.5 for one sd", "source": "Hertz"}
-    assert describe(experiment)["priors"][0] == told
+    reported = {"name": "k_c", "prior": "log-normal, median 4e+06, factor 1.5 for one sd", "source": "Hertz"}
+    assert describe(experiment)["priors"][0] == reported
     write_experiment(experiment, tmp_path / "again")
     again = read_experiment(tmp_path / "again")
     assert again.beliefs == beliefs and again.fingerprint == experiment.fingerprint
@@ -235,7 +235,7 @@ def test_a_folder_that_may_not_be_searched(tmp_path: Path, monkeypatch: pytest.M
     folder = write(tmp_path / "rig")
     real = Path.stat
 
-    def told(closed: Path) -> InputError:
+    def reported(closed: Path) -> InputError:
         def stat(path: Path, **options: bool) -> os.stat_result:
             if closed in path.parents:
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
@@ -245,12 +245,12 @@ def test_a_folder_that_may_not_be_searched(tmp_path: Path, monkeypatch: pytest.M
             patched.setattr(Path, "stat", stat)
             return refusal(folder)
 
-    assert told(folder).file == folder / "experiment.toml" and told(tmp_path).file == folder
-    assert told(folder).what == told(tmp_path).what == "cannot be read (Permission denied)"
+    assert reported(folder).file == folder / "experiment.toml" and reported(tmp_path).file == folder
+    assert reported(folder).what == reported(tmp_path).what == "cannot be read (Permission denied)"
     (folder / "below").mkdir()
     (folder / "b.csv").rename(folder / "below" / "b.csv")
     (folder / "experiment.toml").write_text(TOML.replace("b.csv", "below/b.csv"))
-    assert "'below/b.csv' cannot be read (Permission denied)" in told(folder / "below").what
+    assert "'below/b.csv' cannot be read (Permission denied)" in reported(folder / "below").what
 
 
 def test_definition_too_large(tmp_path: Path) -> None:

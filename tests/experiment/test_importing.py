@@ -229,7 +229,7 @@ def test_what_is_said_settles_it(content: Any, options: dict[str, Any], rows: Ro
     assert imported(tmp_path, content, Options(waveforms=("sine",), **options)) == rows
 
 
-def test_a_column_may_tell_waveform_and_group(tmp_path: Path) -> None:
+def test_a_column_may_give_waveform_and_group(tmp_path: Path) -> None:
     text = "Waveform;f (Hz);Vrms;Range (um);Day\nSinus;1200;14;76;1\nRechteck;1200;20;93;1\nsine;1200;14;75;2\n"
     (table,) = read_files([write(tmp_path / "a.csv", text)], Options(columns=(Mapping("Day", "group"),)))
     assert [(g.id, g.waveform, g.n_points) for g in table.groups] == [(1, "sine", 1), (2, "square", 1), (3, "sine", 1)]
@@ -284,7 +284,17 @@ def test_import_check_and_values(
     monkeypatch.chdir(tmp_path)
     write(Path("sinus.csv"), GERMAN.encode("cp1252"))
     write(Path("rechteck.csv"), HEAD + "1200;12;30\n")
-    words = ["import", "sinus.csv", "rechteck.csv", "--waveform", "sine,square", "--out", "rig", "--json", "told.json"]
+    words = [
+        "import",
+        "sinus.csv",
+        "rechteck.csv",
+        "--waveform",
+        "sine,square",
+        "--out",
+        "rig",
+        "--json",
+        "import.json",
+    ]
     assert run(monkeypatch, *words, *RIG) == 0
     said = capsys.readouterr().out
     assert "amplitude_v      from 'Upp [V]', V, peak to peak" in said
@@ -300,9 +310,9 @@ def test_import_check_and_values(
     assert (first.waveform, second.waveform) == ("sine", "square")
     columns = (first.frequency_hz, first.amplitude_v, first.reading)
     assert list(zip(*(c.tolist() for c in columns), strict=True)) == TWO
-    told = json.loads(Path("told.json").read_text("utf-8"))
-    assert told["missing_constants"] == [] and len(told["tables"]) == 2
-    assert told["tables"][0]["columns"][1] == {
+    reported = json.loads(Path("import.json").read_text("utf-8"))
+    assert reported["missing_constants"] == [] and len(reported["tables"]) == 2
+    assert reported["tables"][0]["columns"][1] == {
         "column": "amplitude_v", "headings": ["Upp [V]"], "unit": "V", "factor": 1.0, "volts": "pp",
     }  # fmt: skip
     assert run(monkeypatch, "import", "sinus.csv", "--waveform", "sine", "--rig", "rig", "--out", "more") == 0
@@ -324,7 +334,7 @@ def test_constants_that_nobody_gave_are_left_to_be_filled_in(
     monkeypatch.chdir(tmp_path)
     write(Path("sinus.csv"), GERMAN)
     assert run(monkeypatch, "import", "sinus.csv", "--waveform", "sine", "--out", "rig", "--set", "M=27:g") == 0
-    assert "no file tells m, q, l, k_s, g: fill them in" in capsys.readouterr().out
+    assert "not in the files: m, q, l, k_s, g; write what is missing into" in capsys.readouterr().out
     assert run(monkeypatch, "check", "rig") == 2
     assert "experiment.toml:4: constants m, q, l, k_s, g are missing" in capsys.readouterr().err
     assert "# l = # m, the string" in " ".join(Path("rig/experiment.toml").read_text("utf-8").split())

@@ -42,11 +42,11 @@ def test_records_cannot_be_changed(tmp_path: Path) -> None:
             array[0] = 1.0
 
 
-def test_check_tells_of_a_sweep_that_is_none(tmp_path: Path) -> None:
+def test_check_reports_a_sweep_that_is_none(tmp_path: Path) -> None:
     experiment = read_experiment(write(tmp_path, a="frequency_hz,amplitude_v,launch_range_um\n1200,1,0.4\n"))
     assert experiment.warnings == ()  # it is no reason to doubt the reading
     assert describe(experiment)["warnings"] == [
-        "a.csv: group 1: one reading is no sweep; it tells a level and no trend"
+        "a.csv: group 1: one reading is no sweep; it shows a level and no trend"
     ]
 
 

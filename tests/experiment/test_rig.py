@@ -73,7 +73,7 @@ DOUBTS = {
 
 
 @pytest.mark.parametrize("fact", DOUBTS)
-def test_facts_that_cannot_be_right_are_told(tmp_path: Path, fact: str) -> None:
+def test_facts_that_cannot_be_right_are_reported(tmp_path: Path, fact: str) -> None:
     other, said = DOUBTS[fact]
     warnings = read_experiment(write(tmp_path, TOML + FACTS.replace(fact, other))).warnings
     assert len(warnings) == 1 and said in warnings[0] and warnings[0].startswith("experiment.toml: [rig] ")

@@ -39,8 +39,8 @@ def test_what_acts_by_steps_is_found_a_step_away():
     away = best.u.copy()
     away[0, whole.names.index("repeat_cycles")] = 1.3
     stuck = maximise(whole, away)
-    assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.height[0] < best.height[0] - 10
-    assert _across_steps(whole, stuck, FitSettings()).height.max() > best.height[0] - 1
+    assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.log_posterior[0] < best.log_posterior[0] - 10
+    assert _across_steps(whole, stuck, FitSettings()).log_posterior.max() > best.log_posterior[0] - 1
 
 
 @pytest.mark.slow
@@ -52,8 +52,8 @@ def test_a_baseline_that_fails_is_fitted_where_readings_are_scatter(tmp_path):
     data = read_experiment(tmp_path / "experiment")
     plain = Problem(data, data.ids)
     there = plain.to_sampling(np.array([2.78e7, 4.15e4, 339.0, 0.0169, 19.5, 15.6]))
-    top = maximise(plain, there[None]).height[0]
-    assert fit(plain, (), seed=1, draws=1024, most=24).height > top - 0.5
+    top = maximise(plain, there[None]).log_posterior[0]
+    assert fit(plain, (), seed=1, draws=1024, most=24).log_posterior > top - 0.5
 
 
 @pytest.mark.slow
@@ -64,8 +64,10 @@ def test_ends_of_optimisations_at_one_mode_are_one_mode(hidden):
     for steps, counted in ((0.0, 1.0), (0.3, 1.0), (30.0, 2.0)):
         away = np.vstack([one.modes, one.modes])
         away[1, 0] += steps * width
-        heights, curvature, mass = (np.concatenate([x, x]) for x in (one.heights, one.curvature, one.mass))
-        two = replace(one, modes=away, heights=heights, curvature=curvature, mass=mass)
+        log_posteriors, curvature, mass = (
+            np.concatenate([x, x]) for x in (one.log_posteriors, one.curvature, one.mass)
+        )
+        two = replace(one, modes=away, log_posteriors=log_posteriors, curvature=curvature, mass=mass)
         assert two.laplace == pytest.approx(one.laplace + math.log(2))
         assert math.exp(two.laplace_apart - one.laplace) == pytest.approx(counted, rel=0.05)
 
@@ -84,7 +86,7 @@ class TwoTops:
 
 
 @pytest.mark.parametrize(("width", "expected"), [(0.05, [0, 1]), (0.2, [0])])
-def test_hills_lie_apart_by_their_own_widths(width, expected):
+def test_modes_lie_apart_by_their_own_widths(width, expected):
     """Half a unit is ten widths of narrow tops, with nothing between them, and one broad top's own."""
     problem = TwoTops(width)
     modes = np.array([[0.0, 0.0], [0.5, 0.0]])
@@ -107,17 +109,17 @@ def test_a_fit_without_fresh_starts_holds_what_is_within_it():
 
 @pytest.mark.slow
 def test_a_model_of_many_causes_is_built_up():
-    """It ends no lower than an optimisation from the truth, and tells how far it is."""
+    """It ends no lower than an optimisation from the truth, and says how far it is."""
     ids, values = ["amplifier_lag", "preload", "flight_friction"], [4e-5, 2e-5, 0.02]
     e = experiment(ids, values, n=16)
     whole = replace(problem(e), terms=terms(ids))
-    told = []
-    found = built_up(whole, seed=1, progress=lambda done, total: told.append((done, total)))
-    assert told == [(k, 6) for k in range(1, 7)] and set(found.ids) == set(ids)
+    reported = []
+    found = built_up(whole, seed=1, progress=lambda done, total: reported.append((done, total)))
+    assert reported == [(k, 6) for k in range(1, 7)] and set(found.ids) == set(ids)
     at = dict(zip([p.name for p in whole.parameters[: whole.n_physical]], [*TRUTH, *values], strict=True))
     truth = whole.prior_transform(np.full(whole.n_dim, 0.5))
     truth[: whole.n_physical] = [p.to_sampling(at[p.name]) for p in whole.parameters[: whole.n_physical]]
-    assert found.height > maximise(whole, truth[None]).height.max() - 0.5
+    assert found.log_posterior > maximise(whole, truth[None]).log_posterior.max() - 0.5
 
 
 def test_thinning_keeps_small_groups():

@@ -51,7 +51,7 @@ def test_chains_are_long_enough_when_all_three_say_so() -> None:
 
 
 def test_an_ensemble_that_misses_a_mode_is_seen() -> None:
-    """Its walkers agree with each other, so that only other ensembles can tell: one in four sees one mode of two."""
+    """Its walkers agree with each other, so that only other ensembles can show it: one in four sees one mode of two."""
     rng = np.random.default_rng(2)
     draws = rng.standard_normal((2000, 32, 2))
     draws[:, :24, 0] += np.where(rng.uniform(size=(2000, 24)) < 0.2, 6.0, 0.0)
@@ -78,7 +78,7 @@ def test_chains_begin_on_a_bent_ridge(known: Experiment, tmp_path: Path) -> None
     bent = Problem(known, (1,), terms(["slew_limit", "soft_layer", "flight_friction"]))
     one = target(bent, tmp_path / "c.h5")
     chain = SAMPLER.draw(one, replace(Settings.of(bent), chunk=1, max_steps=1), silent)
-    below = one.found.height - chain.log_posterior.ravel()
+    below = one.found.log_posterior - chain.log_posterior.ravel()
     assert np.median(below) < 3 * bent.n_dim and np.quantile(below, 0.9) < 6 * bent.n_dim
 
 

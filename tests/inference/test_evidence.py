@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from truths import experiment, problem, rig_with_two_hills
+from truths import experiment, problem, rig_with_two_modes
 
 from psafit.errors import ConvergenceError
 from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
@@ -59,11 +59,11 @@ def test_evidence_knows_of_a_plateau_wherever_the_optimisation_ended(place):
     found = importance_sample(
         candidate_of(one, Optima(u, one.log_posterior(u), one.predict(u), np.zeros(1, int), Effort())), seed=1
     )
-    # Of the other parameters all places above agree, so that a line tells the share of each.
+    # Of the other parameters all places above agree, so that a line gives the share of each.
     line = np.repeat(fitted.modes[:1], 501, axis=0)
     line[:, k] = np.linspace(0, 10, 501) / scale
-    height = one.log_posterior(line)
-    mass = np.exp(height - height.max())
+    log_posterior = one.log_posterior(line)
+    mass = np.exp(log_posterior - log_posterior.max())
     expected = np.interp([0.05, 0.5, 0.95], np.cumsum(mass) / mass.sum(), np.linspace(0, 10, 501))
     assert found.effective > 300
     # Three standard errors of a median of so many draws, evenly spread.
@@ -86,8 +86,8 @@ def test_one_draw_far_above_all_others_is_no_width(sound):
     """A first round that misses a narrow posterior but once: the emulator must still say something of other places."""
     mixture, random = laplace_mixture(sound), np.random.default_rng(0)
     u = np.vstack([sound.modes[:1], mixture.draw(256, random).clip(*sound.problem.bounds.T)])
-    height = np.where(np.arange(len(u)) == 0, 0.0, -1e6)
-    found = Emulated(sound, Pool(u, height, height, len(u)), sound.problem.predict(u), mixture, random)
+    log_posterior = np.where(np.arange(len(u)) == 0, 0.0, -1e6)
+    found = Emulated(sound, Pool(u, log_posterior, log_posterior, len(u)), sound.problem.predict(u), mixture, random)
     draws = found.draw(64, random)
     assert np.isfinite(found.log_density(draws)).sum() > 32
     assert np.ptp(draws, axis=0).min() > 0
@@ -99,14 +99,16 @@ def test_evidence_of_a_corner():
     bounds, width = np.repeat([[0.0, 1.0]], rate.size, axis=0), np.ones(rate.size)
     first = StudentMixture.of([(np.zeros(rate.size), 0.3**2 * np.eye(rate.size), 1.0)])
 
-    def height(u):
+    def log_posterior(u):
         return np.sum(np.log(rate) - rate * u, axis=1)
 
     def adapted(found, last):
         return last.mixture.around(found.u, found.weights, width)
 
     assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
-    found = _sample(height, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)).sample()
+    found = _sample(
+        log_posterior, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)
+    ).sample()
     assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
     assert found.effective > 60
     with pytest.raises(ConvergenceError, match="within the bounds"):
@@ -121,27 +123,27 @@ def test_resampling_keeps_the_weighted_mean(sound):
 
 
 @pytest.mark.slow
-def test_hills_weigh_what_each_weighs_alone():
+def test_modes_get_the_weight_that_each_gets_alone():
     """Seven nats lower and far wider, the second mode holds most of the posterior."""
-    rig, _ = rig_with_two_hills(1)
+    rig, _ = rig_with_two_modes(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     tops = separate_modes(found)
     alone = [importance_sample(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in tops]
-    assert found.heights[tops[1]] < found.height - 5 and alone[1] > alone[0] + 1
+    assert found.log_posteriors[tops[1]] < found.log_posterior - 5 and alone[1] > alone[0] + 1
     assert importance_sample(found, seed=2).log_evidence == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
 
 
 @pytest.mark.slow
-def test_hills_weigh_what_the_nested_sampler_finds():
+def test_modes_get_the_weight_that_the_nested_sampler_finds():
     pytest.importorskip("nautilus")
-    rig, _ = rig_with_two_hills(1)
+    rig, _ = rig_with_two_modes(1)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     nested = nested_evidence(rig, seed=2, n_live=300)
     assert importance_sample(found, seed=2).log_evidence == pytest.approx(nested.log_evidence, abs=0.5)
 
 
-def test_what_the_readings_hardly_tell_of_is_as_wide_as_its_bounds():
-    """A slope of almost nothing is less than rounding beside the others', and must not become a width of nothing."""
+def test_what_the_readings_hardly_determine_is_as_wide_as_its_bounds():
+    """A slope of almost nothing is less than the others' rounding, and must not become a width of nothing."""
     one = replace(problem(experiment(n=8)), terms=terms(["separation_height"]))
     fitted = candidate_at(one, one.prior_transform(np.full((1, one.n_dim), 0.5)))
     k = one.names.index("separation_weight")
@@ -154,7 +156,7 @@ def test_what_the_readings_hardly_tell_of_is_as_wide_as_its_bounds():
 
 
 def test_a_stretched_density_reaches_far_along_each_coordinate():
-    """What goes along with a coordinate does so still; what is beside that stays as narrow as it was."""
+    """What goes along with a coordinate does so still; what is next to that stays as narrow as it was."""
     covariance = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 0.01]])
     width = np.array([36.0, 36.0, 12.0])
     one = StudentMixture.of([(np.zeros(3), covariance, 1.0)])

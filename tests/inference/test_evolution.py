@@ -25,6 +25,6 @@ def test_what_a_model_raises_within_a_population_is_not_taken_for_scipys(monkeyp
     with pytest.raises(ValueError, match="sensor's range"):
         evolved(rig, known, seed=1)
     monkeypatch.setattr(Problem, "log_posterior", lambda self, u: np.full(len(u), -np.inf))
-    monkeypatch.setattr(optimiser, "heights", lambda problem, u, *rest: np.full(len(u), -np.inf))
+    monkeypatch.setattr(optimiser, "log_posteriors", lambda problem, u, *rest: np.full(len(u), -np.inf))
     with pytest.raises(ConvergenceError, match="finite posterior"):
         fit(replace(rig, terms=()), (), seed=1)

@@ -47,7 +47,7 @@ def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
             at[free] = others
             return -float(problem.log_likelihood(at[None])[0])
 
-        heights = []
+        log_posteriors = []
         near = [p for p in points if p.drop < 4.0]
         for point in near[:: max(len(near) // 4, 1)]:
             at = top.copy()
@@ -56,13 +56,13 @@ def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
                 depth, np.clip(top[free], low, high), (at,), "Nelder-Mead", bounds=list(zip(low, high, strict=True)),
                 options={"maxfev": 2000, "fatol": 1e-4, "xatol": 1e-4},
             )  # fmt: skip
-            heights.append(-found.fun + point.drop)
+            log_posteriors.append(-found.fun + point.drop)
         # Every point lies as far below one and the same top.
-        assert np.ptp(heights) < 0.05, (problem.names[index], heights)
+        assert np.ptp(log_posteriors) < 0.05, (problem.names[index], log_posteriors)
 
 
 def test_a_profile_does_not_lean_on_what_a_cause_cannot_be() -> None:
-    """With flat priors for all, c_c = 180 N s/m came out best, beside a friction of thirty times its prior's width."""
+    """With flat priors for all, c_c = 180 N s/m came out best, next to a friction of thirty times its prior's width."""
     problem = Problem(read_experiment("experiments/psa"), (1,), terms(["flight_friction"]))
     near = {
         "k_c": 5.1e6,
@@ -124,4 +124,4 @@ def test_what_has_no_profile_is_judged_by_what_the_readings_say(name, likelihood
     if word == "bounded below":
         low, high = parameter.to_physical(np.quantile(draws, [0.05, 0.95]))
         text = identify.describe(name, "1", 0.5 * (low + high), (low, high), [], word)
-        assert text == f"{name} at least {identify.significant(low, low)} (95 %); the data set no upper limit"
+        assert text == f"{name} at least {identify.significant(low, low)} (95 %); these readings give no upper limit"

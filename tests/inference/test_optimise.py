@@ -33,21 +33,21 @@ def test_search_finds_the_truth_from_any_seed(problem: Problem) -> None:
 
 
 def test_lmfit_polishes_what_was_found(problem: Problem) -> None:
-    """From a little beside the top it is led back; the report is of the best wherever its own part has ended."""
+    """From a little next to the top it is led back; the report is of the best wherever its own part has ended."""
     best = found(problem)
     start = best.modes[0] + 0.05
-    _, height, result = polish(problem, start)
-    assert height == pytest.approx(best.height, abs=0.01) and result.nfev > 0
+    _, log_posterior, result = polish(problem, start)
+    assert log_posterior == pytest.approx(best.log_posterior, abs=0.01) and result.nfev > 0
     there = candidate_at(problem, start[None])
     table = re.findall(r"(\w+): +(\S+) \+/- (\S+)", report(result, start, there.covariance[0]))
-    told = {name: (float(x), float(s)) for name, x, s in table}
+    reported = {name: (float(x), float(s)) for name, x, s in table}
     for i, name in enumerate(problem.names):
         sd = float(np.sqrt(there.covariance[0, i, i]))
-        assert told[f"ln_{name}"] == pytest.approx((start[i], sd), rel=1e-6)
-        assert told[name] == pytest.approx((np.exp(start[i]), np.exp(start[i]) * sd), rel=1e-6)
+        assert reported[f"ln_{name}"] == pytest.approx((start[i], sd), rel=1e-6)
+        assert reported[name] == pytest.approx((np.exp(start[i]), np.exp(start[i]) * sd), rel=1e-6)
 
 
-def test_a_search_begins_where_it_is_told_to(problem: Problem) -> None:
+def test_a_search_begins_where_it_has_to_begin(problem: Problem) -> None:
     """Beyond the bounds, at them."""
     best = found(problem, most=12)
     near = candidate_at(problem, np.clip(np.stack([best.modes[0] + 0.3, problem.bounds[:, 1]]), *problem.bounds.T))
@@ -68,7 +68,7 @@ def test_a_flat_top_makes_no_noise() -> None:
     """One amplitude sweep leaves a sheet of equal fits, on which lmfit's own error estimates are not finite."""
     psa = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
     best = found(Problem(psa, (3,)), most=6)
-    assert polish(best.problem, best.modes[0])[1] > best.height - 0.01  # a warning would be an error
+    assert polish(best.problem, best.modes[0])[1] > best.log_posterior - 0.01  # a warning would be an error
 
 
 @pytest.mark.slow
@@ -92,7 +92,7 @@ def test_search_finds_the_cause_that_is_there(ids: list[str], values: list[float
     experiment = rig(ids, values, seed=5)
     problem = Problem(experiment, (1, 2), terms(ids))
     best = found(problem)
-    assert best.height > found(replace(problem, terms=())).height + 10
+    assert best.log_posterior > found(replace(problem, terms=())).log_posterior + 10
     # The third group, never fitted, is predicted to its scatter.
     predicted = problem.predict(best.modes[:1], [3])[0]
     assert np.sqrt(np.mean(np.log(predicted / experiment.group(3).reading) ** 2)) < 0.06
@@ -102,12 +102,12 @@ def test_search_finds_the_cause_that_is_there(ids: list[str], values: list[float
 
 def test_a_cause_never_fits_worse_than_none() -> None:
     experiment = rig([], [], seed=2)
-    nothing = found(Problem(experiment, (1,))).height
+    nothing = found(Problem(experiment, (1,))).log_posterior
     for id in ("amplifier_lag", "preload"):
         problem = Problem(experiment, (1,), terms([id]))
         strength = problem.terms[0].strength
         neutral = float(strength.log_prior(strength.to_sampling(strength.neutral)))
-        assert found(problem).height > nothing + neutral - 1.0
+        assert found(problem).log_posterior > nothing + neutral - 1.0
 
 
 def test_gradient_is_one_sided_at_a_bound() -> None:

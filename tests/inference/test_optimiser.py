@@ -10,7 +10,7 @@ import pytest
 
 from psafit.experiment import read_experiment
 from psafit.inference.optimise import ScanSettings, halved, polish, starts_of, widened
-from psafit.inference.optimiser import expansion, heights, maximise, maximise_linearly, slopes
+from psafit.inference.optimiser import expansion, log_posteriors, maximise, maximise_linearly, slopes
 from psafit.inference.problem import Problem
 from psafit.physics import terms
 
@@ -108,10 +108,10 @@ def test_a_scan_of_what_moves_nothing_by_itself_stays_small(problem):
     assert 2 <= len(widened(larger, known, larger.terms)) <= 3
 
 
-def test_heights_are_the_log_posterior_and_minus_infinity_outside(problem):
+def test_log_posteriors_are_the_log_posterior_and_minus_infinity_outside(problem):
     u = problem.prior_transform(np.random.default_rng(1).uniform(0.1, 0.9, (5, problem.n_dim)))
     u[3, 0] = problem.bounds[0, 1] + 1
-    found = heights(problem, u, problem.predict(np.clip(u, *problem.bounds.T)), problem.observed)
+    found = log_posteriors(problem, u, problem.predict(np.clip(u, *problem.bounds.T)), problem.observed)
     assert found == pytest.approx(problem.log_posterior(u))
     assert found[3] == -np.inf
 
@@ -120,15 +120,15 @@ def test_many_optimisations_end_where_a_trusted_optimiser_does(problem):
     starts, _ = starts_of(problem, 3, 12, 512)
     end = maximise(problem, starts)
     _, trusted, _ = polish(problem, end.u[end.best])
-    assert end.height[end.best] == pytest.approx(trusted, abs=0.05)
-    assert end.height.max() == pytest.approx(-201.72, abs=0.05)
+    assert end.log_posterior[end.best] == pytest.approx(trusted, abs=0.05)
+    assert end.log_posterior.max() == pytest.approx(-201.72, abs=0.05)
 
 
 def test_an_optimisation_does_not_depend_on_its_company(problem):
     starts, _ = starts_of(problem, 3, 6, 256)
     together = maximise(problem, starts)
     alone = maximise(problem, starts[2:3])
-    assert together.height[2] == pytest.approx(alone.height[0], abs=1e-6)
+    assert together.log_posterior[2] == pytest.approx(alone.log_posterior[0], abs=1e-6)
 
 
 def test_each_optimisation_may_have_its_own_readings(problem):
@@ -145,7 +145,7 @@ def test_optimisations_that_agree_are_one(problem):
     apart = maximise(problem, starts, schedule=((3, 6), (20, 6)))
     united = maximise(problem, starts, schedule=((3, 6), (20, 6)), unite=True)
     assert len(united.u) <= 2 < len(apart.u)
-    assert united.height[united.best] == pytest.approx(apart.height[apart.best], abs=1e-9)
+    assert united.log_posterior[united.best] == pytest.approx(apart.log_posterior[apart.best], abs=1e-9)
     assert united.effort.n_sets < apart.effort.n_sets
 
 
@@ -153,7 +153,7 @@ def test_survivors_are_the_highest(problem):
     starts, _ = starts_of(problem, 3, 10, 256)
     all_of_them = maximise(problem, starts, schedule=((2, 10),))
     some = maximise(problem, starts, schedule=((2, 3),))
-    assert np.sort(some.height) == pytest.approx(np.sort(all_of_them.height)[-3:])
+    assert np.sort(some.log_posterior) == pytest.approx(np.sort(all_of_them.log_posterior)[-3:])
 
 
 def test_expansion_fits_data_made_from_it(problem):
@@ -189,4 +189,4 @@ def test_a_coordinate_at_its_bound_is_held_there():
     row[:3], row[4:] = start.u[start.best][:3], start.u[start.best][3:]
     end = maximise(one, row[None, :])
     assert end.u[0, 3] == one.bounds[3, 0]
-    assert end.height[0] >= start.height.max() - 3.0
+    assert end.log_posterior[0] >= start.log_posterior.max() - 3.0

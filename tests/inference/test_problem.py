@@ -58,8 +58,10 @@ def test_the_usual_uncertainty_is_one_that_most_readings_state(
 
 def test_what_is_known_of_a_rig_takes_the_place_of_usual_priors(known: Experiment) -> None:
     hertz, loop = LogNormal(4e6, 1.5), Normal(0.1, 0.05)
-    told = replace(known, beliefs=(Belief("k_c", hertz, "Hertz"), Belief("hysteresis_strength", loop, "data sheet")))
-    problem = Problem(told, (1, 2), terms(["hysteresis"]))
+    reported = replace(
+        known, beliefs=(Belief("k_c", hertz, "Hertz"), Belief("hysteresis_strength", loop, "data sheet"))
+    )
+    problem = Problem(reported, (1, 2), terms(["hysteresis"]))
     usual = Problem(known, (1, 2), terms(["hysteresis"]))
     changed = {p.name: p for p, q in zip(problem.parameters, usual.parameters, strict=True) if p != q}
     assert {name: (p.prior, p.source) for name, p in changed.items()} == {

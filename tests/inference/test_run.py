@@ -81,7 +81,7 @@ def test_a_fit_of_causes_begins_where_smaller_models_lead(
 
 
 @pytest.mark.slow
-def test_a_run_is_told_by_the_places_it_was_given(known: Experiment, tmp_path: Path) -> None:
+def test_a_run_is_described_by_the_places_it_was_given(known: Experiment, tmp_path: Path) -> None:
     names = Problem(known, (1,)).names
     place = dict(zip(names, [*TRUTH, 0.05, 0.05, 6.0], strict=True))
     fitted = running.fit(known, [1], tmp_path / "r", n_starts=2, known=[place], settings=SHORT)
@@ -141,13 +141,13 @@ def test_a_minimum_that_the_search_missed_is_added(
     wrong = true.modes[0].copy()
     wrong[:3] += [1.5, -1.0, 1.0]
     poor = candidate_at(problem, wrong[None], np.array([3]), Effort(6, 0, 10))
-    assert poor.height < true.height - 10
+    assert poor.log_posterior < true.log_posterior - 10
     monkeypatch.setattr(running, "sample", lambda *a, **k: (poor, None))
 
     def stuck(problem: Problem, start: np.ndarray) -> Any:
         """Lmfit, which does not get away from where the search has ended."""
-        top, height, result = polish(problem, start)
-        return (start, poor.height, result) if (start == wrong).all() else (top, height, result)
+        top, log_posterior, result = polish(problem, start)
+        return (start, poor.log_posterior, result) if (start == wrong).all() else (top, log_posterior, result)
 
     monkeypatch.setattr(running, "polish", stuck)
     monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
@@ -155,7 +155,7 @@ def test_a_minimum_that_the_search_missed_is_added(
     run = running.fit(known, [1], tmp_path / "a", **arguments)
     best = run.fit.minima[0]
     assert run.fit.n_missed >= 1 and best.starts == 0 and run.fit.n_followed == 6
-    assert best.log_posterior > true.height - 1 and run.draws.log_posterior.max() <= best.log_posterior + 1
+    assert best.log_posterior > true.log_posterior - 1 and run.draws.log_posterior.max() <= best.log_posterior + 1
     assert read_json(tmp_path / "a" / "fit.json", Fit, sealed=True) == run.fit
     # Killed where it hurts most, between the chain and the record, it comes to the same.
     written = running.write_json
@@ -244,7 +244,7 @@ def _edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
     path.write_text(json.dumps(content), "utf-8")
 
 
-# Whatever is edited: the seal tells.
+# Whatever is edited: the seal shows it.
 EDITS: dict[str, Callable[[dict[str, Any]], object]] = {
     "fit.json seed": lambda c: c.update(seed=-1),
     "fit.json value": lambda c: c["minima"][0]["values"].update(k_c=1.0),
@@ -295,7 +295,7 @@ def test_a_damaged_run_folder_gets_one_line(finished: running.Run, tmp_path: Pat
     assert "\n" not in str(caught.value) and caught.value.file is not None and caught.value.remedy
 
 
-def test_a_posterior_of_another_run_is_told(finished: running.Run, tmp_path: Path) -> None:
+def test_a_posterior_of_another_run_is_reported(finished: running.Run, tmp_path: Path) -> None:
     folder = tmp_path / "swapped"
     shutil.copytree(finished.folder, folder)
     write_json(folder / "posterior.json", replace(finished.summary, identity="0" * 64), sealed=True)
@@ -303,7 +303,7 @@ def test_a_posterior_of_another_run_is_told(finished: running.Run, tmp_path: Pat
         running.load(folder)
 
 
-def test_a_record_from_another_run_is_told(finished: running.Run, tmp_path: Path) -> None:
+def test_a_record_from_another_run_is_reported(finished: running.Run, tmp_path: Path) -> None:
     """Well-formed and sealed, but not of these data, or not what its own identity says."""
     for number, (change, words) in enumerate((
         ({"fingerprint": "0" * 64}, "was changed after the fit"),
@@ -357,9 +357,9 @@ def test_a_refusal_says_what_differs(known: Experiment, finished: running.Run) -
         arguments: dict[str, Any] = {"seed": 4, "n_starts": 12, "settings": QUICK} | change
         with pytest.raises(InputError, match=rf"\(what differs: {words}\)"):
             running.fit(known, [1, 2], finished.folder, **arguments)
-    told = replace(known, beliefs=(Belief("k_c", LogNormal(1e6, 2.0), "Hertz"),))
+    reported = replace(known, beliefs=(Belief("k_c", LogNormal(1e6, 2.0), "Hertz"),))
     with pytest.raises(InputError, match=r"\(what differs: priors\)"):
-        running.fit(told, [1, 2], finished.folder, seed=4, n_starts=12, settings=QUICK)
+        running.fit(reported, [1, 2], finished.folder, seed=4, n_starts=12, settings=QUICK)
     with pytest.raises(InputError, match=r"\(what differs: groups\)"):
         running.fit(known, [1], finished.folder, seed=4, n_starts=12, settings=QUICK)
 
@@ -384,9 +384,9 @@ def test_run_carries_its_causes(tmp_path: Path) -> None:
     run = load(tmp_path / "run")
     assert (run.fit.terms, run.fit.engine, run.problem.terms) == (["swing_drag"], "closed form", chosen)
     assert "swing_drag_rate" in [p.name for p in run.summary.parameters]
-    told = audit(run)
-    assert told.converged and told.engine == "closed form" and (tmp_path / "run" / "numerics.json").exists()
-    worst = [r.worst for r in told.refinement]
+    reported = audit(run)
+    assert reported.converged and reported.engine == "closed form" and (tmp_path / "run" / "numerics.json").exists()
+    worst = [r.worst for r in reported.refinement]
     assert worst == sorted(worst, reverse=True) and worst[-1] < 1e-3 * worst[0]
     with pytest.raises(InputError, match="another run"):
         fit(experiment, [1], tmp_path / "run", n_starts=4, settings=quick)
@@ -417,10 +417,10 @@ def test_a_chain_that_another_process_holds_open_is_sound(
     again = partial(running.fit, known, [1, 2], folder, seed=4, n_starts=12, settings=QUICK)
     with (
         held(folder / "chain.h5"),
-        pytest.raises(InputError, match="wait until the process that holds it open") as told,
+        pytest.raises(InputError, match="wait until the process that holds it open") as reported,
     ):
         again()
-    assert told.value.file == folder / "chain.h5" and "remove" not in str(told.value)
+    assert reported.value.file == folder / "chain.h5" and "remove" not in str(reported.value)
     with monkeypatch.context() as patch, pytest.raises(InputError, match="check its permissions"):
         refuse = PermissionError(errno.EACCES, "Unable to open file")
         patch.setattr(ensembles.h5py, "File", lambda *a, **k: (_ for _ in ()).throw(refuse))
@@ -434,9 +434,9 @@ def test_a_posterior_that_a_killed_program_left_marked_is_rebuilt_from_the_chain
 ) -> None:
     folder = shutil.copytree(finished.folder, tmp_path / "run")
     whole = {name: (folder / name).read_bytes() for name in ("posterior.nc", "posterior.json", "chain.h5", "fit.json")}
-    with held(folder / "posterior.nc"), pytest.raises(InputError, match="wait until the process") as told:
+    with held(folder / "posterior.nc"), pytest.raises(InputError, match="wait until the process") as reported:
         load(folder)
-    assert told.value.file == folder / "posterior.nc"
+    assert reported.value.file == folder / "posterior.nc"
     assert (folder / "posterior.nc").read_bytes() != whole["posterior.nc"]  # the flag of HDF5
     again = partial(running.fit, known, [1, 2], folder, seed=4, n_starts=12, settings=QUICK)
     for read in (lambda: load(folder), again):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from truths import experiment, problem, rig_with_two_hills
+from truths import experiment, problem, rig_with_two_modes
 
 from psafit.experiment import read_experiment
 from psafit.inference import noise
@@ -26,15 +26,15 @@ def test_a_sample_goes_on_to_what_its_draws_show() -> None:
     best = fit(one, (), seed=3, draws=1024, most=24)
     found, draws = sample(one, seed=1)
     better = SearchSettings().better
-    assert found.height == pytest.approx(best.height, abs=better)
-    assert draws.height <= found.height + better and draws.standard_error < 1.0
+    assert found.log_posterior == pytest.approx(best.log_posterior, abs=better)
+    assert draws.log_posterior <= found.log_posterior + better and draws.standard_error < 1.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 3])
-def test_a_second_hill_of_the_baseline_is_not_lost(seed):
+def test_a_second_mode_of_the_baseline_is_not_lost(seed):
     """A look elsewhere finds it from any one mode; the posterior of all of them holds the truth."""
-    rig, truth = rig_with_two_hills(seed)
+    rig, truth = rig_with_two_modes(seed)
     found = fit(rig, (), seed=1, draws=4096, most=48)
     assert np.abs(found.modes[:, 1] - truth[1]).min() < 1.5
     apart = found.modes[separate_modes(found)]
@@ -51,15 +51,15 @@ def test_a_second_hill_of_the_baseline_is_not_lost(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4])
-def test_a_top_behind_cliffs_is_found_by_a_population(seed):
+def test_a_mode_behind_discontinuities_is_found_by_a_population(seed):
     """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump; optimisations stop early."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
     p = Problem(design, design.ids, tuple(t for t in TERMS if t.id == "amplifier_lag"))
     truth = p.to_sampling(np.array([134594.6, 9937.6, 35.3157, 6.4217e-7, 0.0362, 0.0536, 60.0]))
     y = noise.draw(p.predict(truth[None]), p.noise_values(truth[None]), None, np.random.default_rng(seed))[0]
     rig = replace(p, experiment=design.with_readings(np.maximum(y, 0.0)))
-    there = float(maximise(rig, truth[None]).height[0])
+    there = float(maximise(rig, truth[None]).log_posterior[0])
     plain = fit(replace(rig, terms=()), (), seed=1, draws=4096, most=48)
     optimised = fit(rig, [plain], seed=1, fresh=False)
-    assert optimised.height < there - 3
-    assert sample(rig, [optimised], seed=1)[0].height > there - 0.5
+    assert optimised.log_posterior < there - 3
+    assert sample(rig, [optimised], seed=1)[0].log_posterior > there - 0.5

@@ -1,4 +1,4 @@
-"""The registry of samplers, and those beside emcee."""
+"""The registry of samplers, and those other than emcee."""
 
 from __future__ import annotations
 
@@ -39,11 +39,12 @@ class Prior:
     def draw(self, target, settings, progress):
         random, n = np.random.default_rng(target.seed), target.problem.n_dim
         draws = target.problem.prior_transform(random.uniform(size=(2, settings.size, n)))
-        height = target.problem.log_posterior(draws.reshape(-1, n)).reshape(2, -1)
-        best = np.unravel_index(height.argmax(), height.shape)
+        log_posterior = target.problem.log_posterior(draws.reshape(-1, n)).reshape(2, -1)
+        best = np.unravel_index(log_posterior.argmax(), log_posterior.shape)
         target.path.write_bytes(b"7")
         progress(Progress(steps=7, steps_left=0, chunk=7, converged=True))
-        return Chain(draws, height, np.ones(n), np.ones(n), 0, 1.0, True, draws[best], float(height[best]))
+        top = float(log_posterior[best])
+        return Chain(draws, log_posterior, np.ones(n), np.ones(n), 0, 1.0, True, draws[best], top)
     def look(self, path, settings, n_dim, values):
         return Progress(steps=int(path.read_bytes()), steps_left=0, chunk=7, converged=True) if path.exists() else None
 
@@ -53,9 +54,9 @@ SAMPLER = Prior()
 
 def test_what_is_not_there_is_one_line() -> None:
     assert {"emcee", "importance", "nautilus"} <= set(samplers.names())
-    with pytest.raises(InputError, match="there is no sampler 'emce'") as told:
+    with pytest.raises(InputError, match="there is no sampler 'emce'") as reported:
         sampler("emce")
-    assert told.value.remedy == "choose of emcee"
+    assert reported.value.remedy == "choose of emcee"
 
 
 def test_a_sampler_is_one_file(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,8 +121,8 @@ def test_a_nested_sampler_finds_the_same_and_goes_on(target: Target, tmp_path: P
     assert whole.converged and len(seen) > 1
     cut = replace(target, path=tmp_path / "b.h5")
     assert not own.draw(cut, replace(settings, max_steps=2000), lambda state: None).converged
-    told = own.look(cut.path, settings.determinants, target.problem.n_dim, 10**6)
-    assert told is not None and told.steps >= 2000 and not told.converged
+    reported = own.look(cut.path, settings.determinants, target.problem.n_dim, 10**6)
+    assert reported is not None and reported.steps >= 2000 and not reported.converged
     assert np.array_equal(own.draw(cut, settings, lambda state: None).draws, whole.draws)
     with pytest.raises(InputError, match="belongs to another run"):
         own.draw(replace(cut, identity="y"), settings, lambda state: None)
@@ -131,7 +132,7 @@ def test_a_nested_sampler_finds_the_same_and_goes_on(target: Target, tmp_path: P
 
 
 @pytest.mark.slow
-def test_a_chain_and_draws_that_miss_a_part_are_told_apart(known: Experiment, tmp_path: Path) -> None:
+def test_a_chain_and_draws_that_miss_a_part_are_distinguished(known: Experiment, tmp_path: Path) -> None:
     """Importance draws that lack what lies on one side of the median differ from the chain by more than chance."""
     run = fit(known, [1], tmp_path / "run", n_starts=4, sampled_by="importance")
     same = run.summary.importance

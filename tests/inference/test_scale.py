@@ -54,13 +54,13 @@ def test_of_two_groups_either_may_be_wrong() -> None:
     assert "group 1: launch ranges differ from those of group 2 by a factor" in warning
 
 
-def test_a_reading_without_a_drive_tells_no_scale() -> None:
+def test_a_reading_without_a_drive_gives_no_scale() -> None:
     first = STUDY.groups[0]
     rest = Group("rest", "sine", "rest.csv", np.full(5, 1e3), np.zeros(5), np.full(5, 0.05))
     assert with_scale(replace(STUDY, groups=(first, rest))).warnings == ()
 
 
-def test_a_group_of_which_one_reading_tells_does_not_switch_the_check_off() -> None:
+def test_a_group_of_which_one_reading_counts_does_not_switch_the_check_off() -> None:
     first = STUDY.groups[0]
     rows = np.arange(2400) % first.n_points
     read = np.where(np.arange(2400) == 1, first.reading[1], 0.0)

@@ -16,12 +16,12 @@ def test_pareto_k_is_that_of_the_weights():
     assert pareto_k(-log_weights) < 0
 
 
-def test_an_r_hat_is_told_on_its_side_of_the_goal() -> None:
-    told = [rounded_r_hat(value, 1.01) for value in (1.0099, 1.002, 1.00999, 1.01, 1.0100001, 1.9)]
-    assert told == ["1.0099", "1.0020", "1.00999", "1.0100", "1.0101", "1.9000"]
+def test_an_r_hat_is_printed_on_its_side_of_the_goal() -> None:
+    reported = [rounded_r_hat(value, 1.01) for value in (1.0099, 1.002, 1.00999, 1.01, 1.0100001, 1.9)]
+    assert reported == ["1.0099", "1.0020", "1.00999", "1.0100", "1.0101", "1.9000"]
 
 
-def test_diagnostics_tell_mixed_from_stuck() -> None:
+def test_diagnostics_separate_mixed_from_stuck() -> None:
     rng = np.random.default_rng(0)
     mixed = rng.standard_normal((8, 400, 1))
     stuck = mixed + 3 * np.arange(8)[:, None, None]

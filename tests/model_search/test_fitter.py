@@ -31,7 +31,7 @@ SETTINGS = SearchSettings(most_causes=2)
 def test_a_short_fit_comes_near_the_evidence(hidden: ModelSet) -> None:
     lag = hidden.of(("amplifier_lag",))
     fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
-    known = {(): Model((), hidden.log_evidence[()], hidden.baseline.height, True, Fitted(hidden.baseline))}
+    known = {(): Model((), hidden.log_evidence[()], hidden.baseline.log_posterior, True, Fitted(hidden.baseline))}
     (found,) = fitter.short([lag.ids], known)
     assert found.log_evidence == pytest.approx(hidden.log_evidence[lag.ids], abs=1.0)
 
@@ -41,13 +41,16 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Mode
     lag = hidden.of(("amplifier_lag",))
     moved = lag.modes[:1].copy()
     moved[0, 0] += 0.1
-    held = Model(lag.ids, 0.0, lag.height, False, Fitted(candidate_at(lag.problem, moved)))
+    held = Model(lag.ids, 0.0, lag.log_posterior, False, Fitted(candidate_at(lag.problem, moved)))
     pair = hidden.of(("amplifier_lag", "reading_offset"))
-    origin = Model(pair.ids, hidden.log_evidence[pair.ids], pair.height, True, Fitted(pair))
+    origin = Model(pair.ids, hidden.log_evidence[pair.ids], pair.log_posterior, True, Fitted(pair))
     (risen,) = fitter.again([held], origin)
-    assert held.content.candidate.height < lag.height - 1 and risen.content.candidate.height > lag.height - 0.5
-    assert risen.log_evidence >= held.log_evidence and risen.content.top == risen.content.candidate.height
-    assert fitter.again([Model(lag.ids, 0.0, lag.height, False, Fitted(lag))], origin) == []
+    assert (
+        held.content.candidate.log_posterior < lag.log_posterior - 1
+        and risen.content.candidate.log_posterior > lag.log_posterior - 0.5
+    )
+    assert risen.log_evidence >= held.log_evidence and risen.content.top == risen.content.candidate.log_posterior
+    assert fitter.again([Model(lag.ids, 0.0, lag.log_posterior, False, Fitted(lag))], origin) == []
     # What was seen before is no news, though a sample has not kept it: two models would raise each other for ever.
     seen = replace(held, content=replace(held.content, top=risen.content.top))
     assert fitter.again([seen], origin) == []
@@ -65,16 +68,16 @@ def test_an_exchange_is_fitted_from_the_two_models_that_know_its_parts(hidden: M
     fitter = ProblemFitter(hidden.baseline.problem, FEW, SETTINGS, 1, Memory(None))
     whole = hidden.of(PAIR)
     known = {
-        c.ids: Model(c.ids, hidden.log_evidence[c.ids], c.height, False, Fitted(c))
+        c.ids: Model(c.ids, hidden.log_evidence[c.ids], c.log_posterior, False, Fitted(c))
         for c in hidden.candidates
         if c.ids != PAIR
     }
     (found,) = fitter.carried([PAIR], known)
-    assert found.height > whole.height - 0.1 and not found.sampled
+    assert found.log_posterior > whole.log_posterior - 0.1 and not found.sampled
     # Where nobody knows all that is lacking, what is known is used.
     few = {ids: known[ids] for ids in ((), ("reading_offset",))}
     (low,) = fitter.carried([PAIR], few)
-    assert low.height > few[()].height - 3.0
+    assert low.log_posterior > few[()].log_posterior - 3.0
 
 
 def test_what_was_fitted_is_kept(hidden: ModelSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,15 +114,15 @@ def test_a_pair_is_found_whatever_the_order_of_the_catalogue() -> None:
 
 
 @pytest.mark.slow
-def test_a_search_goes_on_from_where_it_is_told_to_begin() -> None:
-    """A model that fewer readings led to is fitted beside the baseline, and its neighbours if it leads."""
+def test_a_search_goes_on_from_where_it_has_to_begin() -> None:
+    """A model that fewer readings led to is fitted in addition to the baseline, and its neighbours if it leads."""
     whole = problem(experiment(PAIR, [4e-5, 0.05], n=60))
     plain = search_models(whole, FEW, seed=1)
     part = replace(plain.best_model.problem, group_ids=("a", "b"))
     known = candidate_at(part, plain.best_model.modes)
     begun = search_models(whole, FEW, seed=1, starts=[known])
     assert () in begun.samples
-    assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes beside the baseline were not asked
+    assert len(begun.log_evidence) < len(plain.log_evidence)  # single causes were not asked
     assert begun.best_model.ids == plain.best_model.ids == PAIR
     assert begun.log_evidence[PAIR] == pytest.approx(plain.log_evidence[PAIR], abs=1.0)
 
@@ -129,7 +132,7 @@ def test_idle_processes_work_ahead_and_what_is_not_needed_yet_may_fail(
 ) -> None:
     """What was foreseen is looked up later; the sample itself is that of one process."""
     one, lag = hidden.baseline.problem, hidden.of(("amplifier_lag",))
-    known = {(): Model((), hidden.log_evidence[()], hidden.baseline.height, True, Fitted(hidden.baseline))}
+    known = {(): Model((), hidden.log_evidence[()], hidden.baseline.log_posterior, True, Fitted(hidden.baseline))}
     alone = ProblemFitter(one, FEW, SETTINGS, 1, Memory(None))
     (model,) = alone.short([lag.ids], known)
     several = ProblemFitter(one, FEW, SETTINGS, 1, Memory(None), jobs=2)

@@ -78,7 +78,7 @@ def test_what_is_left_behind_on_the_way_up_is_not_sampled() -> None:
 
 
 def test_what_a_short_fit_is_off_by_is_not_taken_for_a_cause() -> None:
-    """Laplace flatters "a", and every set with it, by 4 nats; once "a" is sampled nothing beside it shows."""
+    """Laplace flatters "a", and every set with it, by 4 nats; once "a" is sampled nothing added to it shows."""
     fake = Fake(additive({"a": 1.0}), error=lambda ids: 4.0 * ("a" in ids))
     found = search(CATALOGUE, fake, flat, starts=[("a",), ("a", "b")])
     assert fake.sampled == [(), ("a",)] and found.expanded == {()}
@@ -122,8 +122,8 @@ def test_two_causes_of_which_neither_shows_alone_are_looked_for_where_the_tests_
 def test_a_search_that_nothing_satisfies_ends() -> None:
     found = search(CATALOGUE, Fake(additive({})), flat, passes=lambda model: False)
     assert set(found.models) == {ids for ids in every_set(2)}
-    beside = search(CATALOGUE, Fake(additive({"a": 20.0})), flat, passes=lambda model: False)
-    assert max(map(len, beside.models)) == 2
+    found = search(CATALOGUE, Fake(additive({"a": 20.0})), flat, passes=lambda model: False)
+    assert max(map(len, found.models)) == 2
 
 
 def test_a_model_that_rises_when_it_is_sampled_takes_its_neighbours_along() -> None:
@@ -143,7 +143,7 @@ def test_a_model_that_rises_when_it_is_sampled_takes_its_neighbours_along() -> N
 
 
 @pytest.mark.parametrize("low", [0.0, 7.0])
-def test_a_pair_that_shows_only_beside_a_third_is_reached_by_an_exchange(low: float) -> None:
+def test_a_pair_that_shows_only_with_a_third_is_reached_by_an_exchange(low: float) -> None:
     """The first cause is only a stand-in, and where it stands the true one does not help."""
     worth = {("a",): 20.0, ("b",): 2.0, ("a", "b"): 26.0, ("a", "c"): 21.0, ("b", "c"): 60.0}
     worth |= {("a", "b", "c"): 26.0}
@@ -253,23 +253,23 @@ def test_neighbours() -> None:
 
 
 def test_what_is_foreseen_is_what_follows() -> None:
-    """Two that do as well: while one is sampled the other is the next; exchanges are told where they are not known."""
-    told: list[tuple[Ids, list[Ids], list[Ids]]] = []
+    """Two that do as well: while one is sampled the other is the next; exchanges are given where they are not known."""
+    reported: list[tuple[Ids, list[Ids], list[Ids]]] = []
 
     class Predicted(Fake):
         def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
             if foreseen:
-                told.append((model.ids, [m.ids for m in foreseen.models], list(foreseen.sets)))
+                reported.append((model.ids, [m.ids for m in foreseen.models], list(foreseen.sets)))
                 assert set(foreseen.known) == {*self.fitted, *self.carried_over}
             return super().sample(model)
 
     worth = {"a": 20.0, "b": 19.0, "c": 5.0}
     fake = Predicted(lambda ids: max((worth.get(id, 0.0) for id in ids), default=0.0))
     search(CATALOGUE, fake, flat)
-    assert told[0] == (("a",), [("b",)], [])
+    assert reported[0] == (("a",), [("b",)], [])
     assert fake.sampled == [(), ("a",), ("b",)]
     fake = Predicted(additive({"a": 20.0, "b": 19.0, "c": 18.0}))
-    told.clear()
+    reported.clear()
     search(CATALOGUE, fake, flat)
-    of = {ids: sets for ids, _, sets in told}
+    of = {ids: sets for ids, _, sets in reported}
     assert list(of) == [("a", "b", "c")] and of["a", "b", "c"] == fake.carried_over

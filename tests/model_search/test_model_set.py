@@ -50,7 +50,7 @@ def test_a_cause_that_adds_nothing_visible_is_counted_with_what_it_is_added_to()
     assert ratio == pytest.approx(3.1 + price - math.log1p(math.exp(2.9 + price)))
 
 
-def test_what_was_not_sampled_is_told_as_not_looked_at() -> None:
+def test_what_was_not_sampled_counts_as_not_looked_at() -> None:
     """Its estimate counts, with the error of an estimate: a rival is not certain to be worse."""
     found = ranked({(): 0.0, ("a",): 20.0, ("b",): 16.0, ("c",): -30.0}, {(): 0.0, ("a",): 0.0})
     said = found.looked_at
@@ -65,11 +65,13 @@ def test_no_set_more_probable_than_a_listed_one_is_left_out(best: float) -> None
     """Sets of no more causes that fit as well are listed however improbable; then all between them are."""
     likely = {"a": best, "bc": 0.015, "g": 0.014, "d": 0.013, "ef": 0.001}
 
-    def fitted(ids: str, height: float) -> SimpleNamespace:
-        return SimpleNamespace(ids=tuple(ids), log_likelihood=height, problem=SimpleNamespace(n_dim=3 + len(ids)))
+    def fitted(ids: str, log_posterior: float) -> SimpleNamespace:
+        return SimpleNamespace(
+            ids=tuple(ids), log_likelihood=log_posterior, problem=SimpleNamespace(n_dim=3 + len(ids))
+        )
 
-    heights = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
-    models = tuple(fitted(ids, height) for ids, height in heights.items())
+    log_posteriors = {"a": -10.0, "bc": -9.0, "g": -30.0, "d": -11.0, "ef": -30.0}
+    models = tuple(fitted(ids, log_posterior) for ids, log_posterior in log_posteriors.items())
     probability = {tuple(ids): p for ids, p in likely.items()}
     found = ModelSet(models, probability, {}, {}, BELIEFS).rivals(("a",))  # type: ignore[arg-type]
     assert found[:3] == (("b", "c"), ("g",), ("d",))
@@ -83,7 +85,7 @@ def test_model_set_names_a_hidden_cause(hidden: ModelSet) -> None:
     assert hidden.probability["amplifier_lag",] > 0.9
     assert hidden.probability["amplifier_lag", "reading_offset"] == 0
     assert hidden.best_model.values[3] == pytest.approx(4e-5, rel=0.3)
-    # Everything beside what leads was fitted: each cause, and each other one beside the best model.
+    # Everything next to what leads was fitted: each cause, and each other one added to the best model.
     others = [t.id for t in FEW if t.id != "amplifier_lag"]
     assert {(), *((t.id,) for t in FEW)} <= hidden.probability.keys()
     assert all(any({"amplifier_lag", id} == set(ids) for ids in hidden.probability) for id in others)

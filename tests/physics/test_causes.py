@@ -160,7 +160,7 @@ def test_symptom_is_what_the_simulator_shows(cause: Term) -> None:
 
 
 def test_the_symptom_on_other_drives_is_what_the_simulator_shows() -> None:
-    """On a rig's own drives it is told what is seen, and what is not seen where it should be."""
+    """On a rig's own drives it reports what is seen, and what is not seen where it should be."""
     time = np.linspace(0, 1e-3, 40)
     recorded = Drive("table", table=Table(time, 10 * np.sin(2e3 * time) ** 2, True))
     own, idle = (Drive("unipolar_sine", idle_v=1.0), recorded), term("idle_level")

@@ -23,7 +23,7 @@ def test_hostile_names_are_escaped(tmp_path: Path) -> None:
     assert len(page.html) < 5e6
 
 
-def test_an_interval_of_no_width_is_not_told_as_apart() -> None:
+def test_an_interval_of_no_width_does_not_count_as_apart() -> None:
     """Of such intervals nothing says how much they share."""
     one, other = made("one", 1.0, spread=0.0), made("other", 2.0)
     found = compare(one, other)

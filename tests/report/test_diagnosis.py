@@ -66,7 +66,7 @@ def unexplained(record: Diagnosis) -> Diagnosis:
 
 
 def unnamed(record: Diagnosis) -> Diagnosis:
-    """The tests find nothing, no cause helps, and yet there is something smooth, but in a group that cannot tell."""
+    """The tests find nothing, no cause helps, and yet there is something smooth, but in a group that cannot show it."""
     left = record.misfit.leftover
     groups = [*left.groups[:-1], replace(left.groups[-1], mean=None, largest=None)]
     misfit = replace(adequate(record).misfit, leftover=replace(left, groups=groups))
@@ -112,7 +112,7 @@ def test_first_screen_answers(page):
     missed = "group 1, which the baseline misses most, and of the others the one that the extended model misses most, "
     assert f"Below, {missed}group " in text
     assert "22,000 times" in text
-    apart = "tells hysteresis of the stack from gap at rest + slew-limited amplifier"
+    apart = "separates hysteresis of the stack from gap at rest + slew-limited amplifier"
     assert f"Next, measure sine, 20 V: it best {apart}, with an expected lead of 12.5 ± 0.4 nats." in text
 
 
@@ -184,7 +184,7 @@ def test_page_stands_alone(page):
         (
             doubtful,
             [
-                "Is the baseline adequate? As far as these readings tell. The tests find nothing wrong",
+                "Is the baseline adequate? As far as these readings show. The tests find nothing wrong",
                 "Nor can they exclude gap at rest + slew-limited amplifier (60 %).",
             ],
             ["Yes."],
@@ -201,11 +201,11 @@ def test_page_stands_alone(page):
         (
             unnamed,
             [
-                "but it is improbable beside a discrepancy without a name.",
+                "but it is improbable compared with a discrepancy without a name.",
                 "explains what these readings show. A discrepancy without a name keeps 81 % of the probability.",
                 "Group 2 ×1.01 ×1.05 Group third – –",
             ],
-            ["beside an extended model", "Of the baseline"],
+            ["compared with an extended model", "Of the baseline"],
         ),
     ],
 )
@@ -223,8 +223,8 @@ def test_empty_parts_are_said(change, said, not_said, tmp_path):
 def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     experiment = make_experiment()
     html = build(make_record(experiment), experiment, tmp_path).html
-    told = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)[1])
-    curves = {c["name"]: c for c in told[0]["curves"]}
+    reported = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)[1])
+    curves = {c["name"]: c for c in reported[0]["curves"]}
     assert "without: gap at rest" not in curves  # no number everywhere
     out = curves["without: hysteresis of the stack"]
     first = experiment.groups[0].reading
@@ -232,7 +232,7 @@ def test_each_cause_can_be_taken_out_of_the_curves(tmp_path):
     assert sorted(out["middle"]) == pytest.approx(sorted(1.4 * first), rel=1e-4)
 
 
-def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_path):
+def test_what_a_proposal_leaves_tied_and_what_is_confounded_is_reported(undrawn, tmp_path):
     experiment = make_experiment("a rig")
     record = make_record(experiment)
     sets = [["hysteresis"], ["gap", "slew_limit"], ["swing_drag"]]
@@ -241,17 +241,17 @@ def test_what_a_proposal_leaves_tied_and_what_looks_alike_is_told(undrawn, tmp_p
         replace(p, pairs=[Pair(sets[i], sets[j], x) for (i, j), x in zip(two, apart, strict=True)])
         for p, apart in zip(record.next_experiment.proposals, ((40.0, 50.0, 45.0), (0.2, 31.0, 30.0)), strict=True)
     ]
-    told = NextExperiment.of(proposals, Purpose("separate", sets))
+    reported = NextExperiment.of(proposals, Purpose("separate", sets))
     scores = record.gain["strict"].groups
     worse = [replace(scores[0], log_rmse_interval=[0.2, 0.4]), *scores[1:]]
     record = replace(
         record,
-        next_experiment=told,
+        next_experiment=reported,
         confusion=Confusion([Confounded("hysteresis", "swing_drag", 3.4)]),
         gain=record.gain | {"strict": replace(record.gain["strict"], groups=worse)},
     )
     page = build(record, experiment, tmp_path)
-    rivals = "tells hysteresis of the stack from gap at rest + slew-limited amplifier and drag on the swing"
+    rivals = "separates hysteresis of the stack from gap at rest + slew-limited amplifier and drag on the swing"
     assert rivals in page.first_screen
     assert "12.5 ± 0.4 nats 93 % none" in page.text
     assert "1.5 ± 0.1 nats – hysteresis of the stack and gap at rest + slew-limited amplifier" in page.text
@@ -278,7 +278,7 @@ def test_how_alternatives_were_judged() -> None:
     assert [row[-1] for row in alternatives(nothing)["rows"]] == ["sampled", "–", "estimated from a short fit"]
 
 
-def test_a_search_repeated_from_nothing_is_told_in_the_ledger() -> None:
+def test_a_search_repeated_from_nothing_is_in_the_ledger() -> None:
     audit = Choice(
         "the same search from nothing", [1], [], led_to=["gap"], begun_led_to=["preload"], log_posterior_below_begun=1.5
     )
@@ -307,9 +307,9 @@ def test_where_the_p_value_of_a_search_comes_from(tmp_path, undrawn):
             (unknown, "is not known: the stored table of such searches is of a search with other settings."),
         )
     ):
-        told = replace(record, misfit=replace(record.misfit, search=search))
+        reported = replace(record, misfit=replace(record.misfit, search=search))
         (tmp_path / f"{k}").mkdir()
-        assert said in build(told, experiment, tmp_path / f"{k}").text
+        assert said in build(reported, experiment, tmp_path / f"{k}").text
 
 
 def test_one_group(tmp_path):
@@ -343,7 +343,7 @@ def test_a_record_read_back_gives_the_same_page(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_an_adopted_model_that_is_not_listed(tmp_path):
-    """Where an unnamed discrepancy takes all the probability, the record lists the baseline alone."""
+    """Where a discrepancy takes all the probability, the record lists the baseline alone."""
     experiment = make_experiment()
     record = make_record(experiment)
     show = record.show | {"extended": replace(record.show["extended"], parameters={"k_c": 3.21e6})}
@@ -377,10 +377,10 @@ def test_what_is_tied_with_the_best_extension_is_tied_with_it_by_name(undrawn, t
     record = replace(make_record(experiment), verdict="unexplained")
     text = build(record, experiment, tmp_path).first_screen
     best_model, other = model(record.named), model(record.alternatives[0])
-    assert f"Not to be told apart from {best_model}: {other}; or " in text and "apart from it" not in text
+    assert f"As good as {best_model}: {other}; or " in text and "As good as it" not in text
 
 
-def test_large_sets_are_told_by_what_differs():
+def test_large_sets_are_described_by_what_differs():
     _instead = PAGE.instead
     named = ["hysteresis", "gap", "slew_limit"]
     leans = "ball leans on the tip"
@@ -391,7 +391,10 @@ def test_large_sets_are_told_by_what_differs():
     assert _instead(["gap"], ["preload"]) == model(["preload"])
     sets = [["hysteresis", "gap"], ["hysteresis", "preload"], ["hysteresis", "slew_limit"]]
     shared = purpose_text(Purpose("separate", sets), PAGE)
-    assert "tells gap at rest from ball leans on the tip and slew-limited amplifier (beside what they share)" in shared
+    assert (
+        "separates gap at rest from ball leans on the tip and slew-limited amplifier (apart from what they share)"
+        in shared
+    )
     assert "share" not in purpose_text(Purpose("separate", [["hysteresis"], ["hysteresis", "preload"]]), PAGE)
 
 
@@ -401,14 +404,14 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     best = replace(record.next_experiment.proposals[0], separation=0.36, error=0.05, success=0.0)
     record = replace(record, next_experiment=replace(record.next_experiment, proposals=[best]))
     text = build(record, experiment, tmp_path).first_screen
-    assert "No sweep that the rig allows tells hysteresis of the stack from" in text and "by 0.4 ± 0.1 nats" in text
+    assert "No sweep that the rig allows separates hysteresis of the stack from" in text and "by 0.4 ± 0.1 nats" in text
     weak = replace(best, separation=0.05, error=0.02, success=None, pairs=[])
     record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c")))
     text = build(record, experiment, tmp_path).first_screen
-    assert "would tell much more: the best, sine, 20 V, determines kc, narrower by 5 %. More" in text
+    assert "would show much more: the best, sine, 20 V, determines kc, narrower by 5 %. More" in text
 
 
-def test_no_gain_is_told_where_no_cause_was_named(undrawn, tmp_path):
+def test_no_gain_is_reported_where_no_cause_was_named(undrawn, tmp_path):
     """The training groups may name nothing by themselves: that is neither a gain of nothing nor an uncertain one."""
     experiment = make_experiment()
     record = make_record(experiment)

@@ -95,7 +95,7 @@ def test_abscissa_is_what_varies(frequency, amplitude, variable, log):
     assert (sweep.variable, sweep.log) == (variable, log)
 
 
-def test_lines_ascend_and_zeros_sit_on_the_edge(tmp_path):
+def test_lines_are_sorted_and_zeros_sit_on_the_edge(tmp_path):
     run = make_run(tmp_path)
     for p in make_predictions(run):
         (axes,) = drawn(p).axes
@@ -125,14 +125,14 @@ def test_zeros_are_in_every_legend():
     group = sweep_groups()[1]
     sweep, curve = figures.sweep_of(group), figures.Curve("model", "blue", group.reading + 0.1)
 
-    def told(group: Group) -> list[str]:
+    def reported(group: Group) -> list[str]:
         example = figures.Example("", "ink", group, sweep, [curve])
         (legend,) = figures.summary_figure([], [example], figures.handles([curve])).legends
         return [t.get_text() for t in legend.get_texts()]
 
-    assert told(group) == ["measured", "model", "zero"]
-    assert told(replace(group, reading=group.reading + 0.2)) == ["measured", "model"]
-    assert told(replace(group, reading=np.clip(group.reading, 0.0, 1.5))) == [
+    assert reported(group) == ["measured", "model", "zero"]
+    assert reported(replace(group, reading=group.reading + 0.2)) == ["measured", "model"]
+    assert reported(replace(group, reading=np.clip(group.reading, 0.0, 1.5))) == [
         "measured",
         "model",
     ]  # linear
@@ -151,7 +151,7 @@ def test_the_legend_shows_a_zero_as_it_is_drawn():
         assert (mark.get_markeredgecolor(), mark.get_markerfacecolor()) in looks
 
 
-def test_a_changed_rig_is_told_in_the_head_of_a_figure():
+def test_a_changed_rig_is_in_the_head_of_a_figure():
     group = replace(make_group("sq3100", 3100.0, [1.0, 3.0, 9.0], [1.0, 2.0, 3.0], "square"), changed=(("M", 0.0544),))
     (axes,) = figures.group_figure(group, figures.sweep_of(group), []).axes
     lines = axes.get_title(loc="left").replace("\xa0", " ").split("\n")
@@ -169,6 +169,12 @@ def test_a_long_name_leaves_room_in_the_head_of_a_figure():
     group = make_group(long, [100.0, 300.0, 900.0], 20.0, [1.0, 2.0, 3.0])
     (axes,) = figures.group_figure(group, figures.sweep_of(group), []).axes
     assert axes.get_title(loc="left") == "the seco…of May 12: sine, 20 V"
+
+
+def test_one_reading_far_off_does_not_flatten_the_residuals() -> None:
+    near = np.linspace(-0.2, 0.2, 40)
+    low, high = figures.residual_view([near, np.append(near, 7.3)])
+    assert -0.6 < low < -0.2 and 0.2 < high < 1.0
 
 
 def test_residual_axis_is_common_and_holds_every_error(tmp_path):
@@ -229,7 +235,7 @@ def test_a_picture_of_a_plan_shows_no_readings() -> None:
     )  # zeros at the foot, a line, what will be read
 
 
-def test_measured_and_simulated_are_told_apart(known: Experiment) -> None:
+def test_measured_and_simulated_are_distinguished(known: Experiment) -> None:
     sweeps = [figures.sweep_of(g) for g in known.groups]
     curves = [[figures.Curve("simulated", "vermillion", 1.2 * g.reading)] for g in known.groups]
     figure = figures.groups_figure(known.groups, sweeps, curves)
@@ -246,12 +252,12 @@ def test_measured_and_simulated_are_told_apart(known: Experiment) -> None:
 def test_numbers_to_explore_are_those_of_the_curves(known: Experiment) -> None:
     group = known.groups[2]
     curve = figures.Curve("model", "blue", 2 * group.reading)
-    told = figures.explorable("t", group, figures.sweep_of(group), [curve], [replace(curve, name="more")])
+    reported = figures.explorable("t", group, figures.sweep_of(group), [curve], [replace(curve, name="more")])
     order = np.argsort(group.amplitude_v, kind="stable")
-    assert told["x"] == pytest.approx(group.amplitude_v[order], rel=1e-4)
-    assert told["measured"] == pytest.approx(group.reading[order], rel=1e-4)
-    assert told["curves"][0]["middle"] == pytest.approx(2 * group.reading[order], rel=1e-4)
-    assert [c["off"] for c in told["curves"]] == [False, True]
+    assert reported["x"] == pytest.approx(group.amplitude_v[order], rel=1e-4)
+    assert reported["measured"] == pytest.approx(group.reading[order], rel=1e-4)
+    assert reported["curves"][0]["middle"] == pytest.approx(2 * group.reading[order], rel=1e-4)
+    assert [c["off"] for c in reported["curves"]] == [False, True]
     line = np.array([1.0, 2.0]), np.array([0.123456789, 4.0])
     (drawn,) = figures.explorable("t", group, figures.sweep_of(group), [replace(curve, line=line)])["curves"]
-    assert drawn["line"] == [[1.0, 2.0], [0.12346, 4.0]] and told["curves"][0]["line"] is None
+    assert drawn["line"] == [[1.0, 2.0], [0.12346, 4.0]] and reported["curves"][0]["line"] is None

@@ -138,7 +138,7 @@ def test_first_screen_says_what_it_must(page):
     assert "Below, fitted group 1 and, of the two the fit never saw, the worse, group amps." in text
 
 
-def test_the_group_that_stands_for_the_unseen_is_told_by_its_rank():
+def test_the_group_that_stands_for_the_unseen_is_described_by_its_rank():
     words = [_middle(n) for n in (1, 2, 3, 4)]
     assert words[:2] == ["the one the fit never saw", "of the two the fit never saw, the worse"]
     assert words[2].endswith("the one of median score") and words[3].endswith("the worse of the two of middle score")
@@ -203,7 +203,7 @@ def test_a_fit_that_is_too_sure_does_not_predict(tmp_path):
     assert "good" in kinds[0] and "good" not in kinds[1]
 
 
-def test_groups_that_cannot_tell_are_not_told_of(tmp_path):
+def test_groups_that_cannot_show_it_are_not_reported(tmp_path):
     loud, silent = sweep_groups()[0], make_group("off", [100.0, 300.0, 900.0], 0.0, [0.0, 0.1, 0.0])
     run = make_run(tmp_path, (loud, silent, replace(loud, id=3)))
     validation = make_validation(run, make_predictions(run))
@@ -211,7 +211,7 @@ def test_groups_that_cannot_tell_are_not_told_of(tmp_path):
     run = make_run(tmp_path, (loud, silent))
     validation = make_validation(run, make_predictions(run))
     assert validation.holdout_log_rmse is None
-    assert "no group that could tell, so nothing is left" in fit._what_it_predicts(validation)
+    assert "no group that could show it, so nothing is left" in fit._what_it_predicts(validation)
     assert len(fit._tiles(validation)) == 2
 
 

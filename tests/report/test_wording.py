@@ -33,6 +33,8 @@ def test_numbers():
 
 def test_symbols_and_lists_are_escaped():
     assert wording.symbol_html(r"\sigma_{rel}") == "<i>σ<sub>rel</sub></i>"
+    own = wording.symbol_html(r"\sigma_{rel,\mathrm{launch\ speed}}")
+    assert own == "<i>σ<sub>rel,launch speed</sub></i>"
     assert wording.symbol_html("k_c") == "<i>k<sub>c</sub></i>"
     assert "<b>" not in wording.symbol_html("<b>") and "<b>" not in wording.listed(["<b>", "<b>"])
     assert wording.listed(["a", "b", "c"]) == "a, b and c"

@@ -57,7 +57,7 @@ def test_every_verdict_is_one_of_three_and_follows_from_the_numbers(result: Repr
 
 
 def test_stability_limit_is_that_of_the_real_axis(result: Reproduction) -> None:
-    # RK4 on the negative real axis: z^3 + 4 z^2 + 12 z + 24 = 0, the root of R(z) = 1 besides 0.
+    # RK4 on the negative real axis: z^3 + 4 z^2 + 12 z + 24 = 0, the root of R(z) = 1 other than 0.
     edge = min(r.real for r in np.roots([1, 4, 12, 24]) if abs(r.imag) < 1e-12)
     assert edge == pytest.approx(-2.785293563405282)
     s = result.stability

@@ -106,7 +106,7 @@ def test_critical_damping(k_c: float, c_s: float) -> None:
                 assert fast(np.array(theta), waveform, frequency) == pytest.approx(reference, rel=1e-9), theta
 
 
-def test_poles_keep_their_digits_beside_large_ones() -> None:
+def test_poles_keep_their_digits_next_to_large_ones() -> None:
     """Known roots spread over ten decades come back to 1e-13 each."""
     rng = np.random.default_rng(3)
     for _ in range(200):

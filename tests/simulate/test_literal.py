@@ -60,7 +60,7 @@ def test_a_strong_damper_costs_no_digits() -> None:
     assert literal_launch(point, theta, [], RIG).launch_range == pytest.approx(exact.launch_range, rel=1e-13)
 
 
-def test_an_integration_that_does_not_end_is_told() -> None:
+def test_an_integration_that_does_not_end_is_reported() -> None:
     with pytest.raises(ConvergenceError, match="time within a piece of the literal reference"):
         literal_launch(Point("sine", 1000.0, 20.0), [4e5, 9e3, 60.0], [], RIG, most_steps=3)
 

@@ -125,7 +125,7 @@ def test_outcomes_that_are_no_launch(rig: Constants) -> None:
     assert tight_launch(Point("sine", 1200.0, 0.0), PUBLISHED, rig).outcome == "no separation"
 
 
-def test_giving_up_tells_how_far_it_came(rig: Constants) -> None:
+def test_giving_up_says_how_far_it_came(rig: Constants) -> None:
     with pytest.raises(ConvergenceError) as caught:
         tight_launch(Point("sine", 1200.0, 20.0), PUBLISHED, rig, most_steps=5)
     assert 0 < caught.value.reached < caught.value.required

@@ -55,7 +55,7 @@ def test_scatter_coordinate() -> None:
     np.testing.assert_allclose(slope, 1 / np.hypot(0.3e-6, 0.05 * L), rtol=1e-6)
 
 
-def test_alike() -> None:
+def test_confounding() -> None:
     """Angles against the definition, and what must come out: two of a kind, and causes a refit takes in."""
     found = confounding(TERMS, SIX)
     at = {id: i for i, id in enumerate(found.ids)}

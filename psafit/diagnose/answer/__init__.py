@@ -101,7 +101,7 @@ def answer(d: Diagnosis) -> tuple[Statement, ...]:
 
 
 def sentences(d: Diagnosis) -> list[str]:
-    """Return the answer in plain words, as the record and the terminal tell it."""
+    """Return the answer in plain words, as the record and the terminal give it."""
     return [statement.say(PLAIN) for statement in answer(d)]
 
 
@@ -135,10 +135,10 @@ def _named(d: Diagnosis) -> Statement:
     return Named(
         verdict=d.verdict,
         causes=d.named,
-        # Where an unnamed discrepancy takes it all, a share of what is left says nothing.
+        # Where a discrepancy takes it all, a share of what is left says nothing.
         probability=None if best_model is None or d.mostly_unnamed or not d.named else best_model.probability,
         alternatives=d.alternatives,
-        fits_alike=best_model is not None and best_model.evidence.share >= CREDIBLE,
+        fits_as_well=best_model is not None and best_model.evidence.share >= CREDIBLE,
         rejected=d.misfit.p_value < ALPHA,
         left=left,
         p_after=after.p_value if after and left and after.p_value < ALPHA else None,

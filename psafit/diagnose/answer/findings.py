@@ -46,7 +46,7 @@ class Judged(Statement):
     Parameters
     ----------
     adequate : {"yes", "so far", "no", "together", "tails", "improbable"}
-        Whether it is; only as far as the readings tell, where something else is more probable; not rejected by the
+        Whether it is; only as far as the readings show, where something else is more probable; not rejected by the
         tests, but by readings that stand out together, or only for the heavy tails of its scatter; not rejected, but
         improbable.
     p_value : float
@@ -72,7 +72,7 @@ class Judged(Statement):
             "no": "The tests find the baseline wrong: {}.",
             "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
             "tails": "The tests pass the baseline only because heavy tails take up what stands out; without: {}.",
-            "improbable": "The tests do not reject the baseline ({}), but it is improbable beside {}.",
+            "improbable": "The tests do not reject the baseline ({}), but it is improbable compared with {}.",
             "yes": "The tests find nothing wrong with the baseline: {}. It keeps {} of the probability.",
             "so far": "The tests find nothing wrong with the baseline: {}. It keeps only {} of the probability.",
         }
@@ -116,7 +116,7 @@ class Named(Statement):
     probability : float, optional
         None where it says nothing.
     alternatives : list of lists of str
-    fits_alike : bool
+    fits_as_well : bool
         Whether only what is plausible beforehand speaks for the first of several.
     rejected : bool
         Whether the tests reject the baseline.
@@ -124,7 +124,7 @@ class Named(Statement):
         Why the best extension does not explain the readings: structure remains, a smooth curve in its place is more
         probable, or it breaks a law that holds whatever the causes are.
     p_after : float, optional
-        Family-wise p value beside the extension.
+        Family-wise p value given the extension.
     unnamed : float
         Probability of a discrepancy without a name.
     looked_at : LookedAt
@@ -138,7 +138,7 @@ class Named(Statement):
     causes: list[str]
     probability: float | None
     alternatives: list[list[str]]
-    fits_alike: bool
+    fits_as_well: bool
     rejected: bool
     left: Literal["", "structure", "smooth", "law"]
     p_after: float | None
@@ -168,10 +168,10 @@ class Named(Statement):
                 how += " shape of what is missing, and perhaps not the mechanism.{}"
             return words.put(how, what, other, rest)
         if self.verdict == "ambiguous":
-            if self.fits_alike:
-                how = "{} is most plausible, but these readings cannot separate it from what fits as well: {}.{}"
+            if self.fits_as_well:
+                how = "{} is most plausible, but only by its priors: these readings are fitted as well by {}.{}"
                 return words.put(how, what, tied, rest)
-            how = "These readings cannot tell which of {} sets of causes it is: {}; or {}.{}"
+            how = "These readings cannot decide between {} sets of causes: {}; or {}.{}"
             return words.put(how, len(self.alternatives) + 1, what, tied, rest)
         if not self.causes:
             looked = "that was looked at" if self.restricted else "of the catalogue"
@@ -182,9 +182,9 @@ class Named(Statement):
             "law": "it breaks a law that holds whatever the causes are",
         }[self.left or "structure"]
         odd = "" if self.p_after is None else f"family-wise p = {significant(self.p_after, 2)}; "
-        also = words.put(" Not to be told apart from {}: {}.", words.causes(self.causes), tied) if texts else ""
+        also = words.put(" As good as {}: {}.", words.causes(self.causes), tied) if texts else ""
         return words.put(
-            "The best extension is {}, but {} ({}probability of an unnamed discrepancy {}).{}",
+            "The best extension is {}, but {} ({}probability of a discrepancy {}).{}",
             what, why, odd, words.per_cent(self.unnamed), also,
         )  # fmt: skip
 
@@ -327,6 +327,6 @@ class Room(Statement):
     def say(self, words: Words) -> str:
         """Return the sentence."""
         return words.put(
-            "What is not named may change a reading by {} at most and stay unseen ({}; 95 %).",
+            "A cause that is not named changes a reading by at most {} ({}; 95 %).",
             words.fraction(self.share), words.cause(self.cause),
         )  # fmt: skip

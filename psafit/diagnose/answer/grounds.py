@@ -133,7 +133,7 @@ class Searched(Statement):
 
     def say(self, words: Words) -> str:
         """Return the sentence."""
-        how = "{} The chance that a better set was missed is {}, a part of every probability."
+        how = "{} The probabilities allow for a chance of {} that a better set was missed."
         return words.put(how, self._counted, words.per_cent(self.missed))
 
     @property

@@ -102,7 +102,7 @@ class Next(Statement):
             return words.put("Next, measure " + does + "{}", text, about, by, rest if self.more else "")
         if self.found.separates:
             return words.put("No sweep that the rig allows {}: the best, {}, by {}.", about, text, by)
-        return words.put("No sweep that the rig allows would tell much more: the best, {}, {}, {}.", text, about, by)
+        return words.put("No sweep that the rig allows would show much more: the best, {}, {}, {}.", text, about, by)
 
 
 def purpose_text(purpose: Purpose | None, words: Words) -> str:
@@ -115,5 +115,5 @@ def purpose_text(purpose: Purpose | None, words: Words) -> str:
     if any(shared.issuperset(ids) for ids in purpose.sets):  # one holds nothing else
         shared = set()
     one, *rest = (words.causes([id for id in ids if id not in shared]) for ids in purpose.sets)
-    beside = " (beside what they share)" if shared else ""
-    return words.put("tells {} from {}{}", one, words.listed(rest), beside)
+    apart = " (apart from what they share)" if shared else ""
+    return words.put("separates {} from {}{}", one, words.listed(rest), apart)

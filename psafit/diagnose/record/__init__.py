@@ -92,12 +92,12 @@ def is_diagnosis(folder: Path) -> bool:
 
 
 # Probability of a discrepancy without a name from which on it is reported.
-_TOLD = 0.001
+_REPORTED = 0.001
 
 
 @dataclass(frozen=True)
 class Confusion:
-    """What these conditions could tell apart.
+    """What these conditions could distinguish.
 
     Parameters
     ----------
@@ -257,4 +257,4 @@ class Diagnosis(Brief):
     @property
     def reports_unnamed(self) -> bool:
         """Whether a discrepancy without a name is probable enough to stand among the models."""
-        return self.unnamed >= _TOLD
+        return self.unnamed >= _REPORTED

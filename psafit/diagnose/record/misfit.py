@@ -96,7 +96,7 @@ class Tests:
 
 @dataclass(frozen=True)
 class GroupDiscrepancy:
-    """Mean and largest absolute discrepancy of a group, in ln units; None where no reading tells of one."""
+    """Mean and largest absolute discrepancy of a group, in ln units; None where no reading shows one."""
 
     group: GroupId
     mean: float | None
@@ -105,7 +105,7 @@ class GroupDiscrepancy:
 
 @dataclass(frozen=True)
 class DiscrepancyResult:
-    """An unnamed discrepancy beside the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
+    """A discrepancy added to the best model: see `psafit.diagnose.discrepancy.Discrepancy`."""
 
     log_bayes: float
     amplitude: float
@@ -131,7 +131,7 @@ class MisfitResult:
     leftover : DiscrepancyResult
     sessions : list of Offset
     remains : bool, optional
-        Whether structure remains beside the causes of an extension that does not explain the readings.
+        Whether structure remains given the causes of an extension that does not explain the readings.
     robustness : Robustness, optional
     search : Significance, optional
     """

@@ -125,9 +125,9 @@ class ScreeningResult:
     id : str
         The cause.
     verdict : str
-        In words; "could not have been seen" is said beside the adopted model.
+        In words; "could not have been seen" is said given the adopted model.
     gain, refit_gain : float, nats
-        By it alone beside the baseline: of the log posterior in the expansion, of the log likelihood when fitted.
+        By it alone, added to the baseline: of the log posterior in the expansion, of the log likelihood when fitted.
     chance : float, nats
         What scatter alone gains in the expansion once in twenty times.
     log_bayes : float
@@ -136,14 +136,14 @@ class ScreeningResult:
         At which it gains that, in `unit`.
     unit : str
     visible : float
-        Size of a plausible effect beside the adopted model, in standard deviations of its scatter.
+        Size of a plausible effect given the adopted model, in standard deviations of its scatter.
     inclusion : float
         Probability that it is among the causes, given that the catalogue holds the truth.
     plausible : float
         The strength meant there, in `unit`: as far from neutral as the prior is in the median, on the likelier side;
         nan in records of earlier versions.
     room : float or None
-        Largest change of a range, as a share of it, that the readings leave it beside the adopted model (95 %); see
+        Largest change of a range, as a share of it, that the readings leave it given the adopted model (95 %); see
         `psafit.diagnose.room`.
     left : float or None
         What they leave it of an effect (95 %), measured as `visible` is.

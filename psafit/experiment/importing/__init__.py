@@ -1,6 +1,6 @@
 """Read what instruments and spreadsheets write, and make an experiment folder of it.
 
-Everything that was understood is kept in records and told; what can be understood in two ways is asked for by one
+Everything that was understood is kept in records and printed; what can be understood in two ways is asked for by one
 `InputError`, never guessed. Text is decoded by charset-normalizer, split by clevercsv and csv; workbooks are read by
 calamine; units are pint's.
 """
@@ -157,11 +157,11 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
         shape = "" if not given else given[0] if len(given) == 1 else given[number]
         if said and shape:
             faults.add(
-                InputError("a column tells the waveform", "leave out --waveform", file=grid.file, line=head.line)
+                InputError("a column gives the waveform", "leave out --waveform", file=grid.file, line=head.line)
             )
         if not said and not shape:
             remedy = f"say --waveform NAME, of {listed(WAVEFORMS)}; of several tables --waveform sine,square"
-            faults.add(InputError("nothing tells the waveform of the drive", remedy, file=grid.file))
+            faults.add(InputError("nothing says which waveform of the drive", remedy, file=grid.file))
         shapes.append(shape)
     faults.end()
     return shapes

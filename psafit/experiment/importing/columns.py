@@ -81,7 +81,7 @@ def option(heading: str, column: str, unit: str = "") -> str:
 
 
 def choose(grid: Grid, head: Head, options: Options) -> Chosen:
-    """Tell what each column holds.
+    """Say what each column holds.
 
     Raises
     ------
@@ -186,11 +186,11 @@ def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Fa
 
 
 def _repeated(columns: Sequence[Column]) -> bool:
-    """Whether columns are called alike, or alike but for numbers from 0 or 1."""
-    alike = len({c.heading.name for c in columns}) == 1
+    """Whether columns have one name, or one but for numbers from 0 or 1."""
+    same_name = len({c.heading.name for c in columns}) == 1
     same = len({c.heading.text for c in columns}) == 1
     numbers = sorted(-1 if c.heading.number is None else c.heading.number for c in columns)
-    return alike and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
+    return same_name and (same or numbers in ([k + first for k in range(len(columns))] for first in (0, 1)))
 
 
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
@@ -266,7 +266,7 @@ def _volts(
         return said.pop()
     if own or (options.volts and not said):
         return options.volts
-    what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS cannot be told"
+    what = f"column {column.name}: whether volts are zero to peak, peak to peak or RMS is not said"
     remedy = f"say --volts {', --volts '.join(VOLTS)}, or {option(column.option, column.column, 'Vpp')}"
     faults.add(_error(grid, head, what, remedy))
     return None

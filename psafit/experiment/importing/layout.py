@@ -135,7 +135,7 @@ class Body:
 
 
 def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
-    """Tell readings from comments, footers and the like.
+    """Separate readings from comments, footers and the like.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def body(grid: Grid, head: Head, needed: Sequence[int], most_rows: int) -> Body:
         if head.line and texts == again:
             fault("the headings once more: another table", "give each table a file of its own", row.line)
         elif grid.separator in BLANKS and len(texts) != len(again):
-            what = f"{len(texts)} cells in the row, {len(again)} headings: which one is empty cannot be told"
+            what = f"{len(texts)} cells in the row, {len(again)} headings: which one is empty is not clear"
             fault(what, "fill it, quote headings of several words, or export with another separator", row.line)
         elif head.line and len(texts) > len(again):
             comma = "; decimal commas need another separator" if grid.separator == "," else ""

@@ -34,7 +34,7 @@ class Mapping:
 
 @dataclass(frozen=True)
 class Options:
-    """What no file tells, or tells in two ways.
+    """What no file says, or says in two ways.
 
     Parameters
     ----------

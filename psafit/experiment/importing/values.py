@@ -102,7 +102,7 @@ def _notation(grid: Grid, body: Body, columns: Sequence[Column], options: Option
     cells = [(row.line, cell) for row in body.rows for c in columns if text_of(cell := _cell(row, c))]
     if two := ambiguous(cells):
         line, text, values = two
-        what = f"{shown(text)} may be {values[0]:f} or {values[1]:f}, and no other number of the file tells which"
+        what = f"{shown(text)} may be {values[0]:f} or {values[1]:f}, and no other number of the file shows which"
         raise InputError(what, "say --decimal . or --decimal ,", file=grid.file, line=line)
     return likeliest([cell for _, cell in cells])
 
@@ -167,7 +167,7 @@ def _no_number(cell: Cell, text: str, notation: Notation) -> tuple[str, str]:
     if other.number(cell) is not None:
         return (
             f"{shown(text)} is no number with {shown(notation.decimal)} as decimal mark, as the others have",
-            f"write all numbers alike, or say --decimal {other.decimal}",
+            f"write all numbers in one way, or say --decimal {other.decimal}",
         )
     remedy = "correct it; if nothing was read, delete the row, or empty the cell of a repetition"
     return f"{shown(text)} is not a number", remedy
@@ -191,7 +191,7 @@ def _factor(number: Number, column: Column, waveform: str, text: str) -> Decimal
     volts = number.unit.volts if number.unit and number.unit.volts else column.volts
     if volts and column.volts and volts != column.volts:
         what = f"{shown(text)} is {VOLTS[volts]}, and its column {VOLTS[column.volts]}"
-        raise CellFault(what, "count all volts of the column alike")
+        raise CellFault(what, "count all volts of the column in one way")
     if volts is None:
         raise CellFault(f"{shown(text)} may be zero to peak, peak to peak, or RMS", "say --volts peak, pp or rms")
     return factor * peak(volts, waveform)

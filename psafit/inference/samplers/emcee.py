@@ -1,7 +1,7 @@
 """Posterior draws by emcee, with a checkpoint that survives anything.
 
-Several ensembles of walkers run side by side, each with its own seed: whether they agree is what R-hat tells. Steps are
-drawn in memory; after every chunk all chains go to an HDF5 file of emcee's own format, swapped in by one rename.
+Several ensembles of walkers run side by side, each with its own seed: whether they agree is what R-hat measures. Steps
+are drawn in memory; after every chunk all chains go to an HDF5 file of emcee's own format, swapped in by one rename.
 Whatever kills the run, consistent chains with their generators' states are there to go on from, and a resumed run draws
 what an undisturbed one would have drawn.
 
@@ -139,7 +139,7 @@ def tuned(target: Target, settings: Settings, steps: FloatArray) -> Surrogate:
     if len(steps):
         own = np.unique(steps.reshape(-1, steps.shape[2])[-8 * settings.tuned_by :], axis=0)
         own = own[np.linspace(0, len(own) - 1, min(settings.tuned_by, len(own))).astype(int)]
-        # What stands for the posterior now; the others still tell what lies around it.
+        # What stands for the posterior now; the others still show what lies around it.
         u, weights = np.concatenate([own, u]), np.repeat([1.0 / len(own), 0.0], [len(own), len(u)])
     return Surrogate(target.found, u, weights, seed=target.seed)
 
@@ -171,7 +171,7 @@ def autocorrelation_time(draws: FloatArray) -> FloatArray:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         tau = emcee.autocorr.integrated_time(np.swapaxes(draws, 0, 1), tol=0, quiet=True)
-    # A walker that never moved in a short stretch has none: then the stretch is too short to tell.
+    # A walker that never moved in a short stretch has none: then the stretch is too short for one.
     return np.where(np.isfinite(tau), np.maximum(tau, 1.0), float(draws.shape[1]))
 
 
@@ -334,7 +334,7 @@ def run(
             if done:
                 chain = chain_of(History.of(backends), settings)
                 progress(_progress(chain, done, settings))
-                if chain.converged or done >= settings.max_steps or chain.height > ceiling:
+                if chain.converged or done >= settings.max_steps or chain.highest_log_posterior > ceiling:
                     return chain
             if chosen is None or tuned_at != settings.tuned_at(done):
                 tuned_at = settings.tuned_at(done)
@@ -406,7 +406,7 @@ def _progress(chain: Chain, steps: int, settings: Settings, every: int = 1) -> P
         wanted_times=settings.autocorrelation_times,
         r_hat=r_hat,
         wanted_r_hat=settings.r_hat,
-        log_posterior=chain.height,
+        log_posterior=chain.highest_log_posterior,
     )
 
 

@@ -45,13 +45,13 @@ class Importance:
         own, random = target.draws, np.random.default_rng([target.seed, 7])
         u = random.permutation(own.resampled(max(int(own.effective), 4 * settings.chains)))
         sound = own.effective >= settings.effective_samples and own.pareto_k < TRUSTED
-        progress(Progress(steps=len(u), steps_left=0, chunk=len(u), converged=sound, log_posterior=own.height))
+        progress(Progress(steps=len(u), steps_left=0, chunk=len(u), converged=sound, log_posterior=own.log_posterior))
         draws = dealt(u, settings.chains)
         log_posterior = target.problem.log_posterior(draws.reshape(-1, draws.shape[2])).reshape(draws.shape[:2])
         ones = np.ones(draws.shape[2])
         acceptance = own.effective / len(own.draws)
         return Chain(
-            draws, log_posterior, ones, store.r_hat(draws), 0, acceptance, sound, own.top, own.height
+            draws, log_posterior, ones, store.r_hat(draws), 0, acceptance, sound, own.top, own.log_posterior
         )  # fmt: skip
 
     def look(self, path: Path, settings: Mapping[str, int | float], n_dim: int, values: int) -> Progress | None:

@@ -195,18 +195,18 @@ class Nautilus:
         weights = np.exp(log_weight - log_weight.max())
         weights /= weights.sum()
         chosen = random.permutation(systematic(weights, max(int(sampler.n_eff), 4 * settings.chains)))
-        draws, height = dealt(u[chosen], settings.chains), problem.log_prior(u) + log_likelihood
-        best = int(np.argmax(np.where(weights > 0, height, -np.inf)))
+        draws, log_posterior = dealt(u[chosen], settings.chains), problem.log_prior(u) + log_likelihood
+        best = int(np.argmax(np.where(weights > 0, log_posterior, -np.inf)))
         return Chain(
             draws,
-            dealt(height[chosen, None], settings.chains)[..., 0],
+            dealt(log_posterior[chosen, None], settings.chains)[..., 0],
             np.ones(problem.n_dim),
             store.r_hat(draws),
             0,
             float(sampler.n_eff / sampler.n_like),
             enough,
             u[best],
-            float(height[best]),
+            float(log_posterior[best]),
         )
 
     def look(self, path: Path, settings: Mapping[str, int | float], n_dim: int, values: int) -> Progress | None:

@@ -107,9 +107,11 @@ _FACTORS: Final = (
 )
 
 
-def residual_view(errors: Sequence[FloatArray]) -> tuple[float, float]:
-    """Limits of the common axis of all residual figures."""
-    low, high = min(float(np.min(e)) for e in errors), max(float(np.max(e)) for e in errors)
+def residual_view(errors: Sequence[FloatArray], reach: float = 4.0) -> tuple[float, float]:
+    """Limits of the common axis of all residual figures: `reach` times what 90 % of the points keep to."""
+    every = np.concatenate(list(errors))
+    far = reach * float(np.quantile(np.abs(every), 0.9))
+    low, high = max(float(every.min()), -far), min(float(every.max()), far)
     least = 0.5 * max(-low, high, 0.1)  # no side so narrow that the zero line is the frame
     return 1.08 * min(low, -least), 1.08 * max(high, least)
 
@@ -130,7 +132,7 @@ def residual_figure(
     sweep : Sweep
         Of its group.
     error : (n_points,) array
-        ``ln((predicted + 0.3 um)/(measured + 0.3 um))``.
+        ``ln((predicted + offset)/(measured + offset))``.
     band : two (n_points,) arrays
         The same for the ends of the 90 % predictive interval.
     others : sequence of (Sweep, array)
@@ -151,6 +153,9 @@ def residual_figure(
         axes.axhline(0.0, color=PALETTE["ink"], lw=0.9, zorder=2)
         order = np.argsort(sweep.values, kind="stable")
         axes.plot(sweep.values[order], error[order], color=color, lw=1.0, marker=ROLE_MARKER[p.role], ms=2.7, zorder=3)
+        for beyond, mark, edge in ((error > view[1], "^", view[1]), (error < view[0], "v", view[0])):
+            at = sweep.values[beyond]
+            axes.plot(at, np.full(at.size, edge), mark, color=color, ms=5, clip_on=False, zorder=4)
         every = np.concatenate([sweep.values, *(other.values for other, _ in others)])
         every = every[every > 0] if sweep.log else every
         scale_sweep(axes, sweep, float(every.min()), float(every.max()))

@@ -1,4 +1,4 @@
-"""Which causes a design can tell apart, as a matrix."""
+"""Which causes a design can distinguish, as a matrix."""
 
 from __future__ import annotations
 
@@ -42,5 +42,5 @@ def isolability_figure(found: Isolability, *, most: float = 30.0) -> Figure:
         axes.set_xlabel("taken for")
         axes.set_ylabel("what made the readings")
         bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02)
-        bar.set_label(f"nats against it; {limit:g} tell, {most:g} and more are white")
+        bar.set_label(f"nats against it; {limit:g} separate, {most:g} and more are white")
     return figure

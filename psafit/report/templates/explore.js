@@ -126,7 +126,7 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     const point = (at, v, on) => `${on ? "L" : "M"}${x(at).toFixed(1)} ${Math.max(Math.min(yFree(Math.max(v, isLog ? y0 / 1e3 : v)), foot + 40), head - 40).toFixed(1)}`;
     const path = (at, values) => values.map((v, i) => point(at[i], v, i)).join("");
     const lone = group.x.every((v) => v === group.x[0]); // a line and a band need a width
-    const beside = (dx) => x(group.x[0]) + dx;
+    const shifted = (dx) => x(group.x[0]) + dx;
     // No launch has no place on a logarithmic axis: it breaks a line, and stands at the foot like a reading of zero.
     const none = (v) => isLog && v === 0;
     const broken = ([at, values]) => values.map((v, i) => (none(v) ? "" : point(at[i], v, i && !none(values[i - 1])))).join("");
@@ -153,12 +153,12 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
         if (!hidden.has(b.name)) {
           const [at, [low, high]] = [b.line ? c.line[0] : group.x, b.line ?? [b.low, b.high]];
           const d = lone
-            ? `M${beside(-9)} ${y(Math.max(...high))}H${beside(9)}V${y(Math.min(...low))}H${beside(-9)}Z`
+            ? `M${shifted(-9)} ${y(Math.max(...high))}H${shifted(9)}V${y(Math.min(...low))}H${shifted(-9)}Z`
             : `${path(at, high)}${path([...at].reverse(), [...low].reverse()).replace("M", "L")}Z`;
           svg(inside, "path", { d, class: band(c, place) });
         }
     for (const c of curves) {
-      svg(inside, "path", { d: lone ? c.middle.filter((v) => !none(v)).map((v) => `M${beside(-10)} ${y(v)}H${beside(10)}`).join("") : broken(c.line ?? [group.x, c.middle]), class: line(c) });
+      svg(inside, "path", { d: lone ? c.middle.filter((v) => !none(v)).map((v) => `M${shifted(-10)} ${y(v)}H${shifted(10)}`).join("") : broken(c.line ?? [group.x, c.middle]), class: line(c) });
       order.filter((i) => none(c.middle[i])).forEach((i) => svg(picture, "path", { d: triangle(group.x[i], 3), class: `dot ${c.color}` }));
     }
     if (!hidden.has("measured"))
@@ -181,10 +181,10 @@ for (const [place, home] of document.querySelectorAll(".explorer").entries()) {
     ];
     zero.hidden = !zeros.length;
     zero.querySelector("path").setAttribute("class", zeros[0] ?? "reading");
-    tell(curves);
+    report(curves);
   }
 
-  function tell(curves) {
+  function report(curves) {
     const hint = "Point at the curves, or move with the arrow keys, for the values of a reading.";
     const parts = [];
     if (at !== null) {

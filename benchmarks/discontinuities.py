@@ -1,8 +1,9 @@
-"""How often do climbs stop below the top of a posterior, and how often does the look behind cliffs find it?
+"""How often do optimisations stop below the top of a posterior, and how often is it found behind discontinuities?
 
-``python benchmarks/cliffs.py --seed 25`` hides every cause at three strengths, fits the model that made the readings
-from the baseline's optimum, samples it as the search does (a second fit from draws of the prior, a population), and
-climbs from the truth. Prints, for each data set, how far these are above the first climbs (nats), and counts.
+``python benchmarks/discontinuities.py --seed 25`` hides every cause at three strengths. It fits the model that made the
+readings from the baseline's optimum, samples it as the search does (a second fit from draws of the prior, a
+population), and optimises from the truth. It prints, for each data set, how far these are above the first optimisations
+(nats), and counts.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ STUDY = Path(__file__).resolve().parents[1] / "experiments" / "psa"
 TOLERANCE, HIGHER = 1e-4, 0.5
 
 
-def heights(spec: Spec) -> tuple[str, float, float, float]:
-    """Of one data set: how far a sample and a climb from the truth lead above the climbs, nats; seconds."""
+def log_posteriors(spec: Spec) -> tuple[str, float, float, float]:
+    """Of one data set: how far a sample and an optimisation from the truth lead above the first ones, nats; seconds."""
     design = read_experiment(STUDY) if spec.design == "given" else None
     with tempfile.TemporaryDirectory() as folder:
         made = make(
@@ -54,12 +55,12 @@ def heights(spec: Spec) -> tuple[str, float, float, float]:
     hidden = terms(made.answer.terms)
     problem = Problem(made.experiment, made.experiment.ids, hidden, tolerance=TOLERANCE)
     plain = fit(replace(problem, terms=()), (), seed=1, draws=4096, most=48)
-    climbed = fit(problem, [plain], seed=1)
+    optimised = fit(problem, [plain], seed=1)
     begun = time.perf_counter()
-    found = sample(problem, [climbed], seed=1)[0]
+    found = sample(problem, [optimised], seed=1)[0]
     seconds = time.perf_counter() - begun
-    top = float(maximise(problem, truth_of(problem, made.answer)[None]).height[0])
-    return spec.id, found.height - climbed.height, top - climbed.height, seconds
+    top = float(maximise(problem, truth_of(problem, made.answer)[None]).log_posterior[0])
+    return spec.id, found.log_posterior - optimised.log_posterior, top - optimised.log_posterior, seconds
 
 
 def main() -> None:
@@ -70,13 +71,13 @@ def main() -> None:
     given = parser.parse_args()
     specs = [s for s in plan(given.seed, nothing=10, pairs=0, drawn=0) if s.kind == "one"]
     rows = []
-    calls = (joblib.delayed(heights)(s) for s in specs)
+    calls = (joblib.delayed(log_posteriors)(s) for s in specs)
     for row in joblib.Parallel(n_jobs=given.jobs, return_as="generator", batch_size=1)(calls):
         rows.append(row)
         print(f"{row[0]:36} sample {row[1]:+7.2f}  truth {row[2]:+7.2f}  {row[3]:5.1f} s", flush=True)
     look, truth, seconds = np.array([row[1:] for row in rows]).T
     print(
-        f"{len(rows)} data sets; the first climbs end below the truth's top in {np.sum(truth > HIGHER)},"
+        f"{len(rows)} data sets; the first optimisations end below the truth's top in {np.sum(truth > HIGHER)},"
         f" after a sample {np.sum(truth - look > HIGHER)} do; a sample takes {np.median(seconds):.1f} s (median),"
         f" {seconds.max():.1f} at most"
     )
