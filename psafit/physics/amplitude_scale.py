@@ -8,7 +8,7 @@ double (:math:`c = 2`). Bias and idle level are set apart and stay. A recorded v
 act on it. Assumed: one factor for all groups.
 
 Where stroke and voltage are proportional this is `stroke_tolerance`, to the last digit, and only the priors distinguish
-the two apart: that one is a tolerance, this one a few certain factors. Slew limits, saturation, a stroke that grows
+the two: that one is a tolerance, this one a few certain factors. Slew limits, saturation, a stroke that grows
 with the field, a bias and an idle level see the voltage itself. A vibrometer on the free tip, or an oscilloscope at the
 stack, settles it.
 """
