@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from psafit.errors import ConvergenceError
 from psafit.inference.candidate import candidate_at, candidate_of, fit, separate_modes
 from psafit.inference.evidence import (
     Emulated,
+    ImportanceSample,
     Pool,
     RoundSettings,
     _drawn_inside,
@@ -177,3 +179,13 @@ def test_prior_width_survives_draws_of_hardly_any_weight():
     weights = np.r_[1e-310, np.full(len(found.weights) - 1, 1 / (len(found.weights) - 1))]
     factor = np.r_[700.0, np.zeros(len(weights) - 1)]
     assert replace(found, weights=weights).mean_of(factor) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_walkers_begin_at_distinct_places() -> None:
+    """Draws that resampling has left several times are one place each: emcee's snooker divides by their distance."""
+    rng = np.random.default_rng(0)
+    few = rng.standard_normal((40, 3))
+    rows = rng.integers(0, 40, 200)
+    sample = SimpleNamespace(draws=few[rows], weights=np.full(200, 1 / 200))
+    found = ImportanceSample.distinct(sample, 30, rng)  # type: ignore[arg-type]
+    assert len(np.unique(found, axis=0)) == 30
