@@ -154,7 +154,9 @@ class ImportanceSample:
         """
         # What resampling has left several times is one draw with the weight of all.
         _, first, of = np.unique(self.draws, axis=0, return_index=True, return_inverse=True)
-        weights = np.bincount(of.ravel(), self.weights)[np.argsort(first)]
+        weights = np.zeros(first.size)
+        np.add.at(weights, of.ravel(), self.weights)
+        weights = weights[np.argsort(first)]
         with np.errstate(divide="ignore"):
             key = np.log(tempered(weights)) + random.gumbel(size=weights.size)
         return self.draws[np.sort(first)][np.resize(np.argsort(-key, kind="stable"), n)]
