@@ -310,7 +310,7 @@ def isolability(
     """
     settings = settings or IsolabilitySettings()
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
-    usual = int(design.measured[~design.traced].min(initial=len(OF_LAUNCHES)) % len(OF_LAUNCHES))
+    usual = design.usually_measured
     sweeps = [p.reading(usual, usual) for p in proposals(constants, groups, limits) if not p.changed]
     raw = [_Effects.at(design, theta, catalogue, settings) for theta in at]
     effects = [one.refitted() for one in raw]

@@ -120,7 +120,7 @@ class Proposal:
     def measured(self, problem: Problem) -> int:
         """Number of what is to be read, as `psafit.observables.OBSERVABLES` counts."""
         named = [k for k, o in enumerate(OBSERVABLES) if o.name == self.observable]
-        return named[0] if named else int(problem.usually_measured(1)[0])
+        return named[0] if named else problem.design.usually_measured
 
 
 @dataclass(frozen=True)
@@ -367,7 +367,7 @@ def _sweeps(
 
 def _possible(candidate: Candidate) -> list[Possible]:
     problem, experiment = candidate.problem, candidate.problem.experiment
-    usual = int(problem.usually_measured(1)[0])
+    usual = problem.design.usually_measured
     found = proposals(experiment.constants, experiment.groups, experiment.limits)
     others = [k for k in range(len(OF_LAUNCHES)) if k != usual]
     return [p.reading(k, usual) for k in (usual, *others) for p in found if k == usual or not p.changed]

@@ -51,14 +51,18 @@ def remembered(noise: FloatArray) -> FloatArray | None:
     return np.nan_to_num(noise[:, 3]) if noise.shape[1] > 3 else None
 
 
+def _before(values: FloatArray) -> FloatArray:
+    """What stands at the reading before, along the last axis; zero before the first."""
+    return np.concatenate([np.zeros_like(values[..., :1]), values[..., :-1]], axis=-1)
+
+
 def whitened(deviation: FloatArray, noise: FloatArray) -> FloatArray:
     """What deviations, in units of the scatter, (n_sets, ..., n_points), say beyond those before: their innovations."""
     rho = remembered(noise)
     if rho is None:
         return deviation
     rho = rho.reshape(len(rho), *[1] * (deviation.ndim - 2), rho.shape[1])
-    before = np.concatenate([np.zeros_like(deviation[..., :1]), deviation[..., :-1]], axis=-1)
-    return (deviation - rho * before) / np.sqrt(1.0 - rho * rho)
+    return (deviation - rho * _before(deviation)) / np.sqrt(1.0 - rho * rho)
 
 
 def correlated(innovation: FloatArray, noise: FloatArray) -> FloatArray:
@@ -108,8 +112,7 @@ def memory_score(z: FloatArray, innovation: FloatArray, pull: FloatArray, noise:
     rho = np.nan_to_num(noise[:, 3])
     rate = -rho * np.log(np.maximum(rho, 1e-300))
     rest = 1.0 - rho * rho
-    before = np.concatenate([np.zeros_like(z[:, :1]), z[:, :-1]], axis=1)
-    log_scale, location = -rate * rho / rest, rate * before / np.sqrt(rest)
+    log_scale, location = -rate * rho / rest, rate * _before(z) / np.sqrt(rest)
     return log_scale * (innovation * pull - 1.0) + location * pull, log_scale, location
 
 

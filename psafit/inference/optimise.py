@@ -117,9 +117,8 @@ def _scatter(
     predicted : (n_sets, n_points) array, um
     quantiles, tails, memories : sequence of float
         The grid: quantiles of the priors of both widths, of the degrees of freedom, and of a trace's correlation time.
-        The last width is for a model
-        that misses the readings by far: it may fit best where they are nothing but scatter, and no optimisation from a
-        small one comes there.
+        The last width is for a model that misses the readings by far: it may fit best where they are nothing but
+        scatter, and no optimisation from a small one comes there.
 
     Returns
     -------

@@ -183,10 +183,10 @@ def expansion(
     by_range = relative**2 * predicted / s**2
     gradient, curvature = np.zeros((n, d)), np.zeros((n, d, d))
     tails = noise.tail_score(innovation, nu, zero)
-    wide = z * pull - np.where(zero, 0.0, 1.0)
-    # What is expected of the squares of both is Student's, but for zeros: their own squares stand for it.
-    weight = np.where(zero, np.abs(pull) * np.sqrt((nu + 3) / (nu + 1)), 1.0)
-    wide_weight = np.where(zero, np.abs(wide) * np.sqrt((nu + 3) / (2 * nu)), 1.0)
+    wide, censored = z * pull - ~zero, bool(zero.any())
+    if censored:  # what is expected of the squares of both is Student's, but for zeros: their own stand for it
+        weight = np.where(zero, np.abs(pull) * np.sqrt((nu + 3) / (nu + 1)), 1.0)
+        wide_weight = np.where(zero, np.abs(wide) * np.sqrt((nu + 3) / (2 * nu)), 1.0)
     for j, here in enumerate(problem.rows_of_scatter):  # of each observable, whose scatter is its own
         if not z[:, here].size:
             continue  # of one that these groups do not read, nothing but the prior is known
@@ -207,8 +207,9 @@ def expansion(
             log_scale = np.concatenate([log_scale, wider[:, None]], axis=1)
             location = noise.whitened(location, values[:, :, here])
             curvature[:, own + 3, own + 3] += ((some + 1) / (some + 3) * np.square(further)).sum(axis=1)
-        log_scale *= wide_weight[:, None, here]
-        location = location * weight[:, None, here]
+        if censored:
+            log_scale *= wide_weight[:, None, here]
+            location = location * weight[:, None, here]
         both = np.einsum("nip,njp->nij", log_scale, log_scale)
         curvature[:, at[:, None], at] += (2 * some / (some + 3))[:, :, None] * both
         both = np.einsum("nip,njp->nij", location, location)

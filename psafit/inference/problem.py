@@ -16,7 +16,7 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, GroupId, session_name
 from psafit.experiment.text import listed
 from psafit.inference import noise
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, Observable
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.parameters import Bounds, Parameter
 from psafit.physics import baseline, informed
 from psafit.physics.term import Term
@@ -172,16 +172,12 @@ class Problem:
 
     @property
     def usual_sigma(self) -> float | None:
-        """Median of the uncertainties that `usually_measured` readings state; None unless most state one."""
+        """Median of the uncertainties that readings of `Design.usually_measured` state; None unless most state one."""
         if self.known_sigma is None:
             return None
-        known = self.known_sigma[self.design.measured == self.usually_measured(1)]
+        known = self.known_sigma[self.design.measured == self.design.usually_measured]
         stated = known[known > 0]
         return float(np.median(stated)) if 2 * stated.size > known.size else None
-
-    def usually_measured(self, n: int) -> NDArray[np.int8]:
-        """What `n` readings to come are of: the first observable of launches fitted, or else launch ranges."""
-        return np.full(n, self.design.measured[~self.design.traced].min(initial=len(OF_LAUNCHES)) % len(OF_LAUNCHES))
 
     @cached_property
     def bounds(self) -> FloatArray:
@@ -276,7 +272,7 @@ class Problem:
         """Values of one observable's scatter, (n_sets, 3 or 4), as `noise.scale` takes them for some readings."""
         if values.shape[1] == 3:
             return values
-        rho = np.exp(-self.design.elapsed[here] / (values[:, 3:] * 1e-6))
+        rho = _memory(self.design.elapsed[here], values[:, 3:])
         return np.concatenate([np.repeat(values[:, :3, None], rho.shape[1], axis=2), rho[:, None]], axis=1)
 
     def noise_of(self, values: FloatArray, design: Design) -> FloatArray:
@@ -287,8 +283,7 @@ class Problem:
         rows = [values[:, starts + k] for k in range(3)]
         if design.traced.any():
             rows.append(np.full_like(rows[0], np.nan))
-            tau = values[:, starts[design.traced] + 3] * 1e-6
-            rows[3][:, design.traced] = np.exp(-design.elapsed[design.traced] / tau)
+            rows[3][:, design.traced] = _memory(design.elapsed[design.traced], values[:, starts[design.traced] + 3])
         return np.stack(rows, axis=1)
 
     def scatter_to_come(self, u: FloatArray, measured: int) -> FloatArray:
@@ -304,7 +299,7 @@ class Problem:
 
     def sigma_to_come(self, measured: int) -> float | None:
         """Usual uncertainty of readings to come of one observable, where most readings of it state one."""
-        return self.usual_sigma if measured == self.usually_measured(1)[0] else None
+        return self.usual_sigma if measured == self.design.usually_measured else None
 
     def scatter_of(self, measured: NDArray[np.int8]) -> NDArray[np.intp]:
         """Which of `observables` each reading is of, (n_points,)."""
@@ -416,3 +411,8 @@ class Problem:
         if inside.any():
             value[inside] += self.log_likelihood(u[inside])
         return value
+
+
+def _memory(elapsed: FloatArray, tau_us: FloatArray) -> FloatArray:
+    """Correlation of errors so many seconds apart, by the correlation time, us."""
+    return np.asarray(np.exp(-elapsed / (tau_us * 1e-6)))

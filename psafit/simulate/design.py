@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from psafit.arrays import FloatArray
 from psafit.drives import NAMES, Drive
 from psafit.experiment import Conditions, Constants
-from psafit.observables import OBSERVABLES
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.simulate.command import commands
 
 _USUAL = (Drive("sine"), Drive("square"))
@@ -22,7 +22,7 @@ MAX_FREQUENCY = 1e9  # Hz; no stack follows
 
 @dataclass(frozen=True)
 class Design:
-    """Measurement conditions: everything the simulator needs as well the parameters.
+    """Measurement conditions: all that the simulator needs but the parameters.
 
     Parameters
     ----------
@@ -165,6 +165,11 @@ class Design:
     def traced(self) -> NDArray[np.bool_]:
         """Which points are samples of a trace."""
         return ~np.isnan(self.time)
+
+    @property
+    def usually_measured(self) -> int:
+        """What readings to come are of: the first observable of launches, or else launch ranges."""
+        return int(self.measured[~self.traced].min()) if not self.traced.all() else OBSERVABLES.index(LAUNCH_RANGE)
 
     @cached_property
     def elapsed(self) -> FloatArray:
