@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from campaigns import says
 from commands import call, run
 
+from psafit.challenge import campaign, oracle
+from psafit.diagnose import diagnose
 from psafit.errors import InputError
+from psafit.experiment import Experiment
+from psafit.physics import terms
 
 
 @pytest.mark.slow
@@ -52,21 +58,30 @@ def test_bad_input_is_one_clear_line(tmp_path: Path, known_folder: Path, words: 
 @pytest.mark.slow
 def test_a_campaign_by_command(known_folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     """Run, taken up again without a second diagnosis, scored, shown."""
+    diagnosed: list[int] = []
+    few = terms(["start_phase", "reading_gain"])
+
+    def among_few(experiment: Experiment, ids: Any, folder: Path, *, quick: bool, seed: int) -> None:
+        diagnosed.append(seed)
+        diagnose(experiment, ids, folder, quick=quick, seed=seed, catalogue=few)
+
+    monkeypatch.setattr(campaign, "LEVELS", {"strong": 100.0})
+    monkeypatch.setattr(campaign, "run", partial(campaign.run, diagnose=among_few))
+    monkeypatch.setattr(oracle, "find_rivals", partial(oracle.find_rivals, among=few))
     out = tmp_path / "c"
     words = ["challenge", "run", "--seed", 5, "--experiment", known_folder, "--terms", "start_phase", "--each", 1]
-    words += ["--nothing", 1, "--pairs", 0, "--drawn", 0, "--jobs", 1, "--out", out]
+    words += ["--nothing", 1, "--pairs", 0, "--drawn", 0, "--designs", 0, "--jobs", 1, "--out", out]
     assert run(monkeypatch, *words, "--json", tmp_path / "run.json") == 0
     printed = capsys.readouterr()
     n = json.loads((tmp_path / "run.json").read_text())["n"]
-    assert n >= 2 and f"{n} of {n} data sets" in printed.err and "results: " in printed.out
+    assert n == 2 and f"{n} of {n} data sets" in printed.err and "results: " in printed.out
     kept = {file: file.read_bytes() for file in (out / "results").iterdir()}
-    assert len(kept) == n
-    monkeypatch.setattr("psafit.challenge.campaign.examine", None)
+    assert len(kept) == len(set(diagnosed)) == n
     assert run(monkeypatch, *words) == 0
-    assert {file: file.read_bytes() for file in (out / "results").iterdir()} == kept
+    assert len(diagnosed) == n and {file: file.read_bytes() for file in (out / "results").iterdir()} == kept
     capsys.readouterr()
     assert run(monkeypatch, "challenge", "score", out, "--json", tmp_path / "score.json") in (0, 1)
     assert "page: " in capsys.readouterr().out
     score = json.loads((tmp_path / "score.json").read_text())
-    assert len(score["rows"]) == n and {row["truth"] for row in score["rows"]} <= {"nothing", "start_phase"}
+    assert len(score["rows"]) == n and {row["truth"] for row in score["rows"]} == {"nothing", "start_phase"}
     assert (out / "score.html").stat().st_size > 10_000
