@@ -19,6 +19,8 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from PIL import Image
 from scripts import loaded
 
 from psafit import cli, physics, plugins
@@ -311,16 +313,26 @@ def thinned(experiment: Experiment) -> Experiment:
     return replace(experiment, groups=tuple(groups))
 
 
-@pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to follow a page in: few readings, short chains, few candidates."""
+def blank(figure: Figure, place: Any, *, format: str, **options: Any) -> None:
+    """An empty picture in the place of a figure's."""
+    if format == "png":
+        Image.new("RGB", (1, 1)).save(place, format="png")
+    else:
+        place.write(b"<svg xmlns='http://www.w3.org/2000/svg'/>")
+
+
+def set_up(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Go where a page is followed: few readings, short chains, few candidates, one data set to calibrate with.
+
+    Figures are made and not drawn, which takes half of all time: tests/report draws them.
+    """
     from psafit import api, diagnose
     from psafit.diagnose.settings import Settings as Effort
     from psafit.inference.problem import Problem
     from psafit.inference.samplers.emcee import Settings
     from psafit.physics import terms
 
-    write_experiment(thinned(read_experiment(ROOT / "experiments" / "psa")), tmp_path / "experiments" / "psa")
+    write_experiment(thinned(read_experiment(ROOT / "experiments" / "psa")), folder / "experiments" / "psa")
     short = Settings(chunk=50, tuned=15, autocorrelation_times=1.0, effective_samples=1.0, r_hat=100.0)
     usual = Settings.of
 
@@ -331,12 +343,31 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     whole, effort = diagnose.diagnose, Effort(simulated=49, searches=1)
 
     def few(*given: Any, **options: Any) -> Any:
-        return whole(*given, **options | {"catalogue": terms(["preload", "reading_gain"]), "settings": effort})
+        less = {"catalogue": terms(["preload", "reading_gain"]), "settings": effort}
+        return whole(*given, **options | less | {"calibrate": min(options.get("calibrate", 0), 1)})
 
     for module in (diagnose, api):
         monkeypatch.setattr(module, "diagnose", few)
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Figure, "savefig", blank)
+    monkeypatch.chdir(folder)
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to follow a page in."""
+    set_up(tmp_path, monkeypatch)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The fit and the diagnosis with which most pages begin; on a page the same command takes up what it has left."""
+    folder = tmp_path_factory.mktemp("begun")
+    with pytest.MonkeyPatch.context() as patch:
+        set_up(folder, patch)
+        call(["fit", "experiments/psa", "--group", "1"], patch)
+        call(["diagnose", "experiments/psa", "--quick"], patch)
+    return folder / "fits"
 
 
 def call(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -423,7 +454,9 @@ WITH_BLOCKS = [p for p in PAGES if p.name not in FOLLOWED_ELSEWHERE and blocks(p
         for p in WITH_BLOCKS
     ],
 )  # fmt: skip
-def test_every_block_of_a_page_runs(page: Path, desk: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_every_block_of_a_page_runs(page: Path, desk: Path, request, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    if is_slow(page):
+        shutil.copytree(request.getfixturevalue("begun"), desk / "fits")
     run_page(page, page.read_text("utf-8"), desk, monkeypatch, capsys)
 
 
