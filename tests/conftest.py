@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 
 # As the command line does: threads of the linear algebra library only wait for each other on our small matrices.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Tests that run side by side part the cores: what starts as many processes as there are cores takes its share.
+if side_by_side := int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")):
+    os.environ.setdefault("LOKY_MAX_CPU_COUNT", str(max(1, (os.cpu_count() or 1) // side_by_side)))
 
 import numpy as np
 import pytest
@@ -24,9 +27,14 @@ if TYPE_CHECKING:
 pytest.register_assert_rewrite("campaigns", "folders")  # they assert, though they hold no tests
 
 
+# The files of the longest tests: begun last, one would leave the other workers idle.
+LONGEST = ("test_hidden_effects.py", "test_notebooks.py", "test_docs.py", "test_diagnosis.py", "test_samplers.py")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest test: at the end one worker would wait for the other."""
-    items.sort(key=lambda item: item.path.name != "test_hidden_effects.py")
+    """Begin with the longest tests."""
+    places = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path.name, len(places)))
 
 
 @pytest.fixture(scope="session")
