@@ -166,13 +166,15 @@ def smoothed(log_weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72.
     """
     az = _arviz()
-    if _is_tree(az):
-        from arviz_stats.base import array_stats
+    # The quantiles of a tail heavier than a float can hold are infinite, and end at the largest weight as others do.
+    with np.errstate(over="ignore"):
+        if _is_tree(az):
+            from arviz_stats.base import array_stats
 
-        # This one takes log likelihoods, whose inverses are weights.
-        weights, tail = array_stats.psislw(-log_weights)
-    else:
-        weights, tail = az.psislw(log_weights)
+            # This one takes log likelihoods, whose inverses are weights.
+            weights, tail = array_stats.psislw(-log_weights)
+        else:
+            weights, tail = az.psislw(log_weights)
     return np.asarray(weights), np.asarray(tail)
 
 

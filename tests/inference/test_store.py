@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psafit.inference import store
-from psafit.inference.store import pareto_k, rounded_r_hat
+from psafit.inference.store import pareto_k, rounded_r_hat, smoothed
 
 
 def test_pareto_k_is_that_of_the_weights():
@@ -14,6 +14,11 @@ def test_pareto_k_is_that_of_the_weights():
     log_weights = np.random.default_rng(1).exponential(0.5, 4000)
     assert pareto_k(log_weights) == pytest.approx(0.5, abs=0.15)
     assert pareto_k(-log_weights) < 0
+
+
+def test_a_tail_beyond_all_floats_is_smoothed_without_a_warning() -> None:
+    weights, tail = smoothed(np.linspace(-7000, 0, 1000))
+    assert tail > 100 and np.exp(weights).sum() == pytest.approx(1) and weights[-1] == weights.max()
 
 
 def test_an_r_hat_is_printed_on_its_side_of_the_goal() -> None:
