@@ -24,7 +24,7 @@ def is_found(kind: str, asked: Asked, seed: int) -> bool:
     begun = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         hidden = hide_one(kind, rng, Path(name), asked)
-        said = answer_to(hidden, Path(name) / "diagnosis", asked.causes)
+        said = answer_to(hidden, Path(name) / "diagnosis", asked)
         answer, right = hidden.made.answer, is_right(hidden.made.answer, said)
     truth = answer.outside or " + ".join(answer.terms) or "nothing"
     print(

@@ -5,8 +5,8 @@ answered rightly. How many that are follows from the chance that a sound diagnos
 once in a thousand runs. A failure prints the seed and every verdict; ``PSAFIT_CHALLENGE_SEED=<seed>`` replays it.
 
 The fast test hides in 36 readings and gives the diagnosis four causes to choose from; the slow one hides in 72 and
-gives it the whole catalogue. Two more slow ones hide less: each cause that says of the rig what few think of, and one
-cause of a stack that is driven from 0 V.
+gives it the whole catalogue. Two more slow ones hide less, among seven causes: each cause that says of the rig what few
+think of, and one cause of a stack that is driven from 0 V.
 """
 
 from __future__ import annotations
@@ -167,13 +167,21 @@ def hide_one(
 
 
 def missed_kinds(
-    asked: Asked, kinds: Iterable[str], seed: int, folder: Path, singles: Sequence[str] = SINGLES
+    asked: Asked,
+    kinds: Iterable[str],
+    seed: int,
+    folder: Path,
+    singles: Sequence[str] = SINGLES,
+    once_in: float = ONCE_IN * len(RIGHT),
 ) -> tuple[list[str], str]:
-    """Kinds of which too few data sets are answered rightly, and a line for each data set."""
+    """Kinds of which too few data sets are answered rightly, and a line for each data set.
+
+    Of a kind a sound diagnosis misses all once in `once_in`.
+    """
     rng = np.random.default_rng(seed)
     lines, missed = [], []
     for kind in kinds:
-        for n in range(tries(RIGHT[kind])):
+        for n in range(tries(RIGHT[kind], once_in)):
             hidden = hide_one(kind, rng, folder / f"{kind}-{n}", asked, singles)
             begun = time.monotonic()
             said = answer_to(hidden, folder / f"{kind}-{n}-diagnosis", asked)
@@ -257,12 +265,16 @@ def without(part: str, patch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("part", PARTS)
 def test_a_broken_diagnosis_fails(part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a part of it the test below misses a kind, with any seeds that it may draw."""
+    """Without a part of it the test below misses a kind, with any seeds that it may draw.
+
+    One or two data sets show that, of which a sound diagnosis is right about one in nine of ten runs: the seeds are
+    fresh, and a part that only helps sometimes is found out in some run.
+    """
     without(part, monkeypatch)
     asked = FAST
     if part == "the price of a cause":  # nor is one that gains nothing counted with the model without it
         asked = replace(FAST, search=SearchSettings(visible=-PAID))
-    missed, report = missed_kinds(asked, [PARTS[part]], drawn_seed(), tmp_path)
+    missed, report = missed_kinds(asked, [PARTS[part]], drawn_seed(), tmp_path, once_in=10)
     print(report)
     assert missed == [PARTS[part]], report
 
@@ -278,7 +290,7 @@ def test_hidden_effects_are_found(asked: Asked, tmp_path: Path) -> None:
 
 # What few think of when they describe a rig: hidden by some 30 nats, as weak as a diagnosis must still see.
 OVERLOOKED = ("amplitude_scale", "idle_level", "session_lean", "frame_compliance")
-WEAK = replace(SLOW, strength=35.0, seen=25.0)
+WEAK = Asked(24, (*FEW, *OVERLOOKED), strength=35.0, seen=25.0)
 
 
 @pytest.mark.slow
