@@ -93,7 +93,7 @@ def test_without_a_drive_nothing_is_proposed(tmp_path):
     ("groups", "causes", "searches", "steps", "jobs"),
     [
         pytest.param(("a", "b"), FEW[:1], 0, 0, 1, id="small, without a chain"),
-        pytest.param(("a", "b", "c"), FEW, 2, 60, 2, id="whole", marks=pytest.mark.slow),
+        pytest.param(("a", "b", "c"), FEW[:2], 2, 60, 2, id="whole", marks=pytest.mark.slow),
     ],
 )
 def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, tmp_path, monkeypatch):
