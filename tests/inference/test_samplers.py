@@ -116,7 +116,7 @@ def test_a_nested_sampler_finds_the_same_and_goes_on(target: Target, tmp_path: P
     """From the prior alone; interrupted, it draws the same."""
     pytest.importorskip("nautilus")
     own, seen = sampler("nautilus"), list[Progress]()
-    settings = replace(own.settings(target.problem), n_live=200, effective_samples=400.0, chunk=2000)
+    settings = replace(own.settings(target.problem), n_live=150, effective_samples=200.0, chunk=2000)
     whole = own.draw(replace(target, path=tmp_path / "a.h5"), settings, seen.append)
     assert whole.converged and len(seen) > 1
     cut = replace(target, path=tmp_path / "b.h5")
