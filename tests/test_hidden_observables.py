@@ -103,8 +103,11 @@ def measured(read: Sequence[str], hidden: Term | None, seed: int, folder: Path) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", [None, "start_phase", "gap"], ids=lambda id: id or "nothing")
-@pytest.mark.parametrize("read", READ, ids="+".join)
+@pytest.mark.parametrize(
+    ("read", "hidden"),
+    [(read, hidden) for read, cause in zip(READ, ("start_phase", "gap") * 2, strict=True) for hidden in (None, cause)],
+    ids=lambda x: "+".join(x) if isinstance(x, tuple) else x or "nothing",
+)
 def test_what_is_hidden_is_found(read: tuple[str, ...], hidden: str | None, tmp_path: Path) -> None:
     experiment = measured(read, term(hidden) if hidden else None, 1, tmp_path / "rig")
     settings = replace(Settings.usual(quick=True), simulated=99)
