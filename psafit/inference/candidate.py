@@ -44,8 +44,8 @@ class FitSettings:
     hopeless : float, nats
         An optimisation whose trial ends this far below the best is given up.
     taken : int
-        Of what is known beforehand, so many of the best join the optimisations on all readings; so many are optimised
-        from each plateau's neighbours.
+        Of what is known beforehand, so many of the best join the optimisations on all readings; so many modes of the
+        same model are begun from; so many are optimised from each plateau's neighbours.
     crossings : int
         Times that a fit goes on from where a parameter without a slope was moved.
     across : tuple of (int, int)
@@ -258,8 +258,8 @@ def fit(
     extra : (n, n_dim) array, optional
         More starts.
     draws, most : int
-        Draws of the prior that are looked at for starts, and starts taken from them, at least two; a model with nothing
-        nested in it has no others.
+        Draws of the prior that are looked at for starts, and starts taken from them, at least two or none; a model with
+        nothing nested in it has no others.
     fresh : bool
         Whether optimisations begin at draws of the prior by themselves, too, and not only crossed with what is known.
     settings : FitSettings, optional
@@ -278,17 +278,17 @@ def fit(
         starts, n_drawn = starts_of(trial, seed, most, draws)
         end = maximise(problem, starts, schedule=s.thorough, unite=True)
         return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
-    rows = [r for c in nested for r in c.widened(trial, 1, seed=seed)]
+    rows = [r for c in nested for r in c.widened(trial, s.taken if c.ids == problem.ids else 1, seed=seed)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
     known = np.vstack(rows)
     races: list[tuple[FloatArray, Schedule]] = [(known, s.trial)]
     n_drawn = 0
-    if most > 4:
+    if most:
         crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
         races = [(np.vstack([known, crossed]), s.trial)]
-    if fresh and (most > 4 or len(problem.terms) < 2):
+    if most and fresh:
         # Optimisations from far away begin lower than those from what is known, and may end higher: they have their own
         # race.
         begun, n_fresh = starts_of(trial, seed, most, draws)
