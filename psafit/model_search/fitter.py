@@ -76,7 +76,7 @@ class ProblemFitter:
     starts: Sequence[Candidate] = ()
 
     def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> list[Known]:
-        """Fit models from the highest of their parts, from where they are known, and single causes from the prior, too."""
+        """Fit models from their highest parts, from where they are known, and single causes from the prior, too."""
         tasks = list(self._short(wanted, known))
         found = self._done(tasks)
         return [_estimated(_candidate(t.problem, a)) for t, a in zip(tasks, found, strict=True)]
