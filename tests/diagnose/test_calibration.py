@@ -103,10 +103,10 @@ def test_a_calibration_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
 @pytest.mark.slow
 def test_a_calibrated_diagnosis_is_the_same_for_any_number_of_workers(tmp_path) -> None:
     e = experiment(["amplifier_lag"], [4e-5], n=12)
-    asked = {"quick": True, "catalogue": FEW, "settings": LITTLE, "calibrate": 4}
+    asked = {"quick": True, "catalogue": FEW[:2], "settings": LITTLE, "calibrate": 2}
     found = [diagnose(e, ["a"], tmp_path / str(jobs), jobs=jobs, **asked) for jobs in (1, 2)]
     assert found[0].calibration == found[1].calibration
-    assert found[0].calibration.exact.of == 4 and found[0].calibration.reported.n >= 2
+    assert found[0].calibration.exact.of == 2 and found[0].calibration.reported.n >= 1
     assert read_json(tmp_path / "1" / RESULT, Diagnosis, sealed=True) == found[0]
     assert any(isinstance(s, Calibrated) for s in answer(found[0]))
 
