@@ -204,7 +204,8 @@ def test_an_edited_plugin_is_another_run(
 
 @pytest.mark.slow
 def test_the_command_fits_validates_and_refuses(known_folder: Path, sensor: Path, tmp_path: Path) -> None:
-    words = ("--group", 1, "--starts", 4, "--out", "run", "--terms", "sensor_compression", "--quiet")
+    words = ("--group", 1, "--starts", 4, "--sampler", "importance", "--out", "run", "--terms", "sensor_compression")
+    words += ("--quiet",)
     done = psafit("fit", known_folder, *words, "--plugin", "sensor_compression.py", cwd=tmp_path)
     assert done.returncode in (0, 1), done.stderr
     record = json.loads((tmp_path / "run" / "fit.json").read_text())
@@ -224,6 +225,7 @@ def test_the_command_fits_validates_and_refuses(known_folder: Path, sensor: Path
 @pytest.mark.slow
 def test_a_diagnosis_weighs_the_plugin(known_folder: Path, sensor: Path, tmp_path: Path) -> None:
     words = ("--group", 1, "--quick", "--no-report", "--quiet", "--out", "found", "--plugin", sensor)
+    words += ("--causes", "preload,sensor_compression")
     done = psafit("diagnose", known_folder, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
