@@ -205,15 +205,15 @@ def test_an_edited_plugin_is_another_run(
 @pytest.mark.slow
 def test_the_command_fits_validates_and_refuses(known_folder: Path, sensor: Path, tmp_path: Path) -> None:
     words = ("--group", 1, "--starts", 4, "--sampler", "importance", "--out", "run", "--terms", "sensor_compression")
-    words += ("--quiet",)
+    words += ("--no-report", "--quiet")
     done = psafit("fit", known_folder, *words, "--plugin", "sensor_compression.py", cwd=tmp_path)
     assert done.returncode in (0, 1), done.stderr
     record = json.loads((tmp_path / "run" / "fit.json").read_text())
     assert record["command"].endswith("--plugin sensor_compression.py")
-    page = (tmp_path / "run" / "report.html").read_text("utf-8")
-    assert record["versions"]["plugin sensor_compression"] in page and str(tmp_path) not in page
     assert psafit("validate", "run", "--quiet", cwd=tmp_path, PSAFIT_PLUGINS="sensor_compression.py").returncode == 0
     assert psafit("report", "run", "--plugin", sensor, "--quiet", cwd=tmp_path).returncode == 0
+    page = (tmp_path / "run" / "report.html").read_text("utf-8")
+    assert record["versions"]["plugin sensor_compression"] in page and str(tmp_path) not in page
     assert "which is not here" in psafit("validate", "run", cwd=tmp_path).stderr
     sensor.write_text(SENSOR + "# edited\n")
     changed = psafit("report", "run", "--plugin", sensor, cwd=tmp_path)
