@@ -14,7 +14,9 @@ strengths, and the one that imitates best counts. Of the places in the baseline 
 A cause *may be taken for* another where its readings speak less than a threshold against that. Two are *confounded*
 where each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the
 refit is linear: of a cause that changes the readings many times over the numbers say in which direction, not how far. A
-reading that a launch does not give with the cause, or without it, is left out.
+reading that a launch does not give with the cause, or without it, is left out. Samples of a trace have correlated
+errors: what counts of each is what it says beyond the one before, as in the likelihood
+(`psafit.inference.noise.whitened`).
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from psafit.arrays import FloatArray
 from psafit.diagnose.next_experiment import Possible, proposals
 from psafit.experiment import Constants
 from psafit.experiment.records import Conditions
+from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
 from psafit.physics.term import Term
 from psafit.records import ABSENT
@@ -69,12 +72,17 @@ class IsolabilitySettings:
     readings: tuple[int, ...] = (4, 8, 16)
     tolerance: float = 1e-9
 
-    def scatter(self, measured: NDArray[np.int8]) -> tuple[FloatArray, FloatArray]:
-        """Relative and absolute scatter of each reading, (n_points,), in its unit."""
-        usual = {k: [p.prior_median for p in OBSERVABLES[k].scatter[:2]] for k in np.unique(measured)}
-        usual[OBSERVABLES.index(LAUNCH_RANGE)] = [self.relative, self.absolute]
-        relative, absolute = np.array([usual[k] for k in measured]).T
-        return relative, absolute
+    def scatter(self, design: Design) -> FloatArray:
+        """The scatter of each reading, (1, 3 or 4, n_points), as `psafit.inference.noise.scale` takes it."""
+        values = np.full((1, 4, design.n_points), np.nan)
+        for k in np.unique(design.measured):
+            here, usual = design.measured == k, [p.prior_median for p in OBSERVABLES[k].scatter]
+            if OBSERVABLES[k] is LAUNCH_RANGE:
+                usual[:2] = self.relative, self.absolute
+            values[:, :3, here] = np.array(usual[:3])[:, None]
+            if OBSERVABLES[k].traced:
+                values[:, 3, here] = noise.memory(design.elapsed[here], np.array(usual[3:]))
+        return values if design.traced.any() else values[:, :3]
 
 
 @dataclass(frozen=True)
@@ -194,7 +202,7 @@ class Isolability:
 
 @dataclass(frozen=True, eq=False)
 class _Effects:
-    """What causes do at one place, in standard deviations of the scatter.
+    """What causes do at one place, in standard deviations of the scatter; along a trace, of its innovations.
 
     `slopes` (n, n_points) belong to the baseline's parameters; `rows` holds by cause and strength the
     (n_directions, n_points) effects. A cause in `typical` has a direction for each session, and there by strength what
@@ -208,7 +216,8 @@ class _Effects:
     @classmethod
     def at(cls, design: Design, theta: FloatArray, terms: Sequence[Term], settings: IsolabilitySettings) -> _Effects:
         """The effects in a design, at a place of the baseline."""
-        relative, absolute = settings.scatter(design.measured)
+        scatter = settings.scatter(design)
+        relative, absolute, _ = (row[0] for row in noise.columns(scatter))
         base = readings(design, theta, tolerance=settings.tolerance)[0]
         blank = np.array([OBSERVABLES[k].blank for k in design.measured])
 
@@ -216,7 +225,7 @@ class _Effects:
             sets = sets_with(term, design, theta, plausible(term, share))
             found = readings(design, sets, (term,), tolerance=settings.tolerance)
             off = in_scatter(found, relative, absolute) - in_scatter(base, relative, absolute)
-            return np.where(blank & ((found == 0.0) | (base == 0.0)), 0.0, off)
+            return noise.whitened(np.where(blank & ((found == 0.0) | (base == 0.0)), 0.0, off), scatter)
 
         rows, typical = {}, {}
         for term in terms:
@@ -227,7 +236,7 @@ class _Effects:
                     typical[term.id, share] = found[0]
         slopes = reading_slopes(design, theta, tolerance=settings.tolerance)
         slopes = np.where(blank & (base == 0.0), 0.0, slopes)
-        return cls(slopes / np.hypot(absolute, relative * base), rows, typical)
+        return cls(noise.whitened(slopes / np.hypot(absolute, relative * base), scatter), rows, typical)
 
     def of(self, ids: Sequence[str]) -> _Effects:
         """Those of some causes."""
