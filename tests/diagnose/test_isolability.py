@@ -12,7 +12,8 @@ from scripts import loaded
 from truths import experiment
 
 from psafit.diagnose.isolability import IsolabilitySettings, _Effects, isolability
-from psafit.diagnose.next_experiment import proposals, proposed
+from psafit.diagnose.next_experiment import proposed
+from psafit.diagnose.possible import proposals
 from psafit.drives import Drive, Table
 from psafit.experiment import Conditions, Experiment, read_as
 from psafit.inference.problem import Problem
@@ -123,6 +124,27 @@ def test_another_observable_that_would_distinguish_causes_is_named(pair, strengt
     assert set(block.causes) == set(pair) and block.also is not None
     assert (block.also.observable, block.also.splits) == (other.name, True)
     assert [set(two) for two in block.also.pairs] == [set(pair)] and block.also.nats >= settings.apart
+
+
+def test_a_trace_that_would_distinguish_causes_is_named():
+    """Where a velocity over time does more than a speed, a time or a force of every launch; with its design."""
+    e, pair = experiment(n=8), ("hertz_exponent", "soft_layer")
+    found = isolability("a rig", e.constants, e.groups, (), terms(pair), places=[RIGS["study"]])
+    (block,) = found.blocks
+    assert block.also is not None and block.also.trace is not None
+    trace = block.also.trace
+    assert (block.also.observable, block.also.splits) == ("velocity", True)
+    assert len(trace.time_us) == found.settings.trace.samples
+    assert trace.text == (
+        f"a trace of the ball's velocity, {trace.waveform}, {trace.frequency_hz:g} Hz, {trace.amplitude_v:g} V,"
+        f" {len(trace.time_us)} samples over {trace.time_us[-1]:g} us"
+    )
+    also = Conditions(
+        "t", trace.waveform, "", np.full(64, trace.frequency_hz), np.full(64, trace.amplitude_v),
+        time_us=np.array(trace.time_us), measured=np.full(64, OBSERVABLES.index(VELOCITY)),
+    )  # fmt: skip
+    whole = isolability("a rig", e.constants, [*e.groups, also], (), terms(pair), places=[RIGS["study"]])
+    assert not whole.blocks and min(whole.nats[0][1], whole.nats[1][0]) == pytest.approx(block.also.nats, rel=1e-6)
 
 
 @pytest.mark.slow
