@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import random
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import run
+from foreign import draw_trace, held_by
 
 from psafit.errors import InputError
 from psafit.experiment import Group, read_experiment
@@ -16,6 +18,7 @@ from psafit.experiment.importing import Mapping, Options, read_files
 from psafit.experiment.importing.units import Unit, scaled
 
 DRIVE = (("frequency_hz", 1200.0), ("amplitude_v", 20.0))
+RIG = [w for name in ("M=0.027", "m=0.005", "q=1.2e-7", "l=0.09", "k_s=4.89e7", "g=9.81") for w in ("--set", name)]
 TIMES = np.arange(12) * 5.0
 MOTION = np.round(0.01 * TIMES**1.5, 3)
 
@@ -138,14 +141,9 @@ def test_columns_and_files_are_groups(
     both = "".join(f"{t:g},{y:g},{1000 * y:g}\n" for t, y in zip(TIMES, MOTION, strict=True))
     Path("two.csv").write_text(f"Time (us),Displacement (um),Velocity (um/s)\n{both}", encoding="utf-8")
     Path("one.csv").write_text(rows(first=HEAD), encoding="utf-8")
-    rig = [
-        word
-        for name in ("M=0.027", "m=0.005", "q=1.2e-7", "l=0.09", "k_s=4.89e7", "g=9.81")
-        for word in ("--set", name)
-    ]
     drive = ("--set", "frequency_hz=1,1.2:kHz,1.3:kHz", "--set", "amplitude_v=5,20,40:Vpp", "--waveform", "sine")
     where = ("--out", "rig", "--json", "out.json")
-    assert run(monkeypatch, "import", "sweep.csv", "two.csv", "one.csv", *drive, *rig, *where) == 0
+    assert run(monkeypatch, "import", "sweep.csv", "two.csv", "one.csv", *drive, *RIG, *where) == 0
     assert "group 2: sine, 12 samples of the displacement, group2.csv" in capsys.readouterr().out
     data = read_experiment(Path("rig"))
     assert [g.observable.name for g in data.groups] == ["launch_range", "displacement", "velocity", "velocity"]
@@ -155,6 +153,24 @@ def test_columns_and_files_are_groups(
         np.testing.assert_allclose(group.reading, MOTION, rtol=1e-12)
     tables = json.loads(Path("out.json").read_text("utf-8"))["tables"]
     assert [c["column"] for c in tables[1]["columns"]][2:] == ["time_us", "displacement_um", "velocity_mm_s"]
+
+
+def test_drawn_traces_are_read_right_or_asked_about(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked = 0
+    for number in range(100):
+        made = draw_trace(random.Random(f"trace-{number}"), tmp_path)
+        if run(monkeypatch, "import", made.file.name, "--out", f"rig{number}", *made.options, *RIG) == 2:
+            (line,) = capsys.readouterr().err.splitlines()
+            assert "--decimal" in line or "--column" in line, line
+            asked += 1
+            continue
+        held, true = held_by(read_experiment(Path(f"rig{number}")).groups), sorted(made.readings)
+        assert [h[:4] for h in held] == [t[:4] for t in true]
+        np.testing.assert_allclose([h[4] for h in held], [t[4] for t in true], rtol=1e-12)
+    assert asked <= 10
 
 
 @pytest.mark.parametrize(
