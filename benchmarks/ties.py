@@ -25,9 +25,10 @@ from scipy.optimize import least_squares
 
 from psafit.diagnose.isolability import IsolabilitySettings
 from psafit.experiment import Experiment, read_experiment
+from psafit.inference import noise
 from psafit.inference.optimise import gradient
 from psafit.inference.problem import Problem
-from psafit.observables import OF_LAUNCHES
+from psafit.observables import OBSERVABLES, OF_LAUNCHES
 from psafit.physics import baseline, terms
 from psafit.simulate.sensitivity import RIGS, in_scatter, plausible
 
@@ -107,15 +108,16 @@ def left(
 ) -> tuple[float, np.ndarray]:
     """What a model leaves of readings without scatter, refitted from some starts, nats; and where that is."""
     measured = problem.design.measured
-    scale = IsolabilitySettings().scatter(measured)
-    blank = np.array([OF_LAUNCHES[k].blank for k in measured])
+    scatter = IsolabilitySettings().scatter(problem.design)
+    scale = [row[0] for row in noise.columns(scatter)[:2]]
+    blank = np.array([OBSERVABLES[k].blank for k in measured])
     used = np.isin(measured, kinds) & ~(blank & (exact == 0.0))
     target, n = in_scatter(exact, *scale), problem.n_model
     bounds = problem.bounds[:n]
 
     def residual(u: np.ndarray) -> np.ndarray:
         rows = np.hstack([u, np.tile(starts[0][n:], (len(u), 1))])
-        off = (in_scatter(problem.predict(rows), *scale) - target)[:, used]
+        off = noise.whitened(in_scatter(problem.predict(rows), *scale) - target, scatter)[:, used]
         # What a session has for itself is standard normal: a rival does not have it for nothing.
         return np.hstack([np.nan_to_num(off, nan=1e3), u[:, problem.n_physical :]])
 

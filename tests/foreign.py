@@ -126,9 +126,9 @@ class Notation:
         """A number as it is written."""
         if self.scientific:
             return f"{value:.{self.digits or 4}E}".replace(".", self.decimal)
-        plain = f"{Decimal(repr(value)):f}" if self.digits is None else f"{value:.{self.digits}f}"
+        plain = f"{Decimal(repr(abs(value))):f}" if self.digits is None else f"{abs(value):.{self.digits}f}"
         whole, _, part = plain.partition(".")
-        grouped = f"{int(whole):,}".replace(",", self.thousands)
+        grouped = ("-" if value < 0 else "") + f"{int(whole):,}".replace(",", self.thousands)
         return f"{grouped}{self.decimal}{part}" if part else grouped
 
     def value(self, text: str) -> Decimal:
@@ -168,6 +168,46 @@ def draw(rng: random.Random, folder: Path) -> Foreign:
     return Foreign(file, tuple(options), tuple(readings))
 
 
+TIMES = {"s": Decimal(10**6), "ms": Decimal(1000), "us": Decimal(1), "µs": Decimal(1), "ns": Decimal("0.001")}
+# Of what a trace is: psafit's column, names, and units with what turns a value into psafit's.
+MOTIONS: list[tuple[str, list[str], dict[str, Decimal]]] = [
+    ("displacement_um", ["Displacement", "Auslenkung", "Position"], READ["range"][2]),
+    ("velocity_mm_s", ["Velocity", "Geschwindigkeit", "Ball velocity"], READ["speed"][2]),
+    ("tip_displacement_um", ["Tip displacement"], READ["range"][2]),
+]
+
+
+def draw_trace(rng: random.Random, folder: Path) -> Foreign:
+    """Write a launch over time, as vibrometers and oscilloscopes do; arguments as of `draw`."""
+    separator, scientific = rng.choice(",;\t"), rng.random() < 0.3
+    notation = Notation(rng.choice(".,"), "", 9 if scientific else None, scientific)
+    column, names, units = rng.choice(MOTIONS)
+    unit, time_unit, style = rng.choice(list(units)), rng.choice(list(TIMES)), rng.choice(STYLES)
+    heads = [style.format(rng.choice(["Time", "t", "Zeit"]), time_unit), style.format(rng.choice(names), unit)]
+    factor, f, v = units[unit], float(rng.randrange(1, 300) * 100), float(rng.randrange(1, 40))
+    options = ["--set", f"frequency_hz={f / 1000}:kHz", "--set", f"amplitude_v={2 * v}:Vpp", "--waveform", "sine"]
+    if rng.random() < 0.3:  # the sensor's volts
+        scale = Decimal(rng.choice(["5", "-2.5", "0.125"]))
+        heads[1], factor = "CH1 (V)", factor * scale
+        options += ["--column", f"CH1 (V)={column}:{scale}{unit}/V"]
+    start = rng.choice([0, 0, 5, 12])  # samples before the drive
+    if start:
+        options += ["--start", "0"]
+    step, n = Decimal(rng.randrange(1, 80)) / 10, rng.choice([12, 40])
+    rows, readings = [], []
+    for k in range(-start, n):
+        cells = [notation.text(float(k * step / TIMES[time_unit])), notation.text(round(rng.uniform(-3, 40), 3))]
+        rows.append(cells)
+        time, value = (notation.value(cell) for cell in cells)
+        if k >= 0:
+            held = {"time_us": time * TIMES[time_unit], column: value * factor}
+            readings += [("sine", f, v, name, float(x)) for name, x in held.items()]
+    above = [[line] for line in rng.sample(PREAMBLE, rng.choice([0, 0, 1, 3]))]
+    file = folder / "foreign.csv"
+    file.write_bytes(_text(rng, [*above, heads, *rows], separator))
+    return Foreign(file, tuple(options), tuple(readings))
+
+
 def _row(
     rng: random.Random, form: Form, notation: Notation, volts: float | None, workbook: bool
 ) -> tuple[list[Any], list[Reading]]:
@@ -196,12 +236,15 @@ def _row(
 
 
 def held_by(groups: Iterable[Group]) -> list[Reading]:
-    """What groups hold, as `Foreign.readings` has it, sorted."""
-    return sorted(
-        (g.waveform, float(f), float(v), OBSERVABLES[k].column, float(y))
-        for g in groups
-        for f, v, k, y in zip(g.frequency_hz, g.amplitude_v, g.measured, g.reading, strict=True)
-    )
+    """What groups hold, as `Foreign.readings` has it, sorted; the times of samples stand among them."""
+    found = []
+    for g in groups:
+        for i, (f, v, k, y) in enumerate(zip(g.frequency_hz, g.amplitude_v, g.measured, g.reading, strict=True)):
+            condition = g.waveform, float(f), float(v)
+            found.append((*condition, OBSERVABLES[k].column, float(y)))
+            if g.time_us is not None:
+                found.append((*condition, "time_us", float(g.time_us[i])))
+    return sorted(found)
 
 
 def _form(rng: random.Random) -> Form:

@@ -327,9 +327,9 @@ def set_up(kind: str, rng: random.Random, known: dict[str, list[str]], folder: P
 
 def import_words(rng: random.Random, folder: Path) -> list[str]:
     """A file as instruments write it, half of them spoilt, and the command that imports it."""
-    from foreign import draw
+    from foreign import draw, draw_trace
 
-    made = draw(rng, folder)
+    made = (draw_trace if rng.random() < 0.25 else draw)(rng, folder)
     if rng.random() < 0.5:
         spoil(made.file, rng)
     else:

@@ -254,9 +254,12 @@ def read_plainly(folder: Path) -> list[Held]:
         held.settings = {k: float(keys[k]) for k in SETTINGS if k in keys}
         if "drive" in keys:
             held.rows = [(float(a), float(b)) for a, b in _rows(folder / keys["drive"])[1:]]
-        head, *rows = _rows(folder / keys["file"])
+        head, *rows = _rows(folder / keys.get("file", keys.get("trace")))
         for row in rows:
             cell = dict(zip(head, row, strict=True))
+            if "trace" in keys:
+                condition = float(keys["frequency_hz"]), float(keys["amplitude_v"])
+                held.cells += [(*condition, name, float(value), None) for name, value in cell.items()]
             for o in OF_LAUNCHES:
                 if cell.get(o.column):
                     error = float(cell[o.sigma_column]) if cell.get(o.sigma_column) else None

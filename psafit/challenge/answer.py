@@ -15,10 +15,13 @@ from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, read_experiment
 from psafit.files import read_bytes, write_atomically
+from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.observables import OBSERVABLES
 from psafit.physics import terms
 from psafit.records import read_json, write_json
+from psafit.simulate import Design
+from psafit.simulate.sensitivity import in_scatter
 
 ANSWER, COMMITMENT, EXPERIMENT = "answer.json", "commitment.txt", "experiment"
 Kind = Literal["nothing", "one", "two", "outside"]
@@ -85,7 +88,7 @@ class Answer:
         numbered by the group's id.
     scatter : dict
         Of each observable that is read, by the names of its parameters: ``sigma_rel`` (1), ``sigma_abs`` (um), ``nu``
-        (None: normal) for launch ranges.
+        (None: normal) for launch ranges; of a trace also its correlation time (us), such as ``tau_velocity``.
     asked_nats : float, optional
         Oracle gain asked for, of each cause alone.
     expected_nats : dict
@@ -163,6 +166,35 @@ def sizes(scatter: Scatter, measured: NDArray[np.int8]) -> tuple[FloatArray, Flo
     return relative, absolute
 
 
+def standardised(readings: FloatArray, scatter: Scatter, design: Design) -> FloatArray:
+    """Readings of a design, (..., n_points), where their scatter is independent and has standard deviation 1.
+
+    Along a trace they are what a sample says beyond the one before. What is no number stays none.
+
+    Parameters
+    ----------
+    readings : (..., n_points) array
+        Each in its unit.
+    scatter : mapping
+        As `Answer.scatter` has it.
+    design : Design
+    """
+    z = in_scatter(readings, *sizes(scatter, design.measured))
+    there = np.isfinite(z)
+    white = noise.whitened(np.where(there, z, 0.0), memories(scatter, design))
+    return np.where(there, white.reshape(z.shape), z)
+
+
+def memories(scatter: Scatter, design: Design) -> FloatArray:
+    """Correlation of each sample's scatter with the one before, (1, 4, n_points), as `noise.whitened` takes it."""
+    values = np.full((1, 4, design.n_points), np.nan)
+    for k in np.unique(design.measured[design.traced]):
+        here, tau = design.measured == k, scatter[OBSERVABLES[k].scatter[3].name]
+        assert tau is not None
+        values[:, 3, here] = noise.memory(design.elapsed[here], np.array([tau]))
+    return values
+
+
 def unseal(folder: Path) -> tuple[Experiment, Answer]:
     """Read a challenge back, and hold the answer against its commitment and against the data.
 
@@ -191,8 +223,11 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
         what = f"does not say {', '.join(sorted(missing))}" if missing else "has not one true value for every reading"
         raise InputError(what, remedy, file=answer_file)
     given = {**answer.parameters, **answer.scatter}
+    tails = {o.scatter[2].name for o in OBSERVABLES}  # which may be normal
     for p in model.parameters:
         value = given[p.name]
+        if value is None and p.name not in tails:
+            raise InputError(f"has no number for {p.name}", remedy, file=answer_file)
         if value is not None and not p.bounds.lower <= value <= p.bounds.upper:
             what = f"has {p.name} = {value:g}, outside the bounds of {p.bounds.lower:g} to {p.bounds.upper:g} {p.unit}"
             raise InputError(what.rstrip(), remedy, file=answer_file)
@@ -201,5 +236,5 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
 
 __all__ = [
     "ANSWER", "COMMITMENT", "EXPERIMENT", "KINDS", "Answer", "Conditions", "DrawnDesign", "Kind", "Place", "Scatter",
-    "seal", "sizes", "unseal",
+    "memories", "seal", "sizes", "standardised", "unseal",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Rigs and sweeps drawn at random: another stack, any drive, whatever can be read, many readings or few.
+"""Rigs and sweeps drawn at random: another stack, any drive, whatever can be read, many readings or few, traces.
 
 What a drawn design may be, and how often, stands in `ConditionSettings`. Without its shares a design is one like the
 study's: its stack, plain sines and squares, launch ranges.
@@ -16,11 +16,11 @@ from psafit.arrays import FloatArray
 from psafit.challenge.answer import DrawnDesign
 from psafit.drives import TABLE, Drive, Table
 from psafit.experiment import Constants, Experiment, Group, fingerprint
-from psafit.observables import LAUNCH_RANGE, OF_LAUNCHES
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
 from psafit.physics.term import Term
 
-# Streams of random numbers: of designs like the study's, and of what departs from it.
-_SWEEPS, _DEPARTURES = 0, 5
+# Streams of random numbers: of designs like the study's, of what departs from it, and of traces.
+_SWEEPS, _DEPARTURES, _TRACES = 0, 5, 6
 
 # The rig of the study, from which drawn designs depart.
 _RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
@@ -65,6 +65,16 @@ class ConditionSettings:
         What is read in these, by name, and the odds.
     parted : float
         Share of the designs with several observables in which each group reads only some of them.
+    traced : float
+        Share of designs in which launches of some sweeps are followed over time, too, each in a group of its own.
+    traces : (int, int)
+        Of these designs, least and most.
+    motions : tuple of (str, float)
+        What a trace is of, by name, and the odds.
+    samples : (int, int)
+        Of a trace, least and most.
+    length : (float, float)
+        Of a trace from the start of the drive, in periods.
     """
 
     few: float = 0.4
@@ -97,11 +107,16 @@ class ConditionSettings:
         (("launch_range", "launch_speed", "contact_time", "peak_force"), 1.0),
     )
     parted: float = 0.3
+    traced: float = 0.25
+    traces: tuple[int, int] = (1, 3)
+    motions: tuple[tuple[str, float], ...] = (("displacement", 2.0), ("velocity", 2.0), ("tip_displacement", 1.0))
+    samples: tuple[int, int] = (40, 80)
+    length: tuple[float, float] = (0.5, 1.5)
 
     @classmethod
     def like_the_study(cls) -> ConditionSettings:
         """Those of designs that depart from the study in the lengths of sweeps, the ball and the string alone."""
-        return cls(few=0.0, other_stack=0.0, other_drives=0.0, other_reads=0.0)
+        return cls(few=0.0, other_stack=0.0, other_drives=0.0, other_reads=0.0, traced=0.0)
 
 
 def drawn(
@@ -118,7 +133,7 @@ def drawn(
     ----------
     seed : int
     readings : int, optional
-        About so many in all; drawn by default.
+        About so many of launches in all; drawn by default.
     causes : sequence of Term
         To be hidden: some group has a drive on which each of them acts, and reads what it changes.
     ranges : bool
@@ -158,7 +173,7 @@ def drawn(
         groups.append(
             Group(number, drive, f"group{number}.csv", f[rows], v[rows], np.zeros(rows.size), measured=kinds, row=rows)
         )
-    return blank(constants, tuple(groups))
+    return blank(constants, (*groups, *_traces(np.random.default_rng([seed, _TRACES]), groups, s)))
 
 
 def blank(constants: Constants, groups: tuple[Group, ...]) -> Experiment:
@@ -217,6 +232,27 @@ def _reads(rng: np.random.Generator, s: ConditionSettings, ranges: bool) -> list
     if other:
         names = s.reads[int(which)][0]
     return [k for k, o in enumerate(OF_LAUNCHES) if o.name in names or (ranges and o is LAUNCH_RANGE)]
+
+
+def _traces(rng: np.random.Generator, sweeps: Sequence[Group], s: ConditionSettings) -> list[Group]:
+    """Launches of some sweeps over time, by the largest drive of each; none in most designs."""
+    if rng.uniform() >= s.traced:
+        return []
+    found, first = [], len(sweeps) + 1
+    for number in range(first, first + int(rng.integers(s.traces[0], s.traces[1] + 1))):
+        sweep = sweeps[int(rng.integers(len(sweeps)))]
+        f = float(rng.choice(np.sort(sweep.frequency_hz)[: max(sweep.n_points // 2, 1)]))  # where the ball moves far
+        name = str(rng.choice([n for n, _ in s.motions], p=_odds([w for _, w in s.motions])))
+        n = int(rng.integers(s.samples[0], s.samples[1] + 1))
+        time_us = np.round(np.linspace(0.0, 1e6 * rng.uniform(*s.length) / f, n + 1)[1:], 2)
+        kind = next(k for k, o in enumerate(OBSERVABLES) if o.name == name)
+        found.append(
+            Group(
+                number, sweep.drive, f"group{number}.csv", np.full(n, f), np.full(n, sweep.amplitude_v.max()),
+                np.zeros(n), measured=np.full(n, kind), time_us=time_us,
+            )
+        )  # fmt: skip
+    return found
 
 
 def _odds(weights: Sequence[float]) -> FloatArray:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import joblib
 import numpy as np
@@ -29,19 +29,21 @@ from psafit.challenge.answer import (
     Kind,
     Place,
     Scatter,
+    memories,
     seal,
     sizes,
 )
 from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summary
 from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId, fingerprint, session_name, write_experiment
-from psafit.observables import OBSERVABLES
+from psafit.inference import noise
+from psafit.observables import OBSERVABLES, Motion
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term, World
 from psafit.simulate import Design
-from psafit.simulate.literal import launch_in, literal_world
+from psafit.simulate.literal import launch_in, literal_world, motion_in
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of
 from psafit.workers import processes
@@ -62,6 +64,8 @@ class HideSettings:
     relative, absolute : (float, float)
         Relative and absolute scatter of each observable: their median, as a part of the median of its prior, and the
         factor that one standard deviation means.
+    memory : (float, float)
+        Correlation time of the scatter along traces likewise.
     digits : int
         Of a reading, behind the first of the usual absolute scatter: hundredths of a micrometre, where that is 0.1 um.
     sample : int
@@ -76,6 +80,7 @@ class HideSettings:
 
     relative: tuple[float, float] = (1.0, 1.25)
     absolute: tuple[float, float] = (0.5, 1.5)
+    memory: tuple[float, float] = (1.0, 2.0)
     digits: int = 1
     sample: int = 12
     odds: tuple[float, float, float] = (0.25, 0.5, 0.25)
@@ -155,7 +160,7 @@ def make(
     design_of : Experiment, optional
         Whose conditions are simulated; a drawn design without it.
     readings : int, optional
-        Of a drawn design, about; its sweeps are of one length. Drawn by default.
+        Launches of a drawn design, about; its sweeps are of one length. Drawn by default.
     kind : {"nothing", "one", "two", "outside"}, optional
         Drawn if neither this nor `terms` nor `outside` is given.
     terms : sequence of str, optional
@@ -185,12 +190,6 @@ def make(
     settings = settings or HideSettings()
     if strength is not None and (kind == "nothing" or outside is not None):
         raise InputError("a strength of no cause is asked for", "leave it out")
-    if design_of is not None and any(g.time_us is not None for g in design_of.groups):
-        raise InputError(
-            "holds traces, in which challenges are not hidden",
-            "give a folder without the groups that have a trace",
-            file=design_of.folder,
-        )
     kind, chosen = _request(seed, kind, terms, outside, settings.odds)
     if strength is not None and not (np.isfinite(strength) and strength > 0):
         raise InputError(f"a gain of {strength:g} nats cannot be asked for", "give a number above 0")
@@ -417,24 +416,43 @@ def simulate_literally(
         Without scatter, each in the unit of its observable; zero where a launch failed.
     """
     chosen = np.arange(design.n_points) if points is None else points
-    measured = design.measured[chosen]
-    # What is read of one launch, or of the same launch again, takes one simulation.
-    columns = (design.group, design.rig, design.drive, design.frequency, design.amplitude)
-    _, first, back = np.unique(
-        np.column_stack([c[chosen] for c in columns]), axis=0, return_index=True, return_inverse=True
-    )
+    worlds = _Worlds(design, dict(parameters), tuple(terms), tuple(ids), edit, rtol)
+    plain, traced = np.flatnonzero(~design.traced[chosen]), np.flatnonzero(design.traced[chosen])
+    read = np.empty(len(chosen))
+    if plain.size:
+        read[plain] = _of_launches(worlds, chosen[plain], jobs, chunk)
+    if traced.size:
+        read[traced] = _along_traces(worlds, chosen[traced], jobs)
+    return read
+
+
+def _of_launches(worlds: _Worlds, chosen: NDArray[np.intp], jobs: int, chunk: int) -> FloatArray:
+    """Readings of launches as a whole."""
+    measured = worlds.design.measured[chosen]
+    first, back = worlds.launches(chosen)
     forces = any(OBSERVABLES[k].force for k in np.unique(measured))
-    work = (design, dict(parameters), tuple(terms), tuple(ids), edit, rtol, forces)
-    if jobs == 1:
-        rows = _some(*work, chosen[first])
-    else:
-        parts = np.array_split(chosen[first], max(len(first) // chunk, 1))
-        with processes(jobs) as usable:
-            rows = np.concatenate(joblib.Parallel(n_jobs=usable)(joblib.delayed(_some)(*work, p) for p in parts))
-    launches = _Launches(*rows[back.ravel()].T)
+    parts = np.array_split(chosen[first], max(len(first) // chunk, 1))
+    rows = _shared(worlds.launched, [(p, forces) for p in parts], jobs)
+    launches = _Launches(*np.concatenate(rows)[back].T)
     read = np.empty(len(chosen))
     for k in np.unique(measured):
         read[measured == k] = OBSERVABLES[k].of(launches)[measured == k]
+    return read
+
+
+def _along_traces(worlds: _Worlds, chosen: NDArray[np.intp], jobs: int) -> FloatArray:
+    """Samples of traces; those of one launch take one simulation."""
+    measured, time = worlds.design.measured[chosen], worlds.design.time[chosen]
+    first, back = worlds.launches(chosen)
+    times = [np.unique(time[back == k]) for k in range(first.size)]
+    followed = _shared(worlds.followed, list(zip(chosen[first], times, strict=True)), jobs)
+    seen = np.empty((len(chosen), 3))
+    for k, (own, motion) in enumerate(zip(times, followed, strict=True)):
+        seen[back == k] = motion[np.searchsorted(own, time[back == k])]
+    ball, speed, tip = seen.T
+    read = np.empty(len(chosen))
+    for kind in np.unique(measured):
+        read[measured == kind] = OBSERVABLES[kind].of(Motion(ball, speed, tip))[measured == kind]
     return read
 
 
@@ -452,33 +470,60 @@ class _Launches:
         return np.isfinite(self.separation_time)
 
 
-def _some(
-    design: Design,
-    parameters: Parameters,
-    terms: Sequence[Term],
-    ids: Sequence[GroupId],
-    edit: Edit | None,
-    rtol: float,
-    forces: bool,
-    points: NDArray[np.intp],
-) -> FloatArray:
-    """Launch range, time and speed of the separation, and peak force, (n, 4)."""
-    theta = [parameters[p.name] for p in baseline.PARAMETERS]
-    found = np.empty((len(points), 4))
-    for k, i in enumerate(points):
-        group = int(design.group[i])
-        point = Point(design.drives[design.drive[i]], float(design.frequency[i]), float(design.amplitude[i]))
+def _shared(work: Callable[..., FloatArray], each: Sequence[tuple[Any, ...]], jobs: int) -> list[FloatArray]:
+    """What a function makes of each set of arguments, by some processes."""
+    if jobs == 1:
+        return [work(*one) for one in each]
+    with processes(jobs) as usable:
+        return list(joblib.Parallel(n_jobs=usable)(joblib.delayed(work)(*one) for one in each))
+
+
+@dataclass(frozen=True, eq=False)
+class _Worlds:
+    """The true model at the conditions of a design; arguments as of `simulate_literally`."""
+
+    design: Design
+    parameters: Parameters
+    terms: tuple[Term, ...]
+    ids: tuple[GroupId, ...]
+    edit: Edit | None
+    rtol: float
+
+    def launches(self, chosen: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """First of some points at each launch, and which launch each is of; the same launch again is one."""
+        d = self.design
+        columns = np.column_stack([c[chosen] for c in (d.group, d.rig, d.drive, d.frequency, d.amplitude)])
+        _, first, back = np.unique(columns, axis=0, return_index=True, return_inverse=True)
+        return first, back.ravel()
+
+    def at(self, i: int) -> tuple[World, Point]:
+        """The rig, and the drive, of a point."""
+        d, values = self.design, self.parameters
+        theta = [values[p.name] for p in baseline.PARAMETERS]
+        point = Point(d.drives[d.drive[i]], float(d.frequency[i]), float(d.amplitude[i]))
         causes = []
-        for term in terms:
-            own = [parameters[p.name] for p in term.parameters]
-            own += [parameters[session_name(term.latent.name, ids[group])]] if term.latent else []
+        for term in self.terms:
+            own = [values[p.name] for p in term.parameters]
+            own += [values[session_name(term.latent.name, self.ids[d.group[i]])]] if term.latent else []
             causes.append((term, own))
-        world = literal_world(theta, causes, design.rigs[design.rig[i]])
-        if edit is not None:
-            edit(world, point)
-        seen = launch_in(world, point, group=group, rtol=rtol, forces=forces)
-        found[k] = seen.launch_range, seen.separation_time, seen.velocity, seen.peak_force
-    return found
+        world = literal_world(theta, causes, d.rigs[d.rig[i]])
+        if self.edit is not None:
+            self.edit(world, point)
+        return world, point
+
+    def launched(self, points: NDArray[np.intp], forces: bool) -> FloatArray:
+        """Launch range, time and speed of the separation, and peak force, (n, 4)."""
+        found = np.empty((len(points), 4))
+        for k, i in enumerate(points):
+            world, point = self.at(int(i))
+            seen = launch_in(world, point, group=int(self.design.group[i]), rtol=self.rtol, forces=forces)
+            found[k] = seen.launch_range, seen.separation_time, seen.velocity, seen.peak_force
+        return found
+
+    def followed(self, i: int, times: FloatArray) -> FloatArray:
+        """Ball, its speed and the tip at some times of a launch, (n_times, 3)."""
+        world, point = self.at(int(i))
+        return motion_in(world, point, times.tolist(), rtol=self.rtol)
 
 
 def _outside(
@@ -496,8 +541,9 @@ def _outside(
     rng = np.random.default_rng([seed, _OUTSIDE])
     changed, places = effect.apply(blank.with_readings(true), true.copy(), simulator, rng)
     changed = np.asarray(changed, dtype=float)
-    if changed.shape != true.shape or not (np.isfinite(changed).all() and (changed >= 0).all()):
-        raise ValueError(f"{effect.name}: readings must be finite, not negative, and of shape {true.shape}")
+    possible = np.isfinite(changed).all() and (changed[~design.traced] >= 0).all()
+    if changed.shape != true.shape or not possible:
+        raise ValueError(f"{effect.name}: readings must be finite, of launches not negative, and of shape {true.shape}")
     return changed, list(places)
 
 
@@ -507,27 +553,29 @@ def _scatter(
     """Scatter of all that is read, as `Answer.scatter` has it."""
     found: dict[str, float | None] = {}
     for k in np.unique(design.measured):
-        relative, absolute, tails = OBSERVABLES[k].scatter
+        relative, absolute, tails, *memory = OBSERVABLES[k].scatter
         if believed:
-            found |= {p.name: _from_prior(p, rng) for p in (relative, absolute, tails)}
+            found |= {p.name: _from_prior(p, rng) for p in OBSERVABLES[k].scatter}
             continue
-        for p, (part, factor) in ((relative, settings.relative), (absolute, settings.absolute)):
+        usual = ((relative, settings.relative), (absolute, settings.absolute), *((p, settings.memory) for p in memory))
+        for p, (part, factor) in usual:
             found[p.name] = _log_normal(rng, part * p.prior_median, factor)
         found[tails.name] = nu
     return found
 
 
 def _read(design: Design, true: FloatArray, scatter: Scatter, rng: np.random.Generator, digits: int) -> FloatArray:
-    """One reading of every true value, as an instrument shows it: rounded, and never below zero."""
+    """One reading of every true value, as an instrument shows it: rounded, and of a launch never below zero."""
     s = np.hypot(sizes(scatter, design.measured)[0] * true, sizes(scatter, design.measured)[1])
-    read = np.empty(true.size)
+    z, decimals = np.empty(true.size), np.empty(true.size, int)
     for k in np.unique(design.measured):
-        here, (_, absolute, tails) = design.measured == k, OBSERVABLES[k].scatter
+        here, (absolute, tails) = design.measured == k, OBSERVABLES[k].scatter[1:3]
         nu = scatter[tails.name]
-        z = rng.standard_normal(here.sum()) if nu is None else rng.standard_t(nu, here.sum())
-        decimals = math.ceil(-math.log10(absolute.prior_median) - 1e-9) + digits
-        read[here] = np.round(true[here] + s[here] * z, decimals)
-    return np.maximum(read, 0.0) + 0.0  # no negative zero
+        z[here] = rng.standard_normal(here.sum()) if nu is None else rng.standard_t(nu, here.sum())
+        decimals[here] = math.ceil(-math.log10(absolute.prior_median) - 1e-9) + digits
+    z = noise.correlated(z[None], memories(scatter, design))[0]
+    read = np.array([np.round(x, n) for x, n in zip(true + s * z, decimals, strict=True)])
+    return np.where(design.traced, read, np.maximum(read, 0.0)) + 0.0  # no negative zero
 
 
 def _of(experiment: Experiment, there: NDArray[np.bool_]) -> Experiment:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
 from psafit.arrays import FloatArray
-from psafit.challenge.answer import Answer, sizes
+from psafit.challenge.answer import Answer, standardised
 from psafit.experiment import Experiment
 from psafit.inference import noise
 from psafit.inference.candidate import fit
@@ -34,7 +34,7 @@ from psafit.physics import TERMS
 from psafit.physics import terms as catalogue
 from psafit.physics.term import Term
 from psafit.simulate import Design
-from psafit.simulate.sensitivity import Side, in_scatter, plausible
+from psafit.simulate.sensitivity import Side, plausible
 
 Rows = NDArray[np.intp] | slice
 
@@ -177,7 +177,8 @@ def _best_scatter(problem: Problem, observable: Observable, rows: Rows, true: Fl
     own = [problem.names.index(p.name) for p in parameters]
 
     def likelihood(v: FloatArray) -> float:
-        values = np.array([[float(p.to_physical(x)) for p, x in zip(parameters, v, strict=True)]])
+        own = np.array([[float(p.to_physical(x)) for p, x in zip(parameters, v, strict=True)]])
+        values = noise.along(own, problem.design.elapsed[rows])
         return float(noise.log_density(problem.observed[rows], true[rows][None, :], values, known).sum())
 
     def depth(v: FloatArray) -> float:
@@ -212,15 +213,19 @@ def find_rivals(
     settings = settings or RivalSettings()
     true = np.array(answer.true_readings)
     exact = experiment.with_readings(true)
-    scale = sizes(answer.scatter, Design.of(exact.constants, exact.groups).measured)
-    target = in_scatter(true, *scale)
+    design = Design.of(exact.constants, exact.groups)
+
+    def standard(read: FloatArray) -> FloatArray:
+        return standardised(read, answer.scatter, design)
+
+    target = standard(true)
     found = []
     for term in among:
         if term.id in answer.terms:
             continue
         problem = Problem(exact, exact.ids, (term,))
         starts = _starts(problem, answer, settings.shares)
-        if any(_distance(problem, s, scale, target, settings.evaluations) < settings.confusable for s in starts):
+        if any(_distance(problem, s, standard, target, settings.evaluations) < settings.confusable for s in starts):
             found.append(term.id)
     return found
 
@@ -245,16 +250,20 @@ def _starts(problem: Problem, answer: Answer, shares: tuple[float, ...]) -> list
 
 
 def _distance(
-    problem: Problem, start: FloatArray, scale: tuple[FloatArray, FloatArray], target: FloatArray, evaluations: int
+    problem: Problem,
+    start: FloatArray,
+    standard: Callable[[FloatArray], FloatArray],
+    target: FloatArray,
+    evaluations: int,
 ) -> float:
-    """What an oracle would lose with this model, nats."""
+    """What an oracle would lose with this model, nats; `standard` turns readings into what the target is in."""
     n = problem.n_model
     bounds = problem.bounds[:n]
     rest = start[n:]
 
     def residual(u: FloatArray) -> FloatArray:
         rows = np.concatenate([u, np.broadcast_to(rest, (len(u), rest.size))], axis=1)
-        misfit = np.nan_to_num(in_scatter(problem.predict(rows), *scale) - target, nan=1e6, posinf=1e6, neginf=-1e6)
+        misfit = np.nan_to_num(standard(problem.predict(rows)) - target, nan=1e6, posinf=1e6, neginf=-1e6)
         # What a session has for itself is standard normal: a rival does not have it for nothing.
         return np.concatenate([misfit, u[:, problem.n_physical :]], axis=1)
 

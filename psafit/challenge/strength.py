@@ -25,13 +25,13 @@ from scipy.stats import qmc
 from scipy.stats import t as student
 
 from psafit.arrays import FloatArray
-from psafit.challenge.answer import Scatter, sizes
+from psafit.challenge.answer import Scatter, standardised
 from psafit.inference.optimise import gradient
 from psafit.observables import OBSERVABLES
 from psafit.physics import baseline
 from psafit.physics.term import Term
 from psafit.simulate import Design, readings
-from psafit.simulate.sensitivity import Side, in_scatter, plausible, share_above
+from psafit.simulate.sensitivity import Side, plausible, share_above
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def lost_nats(residual: FloatArray, replicates: int = 4) -> float:
 def enough(design: Design, true: FloatArray, share: float = 0.5) -> bool:
     """Whether a share of the readings says something, and every session has one to read.
 
-    A reading that scatter about zero might give says nothing.
+    A reading that scatter about zero might give says nothing. All samples of a trace say what its largest one does.
 
     Parameters
     ----------
@@ -136,9 +136,14 @@ def enough(design: Design, true: FloatArray, share: float = 0.5) -> bool:
         Readings without scatter, each in its unit.
     share : float
     """
-    still = np.array([OBSERVABLES[k].still for k in design.measured])
+    size, still = np.abs(true), np.empty(design.n_points)
+    for k in np.unique(design.measured):
+        o = OBSERVABLES[k]
+        still[design.measured == k] = o.scatter[1].prior_median if o.traced else o.still
+    for group in np.unique(design.group[design.traced]):
+        size[design.group == group] = size[design.group == group].max()
     read = set(design.group[legible(design, true)]) == set(design.group)
-    return read and float(np.mean(true > still)) >= share
+    return read and float(np.mean(size > still)) >= share
 
 
 def legible(design: Design, true: FloatArray) -> NDArray[np.bool_]:
@@ -148,10 +153,10 @@ def legible(design: Design, true: FloatArray) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class _Baseline:
-    """The baseline at the conditions of a design, refitted by robust least squares; readings in scatters."""
+    """The baseline at the conditions of a design, refitted by robust least squares; readings are `standardised`."""
 
     design: Design
-    scale: tuple[FloatArray, FloatArray]
+    scatter: Scatter
     truth: FloatArray  # (3,), in the sampling coordinate
     settings: StrengthSettings
 
@@ -169,13 +174,13 @@ class _Baseline:
 
     def readings(self, u: FloatArray) -> FloatArray:
         x = np.stack([p.to_physical(u[:, i]) for i, p in enumerate(baseline.PARAMETERS)], axis=1)
-        found = in_scatter(readings(self.design, x), *self.scale)
+        found = standardised(readings(self.design, x), self.scatter, self.design)
         return np.nan_to_num(found, nan=self.settings.no_launch)
 
     def lost(self, true: FloatArray, start: FloatArray) -> tuple[float, FloatArray]:
         """What a refit to some readings loses, nats, and where it ends."""
         # Where nothing is read, nothing is lost.
-        target = np.where(legible(self.design, true), in_scatter(true, *self.scale), np.nan)
+        target = np.where(legible(self.design, true), standardised(true, self.scatter, self.design), np.nan)
         u, found_at = self.crowd
         near = np.argsort(np.nansum(np.square(found_at - target), axis=1))[: self.settings.more_starts]
         ends = [self._least_squares(target, begin) for begin in (start, *u[near])]
@@ -246,7 +251,7 @@ def find(
     """
     settings = settings or StrengthSettings()
     truth = np.array([float(p.to_sampling(x)) for p, x in zip(baseline.PARAMETERS, theta, strict=True)])
-    refitted = _Baseline(design, sizes(scatter, design.measured), truth, settings)
+    refitted = _Baseline(design, scatter, truth, settings)
 
     def made(shares: Sequence[float]) -> tuple[FloatArray, FloatArray]:
         values = np.array([plausible(term, s, side)[0] for s in shares])

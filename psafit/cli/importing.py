@@ -44,6 +44,9 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
 @click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark; detected by default.")
 @click.option("--separator", type=click.Choice(list(_SEPARATORS)), help="Between cells; detected by default.")
 @click.option("--encoding", metavar="NAME", help="Of text, such as cp850; detected by default.")
+@click.option("--start", metavar="TIME[:UNIT]", help="When the drive starts, on a trace's clock: 1.5:ms; 0 by default.")
+@click.option("--from-rest", is_flag=True, help="Count a trace from the mean of its samples before the start.")
+@click.option("--every", metavar="N", type=click.IntRange(1), default=1, help="Keep one sample of a trace in N.")
 @click.option("--sheet", "sheets", multiple=True, metavar="NAME", help="Sheet of a workbook, a group each; repeat.")
 @QUIET
 @JSON
@@ -58,6 +61,9 @@ def import_files(
     decimal: str | None,
     separator: str | None,
     encoding: str | None,
+    start: str | None,
+    from_rest: bool,
+    every: int,
     sheets: tuple[str, ...],
     quiet: bool,
     json_file: Path | None,
@@ -65,10 +71,13 @@ def import_files(
     """Make an experiment folder of what instruments and spreadsheets write.
 
     FILE is text with any separator, or a workbook (.xlsx, .xls, .ods). Each is a group; columns are recognised by
-    name and unit. What was understood is printed. What may be understood in two ways is asked for.
+    name and unit. Time and displacement or velocity are a trace, whose drive --set gives. What was understood is
+    printed. What may be understood in two ways is asked for.
     """
     from psafit.experiment import read_experiment
     from psafit.experiment.importing import Options, read_files, write_import
+    from psafit.experiment.importing.given import moment
+    from psafit.experiment.text import shown
     from psafit.files import filling
 
     if len({file.resolve() for file in files}) < len(files):
@@ -83,6 +92,9 @@ def import_files(
         separator=_SEPARATORS[separator] if separator else None,
         encoding=encoding,
         sheets=sheets,
+        start_us=None if start is None else moment(start, f"--start {shown(start)}"),
+        from_rest=from_rest,
+        every=every,
     )
     imported = _on_rig(read_files(files, options), constants, rig)
     with filling(out):
@@ -113,8 +125,10 @@ def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | No
 def _mapping(text: str) -> Mapping:
     """What a ``--column`` says."""
     from psafit.experiment.importing import COLUMN_NAMES, Mapping
+    from psafit.experiment.importing.units import scaled
     from psafit.experiment.importing.units import unit as parsed
     from psafit.experiment.text import meant, shown
+    from psafit.experiment.trace_table import TRACES
 
     heading, equals, rest = text.rpartition("=")
     column, colon, unit = (part.strip() for part in rest.partition(":"))
@@ -124,20 +138,22 @@ def _mapping(text: str) -> Mapping:
         )
     if column not in COLUMN_NAMES:
         raise InputError(f"--column {shown(text)}: {shown(column)} is no column", meant(column, COLUMN_NAMES))
-    said = parsed(unit) if colon else None
+    said = parsed(unit) or (scaled(unit) if column in TRACES else None) if colon else None
     if colon and said is None:
-        raise InputError(f"--column {shown(text)}: {shown(unit)} is no unit", "write for example kHz, mV, Vpp or um")
+        usual = "um, or what a volt is, 5mm/s/V or 2um/V" if column in TRACES else "kHz, mV, Vpp or um"
+        raise InputError(f"--column {shown(text)}: {shown(unit)} is no unit", f"write for example {usual}")
     return Mapping(heading.strip(), column, said)
 
 
-def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, float], ...]]:
-    """Constants and conditions that ``--set`` gives, in SI and psafit's units."""
+def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, float | tuple[float, ...]], ...]]:
+    """Constants and conditions that ``--set`` gives, in SI and psafit's units; of several tables a condition each."""
     from psafit.experiment import CONSTANT_UNITS
-    from psafit.experiment.importing.given import HELD, value
+    from psafit.experiment.importing.columns import HELD
+    from psafit.experiment.importing.given import value
     from psafit.experiment.text import listed, meant, shown
 
     constants: dict[str, float] = {}
-    held: dict[str, float] = {}
+    held: dict[str, float | tuple[float, ...]] = {}
     known = (*CONSTANT_UNITS, *HELD)
     for text in given:
         name, _, number = (part.strip() for part in text.partition("="))
@@ -146,12 +162,17 @@ def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, fl
             raise InputError(f"--set {shown(text)}: there is no {shown(name)}", near)
         if name in constants | held:
             raise InputError(f"--set gives {name} twice", "give each once")
-        (constants if name in CONSTANT_UNITS else held)[name] = value(name, number, f"--set {shown(text)}")
+        place = f"--set {shown(text)}"
+        if name in CONSTANT_UNITS:
+            constants[name] = value(name, number, place)
+        else:
+            held[name] = tuple(value(name, part.strip(), place) for part in number.split(","))
     return constants, tuple(held.items())
 
 
 def _columns_text(table: Table) -> list[str]:
     """What was understood of a table, as lines."""
+    from psafit.experiment.importing.folder import less
     from psafit.experiment.importing.quantities import COLUMNS, SEPARATORS, VOLTS
 
     form = [f"headings in line {table.header_line}"] if table.header_line else ["no headings"]
@@ -167,7 +188,9 @@ def _columns_text(table: Table) -> list[str]:
             continue
         volts = f", {VOLTS[column.volts]}" if column.volts else ""
         headings = ", ".join(map(repr, column.headings))
-        lines.append(f"  {column.column:<{width}} from {headings}, {column.unit or 'unit in each cell'}{volts}")
+        lines.append(
+            f"  {column.column:<{width}} from {headings}, {column.unit or 'unit in each cell'}{volts}{less(column)}"
+        )
     lines += [f"  not used: {', '.join(map(repr, table.unused))}"] if table.unused else []
     lines += [f"  not used: {heading!r} is {column}, which psafit cannot use yet" for heading, column in table.not_yet]
     lines += [f"  line {line} left out: {text[:80]}" for line, text in table.left_out[:3]]
@@ -175,11 +198,15 @@ def _columns_text(table: Table) -> list[str]:
         lines.append(f"  and {len(table.left_out) - 3} more lines left out")
     for example in table.examples:
         readings = "; ".join(
-            ", ".join(f"{v:.10g} {COLUMNS[c.column].unit}" for c, v in zip(table.columns, reading, strict=True))
+            ", ".join(f"{value:.10g} {COLUMNS[column].unit}" for column, value in reading)
             for reading in example.readings
         )
         lines.append(f"  line {example.line}: {' | '.join(example.cells)[:80]}  ->  {readings}")
-    lines += [f"  group {g.id}: {g.waveform}, {count(g.n_points, 'reading')}, {g.file}" for g in table.groups]
+    for g in table.groups:
+        read = count(g.n_points, "reading")
+        if g.time_us is not None:
+            read = f"{count(g.n_points, 'sample')} of the {g.observable.title}"
+        lines.append(f"  group {g.id}: {g.waveform}, {read}, {g.file}")
     return lines
 
 
@@ -212,7 +239,14 @@ def _result(imported: Imported, out: Path, warnings: Sequence[str]) -> dict[str,
 
 def _table_result(table: Table) -> dict[str, Any]:
     columns = [
-        {"column": c.column, "headings": list(c.headings), "unit": c.unit, "factor": c.factor, "volts": c.volts}
+        {
+            "column": c.column,
+            "headings": list(c.headings),
+            "unit": c.unit,
+            "factor": c.factor,
+            "volts": c.volts,
+            "zero": c.zero,
+        }
         for c in table.columns
     ]
     return {

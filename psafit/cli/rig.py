@@ -104,7 +104,7 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
     from psafit.cli.simulating import PICTURES
     from psafit.diagnose.isolability import isolability
     from psafit.experiment import read_plan
-    from psafit.observables import OF_LAUNCHES
+    from psafit.observables import OBSERVABLES
     from psafit.physics import TERMS, informed
     from psafit.progress import watcher
 
@@ -136,9 +136,10 @@ def _isolability(folder: Path, plot: Path | None, json_file: Path | None, quiet:
                 what = "are separated by" if s.splits else "none separates all; the best is"
                 click.echo(f"  {what} {s.readings} readings, {s.text} (the closest pair by {fixed(s.nats, 1)} nats)")
             if (other := block.also) is not None:
-                titles = {o.name: o.titles for o in OF_LAUNCHES}
+                titles = {o.name: o.titles for o in OBSERVABLES}[other.observable]
                 pairs = "them all" if other.splits else ", ".join(" from ".join(pair) for pair in other.pairs)
-                click.echo(f"  {titles[other.observable]}, read of the same launches, would distinguish {pairs}")
+                what = other.trace.text if other.trace else f"{titles}, read of the same launches"
+                click.echo(f"  {what}, would distinguish {pairs}")
         if found.pairs:
             click.echo(f"{len(found.pairs)} pairs of causes look like a single one, or the reverse; --json lists them")
         if plot is not None:

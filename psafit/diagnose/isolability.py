@@ -14,28 +14,31 @@ strengths, and the one that imitates best counts. Of the places in the baseline 
 A cause *may be taken for* another where its readings speak less than a threshold against that. Two are *confounded*
 where each may be taken for the other; a *block* holds the causes that are connected so. Effects are finite, but the
 refit is linear: of a cause that changes the readings many times over the numbers say in which direction, not how far. A
-reading that a launch does not give with the cause, or without it, is left out.
+reading that a launch does not give with the cause, or without it, is left out. Samples of a trace have correlated
+errors: what counts of each is what it says beyond the one before, as in the likelihood
+(`psafit.inference.noise.whitened`).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.next_experiment import Possible, proposals
+from psafit.diagnose.possible import Possible, TraceSettings, contact_times, proposals, traces
 from psafit.experiment import Constants
 from psafit.experiment.records import Conditions
+from psafit.inference import noise
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES
 from psafit.physics.term import Term
 from psafit.records import ABSENT
-from psafit.simulate import Design, readings
+from psafit.simulate import Design, readings, simulate
 from psafit.simulate.sensitivity import RIGS, in_scatter, plausible, reading_slopes, sets_with
 
 
@@ -59,6 +62,8 @@ class IsolabilitySettings:
         Numbers of readings of a further sweep that are tried, fewest first; the last is what a proposal has.
     tolerance : float
         Of the simulator, which slopes by differences need.
+    trace : TraceSettings
+        Of a further trace that is tried.
     """
 
     apart: float = 3.0
@@ -68,13 +73,19 @@ class IsolabilitySettings:
     absolute: float = 0.3
     readings: tuple[int, ...] = (4, 8, 16)
     tolerance: float = 1e-9
+    trace: TraceSettings = field(default_factory=TraceSettings)
 
-    def scatter(self, measured: NDArray[np.int8]) -> tuple[FloatArray, FloatArray]:
-        """Relative and absolute scatter of each reading, (n_points,), in its unit."""
-        usual = {k: [p.prior_median for p in OBSERVABLES[k].scatter[:2]] for k in np.unique(measured)}
-        usual[OBSERVABLES.index(LAUNCH_RANGE)] = [self.relative, self.absolute]
-        relative, absolute = np.array([usual[k] for k in measured]).T
-        return relative, absolute
+    def scatter(self, design: Design) -> FloatArray:
+        """The scatter of each reading, (1, 3 or 4, n_points), as `psafit.inference.noise.scale` takes it."""
+        values = np.full((1, 4, design.n_points), np.nan)
+        for k in np.unique(design.measured):
+            here, usual = design.measured == k, [p.prior_median for p in OBSERVABLES[k].scatter]
+            if OBSERVABLES[k] is LAUNCH_RANGE:
+                usual[:2] = self.relative, self.absolute
+            values[:, :3, here] = np.array(usual[:3])[:, None]
+            if OBSERVABLES[k].traced:
+                values[:, 3, here] = noise.memory(design.elapsed[here], np.array(usual[3:]))
+        return values if design.traced.any() else values[:, :3]
 
 
 @dataclass(frozen=True)
@@ -116,8 +127,39 @@ class Split:
 
 
 @dataclass(frozen=True)
+class TracedLaunch:
+    """One more launch, which is followed over time.
+
+    Parameters
+    ----------
+    text : str
+    waveform : str
+    frequency_hz, amplitude_v : float
+    drive : dict
+        As of `Split`.
+    time_us : list of float
+        Samples, from the start of the drive.
+    """
+
+    text: str
+    waveform: str
+    frequency_hz: float
+    amplitude_v: float
+    drive: dict[str, Any]
+    time_us: list[float]
+
+    @classmethod
+    def of(cls, possible: Possible) -> TracedLaunch:
+        """The launch of a trace that the rig allows."""
+        d = possible.design
+        drive = d.drives[d.drive[0]]
+        f, v, time = float(d.frequency[0]), float(d.amplitude[0]), (d.time * 1e6).tolist()
+        return cls(possible.text, drive.waveform, f, v, drive.settings, time)
+
+
+@dataclass(frozen=True)
 class AlsoRead:
-    """Another observable, read of every launch that is planned.
+    """Another observable: read of every launch that is planned, or a trace of one more.
 
     Parameters
     ----------
@@ -128,12 +170,15 @@ class AlsoRead:
         Whether every pair is reported.
     pairs : list of lists of str
         Those that are reported, each way round, and were not before.
+    trace : TracedLaunch, optional
+        Where it is a trace.
     """
 
     observable: str
     nats: float
     splits: bool
     pairs: list[list[str]]
+    trace: TracedLaunch | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)
@@ -194,7 +239,7 @@ class Isolability:
 
 @dataclass(frozen=True, eq=False)
 class _Effects:
-    """What causes do at one place, in standard deviations of the scatter.
+    """What causes do at one place, in standard deviations of the scatter; along a trace, of its innovations.
 
     `slopes` (n, n_points) belong to the baseline's parameters; `rows` holds by cause and strength the
     (n_directions, n_points) effects. A cause in `typical` has a direction for each session, and there by strength what
@@ -208,7 +253,8 @@ class _Effects:
     @classmethod
     def at(cls, design: Design, theta: FloatArray, terms: Sequence[Term], settings: IsolabilitySettings) -> _Effects:
         """The effects in a design, at a place of the baseline."""
-        relative, absolute = settings.scatter(design.measured)
+        scatter = settings.scatter(design)
+        relative, absolute, _ = (row[0] for row in noise.columns(scatter))
         base = readings(design, theta, tolerance=settings.tolerance)[0]
         blank = np.array([OBSERVABLES[k].blank for k in design.measured])
 
@@ -216,7 +262,7 @@ class _Effects:
             sets = sets_with(term, design, theta, plausible(term, share))
             found = readings(design, sets, (term,), tolerance=settings.tolerance)
             off = in_scatter(found, relative, absolute) - in_scatter(base, relative, absolute)
-            return np.where(blank & ((found == 0.0) | (base == 0.0)), 0.0, off)
+            return noise.whitened(np.where(blank & ((found == 0.0) | (base == 0.0)), 0.0, off), scatter)
 
         rows, typical = {}, {}
         for term in terms:
@@ -227,7 +273,7 @@ class _Effects:
                     typical[term.id, share] = found[0]
         slopes = reading_slopes(design, theta, tolerance=settings.tolerance)
         slopes = np.where(blank & (base == 0.0), 0.0, slopes)
-        return cls(slopes / np.hypot(absolute, relative * base), rows, typical)
+        return cls(noise.whitened(slopes / np.hypot(absolute, relative * base), scatter), rows, typical)
 
     def of(self, ids: Sequence[str]) -> _Effects:
         """Those of some causes."""
@@ -259,6 +305,14 @@ class _Effects:
             basis = _basis(np.vstack([self.rows[id, share] for id in rival])) if rival else np.empty((0, made.shape[1]))
             left.append(float(np.mean(0.5 * np.sum(_outside(made, basis) ** 2, axis=1))))
         return min(left)
+
+
+class _Other(NamedTuple):
+    """What causes do where another observable is read, too; `trace` where that is a trace of one more launch."""
+
+    name: str
+    effects: list[_Effects]
+    trace: Possible | None = None
 
 
 def _summed(effects: Sequence[FloatArray]) -> FloatArray:
@@ -296,7 +350,7 @@ def isolability(
     groups : sequence of Conditions
         What is measured, or planned.
     limits : pairs of a name and two ends
-        Of the rig: see `psafit.diagnose.next_experiment.proposals`.
+        Of the rig: see `psafit.diagnose.possible.proposals`.
     catalogue : sequence of Term
     settings : IsolabilitySettings, optional
     places : sequence of (3,) arrays, optional
@@ -308,7 +362,7 @@ def isolability(
     -------
     Isolability
     """
-    settings = settings or IsolabilitySettings()
+    settings, limits = settings or IsolabilitySettings(), tuple(limits)
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
     usual = design.usually_measured
     sweeps = [p.reading(usual, usual) for p in proposals(constants, groups, limits) if not p.changed]
@@ -324,11 +378,7 @@ def isolability(
     visible = [id for id, size in zip(ids, seen, strict=True) if size >= settings.apart]
     blocks = _blocks(ids, visible, nats, settings.apart)
     confounded = [t for t in catalogue if any(t.id in block for block in blocks)]
-    others: dict[str, list[_Effects]] = {}
-    for k, o in enumerate(OF_LAUNCHES):
-        if confounded and k not in design.measured:
-            also = Design.of(constants, [_reading_also(g, k) for g in groups])
-            others[o.name] = [_Effects.at(also, theta, confounded, settings).refitted() for theta in at]
+    others = _others(constants, groups, limits, raw, at, confounded, settings) if confounded else []
     split: list[Block] = []
     for k, block in enumerate(blocks):
         progress(k, len(blocks))
@@ -379,11 +429,37 @@ def _reading_also(group: Conditions, measured: int) -> Conditions:
     return replace(group.at(np.concatenate([np.arange(group.n_points), first])), measured=kinds)
 
 
-def _also(
+def _others(
+    constants: Constants,
+    groups: Sequence[Conditions],
+    limits: Iterable[tuple[str, tuple[float, float]]],
     planned: Sequence[_Effects],
-    others: Mapping[str, Sequence[_Effects]],
-    ids: Sequence[str],
+    places: Sequence[FloatArray],
+    terms: Sequence[Term],
     settings: IsolabilitySettings,
+) -> list[_Other]:
+    """What causes do where an observable that is not planned is read, of the same launches or along a trace."""
+    measured, found = {k for g in groups for k in g.measured}, []
+    for k, o in enumerate(OF_LAUNCHES):
+        if k not in measured:
+            also = Design.of(constants, [_reading_also(g, k) for g in groups])
+            found.append(_Other(o.name, [_Effects.at(also, theta, terms, settings).refitted() for theta in places]))
+
+    def contact(design: Design) -> FloatArray:
+        return np.asarray(np.fmax.reduce([contact_times(simulate(design, theta))[0] for theta in places]))
+
+    before = [one.of([t.id for t in terms]) for one in planned]
+    for p in traces(constants, groups, limits, contact, settings.trace):
+        if p.design.measured[0] not in measured:
+            every = np.arange(p.design.n_points)
+            further = (_Effects.at(p.design, theta, terms, settings) for theta in places)
+            effects = [b.with_part(m, every).refitted() for b, m in zip(before, further, strict=True)]
+            found.append(_Other(OBSERVABLES[p.design.measured[0]].name, effects, p))
+    return found
+
+
+def _also(
+    planned: Sequence[_Effects], others: Sequence[_Other], ids: Sequence[str], settings: IsolabilitySettings
 ) -> AlsoRead | None:
     """The observable that distinguishes most pairs of a block, and these; None if none does any."""
 
@@ -396,12 +472,13 @@ def _also(
         return {(a, b): min(each[a, b], each[b, a]) for a, b in itertools.combinations(ids, 2)}
 
     before, best = apart(planned), None
-    for name, effects in others.items():
-        after = apart(effects)
+    for other in others:
+        after = apart(other.effects)
         pairs = [list(p) for p in after if before[p] < settings.apart <= after[p]]
         least = min(after.values())
         if pairs and (best is None or (len(pairs), least) > (len(best.pairs), best.nats)):
-            best = AlsoRead(name, least, least >= settings.apart, pairs)
+            trace = TracedLaunch.of(other.trace) if other.trace else None
+            best = AlsoRead(other.name, least, least >= settings.apart, pairs, trace)
     return best
 
 

@@ -1,24 +1,25 @@
 r"""Which measurement would distinguish tied causes, or a weakly determined parameter best.
 
-Each proposal is a sweep, with a drive that the rig has, within the limits that the experiment states for frequency,
+A proposal is a sweep, with a drive that the rig has, within the limits that the experiment states for frequency,
 amplitude and each constant of the rig that can be changed; where it states none, between the frequencies and up to the
 amplitude that were measured, or the same with a string or a ball of half or twice the size. It is read with the fitted
 scatter and the usual uncertainty of the readings, where they state one. On the rig as it is, every other observable is
-tried as well: a contact time may distinguish what launch ranges cannot. For models with posterior draws, readings are
-simulated from one, and the log ratio of its posterior predictive density of these readings (a mixture over its draws)
-to the mean of the others' is what the readings would add to its log odds. The mean over many simulated experiments is
-the expected separation; the share of them in which the right model wins by three nats is how often the proposal works:
-measured data drawn from each tied model, judged again. Of more than two it also says which pairs a proposal separates
-apart, since one may settle one question and leave another. What is printed comes from simulated experiments that had no
-part in the choice of a proposal.
+tried as well: a contact time may distinguish what launch ranges cannot. So is a trace of one launch over time: each
+sample counts what it says beyond the one before (`psafit.inference.noise`). For models with posterior draws, readings
+are simulated from one, and the log ratio of its posterior predictive density of these readings (a mixture over its
+draws) to the mean of the others' is what the readings would add to its log odds. The mean over many simulated
+experiments is the expected separation; the share of them in which the right model wins by three nats is how often the
+proposal works: measured data drawn from each tied model, judged again. Of more than two it also says which pairs a
+proposal separates apart, since one may settle one question and leave another. What is printed comes from simulated
+experiments that had no part in the choice of a proposal.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -26,22 +27,22 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
+from psafit.diagnose.possible import Possible, TraceSettings, contact_times, proposals, traces
 from psafit.drives import TABLE, Drive
-from psafit.experiment import Conditions, Constants, Experiment, GroupId, changes_text
+from psafit.experiment import Conditions, Experiment, GroupId
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
 from psafit.observables import OBSERVABLES, OF_LAUNCHES
 from psafit.records import ABSENT
-from psafit.simulate import Design, readings
+from psafit.simulate import Design, readings, simulate
 from psafit.text import fixed, significant
 
 _Item = TypeVar("_Item")
 
 # Log ratios of densities count up to here: beyond, nobody doubts any more.
 CLEAR = 50.0
-_EITHER = (Drive("sine"), Drive("square"))
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class ProposalSettings:
     changed_rig : float
         What a changed rig or another instrument must do more than what is there, as a part of it, to be worth its
         price.
+    trace : TraceSettings
     """
 
     draws: int = 150
@@ -71,6 +73,7 @@ class ProposalSettings:
     trials: int = 200
     wins: float = 3.0
     changed_rig: float = 0.1
+    trace: TraceSettings = field(default_factory=TraceSettings)
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,8 @@ class Proposal:
         waveform.
     observable : str, optional
         What is to be read, where that is not what the readings so far are of.
+    time_us : list of float, optional
+        Samples of a trace, from the start of the drive; its one launch has one frequency and one amplitude.
     """
 
     text: str
@@ -111,6 +116,12 @@ class Proposal:
     pairs: list[Pair] = field(default_factory=list)
     drive: dict[str, Any] = field(default_factory=dict)
     observable: str | None = field(default=None, metadata=ABSENT)
+    time_us: list[float] | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def n_readings(self) -> int:
+        """Number of launches, or of the samples of a trace."""
+        return len(self.time_us or self.frequency_hz)
 
     @property
     def as_it_is(self) -> bool:
@@ -254,143 +265,36 @@ class Rehearsal:
     first: int
 
 
-@dataclass(frozen=True, eq=False)
-class Possible:
-    """A measurement that the rig allows; `other` where it reads what was not read before."""
-
-    text: str
-    design: Design
-    changed: dict[str, float]
-    other: bool = False
-
-    @property
-    def as_it_is(self) -> bool:
-        """Whether it needs neither another rig nor another instrument."""
-        return not self.changed and not self.other
-
-    def reading(self, measured: int, usual: int) -> Possible:
-        """It with another observable."""
-        o, design = OBSERVABLES[measured], replace(self.design, measured=np.full(self.design.n_points, measured))
-        text = self.text if measured == usual else f"{self.text}, and read {o.titles}"
-        return replace(self, text=text, design=design, other=measured != usual)
-
-    def judged(self, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
-        """It with what it would do."""
-        d = self.design
-        drive = d.drives[d.drive[0]]
-        f, v = d.frequency.tolist(), d.amplitude.tolist()
-        separation, success, error = found
-        return Proposal(
-            self.text, drive.waveform, f, v, self.changed, separation, success, error, list(pairs), drive.settings,
-            OBSERVABLES[d.measured[0]].name if self.other else None,
-        )  # fmt: skip
-
-
 # Separation, success and the separation's standard error, as `Proposal` holds them.
 _Judgement = tuple[float, float | None, float]
 
 
-def proposals(
-    constants: Constants,
-    groups: Sequence[Conditions],
-    allowed: Iterable[tuple[str, tuple[float, float]]],
-    *,
-    points: int = 16,
-    factors: tuple[float, ...] = (0.5, 2.0),
-    same_rig: float = 0.05,
-) -> list[Possible]:
-    """Return the measurements that the rig allows: sweeps within its limits, and each changed constant.
-
-    Parameters
-    ----------
-    constants : Constants
-    groups : sequence of Conditions
-        What is measured, or planned.
-    allowed : pairs of a name and two ends
-        The limits that the experiment states, if any.
-    points : int
-        Readings of a sweep.
-    factors : tuple of float
-        On the string's length and the ball's mass, where the experiment states no limits.
-    same_rig : float
-        Constants closer than this, in their logarithm, are the same rig.
-    """
-    # A recorded voltage is as it is: it can be played again, and to another rig.
-    swept, limits = [g for g in groups if not g.drive.recorded], dict(allowed)
-    again = [g for g in groups if g.drive.recorded]
-    found: list[Possible] = []
-    for words, changed in _rigs(constants, limits, factors, same_rig):
-        rig = replace(constants, **changed)
-        found += _sweeps(rig, swept, limits, words, changed, points) if swept else []
-        for g in again:
-            f, v = g.frequency_hz[0], g.amplitude_v[0]
-            text = f"{points} launches by the recording {g.drive.file}{words}"
-            found.append(Possible(text, Design.sweep(rig, g.drive, np.full(points, f), v), changed))
-    return list({p.text: p for p in found}.values())
+def _judged(possible: Possible, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
+    """A measurement with what it would do."""
+    d = possible.design
+    drive, traced = d.drives[d.drive[0]], bool(d.traced.any())
+    some = slice(0, 1) if traced else slice(None)
+    separation, success, error = found
+    return Proposal(
+        possible.text, drive.waveform, d.frequency[some].tolist(), d.amplitude[some].tolist(), possible.changed,
+        separation, success, error, list(pairs), drive.settings,
+        OBSERVABLES[d.measured[0]].name if possible.other else None, (d.time * 1e6).tolist() if traced else None,
+    )  # fmt: skip
 
 
-def _sweeps(
-    rig: Constants,
-    groups: Sequence[Conditions],
-    limits: Mapping[str, tuple[float, float]],
-    words: str,
-    changed: dict[str, float],
-    points: int,
-) -> Iterator[Possible]:
-    """Sweeps of a rig by frequency and by amplitude, within limits or the span of some groups."""
-    every = Design.of(rig, groups)
-    low_f, high_f = limits.get("frequency_hz") or np.quantile(every.frequency, (0.02, 0.98)).tolist()
-    span = f"{_say(low_f)} to {_say(high_f)} Hz"
-    shares = (1.0, 0.5, 0.2) if _say(low_f) != _say(high_f) else ()
-    # Round numbers, unless they are not allowed.
-    fixed = [min(max(float(f"{f:.2g}"), low_f), high_f) for f in np.geomspace(low_f, high_f, 6)[1:-1]]
-    if "amplitude_v" in limits:
-        bottom, top = limits["amplitude_v"]
-    else:
-        top = float(every.amplitude.max())
-        bottom = float(every.amplitude[every.amplitude > 0].min())
-        if top <= 1.5 * bottom:
-            bottom = top / 10
-    # Who drives with a plain sine or square may do either.
-    used = list(dict.fromkeys(g.drive for g in groups))
-    for drive in dict.fromkeys([*_EITHER, *used] if set(_EITHER) & set(used) else used):
-        name = f"{drive.label} {drive.file}" if drive.table else drive.label
-        for share in shares:
-            volts = max(top * share, min(bottom, top))
-            sweep = np.geomspace(low_f, high_f, points)
-            yield Possible(f"{name}, {_say(volts)} V, {span}{words}", Design.sweep(rig, drive, sweep, volts), changed)
-        for at in fixed:
-            sweep = np.linspace(bottom, top, points)
-            text = f"{name}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
-            yield Possible(text, Design.sweep(rig, drive, at, sweep), changed)
-
-
-def _possible(candidate: Candidate) -> list[Possible]:
+def _possible(candidate: Candidate, settings: TraceSettings) -> list[Possible]:
     problem, experiment = candidate.problem, candidate.problem.experiment
+    rig = experiment.constants, experiment.groups, experiment.limits
     usual = problem.design.usually_measured
-    found = proposals(experiment.constants, experiment.groups, experiment.limits)
+    found = proposals(*rig)
     others = [k for k in range(len(OF_LAUNCHES)) if k != usual]
-    return [p.reading(k, usual) for k in (usual, *others) for p in found if k == usual or not p.changed]
+    of_launches = [p.reading(k, usual) for k in (usual, *others) for p in found if k == usual or not p.changed]
+    theta = problem.theta(candidate.modes[:1], ["a session to come"])
 
+    def contact(design: Design) -> FloatArray:
+        return contact_times(simulate(design, theta, problem.terms))[0]
 
-def _rigs(
-    constants: Constants, limits: Mapping[str, tuple[float, float]], factors: tuple[float, ...], same: float
-) -> Iterator[tuple[str, dict[str, float]]]:
-    """The rig as it is, and with each constant that can be changed as far as it can; words, and what is changed."""
-    yield "", {}
-    if not limits:
-        for x in factors:
-            yield f", string {x:g} times as long", {"l": constants.l * x}
-        for x in factors:
-            yield f", ball {x:g} times as heavy", {"M": constants.M * x}
-    for name in (f.name for f in fields(constants) if f.name in limits):
-        for end in limits[name]:
-            if abs(math.log(end / getattr(constants, name))) > same:
-                yield changes_text([(name, end)]), {name: end}
-
-
-def _say(value: float) -> str:
-    return f"{float(f'{value:.3g}'):.6g}"
+    return [*of_launches, *traces(*rig, contact, settings)]
 
 
 def separating(
@@ -399,7 +303,7 @@ def separating(
     """Measurements by how well they would separate two models or more; best first."""
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
-    possible = _possible(tied[0][0])
+    possible = _possible(tied[0][0], settings.trace)
     forecasts: list[list[_Forecast]] = []
     # A glance at all of them, then a closer look at the best.
     for n_draws in (settings.glance, settings.draws):
@@ -413,7 +317,7 @@ def separating(
         judgement, apart = _apart(each, rng, settings)
         ids = [list(c.ids) for c, _ in tied]
         two = itertools.combinations(range(len(tied)), 2)
-        found.append(p.judged(judgement, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
+        found.append(_judged(p, judgement, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
     return _worth_building(found, settings.changed_rig)
 
 
@@ -426,7 +330,7 @@ def determine(
     """
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
-    possible, weak = _possible(best_model), weakly_determined(best_model, draws)
+    possible, weak = _possible(best_model, settings.trace), weakly_determined(best_model, draws)
     model = _Model.of(best_model, draws.resampled(settings.glance), rng)
     falls = np.array([_narrowing(_legible([model.forecast(p.design)], p)[0], model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
@@ -435,7 +339,7 @@ def determine(
     def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
         model = _Model.of(best_model, rows, rng)
         found = [_narrowing(_legible([model.forecast(p.design)], p)[0], model.u[:, [weak[which]]]) for p in possible]
-        return [p.judged((float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
+        return [_judged(p, (float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
 
     every = draws.resampled(2 * settings.draws)
     ranked = _best(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
@@ -520,18 +424,20 @@ class _Model:
         sigma = self.problem.sigma_to_come(measured)
         return _Forecast(
             readings(design, self.theta, self.problem.terms),
-            self.problem.scatter_to_come(self.u, measured),
+            noise.along(self.problem.scatter_to_come(self.u, measured), design.elapsed),
             self.weight,
             None if sigma is None else np.array([sigma]),
+            -math.inf if OBSERVABLES[measured].traced else 0.0,
         )
 
 
 @dataclass(frozen=True, eq=False)
 class _Forecast:
     ranges: FloatArray  # readings without scatter, in the observable's unit, (n_draws, n_points)
-    scatter: FloatArray  # (n_draws, 3)
+    scatter: FloatArray  # (n_draws, 3), of a trace (n_draws, 4, n_points)
     weight: FloatArray  # (n_draws,), adds up to one
     known: FloatArray | None = None  # likewise
+    floor: float = 0.0  # what the instrument shows no less of
 
     def log_density(self, readings: FloatArray, but: NDArray[np.intp] | None = None) -> FloatArray:
         """Of each row of readings, as the mean over the draws; of each row one may be left out, (n_rows,)."""
@@ -570,7 +476,7 @@ def _trial(
     """
     right = models[truth]
     chosen = rng.choice(len(right.ranges), settings.trials, p=right.weight)
-    readings = np.maximum(noise.draw(right.ranges[chosen], right.scatter[chosen], right.known, rng), 0.0)
+    readings = np.maximum(noise.draw(right.ranges[chosen], right.scatter[chosen], right.known, rng), right.floor)
     # The draw that made the readings is not among those that judge them.
     own = right.log_density(readings, chosen)
     each = own - np.array([own if m is right else m.log_density(readings) for m in models])  # (n, trials)
@@ -589,7 +495,8 @@ def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArr
     """
     w = forecast.weight[:, None]
     s = np.sum(w * noise.scale(forecast.ranges, forecast.scatter, forecast.known), axis=0)
-    x = (forecast.ranges - np.sum(w * forecast.ranges, axis=0)) / s
+    shared = np.tensordot(forecast.weight, forecast.scatter, axes=1)[None]
+    x = noise.whitened((forecast.ranges - np.sum(w * forecast.ranges, axis=0)) / s, shared)
     y = u - np.sum(w * u, axis=0)
     # The scatter of a reading has unit variance here, which is what a ridge of one stands for.
     solved = np.linalg.solve(x.T @ (w * x) + np.eye(x.shape[1]), (w * x).T)
@@ -623,7 +530,7 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
 
     In numbers that can be set on a generator, and with the readings' usual uncertainty where each states one.
     """
-    f, v = map(_settable, (proposal.frequency_hz, proposal.amplitude_v))
+    f, v = (np.resize(_settable(x), proposal.n_readings) for x in (proposal.frequency_hz, proposal.amplitude_v))
     problem = Problem(measured, measured.ids)
     kind = proposal.measured(problem)
     usual = problem.sigma_to_come(kind)
@@ -638,6 +545,7 @@ def planned(proposal: Proposal, id: GroupId, measured: Experiment) -> Conditions
         changed=tuple(proposal.constants.items()),
         sigma=None if usual is None else np.full(f.size, usual),
         measured=np.full(f.size, kind, np.int8),
+        time_us=None if proposal.time_us is None else _settable(proposal.time_us),
     )
 
 

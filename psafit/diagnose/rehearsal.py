@@ -17,14 +17,13 @@ import numpy as np
 from scipy.special import softmax
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.next_experiment import Proposal, Rehearsal, proposed
-from psafit.experiment import Group
+from psafit.diagnose.next_experiment import Proposal, Rehearsal, planned
+from psafit.experiment import Group, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate, FitSettings, candidate_of
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
-from psafit.observables import OBSERVABLES
 from psafit.simulate import Design, readings
 
 NEW = "the proposed sweep"
@@ -155,19 +154,15 @@ def _drawn(draws: ImportanceSample, n: int, rng: np.random.Generator) -> FloatAr
 
 def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.random.Generator) -> Group:
     """Readings of the proposed sweep, of a truth drawn from a model's posterior."""
-    frequency, voltage = np.array(proposal.frequency_hz), np.array(proposal.amplitude_v)
-    rig = replace(problem.experiment.constants, **proposal.constants)
-    drive = proposed(proposal.waveform, proposal.drive, problem.experiment.groups)
-    measured = proposal.measured(problem)
-    design = replace(Design.sweep(rig, drive, frequency, voltage), measured=np.full(frequency.size, measured))
+    sweep = planned(proposal, NEW, problem.experiment)
+    design = Design.of(problem.experiment.constants, [sweep])
     true = readings(design, problem.theta(u, [NEW], rng), problem.terms)
-    sigma = problem.sigma_to_come(measured)
-    known = None if sigma is None else np.full(frequency.size, sigma)
-    read = np.maximum(noise.draw(true, problem.scatter_to_come(u, measured), known, rng), 0.0)[0]
-    changed = tuple(proposal.constants.items())
-    new = Group(NEW, drive, "", frequency, voltage, read, changed=changed, sigma=known, measured=design.measured)
+    scatter = noise.along(problem.scatter_to_come(u, int(sweep.measured[0])), design.elapsed)
+    made = noise.draw(true, scatter, sweep.sigma, rng)[0]
+    read = made if sweep.observable.traced else np.maximum(made, 0.0)
+    (new,) = read_as([sweep], read)
     # A cell stays empty where a launch that failed has no such reading.
-    return new.at(np.flatnonzero(read > 0)) if OBSERVABLES[measured].blank and (read > 0).any() else new
+    return new.at(np.flatnonzero(read > 0)) if sweep.observable.blank and (read > 0).any() else new
 
 
 def _optimised(

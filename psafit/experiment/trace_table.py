@@ -16,8 +16,9 @@ from psafit.observables import OBSERVABLES
 TIME = "time_us"
 TRACES = {o.column: k for k, o in enumerate(OBSERVABLES) if o.traced}
 """Columns of traces, with the observables' numbers."""
+LIMITS = {TIME: (0.0, 1e9), **{name: OBSERVABLES[k].limits for name, k in TRACES.items()}}
+"""Hard limits of each column, far beyond any rig."""
 _HEADER = f"the first line must read {TIME} and one of {listed(TRACES)}"
-_LATEST_US = 1e9
 
 
 def read_trace(
@@ -60,16 +61,14 @@ def read_trace(
     faults = RowFaults(file)
     found: list[tuple[float, float]] = []
     blank: list[int] = []
-    ends = OBSERVABLES[TRACES[column]].limits
     for line, two in pairs(rows, faults, most_rows, "samples", "keep every second one, or every tenth"):
         by_name = dict(zip(names, two, strict=True))
-        time = _value(TIME, by_name[TIME], 0.0, _LATEST_US, faults, line)
+        time = _value(TIME, by_name[TIME], faults, line)
         if found and time <= found[-1][0]:
-            what = f"{time:g} comes after {found[-1][0]:g}"
-            faults.add(TIME, what, "sort the rows by time, and give each time once", line)
+            faults.add(TIME, *out_of_order(found[-1][0], time), line)
         if not by_name[column]:
             blank.append(line)
-        reading = _value(column, by_name[column], *ends, faults, line) if by_name[column] else math.nan
+        reading = _value(column, by_name[column], faults, line) if by_name[column] else math.nan
         found.append((time, reading))
     n_rows = faults.n_rows
     to_come = planned and len(blank) == n_rows
@@ -107,15 +106,25 @@ def _column(names: list[str], file: Path, line: int) -> str:
     raise InputError(what, _HEADER, file=file, line=line)
 
 
-def _value(name: str, cell: str, low: float, high: float, faults: RowFaults, line: int) -> float:
+def out_of_order(before: float, time: float) -> tuple[str, str]:
+    """What is wrong where a time (us) does not come after the one before, and the remedy."""
+    return f"{time:g} comes after {before:g}", "sort the rows by time, and give each time once"
+
+
+def possible(number: float, name: str, cell: str) -> float:
+    """A value within the limits of its column, or a `CellFault`; `cell` is what stands in the file."""
+    low, high = LIMITS[name]
+    if low <= number <= high:
+        return number + 0.0
+    remedy = "correct the value or its unit"
+    if name == TIME and number < 0.0:
+        remedy = "count time from the start of the drive, and leave out what was read before it"
+    raise CellFault(f"{shown(cell)} is not between {low:g} and {high:g}", remedy)
+
+
+def _value(name: str, cell: str, faults: RowFaults, line: int) -> float:
     try:
-        number = plain(cell)
-        if low <= number <= high:
-            return number + 0.0
-        remedy = "correct the value or its unit"
-        if name == TIME and number < 0.0:
-            remedy = "count time from the start of the drive, and leave out what was read before it"
-        raise CellFault(f"{shown(cell)} is not between {low:g} and {high:g}", remedy)
+        return possible(plain(cell), name, cell)
     except CellFault as fault:
         faults.add(name, fault.what, fault.remedy, line)
         return math.nan

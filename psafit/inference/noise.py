@@ -56,12 +56,32 @@ def _before(values: FloatArray) -> FloatArray:
     return np.concatenate([np.zeros_like(values[..., :1]), values[..., :-1]], axis=-1)
 
 
+def memory(elapsed: FloatArray, tau_us: FloatArray) -> FloatArray:
+    """Correlation of errors so many seconds apart, by the correlation time, us."""
+    return np.asarray(np.exp(-elapsed / (tau_us * 1e-6)))
+
+
+def along(values: FloatArray, elapsed: FloatArray) -> FloatArray:
+    """The scatter's parameters of one observable, (n_sets, 3 or 4), as `scale` takes them; along a trace by sample.
+
+    Parameters
+    ----------
+    values : (n_sets, 3 or 4) array
+        sigma_rel, sigma_abs, nu, and of a trace the correlation time, us.
+    elapsed : (n_points,) array, s
+        Time since the sample before: see `psafit.simulate.Design.elapsed`.
+    """
+    if values.shape[1] == 3:
+        return values
+    rho = memory(elapsed, values[:, 3:])
+    return np.concatenate([np.repeat(values[:, :3, None], rho.shape[1], axis=2), rho[:, None]], axis=1)
+
+
 def whitened(deviation: FloatArray, noise: FloatArray) -> FloatArray:
-    """What deviations, in units of the scatter, (n_sets, ..., n_points), say beyond those before: their innovations."""
+    """What deviations, in units of the scatter, (..., n_sets, n_points), say beyond those before: their innovations."""
     rho = remembered(noise)
     if rho is None:
         return deviation
-    rho = rho.reshape(len(rho), *[1] * (deviation.ndim - 2), rho.shape[1])
     return (deviation - rho * _before(deviation)) / np.sqrt(1.0 - rho * rho)
 
 

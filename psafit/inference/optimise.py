@@ -108,7 +108,7 @@ def _scatter(
         known = None if problem.known_sigma is None else problem.known_sigma[here]
         log_posterior = np.empty((len(predicted), len(grid)))
         for k, one in enumerate(values):
-            scatter = problem.noise_along(one[None], here)
+            scatter = noise.along(one[None], problem.design.elapsed[here])
             density = noise.log_density(problem.observed[here], predicted[:, here], scatter, known)
             log_posterior[:, k] = density.sum(axis=1)
         log_posterior += prior

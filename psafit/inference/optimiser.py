@@ -205,7 +205,7 @@ def expansion(
             gradient[:, own + 3] = score.sum(axis=1)
             at = np.r_[at, own + 3]
             log_scale = np.concatenate([log_scale, wider[:, None]], axis=1)
-            location = noise.whitened(location, values[:, :, here])
+            location = noise.whitened(location.swapaxes(0, 1), values[:, :, here]).swapaxes(0, 1)
             curvature[:, own + 3, own + 3] += ((some + 1) / (some + 3) * np.square(further)).sum(axis=1)
         if censored:
             log_scale *= wide_weight[:, None, here]

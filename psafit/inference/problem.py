@@ -268,13 +268,6 @@ class Problem:
         design = self.design if group is None else Design.of(self.experiment.constants, [group])
         return self.noise_of(self.to_physical(u)[:, self.n_model :], design)
 
-    def noise_along(self, values: FloatArray, here: NDArray[np.intp] | slice) -> FloatArray:
-        """Values of one observable's scatter, (n_sets, 3 or 4), as `noise.scale` takes them for some readings."""
-        if values.shape[1] == 3:
-            return values
-        rho = _memory(self.design.elapsed[here], values[:, 3:])
-        return np.concatenate([np.repeat(values[:, :3, None], rho.shape[1], axis=2), rho[:, None]], axis=1)
-
     def noise_of(self, values: FloatArray, design: Design) -> FloatArray:
         """Values of the scatter's parameters, (n_sets, n_dim - n_model), as `noise_values` has them for a design."""
         if len(self.observables) == 1 and not self.observables[0].traced:
@@ -283,7 +276,9 @@ class Problem:
         rows = [values[:, starts + k] for k in range(3)]
         if design.traced.any():
             rows.append(np.full_like(rows[0], np.nan))
-            rows[3][:, design.traced] = _memory(design.elapsed[design.traced], values[:, starts[design.traced] + 3])
+            rows[3][:, design.traced] = noise.memory(
+                design.elapsed[design.traced], values[:, starts[design.traced] + 3]
+            )
         return np.stack(rows, axis=1)
 
     def scatter_to_come(self, u: FloatArray, measured: int) -> FloatArray:
@@ -411,8 +406,3 @@ class Problem:
         if inside.any():
             value[inside] += self.log_likelihood(u[inside])
         return value
-
-
-def _memory(elapsed: FloatArray, tau_us: FloatArray) -> FloatArray:
-    """Correlation of errors so many seconds apart, by the correlation time, us."""
-    return np.asarray(np.exp(-elapsed / (tau_us * 1e-6)))

@@ -461,7 +461,7 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
         ]
         rows.append(
             [
-                Markup("{}, {}{}").format(p.waveform, count(len(p.frequency_hz), "reading"), _read_as(p)),
+                Markup("{}, {}{}").format(p.waveform, _readings(p), _read_as(p)),
                 words.span(p.frequency_hz, "Hz"),
                 words.span(p.amplitude_v, "V"),
                 listed(changed) if changed else "as it is",
@@ -475,6 +475,13 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
         rows = [row[: -1 if found.separates else -2] for row in rows]
     about = purpose_text(found.purpose, PAGE)
     return {"about": about, "separates": found.separates, "several": several, "rows": rows}
+
+
+def _readings(proposal: Proposal) -> str:
+    """How many they are, of launches or along a trace."""
+    if proposal.time_us is None:
+        return count(proposal.n_readings, "reading")
+    return f"{count(proposal.n_readings, 'sample')} over {proposal.time_us[-1]:g} us"
 
 
 def _read_as(proposal: Proposal) -> str:

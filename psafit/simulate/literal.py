@@ -166,7 +166,13 @@ def literal_motion(
     (n_times, 3) array
         Ball (m, from rest), its speed (m/s), tip (m, from rest).
     """
-    world = literal_world(theta, terms, constants)
+    return motion_in(literal_world(theta, terms, constants), point, times, rtol=rtol, most_steps=most_steps)
+
+
+def motion_in(
+    world: World, point: Point, times: Sequence[float], *, rtol: float = 1e-12, most_steps: int = 400_000
+) -> FloatArray:
+    """Follow a given `World`: see `literal_motion`."""
     world.frequency, world.amplitude = point.frequency, point.amplitude
     drive = _Drive(world, point, rtol, most_steps, times=times)
     launch = drive.run()

@@ -13,15 +13,16 @@ from outside import OUTSIDE, parts
 from rigs import measure
 
 from psafit.challenge import hide
-from psafit.challenge.answer import sizes, unseal
+from psafit.challenge.answer import sizes, standardised, unseal
 from psafit.challenge.conditions import ConditionSettings, drawn
 from psafit.challenge.hide import HideSettings, Outside, make, simulate_literally
 from psafit.challenge.oracle import consult
 from psafit.drives import Drive, Table
 from psafit.errors import InputError
-from psafit.experiment import Experiment, read_experiment, write_experiment
-from psafit.observables import LAUNCH_RANGE, OF_LAUNCHES
-from psafit.physics import TERMS, term
+from psafit.experiment import Experiment, Group, read_experiment, write_experiment
+from psafit.inference.problem import Problem
+from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, TIP_DISPLACEMENT, VELOCITY
+from psafit.physics import TERMS, term, terms
 from psafit.simulate import Design, readings, simulate
 
 # Of the effects outside the catalogue.
@@ -38,6 +39,9 @@ def test_a_seed_gives_the_same_bytes_however_the_work_is_shared(known: Experimen
         make(seed, tmp_path / name, design_of=known, terms=["start_phase"], jobs=jobs)
     assert files(tmp_path / "one") == files(tmp_path / "again")
     assert files(tmp_path / "one")["experiment/group1.csv"] != files(tmp_path / "other")["experiment/group1.csv"]
+    for name, jobs in (("trace", 1), ("traces", 2)):
+        make(5, tmp_path / name, design_of=followed(), terms=["soft_layer"], jobs=jobs)
+    assert files(tmp_path / "trace") == files(tmp_path / "traces")
 
 
 def test_the_folder_reveals_nothing(known: Experiment, lagged: Path, tmp_path: Path) -> None:
@@ -140,8 +144,12 @@ def test_drawn_designs_have_every_drive_and_observable_and_other_stacks(tmp_path
     }  # fmt: skip
     assert all(any(getattr(g.drive, key) not in (0.0, math.inf) for g in groups)
                for key in ("bias_v", "idle_v", "phase_deg", "cycles"))  # fmt: skip
-    assert {o for g in groups for o in g.observables} == set(OF_LAUNCHES)
-    few = [e for e in every if sum(g.n_points for g in e.groups) <= 60]
+    assert {o for g in groups for o in g.observables} == set(OBSERVABLES)
+    with_traces = [e for e in every if any(g.time_us is not None for g in e.groups)]
+    # Of 120 with a chance of 0.25 fewer than 15 or more than 46 come in one run of a thousand.
+    assert 15 <= len(with_traces) <= 46
+    assert all(any(g.time_us is None for g in e.groups) for e in with_traces)  # besides launches
+    few = [e for e in every if sum(g.n_points for g in e.groups if g.time_us is None) <= 60]
     # Of 120 with a chance of 0.4 fewer than 30 or more than 66 come in one run of a thousand.
     assert 30 <= len(few) <= 66 and len({e.constants.k_s for e in every}) > 30
     for e in every[:8]:  # the files hold them as they are
@@ -228,13 +236,53 @@ def test_a_request_that_contradicts_itself_is_refused(
     assert not (tmp_path / "x").exists()
 
 
-def test_nothing_is_hidden_in_traces(known: Experiment, tmp_path: Path) -> None:
-    first = known.groups[0]
-    n = first.n_points
-    trace = replace(first, time_us=np.arange(1.0, n + 1), measured=np.full(n, len(OF_LAUNCHES)))
-    with pytest.raises(InputError, match="holds traces"):
-        make(5, tmp_path / "x", design_of=replace(known, groups=(trace,)), kind="nothing")
-    assert not (tmp_path / "x").exists()
+def followed(samples: int = 40) -> Experiment:
+    """A small sweep, and one of its launches over time: the ball's velocity, and the tip's displacement."""
+    (sweep, *_), constants = mixed().groups, mixed().constants
+    f, v = np.full(samples, 1200.0), np.full(samples, 20.0)
+    time_us = np.linspace(0.0, 700.0, samples + 1)[1:]
+    traces = [
+        Group(k, "sine", f"{k}.csv", f, v, np.zeros(samples), measured=np.full(samples, OBSERVABLES.index(o)),
+              time_us=time_us)
+        for k, o in ((8, VELOCITY), (9, TIP_DISPLACEMENT))
+    ]  # fmt: skip
+    return replace(mixed(), constants=constants, groups=(sweep, *traces))
+
+
+def test_traces_hold_what_the_reference_makes_of_them(tmp_path: Path) -> None:
+    """Of either sign, with correlated scatter; a cause acts on them as the simulator has it."""
+    make(5, tmp_path, design_of=followed(), terms=["soft_layer"])
+    experiment, answer = unseal(tmp_path)
+    design = Design.of(experiment.constants, experiment.groups)
+    assert {"tau_velocity", "tau_tip_displacement"} < answer.scatter.keys()
+    problem = Problem(experiment, experiment.ids, terms(["soft_layer"]))
+    theta = [answer.parameters[name] for name in problem.names[: problem.n_physical]]
+    true, read = np.array(answer.true_readings), np.concatenate([g.reading for g in experiment.groups])
+    exact = readings(design, theta, problem.terms)[0]
+    assert np.abs(true - exact)[design.traced].max() < 1e-5 * np.abs(true[design.traced]).max()
+    assert read[design.traced].min() < 0.0
+    z = standardised(read, answer.scatter, design) - standardised(true, answer.scatter, design)
+    assert np.abs(z).max() < 5.0 and 0.7 < z[design.traced].std() < 1.3
+
+
+def test_scatter_along_a_trace_is_correlated_and_whitening_undoes_that() -> None:
+    design = Design.of(mixed().constants, followed(400).groups)
+    scatter = {p.name: p.prior_median for o in OBSERVABLES for p in o.scatter} | {"tau_velocity": 50.0}
+    one = design.measured == OBSERVABLES.index(VELOCITY)
+    read = np.array([
+        hide._read(design, np.ones(design.n_points), scatter, np.random.default_rng(seed), 4)[one] for seed in range(60)
+    ]) - 1.0  # fmt: skip
+    step = 700.0 / 400
+    lag = np.mean(read[:, 10:] * read[:, :-10]) / np.mean(read**2)
+    assert lag == pytest.approx(np.exp(-10 * step / 50.0), abs=0.06)
+
+
+@pytest.mark.slow
+def test_a_strength_is_asked_for_in_a_trace(tmp_path: Path) -> None:
+    """Nats are counted as the likelihood counts them: the oracle of the data finds about as many."""
+    made = make(3, tmp_path, design_of=followed(), terms=["soft_layer"], strength=30.0)
+    gain = consult(made.experiment, made.answer, seed=1, starts=8, draws=256).gain
+    assert made.answer.reached and 12.0 < gain < 75.0
 
 
 def test_a_drive_that_launches_nothing_is_reported(known: Experiment, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from psafit.experiment import Constants, Experiment, Group, read_experiment, rea
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.physics import terms
 from psafit.records import write_json
+from psafit.report.diagnosis_tables import proposals
 
 
 def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -144,6 +145,31 @@ def test_what_conditions_can_distinguish_is_said_and_drawn(
         assert run(monkeypatch, "plan", known_folder, *words) == 2
         error = capsys.readouterr().err
         assert said in error and error.count("\n") == 1 and not (tmp_path / "x").exists()
+
+
+def test_a_proposed_trace_becomes_a_plan(
+    diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys
+) -> None:  # type: ignore[no-untyped-def]
+    """Its times stand in the file, next to a column that waits; the page says its length."""
+    folder, experiment = shutil.copytree(diagnosis[0], tmp_path / "run"), diagnosis[1]
+    write_experiment(experiment, folder / "experiment")
+    record = make_record(experiment)
+    times = [float(t) for t in range(10, 130, 10)]
+    trace = replace(
+        record.next_experiment.proposals[0], text="a trace of the ball's velocity", frequency_hz=[1200.0],
+        amplitude_v=[20.0], constants={}, observable="velocity", time_us=times,
+    )  # fmt: skip
+    found = replace(record.next_experiment, proposals=[trace])
+    write_json(folder / "diagnosis.json", replace(record, next_experiment=found), sealed=True)
+    assert run(monkeypatch, "plan", folder, "--out", tmp_path / "next") == 0
+    assert "put a column velocity_mm_s into" in capsys.readouterr().out
+    new = read_plan(tmp_path / "next").groups[-1]
+    file = tmp_path / "next" / new.file
+    assert new.time_us is not None and new.time_us.tolist() == times and set(new.frequency_hz) == {1200.0}
+    file.write_text(file.read_text("utf-8").replace(",\n", ",0.5\n"), "utf-8")
+    read = read_experiment(tmp_path / "next").group(new.id)
+    assert read.observable.name == "velocity" and read.reading.tolist() == [0.5] * 12
+    assert proposals(found)["rows"][0][0] == "sine, 12 samples over 120 us of the velocity"
 
 
 def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

@@ -12,11 +12,12 @@ from scripts import loaded
 from truths import experiment
 
 from psafit.diagnose.isolability import IsolabilitySettings, _Effects, isolability
-from psafit.diagnose.next_experiment import proposals, proposed
+from psafit.diagnose.next_experiment import proposed
+from psafit.diagnose.possible import proposals
 from psafit.drives import Drive, Table
-from psafit.experiment import Experiment
+from psafit.experiment import Conditions, Experiment, read_as
 from psafit.inference.problem import Problem
-from psafit.observables import CONTACT_TIME, OF_LAUNCHES, PEAK_FORCE
+from psafit.observables import CONTACT_TIME, DISPLACEMENT, OBSERVABLES, OF_LAUNCHES, PEAK_FORCE, VELOCITY, Observable
 from psafit.physics import terms
 from psafit.simulate import Design
 from psafit.simulate.sensitivity import RIGS
@@ -125,6 +126,27 @@ def test_another_observable_that_would_distinguish_causes_is_named(pair, strengt
     assert [set(two) for two in block.also.pairs] == [set(pair)] and block.also.nats >= settings.apart
 
 
+def test_a_trace_that_would_distinguish_causes_is_named():
+    """Where a velocity over time does more than a speed, a time or a force of every launch; with its design."""
+    e, pair = experiment(n=8), ("hertz_exponent", "soft_layer")
+    found = isolability("a rig", e.constants, e.groups, (), terms(pair), places=[RIGS["study"]])
+    (block,) = found.blocks
+    assert block.also is not None and block.also.trace is not None
+    trace = block.also.trace
+    assert (block.also.observable, block.also.splits) == ("velocity", True)
+    assert len(trace.time_us) == found.settings.trace.samples
+    assert trace.text == (
+        f"a trace of the ball's velocity, {trace.waveform}, {trace.frequency_hz:g} Hz, {trace.amplitude_v:g} V,"
+        f" {len(trace.time_us)} samples over {trace.time_us[-1]:g} us"
+    )
+    also = Conditions(
+        "t", trace.waveform, "", np.full(64, trace.frequency_hz), np.full(64, trace.amplitude_v),
+        time_us=np.array(trace.time_us), measured=np.full(64, OBSERVABLES.index(VELOCITY)),
+    )  # fmt: skip
+    whole = isolability("a rig", e.constants, [*e.groups, also], (), terms(pair), places=[RIGS["study"]])
+    assert not whole.blocks and min(whole.nats[0][1], whole.nats[1][0]) == pytest.approx(block.also.nats, rel=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("pair", "strength", "other"), TIES, ids=lambda x: getattr(x, "name", None))
 def test_refits_lose_by_that_observable_what_ranges_leave(pair, strength, other):
@@ -157,3 +179,59 @@ def test_a_design_of_other_readings_is_split_by_sweeps_that_read_them():
     assert found.readings == 2 * only.readings and all(a > b for a, b in zip(found.seen, only.seen, strict=True))
     ranges = isolability("a rig", e.constants, experiment(n=8).groups, (), pair, settings=settings)
     assert only.seen == pytest.approx(ranges.seen, rel=0.3)
+
+
+def traced(kind: Observable, samples: int, id: str = "t") -> Conditions:
+    """A trace to come, of one launch."""
+    f, v, time = np.full(samples, 1200.0), np.full(samples, 20.0), np.linspace(0.0, 950.0, samples + 1)[1:]
+    return Conditions(id, "sine", f"{id}.csv", f, v, measured=np.full(samples, OBSERVABLES.index(kind)), time_us=time)
+
+
+def test_samples_of_a_trace_count_as_their_covariance_says(monkeypatch):
+    """By generalised least squares on readings that are not whitened, with the whole correlation matrix."""
+    e, settings = experiment(n=6), IsolabilitySettings(imitating=(0.5,))
+    trace, theta, pair = traced(VELOCITY, 24), np.array(RIGS["study"]), terms(["idle_level", "indentation_damping"])
+    design = Design.of(e.constants, [*e.groups, trace])
+    reported = _Effects.at(design, theta, pair, settings).refitted().against(["idle_level"], [pair[1].id], settings)
+    monkeypatch.setattr("psafit.inference.noise.whitened", lambda deviation, noise: deviation)
+    raw = _Effects.at(design, theta, pair, settings)
+    tau = VELOCITY.scatter[3].prior_median
+    assert trace.time_us is not None
+    correlation = np.eye(design.n_points)
+    correlation[-24:, -24:] = np.exp(-np.abs(trace.time_us[:, None] - trace.time_us) / tau)
+    made, columns = raw.rows["idle_level", 0.5][0], np.vstack([raw.slopes, raw.rows[pair[1].id, 0.5]]).T
+    inverse = np.linalg.inv(correlation)
+    left = made - columns @ np.linalg.lstsq(columns.T @ inverse @ columns, columns.T @ inverse @ made, rcond=None)[0]
+    assert reported == pytest.approx(0.5 * left @ inverse @ left, rel=1e-4)
+
+
+def test_more_samples_of_one_motion_say_little_more():
+    """Of a displacement sampled more often than its errors change; independent ones would say four times as much."""
+    e, settings, pair = experiment(n=6), IsolabilitySettings(), terms(["preload", "soft_layer"])
+    said = []
+    for n in (64, 256):
+        design = Design.of(e.constants, [*e.groups, traced(DISPLACEMENT, n)])
+        effects = _Effects.at(design, np.array(RIGS["study"]), pair, settings).refitted()
+        said.append(effects.against(["preload"], ["soft_layer"], settings))
+    assert said[0] <= said[1] < 1.2 * said[0]
+
+
+@pytest.mark.slow
+def test_refits_lose_by_a_trace_what_is_said_of_it():
+    """By least squares with the simulator itself: ranges leave a tie, and a velocity over time breaks it."""
+    ties = loaded(ROOT / "benchmarks" / "ties.py")
+    e, pair, settings = experiment(n=16), ("idle_level", "indentation_damping"), IsolabilitySettings()
+    groups = (*e.groups, traced(VELOCITY, 48))
+    both = replace(e, groups=read_as(groups, np.ones(sum(g.n_points for g in groups))))
+    linear = _Effects.at(Design.of(e.constants, groups), np.array(RIGS["study"]), terms(pair), settings).refitted()
+    ranges, refitted, reported = [], [], []
+    for truth, rival in (pair, pair[::-1]):
+        made, wrong = (Problem(both, both.ids, terms([id])) for id in (truth, rival))
+        exact = made.predict(ties.start(made, RIGS["study"], settings.strength, None)[None])[0]
+        near = [ties.start(wrong, RIGS["study"], share, None) for share in settings.imitating]
+        whole, end = ties.left(wrong, near, exact, (0, OBSERVABLES.index(VELOCITY)), 30)
+        ranges.append(ties.left(wrong, [*near, end], exact, (0,), 30)[0])
+        refitted.append(whole)
+        reported.append(linear.against([truth], [rival], settings))
+    assert min(ranges) < settings.apart < 2 * settings.apart < min(refitted)
+    assert np.allclose(np.log(refitted), np.log(reported), atol=np.log(2))

@@ -15,14 +15,16 @@ from psafit.diagnose.next_experiment import (
     ProposalSettings,
     determine,
     planned,
-    proposals,
     proposed,
     separating,
 )
+from psafit.diagnose.possible import TraceSettings, proposals
 from psafit.drives import Drive, Table
 from psafit.experiment import read_experiment, read_plan, write_experiment
+from psafit.inference import noise
 from psafit.inference.evidence import importance_sample
 from psafit.observables import OBSERVABLES
+from psafit.simulate import Design, simulate
 
 
 def test_next_experiment_separates_what_is_tied(hidden):
@@ -166,9 +168,11 @@ def test_another_observable_must_do_markedly_more():
 
 
 def test_each_observable_is_tried_on_the_rig_as_it_is(sound):
-    possible = next_experiment._possible(sound)
+    possible = next_experiment._possible(sound, TraceSettings())
     others = [p for p in possible if p.other]
-    assert {OBSERVABLES[p.design.measured[0]].name for p in others} == {"launch_speed", "contact_time", "peak_force"}
+    assert {OBSERVABLES[p.design.measured[0]].name for p in others} == {
+        "launch_speed", "contact_time", "peak_force", "displacement", "velocity", "tip_displacement",
+    }  # fmt: skip
     assert not any(p.changed for p in others) and any(p.text.endswith(", and read contact times") for p in others)
     assert len({p.text for p in possible}) == len(possible)
 
@@ -176,7 +180,7 @@ def test_each_observable_is_tried_on_the_rig_as_it_is(sound):
 def test_no_contact_time_is_expected_of_a_launch_that_fails(sound):
     """A cell is left empty there: whether it is says nothing."""
     reported = next_experiment._Forecast(np.array([[0.0, 3.0, 2.0], [1.0, 3.0, 2.0]]), np.ones((2, 3)), np.full(2, 0.5))
-    possible = next_experiment._possible(sound)
+    possible = next_experiment._possible(sound, TraceSettings())
     times = next(p for p in possible if p.other and OBSERVABLES[p.design.measured[0]].blank)
     assert next_experiment._legible([reported, reported], times)[1].ranges.tolist() == [[3.0, 2.0], [3.0, 2.0]]
     assert next_experiment._legible([reported], possible[0])[0].ranges.shape == (2, 3)
@@ -193,6 +197,44 @@ def test_a_planned_contact_time_waits_for_its_column(sound):
     scatter = problem.scatter_to_come(sound.modes[:1], int(sweep.measured[0]))
     assert scatter[0].tolist() == [p.prior_median for p in sweep.observable.scatter]
     assert problem.scatter_to_come(sound.modes[:1], 0)[0] == pytest.approx(problem.noise_values(sound.modes[:1])[0])
+
+
+def test_a_trace_is_proposed_with_its_launch_its_length_and_its_samples(sound, tmp_path):
+    """Over twice the contact of the best model; the plan waits for its readings, and a simulation knows its times."""
+    possible = [p for p in next_experiment._possible(sound, TraceSettings(samples=20)) if p.design.traced.any()]
+    assert len({p.text for p in possible}) == len(possible) and all(p.other for p in possible)
+    one = next(p for p in possible if p.text.startswith("a trace of the ball's velocity, square, "))
+    time = one.design.time
+    assert f"20 samples over {time[-1] * 1e6:g} us" in one.text and np.allclose(np.diff(time, prepend=0.0), time[0])
+    d, theta = one.design, sound.values[None, :3]
+    lasts = simulate(Design.sweep(RIG, "square", d.frequency[0], d.amplitude[0]), theta).separation_time[0, 0]
+    assert time[-1] == pytest.approx(2 * lasts, rel=0.06)
+    proposal = next_experiment._judged(one, (1.0, None, 0.1))
+    assert (proposal.frequency_hz, proposal.n_readings) == ([d.frequency[0]], 20) and not proposal.as_it_is
+    sweep = next_experiment.planned(proposal, "next", sound.problem.experiment)
+    write_experiment(sound.problem.experiment, tmp_path / "planned", [sweep])
+    read = read_plan(tmp_path / "planned").groups[-1]
+    assert [o.name for o in read.observables] == ["velocity"] and read.time_us == pytest.approx(time * 1e6, rel=1e-5)
+
+
+def test_samples_of_a_proposed_trace_count_with_their_correlation():
+    """Densities are those of the likelihood, draw by draw; samples in between say little more."""
+    rng, settings = np.random.default_rng(1), ProposalSettings(trials=400)
+    separation = []
+    for n in (16, 64):
+        time = np.linspace(0.0, 6e-4, n + 1)[1:]
+        scatter = noise.along(np.tile([0.02, 0.02, 30.0, 200.0], (5, 1)), np.diff(time, prepend=-np.inf))
+        motion = 5.0 * (time / time[-1]) ** 2
+        shifted = motion + 0.05 * time / time[-1]
+        one, other = (
+            next_experiment._Forecast(np.tile(x, (5, 1)), scatter, np.full(5, 0.2), None, -np.inf)
+            for x in (motion, shifted)
+        )
+        rows = motion + 0.05 * rng.standard_normal((3, n))
+        exact = [noise.log_density(row, one.ranges, scatter, None).sum(axis=1).mean() for row in rows]
+        assert one.log_density(rows) == pytest.approx(exact)
+        separation.append(next_experiment._apart([one, other], rng, settings)[0][0])
+    assert separation[0] > 0.3 and separation[1] < 1.5 * separation[0]
 
 
 def a_table(recorded: bool) -> Drive:
@@ -213,7 +255,7 @@ def test_a_rig_that_has_tables_only_is_offered_them(recorded, tmp_path):
     assert possible and all(p.design.used == (measured.groups[0].drive,) for p in possible)
     assert recorded == all(np.ptp(p.design.frequency) == np.ptp(p.design.amplitude) == 0.0 for p in possible)
     assert {bool(p.changed) for p in possible} == {True, False}
-    sweep = planned(possible[0].judged((1.0, None, 0.1)), "next", measured)
+    sweep = planned(next_experiment._judged(possible[0], (1.0, None, 0.1)), "next", measured)
     write_experiment(measured, tmp_path / "plan", [sweep])
     assert read_plan(tmp_path / "plan").groups[-1].drive == measured.groups[0].drive
 

@@ -404,7 +404,10 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     best = replace(record.next_experiment.proposals[0], separation=0.36, error=0.05, success=0.0)
     record = replace(record, next_experiment=replace(record.next_experiment, proposals=[best]))
     text = build(record, experiment, tmp_path).first_screen
-    assert "No sweep that the rig allows separates hysteresis of the stack from" in text and "by 0.4 ± 0.1 nats" in text
+    assert (
+        "No measurement that the rig allows separates hysteresis of the stack from" in text
+        and "by 0.4 ± 0.1 nats" in text
+    )
     weak = replace(best, separation=0.05, error=0.02, success=None, pairs=[])
     record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c")))
     text = build(record, experiment, tmp_path).first_screen

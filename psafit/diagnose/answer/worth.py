@@ -101,8 +101,10 @@ class Next(Statement):
             rest = " The other sets are not looked at: without --quick the four likeliest are."
             return words.put("Next, measure " + does + "{}", text, about, by, rest if self.more else "")
         if self.found.separates:
-            return words.put("No sweep that the rig allows {}: the best, {}, by {}.", about, text, by)
-        return words.put("No sweep that the rig allows would show much more: the best, {}, {}, {}.", text, about, by)
+            return words.put("No measurement that the rig allows {}: the best, {}, by {}.", about, text, by)
+        return words.put(
+            "No measurement that the rig allows would show much more: the best, {}, {}, {}.", text, about, by
+        )
 
 
 def purpose_text(purpose: Purpose | None, words: Words) -> str:

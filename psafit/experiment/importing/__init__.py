@@ -7,7 +7,7 @@ calamine; units are pint's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 
@@ -15,12 +15,13 @@ import numpy as np
 
 from psafit.drives import WAVEFORMS, Drive
 from psafit.errors import Faults, InputError
-from psafit.experiment.importing.columns import WAVEFORM, choose
+from psafit.experiment.importing.columns import WAVEFORM, choose, option
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, grids
 from psafit.experiment.importing.layout import Head, body, find_head, names
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
+from psafit.experiment.importing.traces import Sampled, from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import Group
 from psafit.experiment.table import CellFault, readings_of
@@ -62,12 +63,41 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
     _check_mappings([tries[0] for tries in found], options)
     shapes = _waveforms([tries[0] for tries in found], options)
     tables: list[Table] = []
-    for tries, shape in zip(found, shapes, strict=True):
+    for number, (tries, shape) in enumerate(zip(found, shapes, strict=True)):
         first_id = sum(len(t.groups) for t in tables) + 1
+        own = options.of_table(number, len(found))
         with faults.kept():
-            tables.append(_readable(tries, options, shape, first_id, examples))
+            tables.append(_readable(tries, own, shape, first_id, examples))
     faults.end()
+    _check_used(tables, options)
     return tables
+
+
+def _check_used(tables: Sequence[Table], options: Options) -> None:
+    """What is given for conditions and traces is used by some table.
+
+    Raises
+    ------
+    InputError
+        With each that is not.
+    """
+    faults = Faults()
+    for name, _ in options.values:
+        columns = [(table, c) for table in tables for c in table.columns if c.column == name]
+        if all(c.headings for _, c in columns):
+            what, place = f"{name} is given, and no table takes it", None
+            remedy = "leave out --set"
+            if columns:
+                place, heading = columns[0][0], columns[0][1].headings[0]
+                what = f"{name} is given, and column {shown(heading)} holds it"
+                remedy = f"{remedy}, or say {option(heading, IGNORED)}"
+            file, line = (place.file, place.header_line or 1) if place else (None, None)
+            faults.add(InputError(what, remedy, file=file, line=line))
+    given = {"--start": options.start_us is not None, "--from-rest": options.from_rest, "--every": options.every != 1}
+    if not any(group.time_us is not None for table in tables for group in table.groups):
+        for name in (name for name, is_given in given.items() if is_given):
+            faults.add(InputError(f"{name} is of traces, and no table is one", "leave it out"))
+    faults.end()
 
 
 def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
@@ -75,6 +105,7 @@ def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
     tries = [(grid, head) for grid in grids(file, options) if (head := find_head(grid, options))]
     if any(head.known > 1 and grid.separator not in BLANKS for grid, head in tries):  # blanks are within headings
         tries = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]
+    tries = [(grid, head) for grid, head in tries if _is_filled(grid, head)] or tries
     most = max((head.known for _, head in tries), default=0)
     best = [(grid, head) for grid, head in tries if head.known == most]
     if not best:
@@ -94,6 +125,12 @@ def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
     if len(tables) > 1 or len(best) > 1:
         raise InputError(f"sheets {listed(tables)} hold tables", "say which: --sheet NAME; repeat", file=file)
     return [best]
+
+
+def _is_filled(grid: Grid, head: Head) -> bool:
+    """Whether blanks part rows as they part the headings; other separators do where they are."""
+    widths = (len(row.cells) for row in grid.rows[head.first :])
+    return grid.separator not in BLANKS or any(width == len(head.headings) for width in widths)
 
 
 def _readable(
@@ -171,20 +208,22 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     """A table, read to its last cell."""
     chosen = choose(grid, head, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options.most_rows)
-    found, decimal = readings(grid, head, chosen, rows, options, waveform)
-    columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name, _ in options.values if name in COLUMNS]
+    read, decimal = readings(grid, head, chosen, rows, options, waveform)
+    sampled = from_start(grid, read, options) if chosen.traced else Sampled(tuple(read), frozenset(), {})
+    columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name in chosen.held(options)]
     for name in dict.fromkeys(c.column for c in chosen.columns if c.column in COLUMNS):
         same = chosen.of(name)
-        units = {c.unit.text: c.unit.factor(COLUMNS[name].unit) for c in same if c.unit}
+        units = {c.unit.said: c.unit.factor(COLUMNS[name].unit) for c in same if c.unit}
         factor = float(next(iter(units.values())) or 1) if len(units) == 1 else 1.0
-        columns.append(Understood(name, tuple(c.option for c in same), ", ".join(units), factor, same[0].volts))
-    columns.sort(key=lambda c: list(COLUMNS).index(c.column))
+        zero = sampled.zeros.get(name, 0.0)
+        columns.append(Understood(name, tuple(c.option for c in same), ", ".join(units), factor, same[0].volts, zero))
+    order = list(COLUMNS)
+    columns.sort(key=lambda c: order.index(c.column))
     cells = {row.line: row.texts for row in rows.rows}
-    shown_rows = [
-        Example(line, cells[line], tuple(_ordered(r, columns) for r in found if r.line == line))
-        for line in list(cells)[:examples]
-    ]
-    parts = enumerate(groups_of(found).values(), first_id)
+    first = list(dict.fromkeys(r.line for r in sampled.found[: 100 * examples]))[:examples]
+    shown_rows = [Example(line, cells[line], tuple(_values(sampled.found, line, order))) for line in first]
+    parts = enumerate(groups_of(sampled.found).values(), first_id)
+    early = ((line, " ".join(filter(None, cells[line]))) for line in sorted(sampled.before))
     return Table(
         file=grid.file,
         sheet=grid.sheet,
@@ -196,14 +235,15 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         examples=tuple(shown_rows),
         unused=tuple(c.option for c in chosen.unused if c.heading.text),
         not_yet=tuple((c.option, c.column) for c in chosen.not_yet),
-        left_out=rows.left_out,
-        groups=tuple(_group(number, part) for number, part in parts),
+        left_out=(*rows.left_out, *early),
+        groups=tuple((trace_of if chosen.traced else _group)(number, part) for number, part in parts),
     )
 
 
-def _ordered(reading: Reading, columns: Sequence[Understood]) -> tuple[float, ...]:
-    values = dict(reading.values)
-    return tuple(values[c.column] for c in columns)
+def _values(found: Sequence[Reading], line: int, order: Sequence[str]) -> Iterator[tuple[tuple[str, float], ...]]:
+    """What was read in a line, each in the order of psafit's columns."""
+    for reading in (r for r in found if r.line == line):
+        yield tuple(sorted(reading.values, key=lambda pair: order.index(pair[0])))
 
 
 def _group(number: int, part: Sequence[Reading]) -> Group:

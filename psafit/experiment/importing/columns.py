@@ -13,11 +13,17 @@ from psafit.experiment.importing.layout import Head, names
 from psafit.experiment.importing.numerals import is_number, likeliest
 from psafit.experiment.importing.quantities import COLUMNS, QUANTITIES, VOLTS, Volts
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
-from psafit.experiment.importing.units import Unit
+from psafit.experiment.importing.units import Unit, factor_of
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.text import listed, shown
+from psafit.experiment.trace_table import TIME, TRACES
 
 WAVEFORM = "waveform"
+HELD = (*CONDITION_COLUMNS, "sigma_um")
+"""What may be held, in the place of a column."""
+READ = ("reading", "trace")
+"""Roles of what is read."""
+_EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,13 @@ class Chosen:
     columns: tuple[Column, ...]
     unused: tuple[Column, ...]
     not_yet: tuple[Column, ...]
+    traced: bool = False
+
+    def held(self, options: Options) -> dict[str, float]:
+        """Conditions that were held, of those that such a table takes and has no column of."""
+        here = {c.column for c in self.columns}
+        takes = CONDITION_COLUMNS if self.traced else HELD
+        return {name: value for name, value in options.held.items() if name in takes and name not in here}
 
     def of(self, column: str) -> list[Column]:
         """The columns of the file that hold a column of psafit's."""
@@ -71,7 +84,7 @@ class Chosen:
     @property
     def readings(self) -> list[str]:
         """Psafit's columns of readings that are there."""
-        return list(dict.fromkeys(c.column for c in self.columns if _role(c.column) == "reading"))
+        return list(dict.fromkeys(c.column for c in self.columns if _role(c.column) in READ))
 
 
 def option(heading: str, column: str, unit: str = "") -> str:
@@ -89,21 +102,24 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
         Where something needed is missing, or could be one of several: a line each, with the option that says it.
     """
     faults = Faults()
-    found = _recognised(grid, head, options, faults)
+    mapped = _mapped(grid, head, options, faults)
+    traced = _is_trace(head, mapped)
+    found = _recognised(head, mapped, traced=traced)
     if not len(faults):
         _check_unnamed(grid, head, found, faults)
     faults.end()
     said = {c.column for c in found if c.mapped}
     used = [c for c in found if c.column not in ("", IGNORED) and (c.mapped or c.column not in said)]
+    roles = ("condition", "time", "trace") if traced else ("condition", "reading", "error")
     usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, GROUPS}
-    kept = [c for c in used if c.column in usable]
-    not_yet = [c for c in used if c.column not in usable and _role(c.column) != "trace"]
+    kept = [c for c in used if c.column in usable and _role(c.column) in (*roles, "")]
+    not_yet = [c for c in used if c.column not in usable]
     _check_drive(grid, head, not_yet, faults)
     for column in dict.fromkeys(c.column for c in kept):
         _check_several(grid, head, [c for c in kept if c.column == column], faults)
     unused = [c for c in found if c not in kept and c not in not_yet]
-    chosen = Chosen(tuple(kept), tuple(unused), tuple(not_yet))
-    _check_missing(grid, head, chosen, options, faults)
+    chosen = Chosen(tuple(kept), tuple(unused), tuple(not_yet), traced)
+    (_check_trace if traced else _check_missing)(grid, head, chosen, options, faults)
     faults.end()
     counted = [_with_unit(grid, head, c, options, faults) for c in kept]
     faults.end()
@@ -118,12 +134,12 @@ def _error(grid: Grid, head: Head, what: str, remedy: str) -> InputError:
     return InputError(what, remedy, file=grid.file, line=head.line or 1)
 
 
-def _recognised(grid: Grid, head: Head, options: Options, faults: Faults) -> list[Column]:
-    """Each column with what it is: empty for unknown, or `"ignore"`."""
+def _mapped(grid: Grid, head: Head, options: Options, faults: Faults) -> dict[int, Column]:
+    """The columns of which the user says what they are, by their places."""
     mapped: dict[int, Column] = {}
     for mapping in options.columns:
         places = names(mapping, head.headings)
-        single = mapping.column in (*CONDITION_COLUMNS, WAVEFORM, GROUPS)
+        single = mapping.column in (*CONDITION_COLUMNS, TIME, WAVEFORM, GROUPS)
         if len(places) > 1 and single:
             what = f"{len(places)} columns are called {shown(mapping.heading)}"
             faults.add(_error(grid, head, what, f"give the number of one: {option('2', mapping.column)}"))
@@ -135,6 +151,24 @@ def _recognised(grid: Grid, head: Head, options: Options, faults: Faults) -> lis
             mapped[place] = Column(
                 place, head.headings[place], mapping.column, said, said.volts if said else None, mapped=True
             )
+    return mapped
+
+
+def _is_trace(head: Head, mapped: dict[int, Column]) -> bool:
+    """Whether a table is a motion over time, in the place of launches: time and motion, and no frequency."""
+    said = {c.column for c in mapped.values()}
+    could = {
+        q.column
+        for place, heading in enumerate(head.headings)
+        for q in ([] if place in mapped else heading.quantities(head.units[place]))
+    }
+    over_time = TIME in could | said and "frequency_hz" not in could | said
+    return not said.isdisjoint(TRACES) or (over_time and not could.isdisjoint(TRACES))
+
+
+def _recognised(head: Head, mapped: dict[int, Column], *, traced: bool) -> list[Column]:
+    """Each column with what it is: empty for unknown, or `"ignore"`."""
+    other = ("reading", "error") if traced else ("trace",)
     found = []
     for place, heading in enumerate(head.headings):
         if place in mapped:
@@ -142,7 +176,7 @@ def _recognised(grid: Grid, head: Head, options: Options, faults: Faults) -> lis
         elif heading.is_waveform:
             found.append(Column(place, heading, WAVEFORM))
         else:
-            could = heading.quantities(head.units[place])
+            could = [q for q in heading.quantities(head.units[place]) if q.role not in other]
             found.append(Column(place, heading, could[0].column if len(could) == 1 else ""))
     return found
 
@@ -179,7 +213,7 @@ def _check_drive(grid: Grid, head: Head, columns: Iterable[Column], faults: Faul
 def _check_several(grid: Grid, head: Head, columns: Sequence[Column], faults: Faults) -> None:
     """Several columns of one quantity are repetitions, if they are readings and numbered; else it is asked."""
     first = columns[0]
-    if len(columns) == 1 or (_role(first.column) == "reading" and (first.mapped or _repeated(columns))):
+    if len(columns) == 1 or (_role(first.column) in READ and (first.mapped or _repeated(columns))):
         return
     what = f"columns {listed(c.name for c in columns)} could all be {first.column}"
     faults.add(_error(grid, head, what, f"say which: {option(columns[-1].option, first.column)}"))
@@ -194,25 +228,22 @@ def _repeated(columns: Sequence[Column]) -> bool:
 
 
 def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
-    held = dict(options.values)
-    there = listed(shown(h.text) for h in head.headings if h.text)
-    times = [c for c in chosen.unused if c.column == "time_us"]
-    if times and not chosen.of("frequency_hz") and "frequency_hz" not in held:
-        what = f"no frequency_hz among {there}: column {times[0].name} looks like a trace over time"
-        remedy = f"psafit cannot use traces yet; if it is none, say {option('NAME', 'frequency_hz', 'kHz')}"
-        faults.add(_error(grid, head, what, remedy))
+    held, there = options.held, _there(head)
+    times = [c for c in chosen.unused if c.column == TIME]
+    if times and not chosen.readings and not chosen.of("frequency_hz"):
+        what = (
+            f"no frequency_hz among {there}: column {times[0].name} looks like a trace over time, but none is a motion"
+        )
+        volts = [c.option for c in (*chosen.unused, *chosen.of("amplitude_v")) if _in_volts(c, head)]
+        scale = option(volts[0] if volts else "NAME", "velocity_mm_s", "5mm/s/V")
+        faults.add(_error(grid, head, what, f"say what one volt is, such as {scale} or 2um/V, of displacement_um"))
         return
     for column in CONDITION_COLUMNS:
-        found = chosen.of(column)
-        if found and column in held:
-            remedy = f"leave out --set, or say {option(found[0].option, IGNORED)}"
-            faults.add(_error(grid, head, f"{column} is given, and column {found[0].name} holds it", remedy))
-        elif not found and column not in held:
-            example = {"frequency_hz": "kHz", "amplitude_v": "Vpp"}[column]
+        if not chosen.of(column) and column not in held:
             near = _nearest(chosen.unused, head, column)
-            remedy = f"say {option(near or 'NAME', column, '' if near else example)}"
-            value = {"frequency_hz": "1.2:kHz", "amplitude_v": "40:Vpp"}[column]
-            faults.add(_error(grid, head, f"no {column} among {there}", f"{remedy}, or --set {column}={value} if held"))
+            remedy = f"say {option(near or 'NAME', column, '' if near else _EXAMPLES[column][0])}"
+            remedy = f"{remedy}, or --set {_example(column)} if held"
+            faults.add(_error(grid, head, f"no {column} among {there}", remedy))
     if not chosen.readings:
         near = _nearest(chosen.unused, head, "launch_range_um")
         what, remedy = f"no launch_range_um among {there}", f"say {option(near or 'NAME', 'launch_range_um')}"
@@ -220,6 +251,39 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
             what = f"{what}, but {listed(f'{c.column} ({c.name})' for c in chosen.not_yet)}"
             remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"
         faults.add(_error(grid, head, what, remedy))
+
+
+def _there(head: Head) -> str:
+    return listed(shown(h.text) for h in head.headings if h.text)
+
+
+def _in_volts(column: Column, head: Head) -> bool:
+    unit = head.unit(column.place)
+    return unit is not None and unit.kind == "V"
+
+
+def _example(column: str) -> str:
+    """How a condition that was held is given."""
+    unit, value = _EXAMPLES[column]
+    return f"{column}={value}:{unit}"
+
+
+def _check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
+    """A trace has a time, and one frequency and one amplitude, which it does not say."""
+    if not chosen.of(TIME):
+        near = _nearest(chosen.unused, head, TIME)
+        what = f"a trace, and no {TIME} among {_there(head)}"
+        faults.add(_error(grid, head, what, f"say {option(near or 'NAME', TIME, '' if near else 'ms')}"))
+    for column in (c for name in CONDITION_COLUMNS for c in chosen.of(name)):
+        what = f"a trace has one {column.column}, and column {column.name} may be it or the drive over time"
+        remedy = f"say --set {_example(column.column)} and {option(column.option, IGNORED)}"
+        if (times := chosen.of(TIME)) and not times[0].mapped:
+            remedy = f"{remedy}; of launches, {option(times[0].option, IGNORED)}"
+        faults.add(_error(grid, head, what, remedy))
+    missing = [n for n in CONDITION_COLUMNS if n not in options.held and not chosen.of(n)]
+    if missing:
+        what = f"a trace over time, and nothing says {' and '.join(missing)} of its drive"
+        faults.add(_error(grid, head, what, f"say {' '.join(f'--set {_example(n)}' for n in missing)}"))
 
 
 def _nearest(columns: Iterable[Column], head: Head, column: str) -> str:
@@ -234,6 +298,8 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         return column
     target = COLUMNS[column.column].unit
     unit = column.unit or head.unit(column.place)
+    if column.unit and column.unit.scale is not None:
+        unit = _on_scale(grid, head, column, column.unit, faults)
     cells = [cell for cell in _cells(grid, head, column.place) if is_number(cell)]
     own = not unit and bool(cells) and all(isinstance(c, str) and c[-1:].isalpha() for c in cells)
     below = head.units[column.place]
@@ -244,7 +310,7 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         what = f"column {column.name}: {shown(unit.text)} is no unit of {column.column}"
         faults.add(_error(grid, head, what, f"say {option(column.option, column.column, target)}"))
     elif not unit and not own:
-        other = {"Hz": "kHz", "V": "mV", "um": "mm"}.get(target, target)
+        other = {"Hz": "kHz", "V": "mV", "um": "mm", "us": "ms", "mm/s": "m/s"}.get(target, target)
         what = f"column {column.name} gives no unit"
         remedy = f"say {option(column.option, column.column, target)}, or another unit such as {other}"
         faults.add(_error(grid, head, what, remedy))
@@ -252,6 +318,20 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
     if target == "V":
         volts = _volts(grid, head, column, unit, options, own=own, faults=faults)
     return replace(column, unit=unit, volts=volts)
+
+
+def _on_scale(grid: Grid, head: Head, column: Column, scale: Unit, faults: Faults) -> Unit:
+    """The unit of a sensor's signal; where that is in mV by its heading, the scale is another."""
+    target, said = COLUMNS[column.column].unit, head.unit(column.place)
+    if said is None:
+        return scale
+    per_volt = factor_of(scale.text, f"{target}/V") is not None
+    factor = factor_of(said.text, "V" if per_volt else target)
+    if factor is None:
+        what = f"column {column.name} is in {shown(said.text)}, and {shown(scale.said)} is no scale of it"
+        faults.add(_error(grid, head, what, f"say {option(column.option, column.column)}, or give it another unit"))
+        return scale
+    return replace(scale, step=factor) if per_volt else scale
 
 
 def _volts(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from importlib.resources import files
 from pathlib import Path
 
-from psafit.experiment.importing.quantities import VOLTS
+from psafit.experiment.importing.quantities import COLUMNS, VOLTS
 from psafit.experiment.importing.records import Table, Understood
 from psafit.experiment.plausible import disagreeing_groups, suspicious_readings
 from psafit.experiment.records import DEFINITION, Constants
@@ -97,7 +97,13 @@ def _column_text(column: Understood) -> str:
     if not column.headings:
         return f"{column.column} was given"
     volts = f" {VOLTS[column.volts]}" if column.volts else ""
-    return f"{column.column} from {', '.join(column.headings)} in {column.unit or 'the unit of each cell'}{volts}"
+    unit = column.unit or "the unit of each cell"
+    return f"{column.column} from {', '.join(column.headings)} in {unit}{volts}{less(column)}"
+
+
+def less(column: Understood) -> str:
+    """What was subtracted, behind what else is said of a column."""
+    return f", less {column.zero:.10g} {COLUMNS[column.column].unit}" if column.zero else ""
 
 
 def _descriptions() -> dict[str, str]:

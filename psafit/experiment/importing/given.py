@@ -6,14 +6,13 @@ from decimal import Decimal
 
 from psafit.errors import InputError
 from psafit.experiment.definition import LIMITS as CONSTANT_LIMITS
+from psafit.experiment.importing.columns import HELD
 from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import COLUMNS
 from psafit.experiment.importing.units import factor_of, unit
-from psafit.experiment.records import CONDITION_COLUMNS, CONSTANT_UNITS
+from psafit.experiment.records import CONSTANT_UNITS
 from psafit.experiment.table import CellFault, within
 from psafit.experiment.text import shown
-
-HELD = (*CONDITION_COLUMNS, "sigma_um")
 
 
 def value(name: str, text: str, place: str) -> float:
@@ -50,6 +49,15 @@ def value(name: str, text: str, place: str) -> float:
     if not low <= result <= high:
         raise InputError(f"{place} is beyond the limits {low:g} to {high:g} {target}", f"give it in {target}")
     return result
+
+
+def moment(text: str, place: str) -> float:
+    """A time, us, such as ``1.5:ms``; arguments and errors as of `value`."""
+    number, colon, said = (part.strip() for part in text.partition(":"))
+    found, factor = NOTATIONS["."].value(number), factor_of(said, "us") if colon else Decimal(1)
+    if found is None or factor is None or "," in number:
+        raise InputError(f"{place}: {shown(text)} is no time", "write for example 1.5:ms; us without a unit")
+    return float(found * factor)
 
 
 def _factor(name: str, said: str, target: str) -> Decimal | None:

@@ -1,7 +1,7 @@
 """What a column may hold, how instruments and spreadsheets call it, and in which unit psafit keeps it.
 
 Another observable is one line in `QUANTITIES`. Whether psafit can use a quantity is not said here: it can, once its
-column is one of those that `psafit.experiment.table` reads.
+column is one of those that `psafit.experiment.table` or `psafit.experiment.trace_table` reads.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from psafit.experiment.table import LIMITS
+from psafit.experiment import table, trace_table
 
 Volts = Literal["peak", "pp", "rms"]
 
@@ -27,19 +27,19 @@ class Quantity:
         Unit in which psafit keeps it.
     names : tuple of str
         What it is called, in words of small letters.
-    role : {"condition", "reading", "error", "drive", "trace"}
-        What of an experiment it is; `"error"` is the known error of a reading.
+    role : {"condition", "reading", "error", "drive", "time", "trace"}
+        What of an experiment it is; `"error"` is the known error of a reading, `"trace"` what is read over `"time"`.
     """
 
     column: str
     unit: str
     names: tuple[str, ...]
-    role: Literal["condition", "reading", "error", "drive", "trace"]
+    role: Literal["condition", "reading", "error", "drive", "time", "trace"]
 
     @property
     def usable(self) -> bool:
         """Whether psafit can use it."""
-        return self.column in LIMITS
+        return self.column in table.LIMITS or self.column in trace_table.LIMITS
 
 
 _RANGES = (
@@ -47,6 +47,11 @@ _RANGES = (
     "reichweite", "flugweite", "portee", "portée", "alcance",
 )  # fmt: skip
 _SPEEDS = ("launch speed", "launch velocity", "speed", "velocity", "geschwindigkeit", "vitesse", "v")
+_VELOCITIES = ("velocity", "speed", "vibrometer", "geschwindigkeit", "schnelle", "vitesse", "v")
+_PLACES = (
+    "displacement", "disp", "position", "vibrometer", "auslenkung", "verschiebung", "weg", "déplacement",
+    "deplacement", "x",
+)  # fmt: skip
 _TENSIONS = (
     "amplitude", "ampl", "amp", "voltage", "voltage amplitude", "amplitude voltage", "spannung", "spannungsamplitude",
     "antriebsspannung", "tension", "v", "u", "volt", "volts", "",
@@ -60,9 +65,10 @@ QUANTITIES = (
     Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading"),
     Quantity("sigma_um", "um", ("sigma", "standard uncertainty", "standardunsicherheit"), "error"),
     Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
-    Quantity("time_us", "us", ("time", "t", "zeit", "x axis"), "trace"),
-    Quantity("displacement_um", "um", ("displacement", "auslenkung", "weg"), "trace"),
-    Quantity("tip_displacement_um", "um", ("tip displacement",), "trace"),
+    Quantity("time_us", "us", ("time", "t", "zeit", "temps", "x axis"), "time"),
+    Quantity("displacement_um", "um", _PLACES, "trace"),
+    Quantity("velocity_mm_s", "mm/s", _VELOCITIES, "trace"),
+    Quantity("tip_displacement_um", "um", ("tip displacement", "tip position", "spitze"), "trace"),
 )
 COLUMNS = {quantity.column: quantity for quantity in QUANTITIES}
 # What pint calls the units of this field, prefixes left out: it knows hundreds of others, with short names.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from psafit.errors import InputError
 from psafit.experiment.importing.quantities import Volts
 from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import Group
@@ -39,8 +40,8 @@ class Options:
     Parameters
     ----------
     columns : tuple of Mapping
-    values : tuple of (str, float)
-        Conditions that were held: psafit's column, and its value in the unit of that.
+    values : tuple of (str, float or tuple of float)
+        Conditions that were held: psafit's column, and its value in the unit of that; or one for each table.
     waveforms : tuple of str
         One for all tables, or one for each; empty where a column says it.
     volts : {"peak", "pp", "rms"} or None
@@ -53,20 +54,57 @@ class Options:
         Of text; None to detect it.
     sheets : tuple of str
         Sheets of a workbook, each a group; empty where only one holds a table.
+    start_us : float or None
+        When the drive starts, on the clock of a trace; samples before it are left out. None where none lie before 0.
+    from_rest : bool
+        Whether a trace counts from the mean of its samples before the start.
+    every : int
+        One sample of a trace in so many is kept.
+    least_samples, most_samples : int
+        Of a trace, those that are kept: what `psafit.experiment.trace_table.read_trace` takes.
     most_bytes, most_rows : int
         A larger file is refused: it is no sweep of launches.
     """
 
     columns: tuple[Mapping, ...] = ()
-    values: tuple[tuple[str, float], ...] = ()
+    values: tuple[tuple[str, float | tuple[float, ...]], ...] = ()
     waveforms: tuple[str, ...] = ()
     volts: Volts | None = None
     decimal: str | None = None
     separator: str | None = None
     encoding: str | None = None
     sheets: tuple[str, ...] = ()
+    start_us: float | None = None
+    from_rest: bool = False
+    every: int = 1
+    least_samples: int = 10
+    most_samples: int = 100_000
     most_bytes: int = 2**27
     most_rows: int = 1_000_000
+
+    @property
+    def held(self) -> dict[str, float]:
+        """Conditions that were held, of options of one table."""
+        return {name: value for name, value in self.values if not isinstance(value, tuple)}
+
+    def of_table(self, number: int, n_tables: int) -> Options:
+        """The options of one of several tables, counted from 0.
+
+        Raises
+        ------
+        InputError
+            If a condition has neither one value nor one for each table.
+        """
+        own = []
+        for name, given in self.values:
+            each = given if isinstance(given, tuple) else (given,)
+            if len(each) not in (1, n_tables):
+                raise InputError(
+                    f"{len(each)} values of {name} for {n_tables} tables",
+                    "give one, or one for each; a comma is no decimal mark",
+                )
+            own.append((name, each[number if len(each) > 1 else 0]))
+        return replace(self, values=tuple(own))
 
 
 @dataclass(frozen=True)
@@ -83,6 +121,8 @@ class Understood:
     factor : float
         Number that the values were multiplied with; 1 where columns or cells have units of their own.
     volts : {"peak", "pp", "rms"} or None
+    zero : float
+        What was subtracted, in the unit of the column.
     """
 
     column: str
@@ -90,15 +130,16 @@ class Understood:
     unit: str
     factor: float
     volts: Volts | None = None
+    zero: float = 0.0
 
 
 @dataclass(frozen=True)
 class Example:
-    """A row of a file, and the readings that came of it, each a value of every column."""
+    """A row of a file, and the readings that came of it, each the values of psafit's columns."""
 
     line: int
     cells: tuple[str, ...]
-    readings: tuple[tuple[float, ...], ...]
+    readings: tuple[tuple[tuple[str, float], ...], ...]
 
 
 @dataclass(frozen=True)

@@ -13,19 +13,41 @@ from psafit.experiment.importing.quantities import BASES, COUNTED, UNITS, Volts,
 
 # What a unit looks like. Anything else is not shown to pint, which would compute it.
 _UNIT = re.compile(r"[A-Za-zµμ]+(?:\^-?[1-3]|[²³])?(?:[/*·][A-Za-zµμ]+(?:\^-?[1-3]|[²³])?){0,2}")
+_SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)[\s*]*(\D.*)", re.ASCII)
 _VOLTS = re.compile(r"([a-zµμ]?V(?:olts?)?)[\s_.-]*(\S.*)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit as it is written, and how its volts are counted where that is said."""
+    """A unit as it is written.
+
+    Parameters
+    ----------
+    text : str
+    volts : {"peak", "pp", "rms"} or None
+        How its volts are counted, where that is said.
+    scale : Decimal or None
+        So many of it are one volt of a sensor, or one step: ``5 mm/s/V``.
+    step : Decimal
+        Volts of a number in the column that it is the scale of.
+    """
 
     text: str
     volts: Volts | None = None
+    scale: Decimal | None = None
+    step: Decimal = Decimal(1)
 
     def factor(self, target: str) -> Decimal | None:
         """Number that a value in this unit is multiplied with to be one in `target`; None where it is another kind."""
-        return factor_of(self.text, target)
+        if self.scale is None:
+            return factor_of(self.text, target)
+        factor = factor_of(self.text, f"{target}/V") or factor_of(self.text, target)
+        return None if factor is None else factor * self.scale * self.step
+
+    @property
+    def said(self) -> str:
+        """The unit, behind its scale."""
+        return self.text if self.scale is None else f"{self.scale:f} {self.text}"
 
     @property
     def kind(self) -> str:
@@ -51,6 +73,14 @@ def unit(text: str) -> Unit | None:
     if (found := _VOLTS.fullmatch(text)) and (volts := counted(found[2])) and Unit(found[1]).kind == "V":
         return Unit(found[1], volts)
     return None
+
+
+def scaled(text: str) -> Unit | None:
+    """How a sensor's volts are a motion, such as ``5 mm/s/V`` or ``-1um`` (the other way), if the text says so."""
+    found = _SCALED.fullmatch(text.strip())
+    scale = Decimal(found[1]) if found else Decimal(0)
+    unit = Unit(found[2], scale=scale) if found and scale else None
+    return unit if unit and unit.kind else None
 
 
 @cache

@@ -10,7 +10,7 @@ from itertools import zip_longest
 
 from psafit.drives import WAVEFORMS, instead
 from psafit.errors import InputError
-from psafit.experiment.importing.columns import WAVEFORM, Chosen, Column, option
+from psafit.experiment.importing.columns import READ, WAVEFORM, Chosen, Column, option
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
@@ -18,11 +18,12 @@ from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Volts, words
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.table import CellFault, RowFaults, within
 from psafit.experiment.text import shown
+from psafit.experiment.trace_table import TIME, TRACES, possible
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading: where it stands, which group it is of, and the value of each of psafit's columns."""
+    """One reading: where it stands, which group it is of, and the values of psafit's columns."""
 
     line: int
     waveform: str
@@ -62,31 +63,34 @@ def readings(
     if grid.separator == ",":
         _check_decimals(grid, head, body, chosen)
     faults = RowFaults(grid.file)
+    held = chosen.held(options)
     found = []
     for row in body.rows:
         before = faults.count
         shape = _waveform(row, chosen, waveform, faults)
         values = {c: _value(row, c, notation, shape, faults) for c in quantities}
-        labels = [text_of(_cell(row, c)) for c in chosen.of(GROUPS)]
+        label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
         repetitions = _repetitions(values, chosen)
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
             faults.add(chosen.readings[0], what, remedy, row.line)
         others = {c.column: v for c, v in values.items() if c.column not in chosen.readings and v is not None}
         for read in repetitions if faults.count == before else ():
-            known = dict(options.values) | others | {c.column: v for c, v in read.items()}
-            found.append(Reading(row.line, shape, " ".join(labels), tuple(known.items())))
+            known = held | others | {c.column: v for c, v in read.items()}
+            group = f"{label} {next(iter(read)).place}" if chosen.traced else label
+            found.append(Reading(row.line, shape, group, tuple(known.items())))
             for c, v in read.items():
-                if v < 0:
+                if v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
     faults.end(len(body.rows))
     return found, notation.decimal
 
 
 def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float]]:
-    """What was read together, time after time; a cell that is empty was not read."""
+    """What was read together, time after time; a cell that is empty was not read. Each column of a trace is one."""
     columns = [chosen.of(name) for name in chosen.readings]
-    times = (filter(None, time) for time in zip_longest(*columns))
+    alone = [[c] for same in columns for c in same]
+    times = alone if chosen.traced else [list(filter(None, time)) for time in zip_longest(*columns)]
     read = [{c: v for c in time if (v := values[c]) is not None} for time in times]
     return [time for time in read if time]
 
@@ -144,13 +148,16 @@ def _value(row: Row, column: Column, notation: Notation, waveform: str, faults: 
     """The value of a cell; None where it is empty, and may be, or where there is a fault."""
     cell = _cell(row, column)
     text = text_of(cell)
-    if not text and COLUMNS[column.column].role == "reading":
+    if not text and COLUMNS[column.column].role in READ:
         return None  # a repetition that was left out
     try:
         number = notation.number(cell)
         if number is None:
             raise CellFault(*_no_number(cell, text, notation))
-        return within(float(number.value * _factor(number, column, waveform, text)), column.column, text)
+        value = float(number.value * _factor(number, column, waveform, text))
+        if column.column == TIME:  # on the clock of the instrument
+            return value
+        return (possible if column.column in TRACES else within)(value, column.column, text)
     except CellFault as fault:
         faults.add(column.column, fault.what, fault.remedy, row.line)
         return None

@@ -1,0 +1,212 @@
+"""Which measurements a rig allows: sweeps of launches, and traces of one launch over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from psafit.arrays import FloatArray
+from psafit.drives import Drive
+from psafit.experiment import Conditions, Constants, changes_text
+from psafit.observables import OBSERVABLES
+from psafit.simulate import Design, Simulation
+
+_EITHER = (Drive("sine"), Drive("square"))
+
+
+@dataclass(frozen=True)
+class TraceSettings:
+    """A trace that may be proposed.
+
+    Parameters
+    ----------
+    samples : int
+        Equally spaced, the last at its end.
+    contacts : float
+        Its length from the start of the drive, in contact times: the contact, and the beginning of the flight.
+    """
+
+    samples: int = 64
+    contacts: float = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Possible:
+    """A measurement that the rig allows; `other` where it reads what was not read before."""
+
+    text: str
+    design: Design
+    changed: dict[str, float]
+    other: bool = False
+
+    @property
+    def as_it_is(self) -> bool:
+        """Whether it needs neither another rig nor another instrument."""
+        return not self.changed and not self.other
+
+    def reading(self, measured: int, usual: int) -> Possible:
+        """It with another observable."""
+        o, design = OBSERVABLES[measured], replace(self.design, measured=np.full(self.design.n_points, measured))
+        text = self.text if measured == usual else f"{self.text}, and read {o.titles}"
+        return replace(self, text=text, design=design, other=measured != usual)
+
+
+def proposals(
+    constants: Constants,
+    groups: Sequence[Conditions],
+    allowed: Iterable[tuple[str, tuple[float, float]]],
+    *,
+    points: int = 16,
+    factors: tuple[float, ...] = (0.5, 2.0),
+    same_rig: float = 0.05,
+) -> list[Possible]:
+    """Return the measurements that the rig allows: sweeps within its limits, and each changed constant.
+
+    Parameters
+    ----------
+    constants : Constants
+    groups : sequence of Conditions
+        What is measured, or planned.
+    allowed : pairs of a name and two ends
+        The limits that the experiment states, if any.
+    points : int
+        Readings of a sweep.
+    factors : tuple of float
+        On the string's length and the ball's mass, where the experiment states no limits.
+    same_rig : float
+        Constants closer than this, in their logarithm, are the same rig.
+    """
+    # A recorded voltage is as it is: it can be played again, and to another rig.
+    swept, limits = [g for g in groups if not g.drive.recorded], dict(allowed)
+    again = [g for g in groups if g.drive.recorded]
+    found: list[Possible] = []
+    span = _Span.of(constants, swept, limits) if swept else None
+    for words, changed in _rigs(constants, limits, factors, same_rig):
+        rig = replace(constants, **changed)
+        found += _sweeps(rig, span, words, changed, points) if span else []
+        for g in again:
+            f, v = g.frequency_hz[0], g.amplitude_v[0]
+            text = f"{points} launches by the recording {g.drive.file}{words}"
+            found.append(Possible(text, Design.sweep(rig, g.drive, np.full(points, f), v), changed))
+    return list({p.text: p for p in found}.values())
+
+
+@dataclass(frozen=True)
+class _Span:
+    """What launches may be driven by, within limits or the span of some groups: Hz and V.
+
+    `fixed` are frequencies in between, at which something else is varied, or a trace taken.
+    """
+
+    frequency: tuple[float, float]
+    amplitude: tuple[float, float]
+    fixed: tuple[float, ...]
+    drives: tuple[Drive, ...]
+
+    @classmethod
+    def of(cls, constants: Constants, groups: Sequence[Conditions], limits: Mapping[str, tuple[float, float]]) -> _Span:
+        """That of groups whose frequency can be chosen; the samples of a trace are one launch."""
+        every = Design.of(constants, [g if g.time_us is None else g.at(slice(0, 1)) for g in groups])
+        low_f, high_f = limits.get("frequency_hz") or np.quantile(every.frequency, (0.02, 0.98)).tolist()
+        # Round numbers, unless they are not allowed.
+        fixed = (min(max(float(f"{f:.2g}"), low_f), high_f) for f in np.geomspace(low_f, high_f, 6)[1:-1])
+        if "amplitude_v" in limits:
+            bottom, top = limits["amplitude_v"]
+        else:
+            top = float(every.amplitude.max())
+            bottom = float(every.amplitude[every.amplitude > 0].min())
+            if top <= 1.5 * bottom:
+                bottom = top / 10
+        # Who drives with a plain sine or square may do either.
+        used = list(dict.fromkeys(g.drive for g in groups))
+        drives = dict.fromkeys([*_EITHER, *used] if set(_EITHER) & set(used) else used)
+        return cls((low_f, high_f), (bottom, top), tuple(fixed), tuple(drives))
+
+
+def _sweeps(rig: Constants, span: _Span, words: str, changed: dict[str, float], points: int) -> Iterator[Possible]:
+    """Sweeps of a rig by frequency and by amplitude."""
+    (low_f, high_f), (bottom, top) = span.frequency, span.amplitude
+    between = f"{_say(low_f)} to {_say(high_f)} Hz"
+    shares = (1.0, 0.5, 0.2) if _say(low_f) != _say(high_f) else ()
+    for drive in span.drives:
+        name = _called(drive)
+        for share in shares:
+            volts = max(top * share, min(bottom, top))
+            sweep = np.geomspace(low_f, high_f, points)
+            yield Possible(
+                f"{name}, {_say(volts)} V, {between}{words}", Design.sweep(rig, drive, sweep, volts), changed
+            )
+        for at in span.fixed:
+            sweep = np.linspace(bottom, top, points)
+            text = f"{name}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
+            yield Possible(text, Design.sweep(rig, drive, at, sweep), changed)
+
+
+def traces(
+    constants: Constants,
+    groups: Sequence[Conditions],
+    allowed: Iterable[tuple[str, tuple[float, float]]],
+    contact: Callable[[Design], FloatArray],
+    settings: TraceSettings,
+) -> list[Possible]:
+    """Return the traces that may be taken on the rig as it is: of one launch each, by the largest drive.
+
+    Parameters
+    ----------
+    constants, groups, allowed
+        As of `proposals`.
+    contact : callable
+        Says of a design how long its contacts last, (n_points,), s; NaN where nothing is launched.
+    settings : TraceSettings
+    """
+    swept, found = [g for g in groups if not g.drive.recorded], []
+    launches = [(g.drive, float(g.frequency_hz[0]), float(g.amplitude_v[0])) for g in groups if g.drive.recorded]
+    if swept:
+        span = _Span.of(constants, swept, dict(allowed))
+        launches += [(drive, f, span.amplitude[1]) for drive in span.drives for f in span.fixed]
+    for drive, f, v in dict.fromkeys(launches):
+        lasts = float(contact(Design.sweep(constants, drive, f, v))[0])
+        # A launch that fails is followed for one period.
+        length = float(f"{1e6 * (settings.contacts * lasts if math.isfinite(lasts) else 1.0 / f):.2g}")
+        time = np.linspace(0.0, length * 1e-6, settings.samples + 1)[1:]
+        design = Design.sweep(constants, drive, np.full(settings.samples, f), v)
+        where = f"the recording {drive.file}" if drive.recorded else f"{_called(drive)}, {_say(f)} Hz, {_say(v)} V"
+        for k, o in enumerate(OBSERVABLES):
+            if o.traced:
+                of = "tip's displacement" if o.tip else f"ball's {o.title}"
+                text = f"a trace of the {of}, {where}, {settings.samples} samples over {length:g} us"
+                read = replace(design, time=time, measured=np.full(settings.samples, k))
+                found.append(Possible(text, read, {}, other=True))
+    return found
+
+
+def contact_times(found: Simulation) -> FloatArray:
+    """How long contacts last, (n_sets, n_points), s; NaN where nothing is launched."""
+    return np.where(found.launched, found.separation_time, np.nan)
+
+
+def _called(drive: Drive) -> str:
+    return f"{drive.label} {drive.file}" if drive.table else drive.label
+
+
+def _rigs(
+    constants: Constants, limits: Mapping[str, tuple[float, float]], factors: tuple[float, ...], same: float
+) -> Iterator[tuple[str, dict[str, float]]]:
+    """The rig as it is, and with each constant that can be changed as far as it can; words, and what is changed."""
+    yield "", {}
+    if not limits:
+        for x in factors:
+            yield f", string {x:g} times as long", {"l": constants.l * x}
+        for x in factors:
+            yield f", ball {x:g} times as heavy", {"M": constants.M * x}
+    for name in (f.name for f in fields(constants) if f.name in limits):
+        for end in limits[name]:
+            if abs(math.log(end / getattr(constants, name))) > same:
+                yield changes_text([(name, end)]), {name: end}
+
+
+def _say(value: float) -> str:
+    return f"{float(f'{value:.3g}'):.6g}"
