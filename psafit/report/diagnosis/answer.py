@@ -13,9 +13,9 @@ from psafit.diagnose.answer import Judged, Statement, Topic, answer, kept
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
-from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import TITLES, model, symbol
-from psafit.report.diagnosis_pictures import Shown
+from psafit.report.diagnosis import words
+from psafit.report.diagnosis.shown import Shown
 from psafit.report.wording import (
     NBSP,
     count,
