@@ -7,7 +7,7 @@ and return it. ``import psafit`` loads none of this before it is asked for.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -82,6 +82,7 @@ class Rig(_Shown):
         seed: int = 1,
         starts: int = 32,
         sampler: str = USUAL,
+        settings: Mapping[str, float] | None = None,
         quiet: bool = False,
     ) -> Fitted:
         """Fit and sample, or take up the run that the folder holds: see `psafit.inference.run.fit`.
@@ -97,6 +98,9 @@ class Rig(_Shown):
         seed, starts : int
         sampler : str
             What draws the posterior; see `psafit.inference.samplers`.
+        settings : dict, optional
+            Its options by name, such as ``{"max_steps": 100_000}``; those of all samplers are
+            `psafit.inference.sampling.SamplerSettings`.
         quiet : bool
             Whether to show no progress.
 
@@ -111,7 +115,7 @@ class Rig(_Shown):
             return Fitted(
                 fit(
                     self.experiment, ids, folder, terms=causes, seed=seed, n_starts=starts, sampled_by=sampler,
-                    watcher=show,
+                    settings=settings, watcher=show,
                 )
             )  # fmt: skip
 

@@ -154,7 +154,7 @@ def fit(
     n_starts: int = 32,
     known: Sequence[Mapping[str, float]] = (),
     sampled_by: str = USUAL,
-    settings: SamplerSettings | None = None,
+    settings: SamplerSettings | Mapping[str, float] | None = None,
     watcher: Watcher | None = None,
     command: Sequence[object] = (),
 ) -> Run:
@@ -178,8 +178,8 @@ def fit(
         Values of all parameters at which it begins, too.
     sampled_by : str
         Name of the sampler; see `psafit.inference.samplers`.
-    settings : SamplerSettings, optional
-        Of that sampler; its own for the problem by default.
+    settings : SamplerSettings or dict, optional
+        Of that sampler; some of its options by name, or all of them. Its own for the problem by default.
     watcher : Watcher, optional
     command : sequence
         Words of the command line to be kept with the result.
@@ -200,13 +200,16 @@ def fit(
     refuse_still(experiment.select(group_ids))
     places = _places(problem, known)
     n_starts += n_starts % 2
-    settings = settings or sampler(sampled_by).settings(problem)
+    if isinstance(settings, SamplerSettings):
+        chosen = settings
+    else:
+        chosen = sampler(sampled_by).settings(problem).with_options(settings or {})
     watcher = watcher or Silent()
-    determinants = _determinants(problem, seed, n_starts, sampled_by, settings.determinants, places)
+    determinants = _determinants(problem, seed, n_starts, sampled_by, chosen.determinants, places)
     with sole(folder):
         record = _claim(folder, determinants)
         with reporting(watcher, folder, "fit", _identity(determinants), FIT, COUNTED) as watcher:
-            asked = _Asked(problem, _identity(determinants), seed, n_starts, places, sampled_by, settings, command)
+            asked = _Asked(problem, _identity(determinants), seed, n_starts, places, sampled_by, chosen, command)
             return _Work(folder, asked, watcher).run(record)
 
 
@@ -225,28 +228,6 @@ def _places(problem: Problem, known: Sequence[Mapping[str, float]]) -> list[dict
                 raise InputError(f"a known place has {name} = {value:g}", "give a value that it can have")
         found.append(place)
     return found
-
-
-@dataclass(frozen=True)
-class RunSettings:
-    """How modes are looked for, and when sampling begins again.
-
-    Parameters
-    ----------
-    draws_per_start : int
-        Draws of the prior that are looked at for each start.
-    missed : float, nats
-        A chain this much higher than the best mode shows that the search has missed one.
-    restarts : int
-        Sampling begins again at most so many times.
-    thin : float
-        Steps between the draws that are kept, in units of the autocorrelation time: denser adds bytes, not information.
-    """
-
-    draws_per_start: int = 32
-    missed: float = 1.0
-    restarts: int = 5
-    thin: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -270,7 +251,6 @@ class _Work:
     folder: Path
     asked: _Asked
     watcher: Watcher
-    how: RunSettings = RunSettings()
 
     def run(self, record: Fit | None) -> Run:
         """Every stage that is not in the folder yet."""
@@ -289,8 +269,8 @@ class _Work:
         while True:
             # From the record even when fresh: the numbers in the file are the numbers used.
             found = _found(self.asked.problem, record)
-            more = record.n_missed < self.how.restarts
-            ceiling = record.minima[0].log_posterior + self.how.missed if more else math.inf
+            more = record.n_missed < settings.restarts
+            ceiling = record.minima[0].log_posterior + settings.missed if more else math.inf
             importance = self._importance_sample(found)
             chain = self._drawn(found, importance, limit, ceiling)
             # The summary goes first and comes last: it must never describe other draws than those next to it.
@@ -319,8 +299,7 @@ class _Work:
             ]
         else:
             known = []
-        per_fit = asked.n_starts // 2
-        how = SampleSettings(draws=per_fit * self.how.draws_per_start, starts=per_fit)
+        how = SampleSettings.of(asked.n_starts)
         found, _ = sample(problem, known, seed=asked.seed, settings=how, progress=self.watcher.update)
         tops, evaluations = [], 0
         for k, mode in enumerate(found.modes):
@@ -408,7 +387,7 @@ class _Work:
     def _described(self, record: Fit, importance: ImportanceSample, chain: Chain) -> Run:
         """Keep the draws, walk the profiles, and say what the data determine."""
         folder, problem, settings = self.folder, self.asked.problem, self.asked.settings
-        thin = max(1, int(self.how.thin * chain.autocorrelation_time.min()))
+        thin = max(1, int(settings.thin * chain.autocorrelation_time.min()))
         draws = store.Draws(
             problem.names,
             problem.to_physical(chain.draws[:, ::thin]),

@@ -174,7 +174,10 @@ def test_a_minimum_that_the_search_missed_is_added(
 
 def test_many_readings_are_stored_thinned(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
-    run = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=replace(SHORT, stored=30 * 64 * 4))
+    few = {"chunk": 40, "max_steps": 80, "tuned": 30, "stored": 30 * 64 * 4, "thin": 2.0}
+    run = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=few)
+    slowest = min(p.autocorrelation_time for p in run.summary.parameters)
+    assert run.summary.thinning == int(2 * slowest) and run.draws.values.shape[1] == math.ceil(50 / int(2 * slowest))
     with h5py.File(tmp_path / "a" / "posterior.nc") as f:
         stored = f["log_likelihood/launch_range_um"]
         assert stored.dtype == np.float32 and stored.shape[0] == 64 and stored.size <= 30 * 64 * 4
