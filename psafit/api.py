@@ -22,7 +22,8 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
 from psafit.files import ensure_writable, usual_fit_folder, usual_folder
 from psafit.inference.identify import describe
-from psafit.inference.run import Run, fit
+from psafit.inference.run import fit
+from psafit.inference.run_folder import Run
 from psafit.inference.samplers import USUAL
 from psafit.inference.scale import read
 from psafit.physics import terms as catalogue

@@ -21,7 +21,7 @@ from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
 from psafit.files import encodable, read_error
 from psafit.inference.identify import supported
-from psafit.inference.run import load
+from psafit.inference.run_folder import load
 from psafit.records import read_json
 from psafit.validate import COLUMNS, log_ratio, predict, root_mean_square, silence
 

@@ -32,7 +32,7 @@ from psafit.experiment import Group, GroupId
 from psafit.files import write_atomically
 from psafit.inference import noise
 from psafit.inference.problem import Problem
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.records import GroupScore, Validation, write_json
 from psafit.text import fixed

@@ -17,7 +17,7 @@ from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
 from psafit.files import in_use
 from psafit.inference.forecast import Progress, progress_of
-from psafit.inference.run import MARKER
+from psafit.inference.run_folder import MARKER
 from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Convergence
 from psafit.inference.store import REBUILD

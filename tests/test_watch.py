@@ -26,7 +26,7 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment
 from psafit.files import sole
 from psafit.inference.forecast import Reporter, Silent, progress_of, reporting
-from psafit.inference.run import load
+from psafit.inference.run_folder import load
 from psafit.inference.samplers import emcee as ensembles
 from psafit.inference.samplers.emcee import Settings
 from psafit.records import write_json

@@ -232,7 +232,7 @@ def _models_of(run: Path, most: int = 4) -> tuple[list[_Model], tuple[Group, ...
     """
     from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
     from psafit.experiment import read_experiment
-    from psafit.inference.run import load
+    from psafit.inference.run_folder import load
     from psafit.physics import recorded
     from psafit.records import read_json
 

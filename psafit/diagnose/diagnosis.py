@@ -53,7 +53,8 @@ from psafit.inference.evidence import ImportanceSample
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.memory import Memory, code, lent
 from psafit.inference.problem import Problem, refuse_still
-from psafit.inference.run import fit, load, versions
+from psafit.inference.run import fit
+from psafit.inference.run_folder import load, versions
 from psafit.inference.samplers import USUAL, sampler
 from psafit.inference.samplers.nautilus import NestedEvidence, nested_evidence, require
 from psafit.model_search import SearchSettings

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.inference.samplers import sampler
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation

@@ -14,7 +14,7 @@ from scipy.stats import binom
 from psafit.arrays import FloatArray
 from psafit.experiment import GroupId
 from psafit.inference.identify import DROP_90
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.records import GroupScore, Validation
 from psafit.report import figures
 from psafit.report.catalogue import TITLES

@@ -11,7 +11,7 @@ import pytest
 from fits_by_hand import build, make_group, make_numerics, make_predictions, make_run, make_validation, sweep_groups
 from reader import HOSTILE, Reader
 
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.records import plain
 from psafit.report import figures, fit, wording
 from psafit.report.fit import write_report

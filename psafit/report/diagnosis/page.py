@@ -10,7 +10,7 @@ from psafit.diagnose.misfit import ALPHA
 from psafit.diagnose.record import PAGE, Diagnosis
 from psafit.diagnose.words import PLAIN
 from psafit.experiment import Experiment
-from psafit.inference.run import load
+from psafit.inference.run_folder import load
 from psafit.numerics import audit
 from psafit.report.diagnosis import answer, causes, gain, misfit, next_experiment, overview, remaining, words
 from psafit.report.diagnosis.shown import shown_groups
