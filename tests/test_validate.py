@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from psafit import validate
-from psafit.diagnose.misfit import normal_scores
+from psafit.diagnose.residuals import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running

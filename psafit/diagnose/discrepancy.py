@@ -23,7 +23,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.misfit import sweeps
+from psafit.diagnose.residuals import sweeps
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate

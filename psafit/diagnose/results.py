@@ -9,7 +9,7 @@ import numpy as np
 
 from psafit.diagnose import show
 from psafit.diagnose.discrepancy import Discrepancy
-from psafit.diagnose.misfit import Coincidence, Misfit, Place, numbered
+from psafit.diagnose.misfit import Coincidence, Misfit, Place
 from psafit.diagnose.record import (
     NEAREST,
     NOT_EXCLUDED,
@@ -26,6 +26,7 @@ from psafit.diagnose.record import (
     Tests,
     Where,
 )
+from psafit.diagnose.residuals import numbered
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.room import Room, room
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
