@@ -393,3 +393,33 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         ],
         predictions=name,
     )
+
+
+def protocols(
+    experiment: Experiment, training: tuple[GroupId, ...]
+) -> dict[str, list[tuple[tuple[GroupId, ...], tuple[GroupId, ...]]]]:
+    """(seen, held out) of every split of both protocols."""
+    others = tuple(g for g in experiment.ids if g not in training)
+    found = {"strict": [(training, others)] if others else []}
+    found["nested"] = (
+        [(tuple(o for o in experiment.ids if o != g), (g,)) for g in experiment.ids] if len(experiment.ids) > 1 else []
+    )
+    return found
+
+
+def audit(begun: ModelSet, anew: ModelSet, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[Choice]:
+    """Lines of the ledger on where the searches of the nested protocol began, and what that has changed in one."""
+    log_posterior = [
+        found.log_evidence[found.best_model.ids] + found.log_prior(found.best_model.ids) for found in (begun, anew)
+    ]
+    return [
+        Choice("sets at which the searches began", list(every), []),
+        Choice(
+            "the same search from nothing",
+            list(seen),
+            [],
+            led_to=list(anew.best_model.ids),
+            begun_led_to=list(begun.best_model.ids),
+            log_posterior_below_begun=log_posterior[0] - log_posterior[1],
+        ),
+    ]
