@@ -1,6 +1,6 @@
 r"""Parameters: what is possible (bounds), what is plausible (prior), and the coordinate they are sampled in.
 
-Every prior is a truncated normal, one with a broad part next to it, or a uniform density in the *sampling coordinate*
+Every prior is a truncated normal, one with a broad part besides, or a uniform density in the *sampling coordinate*
 :math:`u`, which is :math:`\ln x` for scales (stiffness, damping, scatter) and otherwise :math:`x` in units of the
 prior's own width, so that steps of searchers and samplers mean the same in every coordinate. Densities are normalised
 over the bounds, so that model evidences compare.

@@ -466,7 +466,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
 
 
 def write_predictions(path: Path, predictions: list[Prediction]) -> None:
-    """Write a table, one row a launch range, and next to it one of each other observable: ``<stem>-<name>.csv``.
+    """Write a table of the launch ranges, a row for each, and one of each other observable: ``<stem>-<name>.csv``.
 
     The first is there without a launch range, too: then it has a header alone.
     """

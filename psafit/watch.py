@@ -30,7 +30,7 @@ _FOREIGN = "give a folder that psafit fit or psafit diagnose writes to"
 
 @dataclass(frozen=True)
 class State(Convergence):
-    """A run as its folder shows it, next to the `Convergence` of its chains; None where there is nothing to say yet.
+    """A run as its folder shows it, with the `Convergence` of its chains; None where there is nothing to say yet.
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ def _predictions(groups: Sequence[Conditions], predicted: FloatArray) -> dict[st
 
 
 def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
-    """The CSV of simulated readings, (n_points,), one group after the other, next to what was measured.
+    """The CSV of simulated readings, (n_points,), one group after the other, with what was measured.
 
     Where not all are of one observable, a column names it; where there are traces, one gives the time of their samples.
     """

@@ -56,7 +56,7 @@ def claim(folder: Path, experiment: Experiment) -> None:
 
 
 def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
-    """Whether a folder holds a fit of the same readings, next to which a diagnosis may lie."""
+    """Whether a folder holds a fit of the same readings, with which a diagnosis may share it."""
     try:
         fitted = load(folder).problem.experiment
     except Refused:

@@ -152,7 +152,7 @@ class Gain:
     ledger : list of Choice
         What each choice saw.
     predictions : str
-        The CSV next to the result.
+        The CSV file in the folder of the result.
     """
 
     protocol: str

@@ -78,7 +78,7 @@ def _cause(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> Cause
         over_baseline=model_set.log_evidence[candidate.ids] - model_set.log_evidence[()],
         gain=model_set.gain(candidate.ids),
         share=model_set.probability[candidate.ids],
-        # Laplace's evidence is corrected by what sampling showed it to be off by in the model next to it.
+        # Laplace's evidence is corrected by its error in a neighbouring model, where sampling has shown it.
         method="adaptive importance sampling" if found else "Laplace",
     )
     if found:

@@ -176,7 +176,7 @@ class _Work:
             ceiling = record.minima[0].log_posterior + settings.missed if more else math.inf
             importance = self._importance_sample(found)
             chain = self._drawn(found, importance, limit, ceiling)
-            # The summary goes first and comes last: it must never describe other draws than those next to it.
+            # The summary goes first and comes last: it must never describe other draws than those of its folder.
             (folder / "posterior.json").unlink(missing_ok=True)
             if chain.highest_log_posterior <= ceiling:
                 break

@@ -171,7 +171,7 @@ class Convergence:
 
 @dataclass(frozen=True, kw_only=True)
 class Progress(Convergence):
-    """State of a running sampler, for whoever shows it, next to its `Convergence`.
+    """State of a running sampler, for whoever shows it: its `Convergence`, and how far it is.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ def summarise(
 def compared(
     problem: Problem, sampled: FloatArray, importance: ImportanceSample, effective: float
 ) -> ImportanceSummary:
-    """Importance draws next to those of the sampler, (n, n_dim) in the sampling coordinate.
+    """Importance draws compared with those of the sampler, (n, n_dim) in the sampling coordinate.
 
     `effective` is what the latter are worth.
     """

@@ -45,10 +45,10 @@ TERM = Term(
             Tailed(Normal(0.006, 0.004)),
             "relative growth of the stroke per volt, for each volt",
             "the loop that belongs to it opens by x/(2 (1 + x)) of the stroke, x = alpha V: loops of 10-15 % at full"
-            " voltage (Physik Instrumente, Piezo tutorial, read) are x = 0.25-0.43, and 2 % at small signals;"
+            " voltage (Physik Instrumente, Piezo tutorial, read) are x = 0.25-0.43, and 2 % at small signals."
             " 0.003-0.015 1/V on layers of 0.11 mm is from memory (Hall 2001 and Li, Cao and Cross 1991, of which"
-            " only abstracts were read). At 0.1 1/V the stroke per volt at 150 V would be 16 times that at 1 V,"
-            " next to a data sheet whose strokes at 100 and 150 V are proportional",
+            " only abstracts were read). At 0.1 1/V the stroke per volt at 150 V would be 16 times that at 1 V;"
+            " a data sheet's strokes at 100 and 150 V are proportional",
             neutral=0.0,
         ),
     ),

@@ -57,9 +57,9 @@ TERM = Term(
         ),
     ),
     symptom=Symptom(
-        "launch ranges cannot fall below the distance over which the tip carried the ball; next to ranges far above the"
-        " stroke (2.4 um at 20 V) it is a ten-thousandth or less, most at low frequency, where the tip carries the ball"
-        " furthest",
+        "launch ranges cannot fall below the distance over which the tip carried the ball. Of ranges far above the"
+        " stroke (2.4 um at 20 V) that is a ten-thousandth or less; it is most at low frequency, where the tip carries"
+        " the ball furthest",
         sign=1,
         frequency="falls",
         amplitude="flat",

@@ -5,7 +5,7 @@ r"""A ball that leans on the tip, in every session by another length.
 `preload` with a lean of its own in each session (a group of the experiment): whoever hangs the ball anew or moves the
 frame sets another :math:`x_0`. Where ranges go with :math:`v^2 l/(2 g x_0)` it looks like a gain of the session and is
 its mechanical reason; small launches, which a lean cuts down more than large ones, distinguish it from `reading_gain`.
-A string at 30 degrees, :math:`l/2`, is no pendulum next to its stack any more. With `preload` the leans add.
+A string at 30 degrees, :math:`l/2`, is no pendulum any more. With `preload` the leans add.
 
 As :math:`x_0 \to 0` the place at separation stays in the energy, as in `preload`.
 """

@@ -51,9 +51,10 @@ TERM = Term(
         ),
     ),
     symptom=Symptom(
-        "sines become triangles above f = S/(2 pi V_a) and jumps become ramps of 2 V_a/S: it sets in at a threshold"
-        " that moves to lower frequencies as the voltage grows; first a loss, then, where the voltage cannot come back"
-        " before the ball leaves, a gain; with square waves an amplitude sweep may begin with a gain and end in a loss",
+        "sines become triangles above f = S/(2 pi V_a) and jumps become ramps of 2 V_a/S. It sets in at a threshold"
+        " that moves to lower frequencies as the voltage grows: first a loss, then a gain, where the voltage cannot"
+        " come back before the ball leaves. With square waves an amplitude sweep may begin with a gain and end in a"
+        " loss",
         sign=0,
         frequency="mixed",
         amplitude="mixed",

@@ -87,7 +87,7 @@ TERM = Term(
             1e-4,
         ),
         Check(
-            "0.2 of the weight next to 0.5 m/s^2 on 27 g: 0.027 x (1.962 + 0.5) = 66.474 mN",
+            "0.2 of the weight and 0.5 m/s^2 on 27 g: 0.027 x (1.962 + 0.5) = 66.474 mN",
             lambda: 0.027 * _rub(0.2 * 9.81, 0.5),
             0.066474,
         ),

@@ -49,7 +49,7 @@ TERM = Term(
             Tailed(LogNormal(0.85, 1.35)),
             "stroke per volt over the data sheet's",
             "AE0505D16DF: 17.4 +- 2.0 um at 150 V, 11.6 +- 2.0 um at 100 V (NEC TOKIN's table, read), that is 0.97 q"
-            " +- 12-17 %; at small signals the stroke per volt is 10-40 % lower (from memory; Hall 2001 was read in its"
+            " +- 12-17 %. At small signals the stroke per volt is 10-40 % lower (from memory; Hall 2001 was read in its"
             " abstract only). Beyond a factor of 3-5 no stack of this length could be meant",
             neutral=1.0,
         ),

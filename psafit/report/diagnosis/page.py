@@ -21,7 +21,7 @@ from psafit.validate import validate
 
 
 def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> Path:
-    """Write `diagnosis.html`, and the pages of the extension's runs next to it.
+    """Write `diagnosis.html`, and the page of each of the extension's runs.
 
     Parameters
     ----------

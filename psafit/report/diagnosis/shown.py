@@ -77,7 +77,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
     found = []
     for whole, group in ((g, part) for g in members for part in g.parts):
         part = starts[members.index(whole)] + np.flatnonzero(whole.measured == group.measured[0])
-        name = group.label  # the tables next to the record hold launch ranges
+        name = group.label  # the tables of the folder hold launch ranges
         looks = {model: _LOOKS.get(model, (model, "purple")) for model, values in models.items() if values.size == n}
         last = "extended" if "extended" in looks and result.verdict != "adequate" else "baseline"
         curves = {
@@ -102,7 +102,7 @@ def shown_groups(result: Diagnosis, experiment: Experiment, folder: Path) -> lis
 
 
 def _predicted(path: Path, model: str | None = None) -> dict[str, Predicted]:
-    """What a table next to the record says of each group; nothing where it is not there."""
+    """What a table in the folder of the record says of each group; nothing where there is none."""
     return {str(t.group.id): t for t in read_predictions(path, model)} if path.is_file() else {}
 
 
