@@ -327,7 +327,7 @@ class Diagnosed(_Shown):
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """Those of the named model, of the baseline where none is named: see `parameters_of`."""
+        """Parameters of the named model, or of the baseline where none is named; see `parameters_of`."""
         return self.parameters_of(self.named)
 
     def parameters_of(self, model: str | Sequence[str]) -> pd.DataFrame:

@@ -309,7 +309,7 @@ def usual_folder(experiment: Path, *what: str) -> Path:
 
 
 def usual_fit_folder(experiment: Path, groups: Iterable[object], terms: Iterable[str]) -> Path:
-    """The same of a fit; the hyphens of an id are doubled, since one stands between two of them."""
+    """Where a fit goes by default; the hyphens of an id are doubled, since one stands between two of them."""
     ids = (str(group).replace("-", "--") for group in groups)
     return usual_folder(experiment, f"group{'-'.join(ids)}", *terms)
 

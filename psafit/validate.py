@@ -132,7 +132,7 @@ def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator, most:
 
 
 def root_mean_square(error: FloatArray) -> float:
-    """Of `log_ratio`, it is `log_rmse`."""
+    """The root mean square of errors; that of `log_ratio` is `log_rmse`."""
     return float(np.sqrt(np.mean(error**2)))
 
 

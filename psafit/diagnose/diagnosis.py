@@ -477,7 +477,7 @@ class _Work:
         )
 
     def _confirmed(self, cause: CauseResult, model_set: ModelSet) -> CauseResult:
-        """The same with the evidence that a nested sampler gives the model."""
+        """A model's result, with the evidence of a nested sampler added."""
         problem = next(c for c in model_set.candidates if set(c.ids) == set(cause.terms)).problem
 
         def progress(calls: int) -> None:

@@ -333,7 +333,7 @@ def _remembered(candidate: Candidate, rows: NDArray[np.intp]) -> FloatArray | No
 
 
 def _covariance(variance: FloatArray, correlation: FloatArray | None) -> FloatArray:
-    """Of readings that scatter so much, (n, n)."""
+    """Covariance of readings with these variances, (n, n)."""
     if correlation is None:
         return np.diag(variance)
     return correlation * np.sqrt(np.outer(variance, variance))

@@ -240,7 +240,7 @@ def _forecasts(
     group_id: GroupId,
     seed: int,
 ) -> list[Forecast]:
-    """Of each observable of a group."""
+    """Forecasts of a group, one for each of its observables."""
     ranges, readings, density, weight = [], [], [], []
     for k, (ids, share) in enumerate(mixture.items()):
         problem = model_set.of(ids).problem

@@ -77,7 +77,7 @@ def determinants_of(
 
 
 def _recorded(record: Fit) -> dict[str, Any]:
-    """The same, as a record holds it."""
+    """Everything that determines the result of a run on record; see `determinants_of`."""
     return {
         "data": record.fingerprint,
         "groups": [str(g) for g in record.groups],

@@ -121,7 +121,7 @@ class Observable:
 
     @property
     def plural(self) -> str:
-        """The same in one word."""
+        """What several readings are called, in one word."""
         return self.titles.split()[-1]
 
     @property

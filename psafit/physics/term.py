@@ -351,7 +351,7 @@ class Term:
 
     @property
     def faces(self) -> tuple[Callable[..., object], ...]:
-        """Its functions on the fast path, those that it has."""
+        """Functions of the cause on the fast path, as far as it has them."""
         every = (
             self.setup, self.law, self.stack_factor, self.branch, self.deceleration, self.swing_offset, self.reading,
             self.condition,

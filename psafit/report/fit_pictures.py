@@ -38,7 +38,7 @@ class Shown:
 
     @property
     def curves(self) -> list[figures.Curve]:
-        """Its prediction."""
+        """The curve of the group's prediction."""
         return [figures.curve_of(self.prediction)]
 
 

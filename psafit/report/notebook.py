@@ -35,7 +35,7 @@ def text(headline: str, tables: Sequence[pd.DataFrame]) -> str:
 
 
 def html(headline: str, tables: Sequence[pd.DataFrame]) -> str:
-    """The same for a notebook; everything is escaped."""
+    """A headline above tables, for a notebook; everything is escaped."""
     import pandas as pd
 
     with pd.option_context("display.max_colwidth", None):

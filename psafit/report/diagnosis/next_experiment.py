@@ -58,7 +58,7 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
 
 
 def _read_as(proposal: Proposal) -> str:
-    """Of which observable the readings are, where that is not what was read so far."""
+    """The observable of the readings, where it is not the one read so far."""
     named = next((o for o in OBSERVABLES if o.name == proposal.observable), None)
     return f" of the {named.title}" if named else ""
 
