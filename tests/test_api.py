@@ -41,7 +41,7 @@ def test_a_rig_in_a_notebook(known: Experiment, known_folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> None:
+def test_a_fit_in_a_notebook(fitted: tuple[Path, Path]) -> None:
     from matplotlib.figure import Figure
 
     one = psafit.load(fitted[0])
@@ -60,7 +60,7 @@ def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> No
     assert one.report() == fitted[0] / "report.html"
 
 
-def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     from psafit import api
 
     asked: list[Path] = []

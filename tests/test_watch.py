@@ -204,7 +204,7 @@ def test_a_chain_that_is_long_enough_is_being_described(running: Path, monkeypat
 
 
 def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-untyped-def]
-    fitted: tuple[Path, Path], running: Path, tmp_path: Path, monkeypatch, capsys
+    fitted: tuple[Path, Path], running: Path, monkeypatch, capsys
 ) -> None:
     looks = 0
 
@@ -232,7 +232,7 @@ def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-unty
     assert reported.err == "" and reported.out.startswith("sampling")
 
 
-def test_a_terminal_gets_a_table(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_a_terminal_gets_a_table(running: Path) -> None:  # type: ignore[no-untyped-def]
     from rich.console import Console
 
     console = Console(width=100, record=True, force_terminal=True)

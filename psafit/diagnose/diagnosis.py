@@ -404,7 +404,7 @@ class _Work:
                         gains.split(found[seen, starts[protocol]], held_out, self.seed, self.settings.draws)
                         for seen, held_out in splits
                     ]
-                    measured[protocol] = gains.summarise(protocol, self.experiment, done, self.folder, self.seed)
+                    measured[protocol] = gains.summarise(protocol, done, self.folder, self.seed)
         if audited:
             seen, _ = audited
             about = found[seen, sampled], found[seen, ()], self.experiment.ids, seen

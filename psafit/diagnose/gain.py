@@ -329,7 +329,7 @@ def over_groups(redrawn: FloatArray, found: FloatArray, rng: np.random.Generator
     return interval((redrawn[group, again] + apart[group]).mean(axis=0))
 
 
-def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], folder: Path, seed: int) -> Gain:
+def summarise(protocol: str, splits: Sequence[Split], folder: Path, seed: int) -> Gain:
     """Score forecasts and write them to `folder`."""
     rng = np.random.default_rng([seed, 13])
     silences = {f.group.label: silence(f.group) for one in splits for f in one.after}

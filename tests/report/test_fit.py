@@ -168,7 +168,7 @@ def test_numerics_are_shown(page):
 
 
 @pytest.mark.slow
-def test_unconverged_numerics_are_a_warning(page, tmp_path):
+def test_unconverged_numerics_are_a_warning(tmp_path):
     run = make_run(tmp_path)
     predictions = make_predictions(run)
     numerics = replace(make_numerics(run), engine="stepper", tolerance=1e-5, error=2e-3, converged=False)
