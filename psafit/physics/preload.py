@@ -51,14 +51,14 @@ TERM = Term(
     because="a ball that is to touch in every launch is set to lean rather than to clear",
     parameters=(
         Parameter(
-            "preload_offset",
-            "x_0",
-            "m",
-            Bounds(0.0, 0.045),
-            Tailed(Normal(0.0, 4e-3)),
-            "distance of the pendulum's equilibrium behind the ball's place of rest",
-            "whoever wants contact at every launch sets the frame some millimetres in; 4 mm is 2.5 degrees of a 90"
-            " mm string (an estimate; a micrometre stage sets 10 um). 45 mm is a string at 30 degrees, which is no"
+            name="preload_offset",
+            symbol="x_0",
+            unit="m",
+            bounds=Bounds(0.0, 0.045),
+            prior=Tailed(Normal(0.0, 4e-3)),
+            description="distance of the pendulum's equilibrium behind the ball's place of rest",
+            source="whoever wants contact at every launch sets the frame some millimetres in; 4 mm is 2.5 degrees of a"
+            " 90 mm string (an estimate; a micrometre stage sets 10 um). 45 mm is a string at 30 degrees, which is no"
             " pendulum any more",
             neutral=0.0,
         ),
