@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from psafit.report import figures
-from psafit.report.diagnosis.shown import Shown, image, swept
+from psafit.report.diagnosis.shown import Shown, image
 from psafit.report.figures.groups import titled
 from psafit.report.page import Picture, figure_data_uri
 from psafit.report.wording import number, unit_text
@@ -75,7 +75,7 @@ def overview_pictures(shown: Sequence[Shown]) -> list[Picture]:
     for g in shown:
         measured, o = g.group.reading, g.group.observable
         alt = (
-            f"{o.title.capitalize()} against {swept(g.sweep)}, group {g.group.id}, {g.sweep.condition}:"
+            f"{o.title.capitalize()} against {g.sweep.over}, group {g.group.id}, {g.sweep.condition}:"
             f" measured {number(float(measured.min()))} to {number(float(measured.max()))} {unit_text(o.unit)};"
             f" {g.text}."
         )

@@ -14,7 +14,7 @@ from psafit.diagnose.misfit import ALPHA, CHARACTERS
 from psafit.diagnose.record import Diagnosis, Tests
 from psafit.diagnose.significance import OTHERWISE, Significance
 from psafit.report.diagnosis import words
-from psafit.report.diagnosis.shown import Shown, image, swept
+from psafit.report.diagnosis.shown import Shown, image
 from psafit.report.figures.axes import scale_axis, scale_sweep
 from psafit.report.figures.groups import title
 from psafit.report.page import Picture, first
@@ -140,6 +140,6 @@ def _discrepancy(g: Shown, mean: FloatArray, sd: FloatArray, reach: float, n: in
     low, high = factor(float(m.min())), factor(float(m.max()))
     return Picture(
         image(figure, n),
-        f"Discrepancy against {swept(g.sweep)}, group {g.group.id}: readings ×{low} to ×{high} of the prediction.",
+        f"Discrepancy against {g.sweep.over}, group {g.group.id}: readings ×{low} to ×{high} of the prediction.",
         f"×{low} to ×{high}; band: 90 %.",
     )

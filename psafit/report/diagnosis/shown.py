@@ -17,7 +17,6 @@ from psafit.diagnose.show import Line
 from psafit.experiment import Experiment, Group
 from psafit.report import figures
 from psafit.report.catalogue import TITLES
-from psafit.report.figures.sweep import SWEPT
 from psafit.report.page import figure_data_uri
 from psafit.report.wording import factor
 from psafit.validate import log_ratio, root_mean_square
@@ -121,8 +120,3 @@ def _line(given: Line | None, gone: str | None = None) -> tuple[FloatArray, Floa
 def image(figure: Figure, n: int) -> str:
     """Image of one of `n` of a kind, which are simpler than those of a fit."""
     return figure_data_uri(figure, like=n, few=12)
-
-
-def swept(sweep: figures.Sweep) -> str:
-    """What is swept, in words."""
-    return SWEPT.get(sweep.variable, "the number of the reading")
