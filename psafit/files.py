@@ -173,7 +173,7 @@ def remove_temporaries(folder: Path) -> None:
 
 
 @contextmanager
-def sole(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Keep a folder, made if need be, to this process while it works there.
 
     The lock lies on the folder itself and ends with the process, however that ends. Where the system or the file
@@ -209,7 +209,7 @@ def sole(folder: Path) -> Iterator[None]:
 
 
 def in_use(folder: Path) -> bool | None:
-    """Whether a process works in a folder (`sole`); None where that cannot be known."""
+    """Whether a process works in a folder (`locked`); None where that cannot be known."""
     try:
         import fcntl
 

@@ -317,7 +317,7 @@ def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupI
     return found
 
 
-def silence(group: Group) -> str:
+def why_uninformative(group: Group) -> str:
     """Why a group cannot separate a good prediction from a bad one; empty where it can."""
     if not group.amplitude_v.any():
         return "nothing drives it"
@@ -335,7 +335,7 @@ def score(prediction: Prediction) -> GroupScore:
     measured = prediction.group.reading
     read = prediction.group.observable
     error = log_ratio(prediction.median, measured, *read.metric)
-    silent = silence(prediction.group)
+    silent = why_uninformative(prediction.group)
     silenced = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)

@@ -114,7 +114,7 @@ def _mapping(text: str) -> Mapping:
     """What a ``--column`` says."""
     from psafit.experiment.importing import COLUMN_NAMES, Mapping
     from psafit.experiment.importing.units import unit as parsed
-    from psafit.experiment.text import meant, shown
+    from psafit.experiment.text import did_you_mean, shown
 
     heading, equals, rest = text.rpartition("=")
     column, colon, unit = (part.strip() for part in rest.partition(":"))
@@ -123,7 +123,7 @@ def _mapping(text: str) -> Mapping:
             f"--column {shown(text)} is not HEADING=COLUMN:UNIT", "write for example --column 'Freq=frequency_hz:kHz'"
         )
     if column not in COLUMN_NAMES:
-        raise InputError(f"--column {shown(text)}: {shown(column)} is no column", meant(column, COLUMN_NAMES))
+        raise InputError(f"--column {shown(text)}: {shown(column)} is no column", did_you_mean(column, COLUMN_NAMES))
     said = parsed(unit) if colon else None
     if colon and said is None:
         raise InputError(f"--column {shown(text)}: {shown(unit)} is no unit", "write for example kHz, mV, Vpp or um")
@@ -134,7 +134,7 @@ def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, fl
     """Constants and conditions that ``--set`` gives, in SI and psafit's units."""
     from psafit.experiment import CONSTANT_UNITS
     from psafit.experiment.importing.given import HELD, value
-    from psafit.experiment.text import listed, meant, shown
+    from psafit.experiment.text import did_you_mean, listed, shown
 
     constants: dict[str, float] = {}
     held: dict[str, float] = {}
@@ -142,7 +142,7 @@ def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, fl
     for text in given:
         name, _, number = (part.strip() for part in text.partition("="))
         if name not in known:
-            near = meant(name, known) if name else f"choose from {listed(known)}"
+            near = did_you_mean(name, known) if name else f"choose from {listed(known)}"
             raise InputError(f"--set {shown(text)}: there is no {shown(name)}", near)
         if name in constants | held:
             raise InputError(f"--set gives {name} twice", "give each once")

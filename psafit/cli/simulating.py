@@ -316,7 +316,7 @@ def _completed(
     import numpy as np
 
     from psafit.experiment import session_name
-    from psafit.experiment.text import meant
+    from psafit.experiment.text import did_you_mean
     from psafit.observables import OBSERVABLES
     from psafit.physics import informed, owner
 
@@ -336,7 +336,7 @@ def _completed(
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:
         cause = owner(unknown[0])
-        remedy = f"add --terms {cause}" if cause else meant(unknown[0], wanted)
+        remedy = f"add --terms {cause}" if cause else did_you_mean(unknown[0], wanted)
         if unknown[0] in {p.name for o in OBSERVABLES for p in o.scatter}:
             remedy = "it is of the scatter: add --readings FOLDER --seed N"
         if hasattr(plan.constants, unknown[0]):

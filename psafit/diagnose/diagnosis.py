@@ -46,7 +46,7 @@ from psafit.diagnose.trials import Calibration
 from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, Group, GroupId, write_experiment
-from psafit.files import digest, portable_command, sha256, sole
+from psafit.files import digest, locked, portable_command, sha256
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
@@ -63,7 +63,7 @@ from psafit.physics import TERMS
 from psafit.physics.term import Term
 from psafit.records import SCHEMA, ImportanceSummary, write_json
 from psafit.validate import predictive, validate, write_predictions
-from psafit.workers import ahead, cores, reach
+from psafit.workers import cores, precompute, reach
 
 
 def diagnose(
@@ -131,7 +131,7 @@ def diagnose(
     left_out = [t.id for t in TERMS if t.id not in everything.ids]
     asked = [training, seed, quick, searches, nautilus, calibrate, asdict(settings), left_out]
     identity = identity_of(everything, asked)
-    with sole(folder):
+    with locked(folder):
         claim(folder, experiment)
         held = held_in(folder, identity)
         if held and (not draw_on or all(run.converged for run in held.extension.values())):
@@ -392,7 +392,7 @@ class _Work:
         with self._stage("parts"):
             self._memory.begin()
             calls = [(_model_set_of, self._memory, *self._common, *one) for one in wanted]
-            ahead(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
+            precompute(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
                 found[one] = self._search(*one)
                 self.watcher.part("parts", k / len(wanted))

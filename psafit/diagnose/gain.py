@@ -44,8 +44,8 @@ from psafit.validate import (
     neighbours_redrawn,
     prediction_rows,
     root_mean_square,
-    silence,
     table_name,
+    why_uninformative,
     write_table,
 )
 
@@ -140,7 +140,8 @@ class Gain:
     protocol : {"strict", "nested"}
     groups : list of GroupGain
     log_rmse_before, log_rmse_after : float
-        Means over the groups, those aside that cannot show it (`psafit.validate.silence`); so with all that follows.
+        Means over the groups, those aside that cannot show it (`psafit.validate.why_uninformative`); so with all that
+        follows.
     log_rmse_interval : list of float
         90 % interval of the mean's change (after minus before): `over_groups`.
     elpd_before, elpd_after : float
@@ -332,7 +333,7 @@ def over_groups(redrawn: FloatArray, found: FloatArray, rng: np.random.Generator
 def summarise(protocol: str, splits: Sequence[Split], folder: Path, seed: int) -> Gain:
     """Score forecasts and write them to `folder`."""
     rng = np.random.default_rng([seed, 13])
-    silences = {f.group.label: silence(f.group) for one in splits for f in one.after}
+    silences = {f.group.label: why_uninformative(f.group) for one in splits for f in one.after}
     if all(silences.values()):  # better what says little than no number
         silences = dict.fromkeys(silences, "")
     rows: list[GroupGain] = []

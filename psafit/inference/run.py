@@ -18,7 +18,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
-from psafit.files import portable_command, sha256, sole
+from psafit.files import locked, portable_command, sha256
 from psafit.inference import identify, store
 from psafit.inference.candidate import Candidate, built_up, candidate_at, principal
 from psafit.inference.evidence import ImportanceSample, importance_sample
@@ -109,7 +109,7 @@ def fit(
         chosen = sampler(sampled_by).settings(problem).with_options(settings or {})
     watcher = watcher or Silent()
     determinants = determinants_of(problem, seed, n_starts, sampled_by, chosen.determinants, places)
-    with sole(folder):
+    with locked(folder):
         record = claim(folder, determinants)
         with reporting(watcher, folder, "fit", identity_of(determinants), FIT, COUNTED) as watcher:
             asked = _Asked(problem, identity_of(determinants), seed, n_starts, places, sampled_by, chosen, command)

@@ -12,7 +12,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
-from psafit.experiment.text import meant, shown
+from psafit.experiment.text import did_you_mean, shown
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
@@ -62,7 +62,7 @@ class SamplerSettings:
         usual = asdict(self)
         for name, value in options.items():
             if name not in usual:
-                raise InputError(f"{shown(name)} is no option of this sampler", meant(name, usual))
+                raise InputError(f"{shown(name)} is no option of this sampler", did_you_mean(name, usual))
             whole = isinstance(usual[name], int)
             if not (isinstance(value, int) or (isinstance(value, float) and not whole)) or not 0 < value < math.inf:
                 raise InputError(
