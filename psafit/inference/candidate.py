@@ -16,9 +16,10 @@ from psafit.errors import ConvergenceError
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference.evolution import evolved
-from psafit.inference.optimise import joined_values, starts_of, widened
+from psafit.inference.optimise import joined_values, starts_of
 from psafit.inference.optimiser import Effort, Optima, expansion, log_posteriors, maximise, slopes
 from psafit.inference.problem import Problem
+from psafit.inference.scan import widened
 from psafit.physics.term import Term
 
 Schedule = tuple[tuple[int, int], ...]
@@ -43,8 +44,8 @@ class FitSettings:
     hopeless : float, nats
         An optimisation whose trial ends this far below the best is given up.
     taken : int
-        Of what is known beforehand, so many of the best join the optimisations on all readings; so many are optimised
-        from each plateau's neighbours.
+        Of what is known beforehand, so many of the best join the optimisations on all readings; so many modes of the
+        same model are begun from; so many are optimised from each plateau's neighbours.
     crossings : int
         Times that a fit goes on from where a parameter without a slope was moved.
     across : tuple of (int, int)
@@ -212,10 +213,10 @@ class Candidate:
         known = [dict(zip(self.problem.names, self.problem.to_physical(u), strict=True)) for u in self.modes[:n_modes]]
         return np.array([joined_values(problem, values) for values in known])
 
-    def widened(self, problem: Problem, n_modes: int = 1) -> list[FloatArray]:
-        """Starts for a model with more causes from the best modes; see `psafit.inference.optimise.widened`."""
+    def widened(self, problem: Problem, n_modes: int = 1, *, seed: int = 0) -> list[FloatArray]:
+        """Starts for a model with more causes from the best modes; see `psafit.inference.scan.widened`."""
         new = [t for t in problem.terms if t.id not in self.ids]
-        return [widened(problem, u, new) for u in self.placed(problem, n_modes)]
+        return [widened(problem, u, new, seed=seed) for u in self.placed(problem, n_modes)]
 
 
 def thinned(experiment: Experiment, every: int) -> Experiment:
@@ -257,8 +258,8 @@ def fit(
     extra : (n, n_dim) array, optional
         More starts.
     draws, most : int
-        Draws of the prior that are looked at for starts, and starts taken from them, at least two; a model with nothing
-        nested in it has no others.
+        Draws of the prior that are looked at for starts, and starts taken from them, at least two or none; a model with
+        nothing nested in it has no others.
     fresh : bool
         Whether optimisations begin at draws of the prior by themselves, too, and not only crossed with what is known.
     settings : FitSettings, optional
@@ -277,33 +278,63 @@ def fit(
         starts, n_drawn = starts_of(trial, seed, most, draws)
         end = maximise(problem, starts, schedule=s.thorough, unite=True)
         return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
-    rows = [r for c in nested for r in c.widened(trial, 2)]
+    rows = [r for c in nested for r in c.widened(trial, s.taken if c.ids == problem.ids else 1, seed=seed)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
     known = np.vstack(rows)
-    crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
-    races: list[tuple[FloatArray, Schedule]] = [(np.vstack([known, crossed]), s.trial)]
-    if fresh:
+    races: list[tuple[FloatArray, Schedule]] = [(known, s.trial)]
+    n_drawn = 0
+    if most:
+        crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
+        races = [(np.vstack([known, crossed]), s.trial)]
+    if most and fresh:
         # Optimisations from far away begin lower than those from what is known, and may end higher: they have their own
         # race.
         begun, n_fresh = starts_of(trial, seed, most, draws)
         races.append((begun, s.fresh))
         n_drawn += n_fresh
-    # Some of the readings may mislead where few of them count: what is known is looked at on all of them, too, and its
-    # best go on. (They hold the smaller models' optima: no optimisation ends below those.)
-    there = problem.log_posterior(known)
+    end, effort = raced(problem, trial, known, races, s)
+    effort += Effort(n_sets=n_drawn)
+    return candidate_of(problem, replace(_across_steps(problem, end, s), effort=effort))
+
+
+def raced(
+    problem: Problem,
+    trial: Problem,
+    known: FloatArray,
+    races: Sequence[tuple[FloatArray, Schedule]],
+    settings: FitSettings,
+) -> tuple[Optima, Effort]:
+    """Optimise from some starts: on a trial, some of the readings, and the best of that on all of them.
+
+    Parameters
+    ----------
+    problem, trial : Problem
+        All the readings, and those of the trial.
+    known : (n, n_dim) array
+        Some of the readings may mislead where few of them count: the best of these on all readings go on, too. They
+        hold the smaller models' optima: no optimisation ends below those.
+    races : sequence of (n, n_dim) array and schedule
+        Starts of the trial, and how they are optimised; each race has its winners.
+    settings : FitSettings
+
+    Returns
+    -------
+    Optima and Effort
+        The ends on all readings, and what all of it has taken.
+    """
+    s, there = settings, problem.log_posterior(known)
     trials = [
         maximise(trial, starts, schedule=schedule, still_below=s.enough, unite=True) for starts, schedule in races
     ]
     tried, log_posterior = np.vstack([t.u for t in trials]), np.concatenate([t.log_posterior for t in trials])
     best_known = known[np.argsort(-there, kind="stable")[: s.taken]]
     hopeful = log_posterior > log_posterior.max() - s.hopeless
+    starts = np.vstack([tried[hopeful], best_known])
     counts = np.concatenate([np.concatenate([t.starts for t in trials])[hopeful], np.ones(len(best_known), np.intp)])
-    tried = np.vstack([tried[hopeful], best_known])
-    end = maximise(problem, tried, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
-    effort = sum((t.effort for t in trials), Effort(len(best_known), 0, n_drawn + len(known) + end.effort.n_sets))
-    return candidate_of(problem, replace(_across_steps(problem, end, s), effort=effort))
+    end = maximise(problem, starts, schedule=s.full, still_below=s.enough, unite=True, counts=counts)
+    return end, sum((t.effort for t in trials), Effort(len(best_known), 0, len(known) + end.effort.n_sets))
 
 
 def built_up(

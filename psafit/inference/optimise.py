@@ -11,7 +11,6 @@ import math
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import lmfit
@@ -22,34 +21,9 @@ from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
 from psafit.inference import noise
-from psafit.inference.optimiser import log_posteriors
 from psafit.inference.problem import Problem
-from psafit.parameters import Parameter
+from psafit.inference.scan import ScanSettings, halved
 from psafit.physics import baseline
-from psafit.physics.term import Term
-
-
-@dataclass(frozen=True)
-class ScanSettings:
-    """How a strength is scanned.
-
-    Parameters
-    ----------
-    halvings : int
-        Steps, each half of the last, from a bound to the neutral value.
-    between : int
-        Parts of a halving at which it goes on about the best.
-    strengths : int
-        Strengths chosen at each side of the neutral value, in even ratios of what they do.
-    least : float
-        What the least of them does: the root mean square by which the readings move, in standard deviations of their
-        scatter.
-    """
-
-    halvings: int = 24
-    between: int = 4
-    strengths: int = 5
-    least: float = 0.1
 
 
 def _finite(x: FloatArray, worst: float = 1e12) -> FloatArray:
@@ -152,7 +126,7 @@ def starts_of(
     known: FloatArray | None = None,
     *,
     apart: float = 0.25,
-    halvings: int = ScanSettings.halvings,
+    halvings: float = ScanSettings.halvings,
 ) -> tuple[FloatArray, int]:
     """Starts: the best of many draws of the prior, no two of them close.
 
@@ -250,87 +224,6 @@ def joined_values(problem: Problem, values: Mapping[str, float]) -> FloatArray:
         if value is not None and p.bounds.lower <= value <= p.bounds.upper:
             u[i] = p.to_sampling(value)
     return _inside(problem, u, 1e-3)
-
-
-def halved(parameter: Parameter, halvings: FloatArray) -> FloatArray:
-    """Coordinates of a strength that approach its neutral value by halves: from each bound, `halvings` times.
-
-    Strengths differ by orders of magnitude in what they do; how far the readings want one, no prior says.
-
-    Returns
-    -------
-    (n_sides, n) array
-        A side for each bound that is not the neutral value itself.
-
-    Raises
-    ------
-    ValueError
-        If the parameter has no neutral value.
-    """
-    if parameter.neutral is None:
-        raise ValueError(f"{parameter.name} has no neutral value")
-    bounds, neutral = parameter.sampling_bounds, float(parameter.to_sampling(parameter.neutral))
-    ends = [end for end in (bounds.lower, bounds.upper) if end != neutral]
-    return np.array([neutral + (end - neutral) * 0.5**halvings for end in ends])
-
-
-def widened(
-    problem: Problem, known: FloatArray, new: Sequence[Term], settings: ScanSettings | None = None
-) -> FloatArray:
-    """Starts at which each of some causes comes to a known point, with strengths that differ by what they do.
-
-    A strength is scanned from its bounds to its neutral value by halves, all else as it is, and more finely about the
-    best. Starts are where it does best, and where the readings move by even ratios.
-
-    Parameters
-    ----------
-    problem : Problem
-    known : (n_dim,) array
-        Sampling coordinates, the new causes at neutral values.
-    new : sequence of Term
-    settings : ScanSettings, optional
-
-    Returns
-    -------
-    (n, n_dim) array
-        The known point first.
-    """
-    s, rows = settings or ScanSettings(), [known]
-    at_known = problem.predict(known[None])
-    scatter = noise.scale(at_known, problem.noise_values(known[None]), problem.known_sigma)
-    for term in new:
-        i = problem.names.index(term.strength.name)
-        median = known.copy()
-        for p in term.parameters:
-            median[problem.names.index(p.name)] = p.prior_quantile(0.5)
-
-        def scanned(strengths: FloatArray, start: FloatArray = median, i: int = i) -> tuple[FloatArray, FloatArray]:
-            points = np.repeat(start[None], strengths.size, axis=0)
-            points[:, i] = strengths
-            return points, problem.predict(points)
-
-        halvings = np.arange(float(s.halvings))
-        sides = halved(term.strength, halvings)
-        points, predicted = scanned(sides.ravel())
-        moved = np.sqrt(np.square((predicted - at_known) / scatter).mean(axis=1)).reshape(sides.shape)
-        rows.append(median)
-        for side, by in enumerate(moved):
-            # From the neutral value outwards, the first strength that moves the readings so far. Some moves none by
-            # itself: that of a gain whose sessions are all at their mean.
-            most = by.max(where=np.isfinite(by), initial=0.0)
-            wanted = most * (s.least / max(s.least, most)) ** np.linspace(1, 0, s.strengths)
-            beyond = by[::-1] >= np.maximum(wanted, 1e-9)[:, None]
-            chosen = {len(by) - 1 - int(k) for k in beyond.argmax(axis=1)[beyond.any(axis=1)]}
-            rows += list(points.reshape(*sides.shape, -1)[side, sorted(chosen)])
-        best = int(np.argmax(_log_posteriors_at(problem, points, predicted)))
-        side, k = divmod(best, len(halvings))
-        near, there = scanned(halved(term.strength, np.maximum(k + np.linspace(-1, 1, 2 * s.between + 1), 0.0))[side])
-        rows.append(near[np.argmax(_log_posteriors_at(problem, near, there))])
-    return np.array(rows)
-
-
-def _log_posteriors_at(problem: Problem, u: FloatArray, predicted: FloatArray) -> FloatArray:
-    return log_posteriors(problem, u, predicted, np.broadcast_to(problem.observed, predicted.shape))
 
 
 def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:

@@ -14,13 +14,13 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.errors import PsafitError
-from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit
+from psafit.inference.candidate import Candidate, FitSettings, candidate_at, fit, raced, subsampled
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.memory import Arrays, Memory
-from psafit.inference.optimise import joined_values, widened
-from psafit.inference.optimiser import maximise
+from psafit.inference.optimise import joined_values
 from psafit.inference.problem import Problem
 from psafit.inference.sample import first, joined, second
+from psafit.inference.scan import widened
 from psafit.model_search.loop import Foreseen, Ids, Model
 from psafit.model_search.settings import SearchSettings
 from psafit.physics.term import Term
@@ -76,7 +76,7 @@ class ProblemFitter:
     starts: Sequence[Candidate] = ()
 
     def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> list[Known]:
-        """Fit models from the highest of their parts, from a few draws of the prior, and from where they are known."""
+        """Fit models from their highest parts, from where they are known, and single causes from the prior, too."""
         tasks = list(self._short(wanted, known))
         found = self._done(tasks)
         return [_estimated(_candidate(t.problem, a)) for t, a in zip(tasks, found, strict=True)]
@@ -136,12 +136,12 @@ class ProblemFitter:
         """Short fits, each begun from the highest of its parts."""
         fitted, s = _highest_first(known), self.settings
         for ids in wanted:
-            problem, best = self._shortly(ids), _part(ids, fitted)
+            problem, best = self._shortly(ids), _parts(ids, fitted)
             own = [known[ids].content.candidate.modes] if ids in known else []
             rows = [c.placed(problem, len(c.modes)) for c in self.starts if c.ids == ids]
             extra = np.vstack([*own, *rows]) if own or rows else None
             begun = [[c.modes[:2].tolist() for c in best], [] if extra is None else extra.tolist()]
-            about = [self.seed, s.short_draws, s.short_starts, s.short_climbs, s.from_prior, begun]
+            about = [self.seed, s.short_draws, s.short_starts, s.short_climbs, begun]
             yield self._task("short", problem, about, _short, best, extra, s, self.seed)
 
     def _carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
@@ -160,9 +160,9 @@ class ProblemFitter:
 
     def _optimise(self, problem: Problem, *pairs: tuple[Candidate, Candidate]) -> _Task:
         """Optimise as long as a short fit does from the optima of both of two models, the second's first of all."""
-        schedule, begun = self.settings.carried_climbs, [[c.modes[0].tolist() for c in pair] for pair in pairs]
-        about = [schedule, [[c.ids for c in pair] for pair in pairs], begun]
-        return self._task("climb", problem, about, _optimised, pairs, schedule)
+        s, begun = self.settings, [[c.modes[0].tolist() for c in pair] for pair in pairs]
+        about = [s.carried_trial, s.carried_climbs, [[c.ids for c in pair] for pair in pairs], begun]
+        return self._task("optimised", problem, about, _optimised, pairs, s)
 
     def _looks(self, model: Known) -> list[_Task]:
         """Both looks for the modes of a model that is to be sampled."""
@@ -267,20 +267,20 @@ def _short(
     problem: Problem, parts: Sequence[Candidate], extra: FloatArray | None, settings: SearchSettings, seed: int
 ) -> Arrays:
     """Fit a model shortly."""
-    s, few = settings, len(problem.terms) <= settings.from_prior
-    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts, "fresh": few}
+    s = settings
+    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts if len(problem.terms) < 2 else 0}
     return _arrays(fit(problem, parts, seed=seed, extra=extra, settings=FitSettings(full=s.short_climbs), **how))
 
 
-def _optimised(
-    problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], schedule: tuple[tuple[int, int], ...]
-) -> Arrays:
+def _optimised(problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], settings: SearchSettings) -> Arrays:
     """Where optimisations end; a strength that only the first of a pair knows is scanned with the second, too."""
-    starts = [
-        widened(problem, _merged(problem, *pair), [t for t in problem.terms if t.id not in pair[1].ids])
-        for pair in pairs
-    ]
-    end = maximise(problem, np.vstack(starts), schedule=schedule, still_below=FitSettings.enough, unite=True)
+    how = FitSettings(trial=settings.carried_trial, full=settings.carried_climbs)
+    trial, known = subsampled(problem, how), []
+    for pair in pairs:
+        new = [t for t in problem.terms if t.id not in pair[1].ids]
+        known.append(widened(trial, _merged(problem, *pair), new))
+    starts = np.vstack(known)
+    end, _ = raced(problem, trial, starts, [(starts, how.trial)], how)
     return {"u": end.u, "height": end.log_posterior}
 
 
@@ -302,6 +302,11 @@ def _highest_first(known: Mapping[Ids, Known]) -> list[Candidate]:
 def _part(ids: Ids, fitted: Sequence[Candidate]) -> list[Candidate]:
     """The first model within a set, if there is one."""
     return [c for c in fitted if {*c.ids} < {*ids}][:1]
+
+
+def _parts(ids: Ids, fitted: Sequence[Candidate], most: int = 2) -> list[Candidate]:
+    """The first models that lack one cause of a set; where none does, the first that lacks more."""
+    return [c for c in fitted if {*c.ids} < {*ids} and len(c.ids) + 1 == len(ids)][:most] or _part(ids, fitted)
 
 
 def _merged(problem: Problem, *candidates: Candidate) -> FloatArray:

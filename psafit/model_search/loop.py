@@ -106,7 +106,7 @@ class Searched(Generic[Content]):
     models : dict
         Every model fitted, by its causes.
     expanded : frozenset
-        Those of which every neighbour was fitted that the settings ask for.
+        Those of which every neighbour was fitted.
     """
 
     models: Mapping[Ids, Model[Content]]
@@ -178,9 +178,8 @@ class _Known(Generic[Content]):
         return self.evidence(model) + slack > highest + self.settings.visible
 
     def complete(self, model: Model[Content], best: float) -> bool:
-        """Whether all of its neighbours were fitted, exchanges if it comes near enough to the best."""
-        near = self.value(model) >= best - self.settings.exchanging
-        return self.done[model.ids] >= (len(self.kinds) if near else 1)
+        """Whether all of its neighbours were fitted, or need not be, since it does not come near the best."""
+        return self.value(model) < best - self.settings.expanding or self.done[model.ids] == len(self.kinds)
 
     def keep(self, found: Sequence[Model[Content]]) -> None:
         """Keep models that were fitted."""
@@ -215,8 +214,7 @@ class _Known(Generic[Content]):
     def searched(self) -> Searched[Content]:
         """What was looked at."""
         final = {ids: replace(m, log_evidence=self.evidence(m)) for ids, m in self.models.items()}
-        best = max(self.value(m) for m in self.models.values() if self.shows(m))
-        return Searched(final, frozenset(ids for ids, m in self.models.items() if self.complete(m, best)))
+        return Searched(final, frozenset(ids for ids, done in self.done.items() if done == len(self.kinds)))
 
 
 def search(

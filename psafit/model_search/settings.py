@@ -17,22 +17,23 @@ class SearchSettings(SampleSettings):
     Parameters
     ----------
     window : float, nats
-        A model that shows is sampled, and its neighbours are fitted, as long as its log posterior probability comes
-        this near to that of the best. It covers what a short fit may be below a model's true evidence.
-    exchanging : float, nats
-        Its neighbours with one cause exchanged are fitted as long as it comes this near: at less than one in a hundred
-        of the best it is a step towards others at most, and those have one cause more or less.
+        A model that shows is sampled as long as its log posterior probability comes this near to that of the best. It
+        covers what a short fit may be below a model's true evidence.
+    expanding : float, nats
+        Its neighbours are fitted as long as it comes this near once it was sampled: at less than one in a hundred of
+        the best it is a step towards others at most, and the best has steps of its own.
     visible : float, nats
         Evidence by which a model must exceed every part of itself to show, that is to count as a model of its own (20
         to 1); one that was not sampled may fall short of it by two standard errors.
     most_causes : int
         Causes of a model.
     short_draws, short_starts : int
-        Of a short fit: draws of the prior that are looked at, and starts taken from them.
+        Of a short fit of one cause: draws of the prior that are looked at, and starts taken from them. Several begin
+        where parts of them are known.
     short_climbs : tuple of (int, int)
         Of a short fit's optimisations on all readings: iterations, and how many of the highest go on after each.
-    carried_climbs : tuple of (int, int)
-        The same of optimisations from where others have their optima.
+    carried_trial, carried_climbs : tuple of (int, int)
+        The same of optimisations from where others have their optima, on some of the readings and on all.
     short_tolerance : float
         Error of a simulator's step in a short fit; ranges are then good to 1e-5.
     tolerance : float
@@ -45,13 +46,14 @@ class SearchSettings(SampleSettings):
     """
 
     window: float = 8.0
-    exchanging: float = 5.0
+    expanding: float = 5.0
     visible: float = 3.0
     most_causes: int = 6
     short_draws: int = 64
     short_starts: int = 4
     short_climbs: tuple[tuple[int, int], ...] = ((3, 2), (12, 1))
-    carried_climbs: tuple[tuple[int, int], ...] = ((0, 3), (3, 2), (12, 1))
+    carried_trial: tuple[tuple[int, int], ...] = ((0, 4), (3, 2), (12, 1))
+    carried_climbs: tuple[tuple[int, int], ...] = ((0, 1), (6, 1))
     short_tolerance: float = 1e-3
     tolerance: float = 1e-4
     doubt: float = 1.0

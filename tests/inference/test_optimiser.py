@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from psafit.experiment import read_experiment
-from psafit.inference.optimise import ScanSettings, halved, polish, starts_of, widened
+from psafit.inference.optimise import polish, starts_of
 from psafit.inference.optimiser import expansion, log_posteriors, maximise, maximise_linearly, slopes
 from psafit.inference.problem import Problem
 from psafit.physics import terms
@@ -71,41 +71,6 @@ def test_starts_near_what_is_known_keep_causes_together(problem):
     assert at.any(axis=1).sum() > 0
     # A cause is wholly there or wholly elsewhere.
     assert (at[:, 3] == at[:, 4]).all()
-
-
-def test_a_strength_is_halved_from_each_bound_that_is_not_neutral():
-    lag, phase, stroke = (terms([id])[0].strength for id in ("amplifier_lag", "start_phase", "stroke_tolerance"))
-    assert lag.to_physical(halved(lag, np.arange(3))).tolist() == [[0.01, 0.005, 0.0025]]
-    assert phase.to_physical(halved(phase, np.arange(2))) == pytest.approx(np.pi / 2 * np.array([[-1, -0.5], [1, 0.5]]))
-    assert stroke.to_physical(halved(stroke, np.array([0, 40]))) == pytest.approx(np.array([[0.2, 1], [3, 1]]))
-
-
-@pytest.mark.parametrize("newtons", [3e-6, 1e-4, 0.03, 0.3])
-def test_a_scan_finds_strengths_of_any_size(problem, newtons):
-    """Between a thousandth of the prior's width and a hundred of them: what no quantiles of the prior cover."""
-    larger = replace(problem, terms=terms(["adhesion"]))
-    truth = np.array([5e5, 800.0, 40.0, newtons])
-    u = np.append(
-        np.array([p.to_sampling(x) for p, x in zip(larger.parameters, truth, strict=False)]), [-6.0, -6.0, 3.0]
-    )
-    known = u.copy()
-    known[3] = 0.0
-    read = np.zeros(sum(g.n_points for g in larger.experiment.groups))
-    read[: larger.observed.size] = larger.predict(u[None])[0]
-    measured = replace(larger, experiment=larger.experiment.with_readings(read))
-    assert measured.observed == pytest.approx(larger.predict(u[None])[0])
-    rows = widened(measured, known, larger.terms)
-    assert rows[0] == pytest.approx(known)
-    nearest = np.abs(np.log2(larger.to_physical(rows)[1:, 3] / newtons)).min()
-    assert nearest <= 1.0
-    assert len(rows) <= 3 + ScanSettings().strengths
-
-
-def test_a_scan_of_what_moves_nothing_by_itself_stays_small(problem):
-    """A gain's strength moves no reading while all sessions are at their mean."""
-    larger = replace(problem, terms=terms(["reading_gain"]))
-    known = larger.prior_transform(np.full(larger.n_dim, 0.5))
-    assert 2 <= len(widened(larger, known, larger.terms)) <= 3
 
 
 def test_log_posteriors_are_the_log_posterior_and_minus_infinity_outside(problem):

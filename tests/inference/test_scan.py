@@ -1,0 +1,79 @@
+"""Where causes begin that come to a fitted model."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psafit.experiment import read_experiment
+from psafit.inference.optimise import joined_values
+from psafit.inference.optimiser import maximise
+from psafit.inference.problem import Problem
+from psafit.inference.scan import ScanSettings, halved, widened
+from psafit.physics import terms
+
+EXPERIMENT = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return Problem(EXPERIMENT, (EXPERIMENT.group(1).id,))
+
+
+def test_a_strength_is_halved_from_each_bound_that_is_not_neutral():
+    lag, phase, stroke = (terms([id])[0].strength for id in ("amplifier_lag", "start_phase", "stroke_tolerance"))
+    assert lag.to_physical(halved(lag, np.arange(3))).tolist() == [[0.01, 0.005, 0.0025]]
+    assert phase.to_physical(halved(phase, np.arange(2))) == pytest.approx(np.pi / 2 * np.array([[-1, -0.5], [1, 0.5]]))
+    assert stroke.to_physical(halved(stroke, np.array([0, 40]))) == pytest.approx(np.array([[0.2, 1], [3, 1]]))
+
+
+@pytest.mark.parametrize("newtons", [3e-5, 1e-4, 0.03, 0.3])
+def test_a_scan_finds_strengths_of_any_size(problem, newtons):
+    """Between a hundredth of the prior's width and a hundred of them: what no quantiles of the prior cover."""
+    larger = replace(problem, terms=terms(["adhesion"]))
+    truth = np.array([5e5, 800.0, 40.0, newtons])
+    u = np.append(
+        np.array([p.to_sampling(x) for p, x in zip(larger.parameters, truth, strict=False)]), [-6.0, -6.0, 3.0]
+    )
+    known = u.copy()
+    known[3] = 0.0
+    read = np.zeros(sum(g.n_points for g in larger.experiment.groups))
+    read[: larger.observed.size] = larger.predict(u[None])[0]
+    measured = replace(larger, experiment=larger.experiment.with_readings(read))
+    assert measured.observed == pytest.approx(larger.predict(u[None])[0])
+    rows = widened(measured, known, larger.terms)
+    assert rows[0] == pytest.approx(known)
+    nearest = np.abs(np.log2(larger.to_physical(rows)[1:, 3] / newtons)).min()
+    assert nearest <= 1.0
+    assert len(rows) <= 2 + ScanSettings().starts
+
+
+def test_a_scan_of_what_moves_nothing_by_itself_stays_small(problem):
+    """A gain's strength moves no reading while all sessions are at their mean."""
+    larger = replace(problem, terms=terms(["reading_gain"]))
+    known = larger.prior_transform(np.full(larger.n_dim, 0.5))
+    rows = widened(larger, known, larger.terms)
+    assert rows[0] == pytest.approx(known)
+    assert rows[1, larger.names.index(larger.terms[0].strength.name)] > 0.0
+    assert len(rows) == 2
+
+
+@pytest.mark.parametrize("frequency", [700.0, 2300.0])
+def test_a_scan_finds_a_narrow_resonance_that_fits_worse_until_all_else_is_refitted(problem, frequency):
+    larger = replace(problem, terms=terms(["frame_compliance"]))
+    true = {"k_c": 4e6, "c_s": 60.0, "c_c": 700.0}
+    true |= {"frame_compliance": 2.5e-7, "frame_frequency": frequency, "frame_damping": 0.03}
+    at_truth = joined_values(larger, true | {"sigma_rel": 0.04, "sigma_abs": 0.1})
+    read = np.zeros(sum(g.n_points for g in larger.experiment.groups))
+    read[: larger.observed.size] = larger.predict(at_truth[None])[0]
+    measured = replace(larger, experiment=larger.experiment.with_readings(read))
+    plain = replace(measured, terms=())
+    begin = joined_values(plain, {name: 1.5 * value for name, value in true.items()})
+    best = maximise(plain, begin[None])
+    known = joined_values(measured, dict(zip(plain.names, plain.to_physical(best.u[best.best]), strict=True)))
+    rows = widened(measured, known, larger.terms)
+    end = maximise(measured, rows[2:], schedule=((30, 1),))
+    found = dict(zip(measured.names, measured.to_physical(end.u[0]), strict=True))
+    assert found["frame_frequency"] == pytest.approx(frequency, rel=0.02)
+    assert found["frame_compliance"] == pytest.approx(true["frame_compliance"], rel=0.3)
