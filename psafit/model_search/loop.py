@@ -179,7 +179,11 @@ class _Known(Generic[Content]):
 
     def complete(self, model: Model[Content], best: float) -> bool:
         """Whether all of its neighbours were fitted, or need not be, since it does not come near the best."""
-        return self.value(model) < best - self.settings.expanding or self.done[model.ids] == len(self.kinds)
+        return self.value(model) < best - self.settings.window or self.done[model.ids] == len(self.kinds)
+
+    def comes_near(self, model: Model[Content], best: float) -> bool:
+        """Whether it comes within the window of the best, if a short fit falls short by as much as it may."""
+        return self.value(model) >= best - self.settings.window - (0.0 if model.sampled else self.settings.short_by)
 
     def keep(self, found: Sequence[Model[Content]]) -> None:
         """Keep models that were fitted."""
@@ -196,7 +200,8 @@ class _Known(Generic[Content]):
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
         if neighbours is exchanged:
             found = self.fitter.carried(new, self.models)
-            least = max(self.value(m) for m in self.models.values() if self.shows(m)) - 2 * self.settings.window
+            best = max(self.value(m) for m in self.models.values() if self.shows(m))
+            least = best - 2 * (self.settings.window + self.settings.short_by)
             new = [m.ids for m in found if self.value(m) >= least]
             self.keep(found)
         self.keep(self.fitter.short(new, self.models))
@@ -254,11 +259,10 @@ def search(
         shown = [m for m in models.values() if known.shows(m)]
         best_model = max(shown, key=known.value)
         highest = known.value(best_model)
-        least = highest - settings.window
-        near = [m for m in shown if known.value(m) >= least]
+        near = [m for m in shown if known.comes_near(m, highest)]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
         if not left:
-            single = [m for m in models.values() if len(m.ids) == 1 and known.value(m) >= least]
+            single = [m for m in models.values() if len(m.ids) == 1 and known.comes_near(m, highest)]
             single = [m for m in single if not known.done[m.ids]]
             if best_model.ids or not single or passes(best_model):
                 return known.searched()

@@ -17,11 +17,11 @@ class SearchSettings(SampleSettings):
     Parameters
     ----------
     window : float, nats
-        A model that shows is sampled as long as its log posterior probability comes this near to that of the best. It
-        covers what a short fit may be below a model's true evidence.
-    expanding : float, nats
-        Its neighbours are fitted as long as it comes this near once it was sampled: at less than one in a hundred of
-        the best it is a step towards others at most, and the best has steps of its own.
+        A model that shows is sampled, and its neighbours are fitted, as long as its log posterior probability comes
+        this near to that of the best: at less than one in a hundred of the best it is a step towards others at most,
+        and the best has steps of its own.
+    short_by : float, nats
+        What a short fit may be below a model's true evidence: until it was sampled, a model counts as so much better.
     visible : float, nats
         Evidence by which a model must exceed every part of itself to show, that is to count as a model of its own (20
         to 1); one that was not sampled may fall short of it by two standard errors.
@@ -45,8 +45,8 @@ class SearchSettings(SampleSettings):
         measured (docs/search-yardstick.md): k of n data sets missed by more than a nat give (k + 1/2)/(n + 1).
     """
 
-    window: float = 8.0
-    expanding: float = 5.0
+    window: float = 5.0
+    short_by: float = 3.0
     visible: float = 3.0
     most_causes: int = 6
     short_draws: int = 64

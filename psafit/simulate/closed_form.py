@@ -396,8 +396,9 @@ def _march(table, n, t, end, rising, lift, most=2_000_000):  # type: ignore[no-u
         d0 += lift
         floor = _NOISE * (noise + lift)
         if d0 <= floor:
-            # Indistinguishable from contact at zero: on the way down it is the separation.
-            if d1 <= 0.0 and not rising:
+            # Indistinguishable from contact at zero: on the way down it is the separation. What falls below zero before
+            # it has risen at all, as behind a jump far smaller than the swing that follows, has separated on the way.
+            if d0 < -floor or (d1 <= 0.0 and not rising):
                 return t, rising
             d0 = floor
             d1 = max(d1, 0.0)

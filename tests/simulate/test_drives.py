@@ -214,3 +214,14 @@ def test_an_idle_level_is_an_idle_voltage() -> None:
     slow = [simulate(Design.sweep(RIG, "square", 5.0, v), [*TRUTH, u], idle).launch_range[0, 0]
             for v, u in ((9.0, -9.0), (18.0, 0.0))]  # fmt: skip
     assert slow[0] == pytest.approx(slow[1], rel=1e-9)
+
+
+def test_a_jump_far_smaller_than_the_swing_that_follows_launches_next_to_nothing() -> None:
+    """The ball separates within the rounding of its own motion; no launch is looked for in the periods that follow."""
+    jumps = np.exp(np.random.default_rng(6).uniform(-24, -8, 10))  # V, above the rounding of the swing's own beginning
+    theta = np.column_stack([np.tile(TRUTH, (10, 1)), -jumps])
+    swing = Design.sweep(RIG, Drive("sine", phase_deg=180.0), [400.0], 20.0)
+    found = simulate(swing, theta, terms(["idle_level"]))
+    assert (found.separation_time < 1e-6).all()
+    volt = simulate(Design.sweep(RIG, "square", [1.0], 1.0), TRUTH).launch_range[0, 0]
+    assert (found.launch_range[:, 0] <= 1.01 * volt * jumps).all()
