@@ -149,7 +149,7 @@ endif
 $(STAMP)-run: requirements.lock pyproject.toml
 	@rm -f $(STAMP)-*
 	@$(make_venv)
-	@echo 'Installing what psafit runs on into $(VENV): about a minute, once; 650 MB of disk'
+	@echo 'Installing what psafit runs on into $(VENV): one to six minutes, by the network, once; 650 MB of disk'
 	@$(INSTALL) requirements.lock
 	@$(COMPILE)
 	@$(PIP) install --no-deps -e .
@@ -158,13 +158,13 @@ $(STAMP)-run: requirements.lock pyproject.toml
 	@printf '%s' "$$PWD" > $@
 
 $(STAMP)-dev: requirements-dev.lock $(STAMP)-run
-	@echo 'Installing what the tests need into $(VENV): about half a minute, once; 300 MB of disk'
+	@echo 'Installing what the tests need into $(VENV): half a minute to three, once; 300 MB of disk'
 	@$(INSTALL) requirements-dev.lock
 	@$(COMPILE)
 	@touch $@
 
 $(STAMP)-bench: requirements-bench.lock $(STAMP)-run
-	@echo 'Installing what the benchmarks compare with (jax, diffrax) into $(VENV): about half a minute, once'
+	@echo 'Installing what the benchmarks compare with (jax, diffrax) into $(VENV): half a minute to three, once'
 	@$(INSTALL) requirements-bench.lock
 	@$(COMPILE)
 	@touch $@

@@ -53,7 +53,7 @@ from search_sets import get
 from psafit.arrays import FloatArray
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
-from psafit.files import digest, sha256, sole
+from psafit.files import digest, locked, sha256
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate, FitSettings, built_up, separate_modes, within_bounds
 from psafit.inference.evidence import ImportanceSample, quantiles
@@ -338,7 +338,7 @@ def results(plan: Plan, wanted: Iterable[int], folder: Path, jobs: int, schedule
     numbers = list(wanted)
     if scheduler is not None:
         reach(scheduler)
-    with sole(folder):
+    with locked(folder):
         files = {n: folder / f"{n:04d}.json" for n in numbers}
         left = [n for n, file in files.items() if not file.exists()]
         with processes(jobs, scheduler) as usable:

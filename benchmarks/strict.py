@@ -48,7 +48,7 @@ def main() -> int:
             print(f"    breaks a law: {law.text}")
     others = tuple(g for g in experiment.ids if g not in seen)
     with tempfile.TemporaryDirectory() as folder:
-        gain = summarise("strict", experiment, [split(found, others, words.seed)], Path(folder), words.seed)
+        gain = summarise("strict", [split(found, others, words.seed)], Path(folder), words.seed)
     print(f"mean log_rmse of the others: baseline {gain.log_rmse_before:.3f}, extended {gain.log_rmse_after:.3f}")
     for g in gain.groups:
         print(

@@ -136,7 +136,7 @@ with little damping, and one on a damped stack. They are "mixed" where these, or
 
 In the figures the baseline has the study's parameters (Table 3). The cause has a strength that its prior expects to be
 exceeded as often as not. Above each panel stand the least and the greatest change of the launch range in each group
-(−100 %: no launch, or next to none).
+(−100 %: no launch, or almost none).
 """
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 PICTURE = HERE / "figures" / "floors.svg"
 WIDTH, HEIGHT, TOP = 920, 66, 44  # of the picture, of a floor, of the headings
-# Left and right edges of the columns in which boxes stand, next to the floors' names.
+# Left and right edges of the columns in which boxes stand, to the right of the floors' names.
 COLUMNS = {"a": (446, 588), "b": (612, 754), "c": (778, 908), "ab": (446, 754), "abc": (446, 908)}
 # Floor (a module on it), columns, what is made there, where it is kept.
 BOXES = (

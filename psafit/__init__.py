@@ -34,7 +34,7 @@ def load(folder: str | Path) -> Fitted:
     from pathlib import Path
 
     from psafit.api import Fitted
-    from psafit.inference.run import load
+    from psafit.inference.run_folder import load
 
     return Fitted(load(Path(folder)))
 

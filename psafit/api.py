@@ -7,7 +7,7 @@ and return it. ``import psafit`` loads none of this before it is asked for.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -22,7 +22,8 @@ from psafit.errors import InputError
 from psafit.experiment import Experiment, GroupId
 from psafit.files import ensure_writable, usual_fit_folder, usual_folder
 from psafit.inference.identify import describe
-from psafit.inference.run import Run, fit
+from psafit.inference.run import fit
+from psafit.inference.run_folder import Run
 from psafit.inference.samplers import USUAL
 from psafit.inference.scale import read
 from psafit.physics import terms as catalogue
@@ -82,6 +83,7 @@ class Rig(_Shown):
         seed: int = 1,
         starts: int = 32,
         sampler: str = USUAL,
+        settings: Mapping[str, float] | None = None,
         quiet: bool = False,
     ) -> Fitted:
         """Fit and sample, or take up the run that the folder holds: see `psafit.inference.run.fit`.
@@ -97,6 +99,9 @@ class Rig(_Shown):
         seed, starts : int
         sampler : str
             What draws the posterior; see `psafit.inference.samplers`.
+        settings : dict, optional
+            Its options by name, such as ``{"max_steps": 100_000}``; those of all samplers are
+            `psafit.inference.sampling.SamplerSettings`.
         quiet : bool
             Whether to show no progress.
 
@@ -111,7 +116,7 @@ class Rig(_Shown):
             return Fitted(
                 fit(
                     self.experiment, ids, folder, terms=causes, seed=seed, n_starts=starts, sampled_by=sampler,
-                    watcher=show,
+                    settings=settings, watcher=show,
                 )
             )  # fmt: skip
 
@@ -322,7 +327,7 @@ class Diagnosed(_Shown):
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """Those of the named model, of the baseline where none is named: see `parameters_of`."""
+        """Parameters of the named model, or of the baseline where none is named; see `parameters_of`."""
         return self.parameters_of(self.named)
 
     def parameters_of(self, model: str | Sequence[str]) -> pd.DataFrame:

@@ -21,9 +21,9 @@ from psafit.errors import InputError
 from psafit.experiment import Group, GroupId
 from psafit.files import encodable, read_error
 from psafit.inference.identify import supported
-from psafit.inference.run import load
+from psafit.inference.run_folder import load
 from psafit.records import read_json
-from psafit.validate import COLUMNS, log_ratio, predict, root_mean_square, silence
+from psafit.validate import COLUMNS, log_ratio, predict, root_mean_square, why_uninformative
 
 _MEASURED, _ROLES = ("frequency_hz", "amplitude_v", "launch_range_um"), ("fit", "holdout")
 
@@ -327,7 +327,7 @@ def _pair(a: Predicted, b: Predicted, seed: int) -> tuple[GroupPair, FloatArray]
     pair = GroupPair(
         group=a.group.id,
         roles=[a.role, b.role],
-        informative=not silence(a.group),
+        informative=not why_uninformative(a.group),
         n_points=n,
         log_rmse=[root_mean_square(error) for error in errors],
         log_rmse_interval=interval(rmse),

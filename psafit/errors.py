@@ -67,7 +67,7 @@ class InputErrors(InputError):
 
     @property
     def faults(self) -> tuple[InputError, ...]:
-        """Those that are named, each by itself."""
+        """The faults that the message names, each by itself."""
         return self._faults
 
 
@@ -135,7 +135,7 @@ class ConvergenceError(PsafitError):
 
 
 LARGEST_SEED = 2**32 - 1
-"""Of those that every generator takes."""
+"""The largest seed that every random generator takes."""
 
 
 def check_seed(seed: int) -> None:

@@ -173,7 +173,7 @@ def remove_temporaries(folder: Path) -> None:
 
 
 @contextmanager
-def sole(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Keep a folder, made if need be, to this process while it works there.
 
     The lock lies on the folder itself and ends with the process, however that ends. Where the system or the file
@@ -209,7 +209,7 @@ def sole(folder: Path) -> Iterator[None]:
 
 
 def in_use(folder: Path) -> bool | None:
-    """Whether a process works in a folder (`sole`); None where that cannot be known."""
+    """Whether a process works in a folder (`locked`); None where that cannot be known."""
     try:
         import fcntl
 
@@ -309,7 +309,7 @@ def usual_folder(experiment: Path, *what: str) -> Path:
 
 
 def usual_fit_folder(experiment: Path, groups: Iterable[object], terms: Iterable[str]) -> Path:
-    """The same of a fit; the hyphens of an id are doubled, since one stands between two of them."""
+    """Where a fit goes by default; the hyphens of an id are doubled, since one stands between two of them."""
     ids = (str(group).replace("-", "--") for group in groups)
     return usual_folder(experiment, f"group{'-'.join(ids)}", *terms)
 

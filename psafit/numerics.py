@@ -15,7 +15,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.inference import noise
 from psafit.inference.problem import Problem
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.records import Numerics, Refinement, write_json
 from psafit.simulate import rig_of, simulate
 from psafit.simulate.stability import contact_matrix_of, largest_stable_step, rk4_growth

@@ -1,6 +1,6 @@
 r"""Parameters: what is possible (bounds), what is plausible (prior), and the coordinate they are sampled in.
 
-Every prior is a truncated normal, one with a broad part next to it, or a uniform density in the *sampling coordinate*
+Every prior is a truncated normal, one with a broad part besides, or a uniform density in the *sampling coordinate*
 :math:`u`, which is :math:`\ln x` for scales (stiffness, damping, scatter) and otherwise :math:`x` in units of the
 prior's own width, so that steps of searchers and samplers mean the same in every coordinate. Densities are normalised
 over the bounds, so that model evidences compare.
@@ -146,7 +146,7 @@ def _normal_share(x: FloatArray, mean: float, sd: float, lower: float, upper: fl
 def _bisected(
     share: Callable[[FloatArray], FloatArray], p: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Where a share that grows is `p`, between `low` and `high`, to the last digit."""
+    """The place between `low` and `high` where a growing share is `p`, to the last digit."""
     while True:
         middle = 0.5 * (low + high)
         if not ((low < middle) & (middle < high)).any():
@@ -266,7 +266,7 @@ class Mixture:
 
 
 def broadened(prior: Prior, factor: float) -> Prior | None:
-    """The same about the same middle, so many times as wide; None for one that has no middle."""
+    """A prior about the same middle, so many times as wide; None where it has no middle."""
     if isinstance(prior, Tailed):
         core = broadened(prior.core, factor)
         return replace(prior, core=core)  # type: ignore[arg-type]

@@ -66,7 +66,7 @@ def message_of(error: BaseException) -> str:
 
 
 def blamed(error: BaseException) -> InputError | None:
-    """The same error as one line, where it came up in a plugin."""
+    """An error as one line, where it came up in a plugin."""
     for file in files():
         if line := place(error, file):
             return InputError(f"the cause fails ({message_of(error)})", "see psafit check-cause", file=file, line=line)

@@ -32,7 +32,7 @@ from psafit.experiment import Group, GroupId
 from psafit.files import write_atomically
 from psafit.inference import noise
 from psafit.inference.problem import Problem
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, Observable
 from psafit.records import GroupScore, Validation, write_json
 from psafit.text import fixed
@@ -132,7 +132,7 @@ def neighbours_redrawn(group: Group, times: int, rng: np.random.Generator, most:
 
 
 def root_mean_square(error: FloatArray) -> float:
-    """Of `log_ratio`, it is `log_rmse`."""
+    """The root mean square of errors; that of `log_ratio` is `log_rmse`."""
     return float(np.sqrt(np.mean(error**2)))
 
 
@@ -317,7 +317,7 @@ def without_each(problem: Problem, draws: FloatArray, group_ids: Sequence[GroupI
     return found
 
 
-def silence(group: Group) -> str:
+def why_uninformative(group: Group) -> str:
     """Why a group cannot separate a good prediction from a bad one; empty where it can."""
     if not group.amplitude_v.any():
         return "nothing drives it"
@@ -335,7 +335,7 @@ def score(prediction: Prediction) -> GroupScore:
     measured = prediction.group.reading
     read = prediction.group.observable
     error = log_ratio(prediction.median, measured, *read.metric)
-    silent = silence(prediction.group)
+    silent = why_uninformative(prediction.group)
     silenced = f"says nothing of the model: {silent}; left out of every mean" if silent else ""
     inside_50 = (measured >= prediction.lower_50) & (measured <= prediction.upper_50)
     inside_90 = (measured >= prediction.lower) & (measured <= prediction.upper)
@@ -466,7 +466,7 @@ def validate(run: Run, *, n_draws: int = 1000) -> tuple[Validation, list[Predict
 
 
 def write_predictions(path: Path, predictions: list[Prediction]) -> None:
-    """Write a table, one row a launch range, and next to it one of each other observable: ``<stem>-<name>.csv``.
+    """Write a table of the launch ranges, a row for each, and one of each other observable: ``<stem>-<name>.csv``.
 
     The first is there without a launch range, too: then it has a header alone.
     """

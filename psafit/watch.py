@@ -17,7 +17,7 @@ from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
 from psafit.files import in_use
 from psafit.inference.forecast import Progress, progress_of
-from psafit.inference.run import MARKER
+from psafit.inference.run_folder import MARKER
 from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Convergence
 from psafit.inference.store import REBUILD
@@ -30,7 +30,7 @@ _FOREIGN = "give a folder that psafit fit or psafit diagnose writes to"
 
 @dataclass(frozen=True)
 class State(Convergence):
-    """A run as its folder shows it, next to the `Convergence` of its chains; None where there is nothing to say yet.
+    """A run as its folder shows it, with the `Convergence` of its chains; None where there is nothing to say yet.
 
     Parameters
     ----------

@@ -197,7 +197,7 @@ def unordered(
         signal.pthread_sigmask(signal.SIG_SETMASK, heard)
 
 
-def ahead(
+def precompute(
     work: Callable[..., Any],
     calls: Sequence[tuple[Any, ...]],
     jobs: int,

@@ -97,7 +97,7 @@ def fitted(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> tuple
 
 @pytest.fixture(scope="session")
 def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Experiment]:
-    """A made-up diagnosis with its predictions, next to the experiment it belongs to."""
+    """A made-up diagnosis with its predictions, and the experiment it belongs to."""
     from diagnoses_by_hand import make_experiment, make_record
 
     from psafit.records import write_json

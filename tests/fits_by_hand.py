@@ -9,7 +9,7 @@ import numpy as np
 from psafit.experiment import Constants, Experiment, Group, fingerprint
 from psafit.inference.identify import describe
 from psafit.inference.problem import Problem
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.inference.samplers import USUAL
 from psafit.inference.store import Draws
 from psafit.records import (

@@ -41,7 +41,7 @@ def test_a_rig_in_a_notebook(known: Experiment, known_folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> None:
+def test_a_fit_in_a_notebook(fitted: tuple[Path, Path]) -> None:
     from matplotlib.figure import Figure
 
     one = psafit.load(fitted[0])
@@ -60,7 +60,7 @@ def test_a_fit_in_a_notebook(known: Experiment, fitted: tuple[Path, Path]) -> No
     assert one.report() == fitted[0] / "report.html"
 
 
-def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_the_notebook_uses_the_command_line_s_folders(known: Experiment, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     from psafit import api
 
     asked: list[Path] = []
@@ -85,6 +85,9 @@ def test_the_notebook_refuses_what_the_command_line_refuses(known_folder: Path, 
         (lambda: rig.fit(1, out=tmp_path / "x", starts=0, quiet=True), "0 starts"),
         (lambda: rig.fit(1, out=tmp_path / "x", seed=-1, quiet=True), "seed -1"),
         (lambda: rig.fit([1, 1], out=tmp_path / "x", quiet=True), "named twice"),
+        (lambda: rig.fit(1, out=tmp_path / "x", settings={"max_step": 9}, quiet=True), "did you mean max_steps?"),
+        (lambda: rig.fit(1, out=tmp_path / "x", settings={"max_steps": 9.5}, quiet=True), "is 9.5; give a whole"),
+        (lambda: rig.fit(1, out=tmp_path / "x", settings={"thin": -1}, quiet=True), "is -1; give a positive"),
         (lambda: rig.fit(1, out=known_folder, quiet=True), "lies in the input"),
         (lambda: rig.diagnose(1, out=known_folder / "in", quiet=True), "lies in the input"),
     ):

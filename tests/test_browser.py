@@ -254,7 +254,7 @@ def test_colours_can_be_read(browser, report, scheme):
 
 
 @pytest.mark.slow
-def test_page_prints(browser, report, tmp_path):
+def test_page_prints(browser, report):
     one = Opened(browser, report, SIZES[0])
     one.page.emulate_media(media="print")
     assert one.page.pdf(format="A4").startswith(b"%PDF")

@@ -12,7 +12,7 @@ import pytest
 
 from psafit.challenge.answer import unseal
 from psafit.compare import read_predictions
-from psafit.diagnose.diagnosis import _held
+from psafit.diagnose.folder import held_in
 from psafit.files import Refused, portable_command, read_error, sha256, usual_fit_folder
 from psafit.records import read_content
 from psafit.reproduce.claims import read_published
@@ -71,7 +71,7 @@ def test_every_reader_of_records_reports_what_the_system_refuses(tmp_path: Path,
         lambda: read_predictions(tmp_path / "predictions.csv"),
         lambda: unseal(tmp_path),
         lambda: read_published(tmp_path),
-        lambda: _held(tmp_path, ""),
+        lambda: held_in(tmp_path, ""),
     ]
     for read in readers:
         with pytest.raises(Refused, match=r"cannot be read \(Permission denied\); check its permissions"):

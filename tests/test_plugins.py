@@ -19,7 +19,8 @@ from sensors import CUBIC, SENSOR
 from psafit import physics, plugins
 from psafit.errors import InputError
 from psafit.experiment import Experiment, read_experiment
-from psafit.inference.run import fit, load
+from psafit.inference.run import fit
+from psafit.inference.run_folder import load
 from psafit.inference.samplers.emcee import Settings
 from psafit.physics import TERMS, plugin
 from psafit.physics.term import Term

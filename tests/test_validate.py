@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from psafit import validate
-from psafit.diagnose.misfit import normal_scores
+from psafit.diagnose.residuals import normal_scores
 from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference import run as running
@@ -276,7 +276,7 @@ def test_the_order_of_the_file_is_not_the_order_of_the_sweep() -> None:
     assert np.isnan(validate._p_values(nothing, pit, draws)).all()
 
 
-def test_validation_reads_back(checked, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_validation_reads_back(checked) -> None:  # type: ignore[no-untyped-def]
     from psafit.records import Validation, read_json
 
     run, record, _ = checked

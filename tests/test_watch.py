@@ -24,9 +24,9 @@ from psafit.api import Fitted
 from psafit.cli import watching
 from psafit.errors import InputError
 from psafit.experiment import Experiment
-from psafit.files import sole
+from psafit.files import locked
 from psafit.inference.forecast import Reporter, Silent, progress_of, reporting
-from psafit.inference.run import load
+from psafit.inference.run_folder import load
 from psafit.inference.samplers import emcee as ensembles
 from psafit.inference.samplers.emcee import Settings
 from psafit.records import write_json
@@ -43,7 +43,7 @@ def running(fitted: tuple[Path, Path], tmp_path: Path) -> Iterator[Path]:
     begun = time.time() - 12
     os.utime(folder / "fit.json", (begun, begun))
     os.utime(folder / "chain.h5", (begun + 6, begun + 6))
-    with sole(folder):
+    with locked(folder):
         yield folder
 
 
@@ -60,7 +60,7 @@ def test_a_finished_run_is_reported(fitted: tuple[Path, Path], tmp_path: Path, m
 def test_one_that_gave_up_and_is_drawn_on_is_not_finished(fitted: tuple[Path, Path], tmp_path: Path) -> None:
     folder = tmp_path / "again"
     shutil.copytree(fitted[0], folder)
-    with sole(folder):
+    with locked(folder):
         state = watch.look(folder)
     assert (state.stage, state.steps) == ("sample", 60) and not state.finished
     assert watch.look(folder).stage == "gave up"
@@ -130,7 +130,7 @@ def test_a_file_that_is_written_is_neither_locked_nor_trusted(running: Path) -> 
 
 def test_before_the_chain(fitted: tuple[Path, Path], tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / ".psafit-run").write_text("ab")
-    with sole(tmp_path):
+    with locked(tmp_path):
         assert run(monkeypatch, "watch", tmp_path, "--once") == 0
         assert "searching for minima; sampling has not begun" in capsys.readouterr().out
         shutil.copy(fitted[0] / "fit.json", tmp_path)
@@ -155,7 +155,11 @@ def test_a_diagnosis_is_watched(diagnosis: tuple[Path, Experiment], tmp_path: Pa
     plan = {"causes": 1.0, "tests": 0.5, "significance": 3.0}
     (folder / "steps" / "fit-ab.npz").write_bytes(b"")
     shutil.copy(diagnosis[0] / "diagnosis.json", folder)  # of an earlier answer
-    with sole(folder), pytest.raises(KeyboardInterrupt), reporting(Silent(), folder, "diagnosis", "a", plan) as watcher:
+    with (
+        locked(folder),
+        pytest.raises(KeyboardInterrupt),
+        reporting(Silent(), folder, "diagnosis", "a", plan) as watcher,
+    ):
         watcher.stage("causes")
         assert run(monkeypatch, "watch", folder, "--once") == 0
         line = capsys.readouterr().out
@@ -204,7 +208,7 @@ def test_a_chain_that_is_long_enough_is_being_described(running: Path, monkeypat
 
 
 def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-untyped-def]
-    fitted: tuple[Path, Path], running: Path, tmp_path: Path, monkeypatch, capsys
+    fitted: tuple[Path, Path], running: Path, monkeypatch, capsys
 ) -> None:
     looks = 0
 
@@ -232,7 +236,7 @@ def test_watching_ends_with_the_run_or_with_the_watcher(  # type: ignore[no-unty
     assert reported.err == "" and reported.out.startswith("sampling")
 
 
-def test_a_terminal_gets_a_table(running: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_a_terminal_gets_a_table(running: Path) -> None:  # type: ignore[no-untyped-def]
     from rich.console import Console
 
     console = Console(width=100, record=True, force_terminal=True)

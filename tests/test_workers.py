@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from psafit.errors import ConvergenceError, InputError, PsafitError
-from psafit.workers import ahead, cores, processes, unordered
+from psafit.workers import cores, precompute, processes, unordered
 
 
 def test_errors_come_back_from_a_process_as_they_were_raised(tmp_path):
@@ -31,7 +31,7 @@ def test_work_is_done_ahead_where_several_processes_share_it(tmp_path):
         place.mkdir()
         reported: list[tuple[int, int]] = []
         calls = [(str(place / f"{k}"),) for k in range(n_calls)]
-        ahead(os.mkdir, calls, jobs, lambda done, total, reported=reported: reported.append((done, total)))
+        precompute(os.mkdir, calls, jobs, lambda done, total, reported=reported: reported.append((done, total)))
         assert len(list(place.iterdir())) == made
         assert all(done <= total == n_calls for done, total in reported)
 
@@ -42,7 +42,7 @@ def test_where_joblib_starts_no_process_nothing_is_done_ahead(why, tmp_path, mon
         monkeypatch.setenv("JOBLIB_MULTIPROCESSING", "0")
     else:
         monkeypatch.setattr(sys, "stderr", None)
-    ahead(os.mkdir, [(str(tmp_path / name),) for name in "ab"], 2)
+    precompute(os.mkdir, [(str(tmp_path / name),) for name in "ab"], 2)
     assert not list(tmp_path.iterdir())
 
 
@@ -54,12 +54,12 @@ def test_a_number_of_cores_that_is_none_is_reported(monkeypatch):
 
 def test_what_a_process_cannot_do_is_raised():
     with pytest.raises(FileNotFoundError):
-        ahead(os.rmdir, [("no such folder",)] * 2, 2)
+        precompute(os.rmdir, [("no such folder",)] * 2, 2)
 
 
 def test_a_process_ended_from_outside_is_reported():
     with pytest.raises(InputError, match="ended from outside"):
-        ahead(os._exit, [(1,), (1,)], 2)
+        precompute(os._exit, [(1,), (1,)], 2)
 
 
 def test_a_process_that_grows_is_kept() -> None:
@@ -107,9 +107,10 @@ def test_a_plugin_that_fails_in_a_process_is_named_with_its_line(tmp_path: Path)
     mine.write_text("import sys\nif 'psafit.workers' in sys.modules:\n    raise ValueError('no')\n")
     (tmp_path / "work.py").write_text(
         "import runpy\nfrom psafit import plugins\nfrom psafit.errors import InputError\n"
-        "from psafit.workers import ahead\n"
+        "from psafit.workers import precompute\n"
         f"plugins.add([{str(mine)!r}])\n"
-        f"try:\n    ahead(runpy.run_path, [({str(mine)!r},)] * 2, 2)\nexcept InputError as error:\n    print(error)\n"
+        f"try:\n    precompute(runpy.run_path, [({str(mine)!r},)] * 2, 2)\n"
+        "except InputError as error:\n    print(error)\n"
     )
     done = subprocess.run([sys.executable, "work.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "mine.py:3: the cause fails (ValueError: no)" in done.stdout, done.stderr

@@ -26,7 +26,7 @@ from psafit.diagnose import diagnose as examine
 from psafit.diagnose.record import RESULT
 from psafit.errors import InputError, PsafitError
 from psafit.experiment import Experiment, read_experiment
-from psafit.files import digest, remove_temporaries, sole
+from psafit.files import digest, locked, remove_temporaries
 from psafit.physics import TERMS, plugin_versions
 from psafit.records import plain, read_content, read_json, write_json
 from psafit.workers import processes, reach, scratch, unordered
@@ -372,7 +372,7 @@ def run(
     if scheduler is not None:
         reach(scheduler)
     campaign = Campaign(psafit.__version__, command, design_of.fingerprint, list(specs), plugin_versions())
-    with sole(folder):
+    with locked(folder):
         _claim(folder, campaign)
         results = folder / RESULTS
         results.mkdir(parents=True, exist_ok=True)

@@ -34,7 +34,7 @@ from psafit.errors import InputError
 from psafit.inference.samplers import USUAL, names
 
 if TYPE_CHECKING:
-    from psafit.inference.run import Run
+    from psafit.inference.run_folder import Run
     from psafit.records import Numerics
 
 
@@ -159,7 +159,7 @@ def fit(
 @JSON
 def validate(run: Path, quiet: bool, json_file: Path | None) -> int:
     """Check a run's posterior against the groups it never saw."""
-    from psafit.inference.run import load
+    from psafit.inference.run_folder import load
     from psafit.validate import validate as check_predictions
 
     refuse_run_file(json_file, run)
@@ -183,7 +183,7 @@ def reproduce(experiment: Path, out: Path, quiet: bool, json_file: Path | None) 
     with watcher(quiet) as show:
         show.stage("reproduce")
         from psafit.files import portable_command
-        from psafit.inference.run import versions
+        from psafit.inference.run_folder import versions
         from psafit.records import write_json
         from psafit.report.reproduction import claims_table, write_reproduction
         from psafit.reproduce import reproduce as recompute

@@ -127,7 +127,7 @@ def _mapping(text: str) -> Mapping:
     from psafit.experiment.importing import COLUMN_NAMES, Mapping
     from psafit.experiment.importing.units import scaled
     from psafit.experiment.importing.units import unit as parsed
-    from psafit.experiment.text import meant, shown
+    from psafit.experiment.text import did_you_mean, shown
     from psafit.experiment.trace_table import TRACES
 
     heading, equals, rest = text.rpartition("=")
@@ -137,7 +137,7 @@ def _mapping(text: str) -> Mapping:
             f"--column {shown(text)} is not HEADING=COLUMN:UNIT", "write for example --column 'Freq=frequency_hz:kHz'"
         )
     if column not in COLUMN_NAMES:
-        raise InputError(f"--column {shown(text)}: {shown(column)} is no column", meant(column, COLUMN_NAMES))
+        raise InputError(f"--column {shown(text)}: {shown(column)} is no column", did_you_mean(column, COLUMN_NAMES))
     said = parsed(unit) or (scaled(unit) if column in TRACES else None) if colon else None
     if colon and said is None:
         usual = "um, or what a volt is, 5mm/s/V or 2um/V" if column in TRACES else "kHz, mV, Vpp or um"
@@ -150,7 +150,7 @@ def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, fl
     from psafit.experiment import CONSTANT_UNITS
     from psafit.experiment.importing.columns import HELD
     from psafit.experiment.importing.given import value
-    from psafit.experiment.text import listed, meant, shown
+    from psafit.experiment.text import did_you_mean, listed, shown
 
     constants: dict[str, float] = {}
     held: dict[str, float | tuple[float, ...]] = {}
@@ -158,7 +158,7 @@ def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, fl
     for text in given:
         name, _, number = (part.strip() for part in text.partition("="))
         if name not in known:
-            near = meant(name, known) if name else f"choose from {listed(known)}"
+            near = did_you_mean(name, known) if name else f"choose from {listed(known)}"
             raise InputError(f"--set {shown(text)}: there is no {shown(name)}", near)
         if name in constants | held:
             raise InputError(f"--set gives {name} twice", "give each once")

@@ -158,7 +158,7 @@ def _predictions(groups: Sequence[Conditions], predicted: FloatArray) -> dict[st
 
 
 def _table(groups: Sequence[Conditions], predicted: FloatArray) -> str:
-    """The CSV of simulated readings, (n_points,), one group after the other, next to what was measured.
+    """The CSV of simulated readings, (n_points,), one group after the other, with what was measured.
 
     Where not all are of one observable, a column names it; where there are traces, one gives the time of their samples.
     """
@@ -232,7 +232,7 @@ def _models_of(run: Path, most: int = 4) -> tuple[list[_Model], tuple[Group, ...
     """
     from psafit.diagnose.record import RESULT, Diagnosis, is_diagnosis
     from psafit.experiment import read_experiment
-    from psafit.inference.run import load
+    from psafit.inference.run_folder import load
     from psafit.physics import recorded
     from psafit.records import read_json
 
@@ -316,7 +316,7 @@ def _completed(
     import numpy as np
 
     from psafit.experiment import session_name
-    from psafit.experiment.text import meant
+    from psafit.experiment.text import did_you_mean
     from psafit.observables import OBSERVABLES
     from psafit.physics import informed, owner
 
@@ -336,7 +336,7 @@ def _completed(
     unknown = sorted(asked.keys() - wanted.keys())
     if unknown:
         cause = owner(unknown[0])
-        remedy = f"add --terms {cause}" if cause else meant(unknown[0], wanted)
+        remedy = f"add --terms {cause}" if cause else did_you_mean(unknown[0], wanted)
         if unknown[0] in {p.name for o in OBSERVABLES for p in o.scatter}:
             remedy = "it is of the scatter: add --readings FOLDER --seed N"
         if hasattr(plan.constants, unknown[0]):

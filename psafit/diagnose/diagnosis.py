@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,13 +18,13 @@ from psafit.diagnose.answer import sentences
 from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.draft import drafted
+from psafit.diagnose.folder import claim, held_in, identity_of
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
 from psafit.diagnose.judging import Judgement, judge
 from psafit.diagnose.laws import broken
 from psafit.diagnose.next_experiment import NextExperiment, Purpose
 from psafit.diagnose.record import (
-    MARKER,
     PAGE,
     PREDICTIONS,
     RESULT,
@@ -42,18 +41,19 @@ from psafit.diagnose.robustness import robustness
 from psafit.diagnose.screening import screen
 from psafit.diagnose.searching import searched
 from psafit.diagnose.settings import Settings
-from psafit.diagnose.significance import NULL_LEADS, Significance, looked_up, significance
+from psafit.diagnose.significance import Significance, looked_up, significance
 from psafit.diagnose.trials import Calibration
 from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, Group, GroupId, write_experiment
-from psafit.files import Refused, digest, portable_command, refuse_foreign, sha256, sole, write_atomically
+from psafit.files import digest, locked, portable_command, sha256
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
-from psafit.inference.memory import Memory, code, lent
+from psafit.inference.memory import Memory, lent
 from psafit.inference.problem import Problem, refuse_still
-from psafit.inference.run import fit, load, versions
+from psafit.inference.run import fit
+from psafit.inference.run_folder import load, versions
 from psafit.inference.samplers import USUAL, sampler
 from psafit.inference.samplers.nautilus import NestedEvidence, nested_evidence, require
 from psafit.model_search import SearchSettings
@@ -61,9 +61,9 @@ from psafit.model_search.model_set import CREDIBLE, ModelSet, key_of
 from psafit.numerics import refine
 from psafit.physics import TERMS
 from psafit.physics.term import Term
-from psafit.records import SCHEMA, ImportanceSummary, read_content, read_json, write_json
+from psafit.records import SCHEMA, ImportanceSummary, write_json
 from psafit.validate import predictive, validate, write_predictions
-from psafit.workers import ahead, cores, reach
+from psafit.workers import cores, precompute, reach
 
 
 def diagnose(
@@ -130,10 +130,10 @@ def diagnose(
     settings = settings or Settings.usual(quick)
     left_out = [t.id for t in TERMS if t.id not in everything.ids]
     asked = [training, seed, quick, searches, nautilus, calibrate, asdict(settings), left_out]
-    identity = _identity(everything, asked)
-    with sole(folder):
-        _claim(folder, experiment)
-        held = _held(folder, identity)
+    identity = identity_of(everything, asked)
+    with locked(folder):
+        claim(folder, experiment)
+        held = held_in(folder, identity)
         if held and (not draw_on or all(run.converged for run in held.extension.values())):
             return held
         shown, n_jobs = watcher or Silent(), jobs or cores()
@@ -166,17 +166,6 @@ def _training(experiment: Experiment, group_ids: Sequence[GroupId]) -> tuple[Gro
     return tuple(g for g in experiment.ids if g in training)
 
 
-def _identity(everything: Problem, asked: list[Any]) -> str:
-    """Digest of all that a result depends on: the program, the experiment, what is asked for, and the catalogue."""
-    experiment = everything.experiment
-    return digest(
-        [
-            code(), sha256(NULL_LEADS), versions(), experiment.title, experiment.limits, experiment.fingerprint, *asked,
-            [t.determinants for t in everything.terms], *(p.signature for p in everything.parameters),
-        ]
-    )  # fmt: skip
-
-
 def _plan(
     experiment: Experiment,
     training: tuple[GroupId, ...],
@@ -192,7 +181,7 @@ def _plan(
     """
     one = DIAGNOSIS
     found = {"causes": one["search"] / min(jobs, 2), "tests": one["tests"], "next experiment": one["proposals"]}
-    protocols = {} if quick else _protocols(experiment, training)
+    protocols = {} if quick else gains.protocols(experiment, training)
     parts = sum(map(len, protocols.values()))
     if parts:
         found["parts"] = one["again"] * parts / min(jobs, parts) + one["search"] / min(jobs, 2)
@@ -212,60 +201,6 @@ def _plan(
     if drawn:
         found["calibration"] = (one["search"] + one["tests"]) * drawn / min(jobs, drawn)
     return found
-
-
-def _claim(folder: Path, experiment: Experiment) -> None:
-    """Make a folder ours, or see that it is: nobody's files are replaced, nor the diagnosis of another rig."""
-    marker, another = folder / MARKER, "choose another --out, or move it elsewhere"
-    held = None
-    if (folder / RESULT).is_file():
-        try:
-            held = read_content(folder / RESULT)
-        except Refused:
-            raise
-        except InputError:  # nobody can use it
-            pass
-    record = held if isinstance(held, dict) else {}
-    fitted = (folder / "fit.json").exists()
-    if not (fitted and _is_fit_of(experiment, folder)):
-        if fitted and marker.is_file():
-            raise InputError("holds a fit of other readings or priors", another, file=folder)
-        if not (marker.is_file() or "fingerprint" in record):
-            refuse_foreign(folder)
-    mine = experiment.fingerprint
-    kept = record.get("fingerprint", mine)
-    if kept != mine or (marker.is_file() and marker.read_bytes() != mine.encode()):
-        raise InputError("holds the diagnosis of other readings", another, file=folder)
-    for name in (RESULT, PAGE, PREDICTIONS):
-        if (folder / name).is_dir():
-            raise InputError("is a folder, where a file of the diagnosis goes", another, file=folder / name)
-    write_atomically(marker, mine.encode())
-
-
-def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
-    """Whether a folder holds a fit of the same readings, next to which a diagnosis may lie."""
-    try:
-        fitted = load(folder).problem.experiment
-    except Refused:
-        raise
-    except InputError:
-        return False
-    return all(getattr(fitted, name) == getattr(experiment, name) for name in ("fingerprint", "title", "beliefs"))
-
-
-def _held(folder: Path, identity: str) -> Diagnosis | None:
-    """What the same command has found before, unless some of it is gone."""
-    try:
-        held = read_json(folder / RESULT, Diagnosis, sealed=True)
-    except Refused:
-        raise
-    except InputError:
-        return None
-    parts = [held.predictions, *(gain.predictions for gain in held.gain.values())]
-    parts += [run.folder for run in held.extension.values()]
-    whole = all((folder / part).exists() for part in parts)
-    unchanged = whole and all(sha256(folder / name) == seal for name, seal in held.files.items())
-    return held if unchanged and held.identity == identity else None
 
 
 @dataclass(eq=False)
@@ -447,7 +382,7 @@ class _Work:
         The searches of the nested protocol begin at the sets that all groups have led to: places are computation, and
         what is said rests on the groups that were seen alone. One is repeated from nothing, to see what that changes.
         """
-        protocols = _protocols(self.experiment, self.training)
+        protocols = gains.protocols(self.experiment, self.training)
         sampled = tuple(c for c in whole.candidates if c.ids and c.ids in whole.samples)
         starts: dict[str, tuple[Candidate, ...]] = {"strict": (), "nested": sampled}
         splits_of = [(seen, starts[name]) for name, splits in protocols.items() for seen, _ in splits]
@@ -457,7 +392,7 @@ class _Work:
         with self._stage("parts"):
             self._memory.begin()
             calls = [(_model_set_of, self._memory, *self._common, *one) for one in wanted]
-            ahead(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
+            precompute(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
                 found[one] = self._search(*one)
                 self.watcher.part("parts", k / len(wanted))
@@ -469,11 +404,11 @@ class _Work:
                         gains.split(found[seen, starts[protocol]], held_out, self.seed, self.settings.draws)
                         for seen, held_out in splits
                     ]
-                    measured[protocol] = gains.summarise(protocol, self.experiment, done, self.folder, self.seed)
+                    measured[protocol] = gains.summarise(protocol, done, self.folder, self.seed)
         if audited:
             seen, _ = audited
             about = found[seen, sampled], found[seen, ()], self.experiment.ids, seen
-            measured["nested"].ledger.extend(_audit(*about))
+            measured["nested"].ledger.extend(gains.audit(*about))
         return measured
 
     def _significance(self, model_set: ModelSet, repeats: int) -> Significance:
@@ -542,7 +477,7 @@ class _Work:
         )
 
     def _confirmed(self, cause: CauseResult, model_set: ModelSet) -> CauseResult:
-        """The same with the evidence that a nested sampler gives the model."""
+        """A model's result, with the evidence of a nested sampler added."""
         problem = next(c for c in model_set.candidates if set(c.ids) == set(cause.terms)).problem
 
         def progress(calls: int) -> None:
@@ -580,39 +515,6 @@ def _model_set_of(
         Problem(experiment, groups), catalogue, seed=seed, settings=settings, memory=memory, jobs=jobs,
         scheduler=scheduler, starts=starts, progress=progress,
     )  # fmt: skip
-
-
-def _audit(begun: ModelSet, anew: ModelSet, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[Choice]:
-    """Lines of the ledger on where the searches of the nested protocol began, and what that has changed in one."""
-    log_posterior = [
-        found.log_evidence[found.best_model.ids] + found.log_prior(found.best_model.ids) for found in (begun, anew)
-    ]
-    return [
-        Choice("sets at which the searches began", list(every), []),
-        Choice(
-            "the same search from nothing",
-            list(seen),
-            [],
-            led_to=list(anew.best_model.ids),
-            begun_led_to=list(begun.best_model.ids),
-            log_posterior_below_begun=log_posterior[0] - log_posterior[1],
-        ),
-    ]
-
-
-def _protocols(
-    experiment: Experiment, training: tuple[GroupId, ...]
-) -> dict[str, list[tuple[tuple[GroupId, ...], tuple[GroupId, ...]]]]:
-    """(seen, held out) of every split of both protocols."""
-    others = tuple(g for g in experiment.ids if g not in training)
-    found = {"strict": [(training, others)] if others else []}
-    found["nested"] = (
-        [(tuple(o for o in experiment.ids if o != g), (g,)) for g in experiment.ids] if len(experiment.ids) > 1 else []
-    )
-    return found
-
-
-# --- the record -----------------------------------------------------------------------------------------------------
 
 
 def _tied(model_set: ModelSet, verdict: Verdict, seed: int, most: int) -> list[tuple[Candidate, ImportanceSample]]:

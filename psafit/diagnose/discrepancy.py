@@ -23,7 +23,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.misfit import sweeps
+from psafit.diagnose.residuals import sweeps
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
@@ -333,7 +333,7 @@ def _remembered(candidate: Candidate, rows: NDArray[np.intp]) -> FloatArray | No
 
 
 def _covariance(variance: FloatArray, correlation: FloatArray | None) -> FloatArray:
-    """Of readings that scatter so much, (n, n)."""
+    """Covariance of readings with these variances, (n, n)."""
     if correlation is None:
         return np.diag(variance)
     return correlation * np.sqrt(np.outer(variance, variance))

@@ -44,8 +44,8 @@ from psafit.validate import (
     neighbours_redrawn,
     prediction_rows,
     root_mean_square,
-    silence,
     table_name,
+    why_uninformative,
     write_table,
 )
 
@@ -140,7 +140,8 @@ class Gain:
     protocol : {"strict", "nested"}
     groups : list of GroupGain
     log_rmse_before, log_rmse_after : float
-        Means over the groups, those aside that cannot show it (`psafit.validate.silence`); so with all that follows.
+        Means over the groups, those aside that cannot show it (`psafit.validate.why_uninformative`); so with all that
+        follows.
     log_rmse_interval : list of float
         90 % interval of the mean's change (after minus before): `over_groups`.
     elpd_before, elpd_after : float
@@ -152,7 +153,7 @@ class Gain:
     ledger : list of Choice
         What each choice saw.
     predictions : str
-        The CSV next to the result.
+        The CSV file in the folder of the result.
     """
 
     protocol: str
@@ -240,7 +241,7 @@ def _forecasts(
     group_id: GroupId,
     seed: int,
 ) -> list[Forecast]:
-    """Of each observable of a group."""
+    """Forecasts of a group, one for each of its observables."""
     ranges, readings, density, weight = [], [], [], []
     for k, (ids, share) in enumerate(mixture.items()):
         problem = model_set.of(ids).problem
@@ -329,10 +330,10 @@ def over_groups(redrawn: FloatArray, found: FloatArray, rng: np.random.Generator
     return interval((redrawn[group, again] + apart[group]).mean(axis=0))
 
 
-def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], folder: Path, seed: int) -> Gain:
+def summarise(protocol: str, splits: Sequence[Split], folder: Path, seed: int) -> Gain:
     """Score forecasts and write them to `folder`."""
     rng = np.random.default_rng([seed, 13])
-    silences = {f.group.label: silence(f.group) for one in splits for f in one.after}
+    silences = {f.group.label: why_uninformative(f.group) for one in splits for f in one.after}
     if all(silences.values()):  # better what says little than no number
         silences = dict.fromkeys(silences, "")
     rows: list[GroupGain] = []
@@ -393,3 +394,33 @@ def summarise(protocol: str, experiment: Experiment, splits: Sequence[Split], fo
         ],
         predictions=name,
     )
+
+
+def protocols(
+    experiment: Experiment, training: tuple[GroupId, ...]
+) -> dict[str, list[tuple[tuple[GroupId, ...], tuple[GroupId, ...]]]]:
+    """(seen, held out) of every split of both protocols."""
+    others = tuple(g for g in experiment.ids if g not in training)
+    found = {"strict": [(training, others)] if others else []}
+    found["nested"] = (
+        [(tuple(o for o in experiment.ids if o != g), (g,)) for g in experiment.ids] if len(experiment.ids) > 1 else []
+    )
+    return found
+
+
+def audit(begun: ModelSet, anew: ModelSet, every: Sequence[GroupId], seen: Sequence[GroupId]) -> list[Choice]:
+    """Lines of the ledger on where the searches of the nested protocol began, and what that has changed in one."""
+    log_posterior = [
+        found.log_evidence[found.best_model.ids] + found.log_prior(found.best_model.ids) for found in (begun, anew)
+    ]
+    return [
+        Choice("sets at which the searches began", list(every), []),
+        Choice(
+            "the same search from nothing",
+            list(seen),
+            [],
+            led_to=list(anew.best_model.ids),
+            begun_led_to=list(begun.best_model.ids),
+            log_posterior_below_begun=log_posterior[0] - log_posterior[1],
+        ),
+    ]

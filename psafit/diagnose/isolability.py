@@ -276,11 +276,11 @@ class _Effects:
         return cls(noise.whitened(slopes / np.hypot(absolute, relative * base), scatter), rows, typical)
 
     def of(self, ids: Sequence[str]) -> _Effects:
-        """Those of some causes."""
+        """The effects of some of the causes."""
         return _Effects(self.slopes, {key: rows for key, rows in self.rows.items() if key[0] in ids}, self.typical)
 
     def with_part(self, other: _Effects, points: NDArray[np.intp]) -> _Effects:
-        """The same with some readings of one more session."""
+        """These effects, with some readings of one more session."""
         rows = {}
         for (id, share), one in self.rows.items():
             more = other.rows[id, share][:, points]

@@ -1,13 +1,7 @@
-r"""Is anything wrong? Tests of a fitted model against its own simulated data, refitted.
+"""Is anything wrong? Tests of a fitted model against its own simulated data, refitted.
 
-Residuals are normal scores :math:`e = \Phi^{-1}(F(y))` of the readings under the fitted scatter, along a trace given
-the samples before: what its errors have in common is no order. Statistics look for
-what a sound fit leaves at random: order along each sweep (runs, lag one, windows), levels of groups and of waveforms,
-trends against every covariate, the directions in which any cause of the catalogue would move the ranges, the spread
-of groups and of sizes, single readings, readings of several groups that stand out together at one condition, conditions
-against the pure error of their replicates, and conditions that two sessions share; and whether many of these are odd at
-once. None has a law from a table, since residuals of a fit are not independent: data are simulated from the fit,
-refitted, and give every statistic its own law.
+The statistics of the residuals (`psafit.diagnose.residuals`) have no law from a table, since residuals of a fit are not
+independent: data are simulated from the fit, refitted, and give every statistic its own law.
 
 The family has one p-value: every statistic is expressed in units of its own law (how far above the median, against
 the distance from the median to the 95 % point), the largest is the family's, and its rank among the same quantity
@@ -27,26 +21,35 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from psafit.arrays import FloatArray
+from psafit.diagnose.residuals import (
+    MisfitSettings,
+    Variable,
+    both,
+    looks,
+    normal_scores,
+    numbered,
+    shared,
+    sweeps,
+    windows,
+)
 from psafit.diagnose.screening import extended
-from psafit.experiment import GroupId, Swept
+from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate, optimised, refitted
 from psafit.inference.optimiser import maximise, maximise_linearly
 from psafit.inference.problem import Problem
-from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.physics.term import Term
-from psafit.simulate import Design, path_of
+from psafit.simulate import path_of
 from psafit.validate import log_ratio
 
 ALPHA = 0.02
 """Level of the family: a false alarm in fifty sound models."""
 
-Variable = Swept
 Character = Literal["none", "physics", "scatter", "group", "points", "sessions"]
+
+
 CHARACTERS: dict[Character, str] = {
     "none": "no particular character",
     "physics": "the misfit follows the conditions, or the order of the readings: the physics is wrong, not the scatter",
@@ -56,43 +59,6 @@ CHARACTERS: dict[Character, str] = {
     "sessions": "sessions at the same condition disagree",
 }
 """What kind of thing a misfit is, in words."""
-
-
-@dataclass(frozen=True)
-class MisfitSettings:
-    """What the tests look at, and from where on it counts.
-
-    Parameters
-    ----------
-    directions : tuple of float
-        Strengths at which causes give directions, as quantiles of their priors.
-    windows : tuple of int
-        Readings of the stretches of a sweep that are looked at; the whole sweep is one more.
-    clip : float
-        Normal scores end here, so that one reading decides no statistic of many.
-    odd : float
-        Normal score beyond which a reading is odd by itself: once in 15,000 readings.
-    fewest : int
-        Readings of the shortest sweep that is looked at.
-    spare : int
-        Replicates beyond the first of their conditions from which on they say how a reading scatters.
-    exact_iterations : int
-        Of a refit by the model itself, which begins where that by the expansion ended.
-    others : float
-        Readings that the other groups need to clear themselves where one is left out, as a share of that group's own.
-    n_without : int
-        Data sets simulated for the question whether one group is all that is wrong.
-    """
-
-    directions: tuple[float, ...] = (0.1, 0.4, 0.75, 0.95)
-    windows: tuple[int, ...] = (3, 5, 9, 17, 33)
-    clip: float = 6.0
-    odd: float = 4.0
-    fewest: int = 5
-    spare: int = 3
-    exact_iterations: int = 4
-    others: float = 0.5
-    n_without: int = 149
 
 
 @dataclass(frozen=True)
@@ -235,45 +201,6 @@ class Misfit:
         return not (self.wrong or self.coincidences or leans)
 
 
-def normal_scores(
-    problem: Problem, u: FloatArray, predicted: FloatArray, observed: FloatArray, clip: float = MisfitSettings.clip
-) -> FloatArray:
-    """Normal scores of readings under fits, cut off at `clip`; (n_sets, n_points)."""
-    values = problem.noise_values(u)
-    z, nu = noise.innovations(observed, predicted, values, problem.known_sigma), noise.columns(values)[2]
-    # The probability integral loses its digits in the tails; there the score grows with the log density instead.
-    p = noise.cumulative(observed, predicted, values, problem.known_sigma)
-    body = ndtri(np.clip(p, 1e-12, 1 - 1e-12))
-    tail = np.sign(z) * np.sqrt((nu + 1) * np.log1p(z * z / nu))
-    return np.clip(np.where(np.abs(body) < 5, body, tail), -clip, clip)
-
-
-def numbered(problem: Problem, row: int) -> tuple[GroupId, int]:
-    """The group of a row of the design, and the reading's number in it, from 0."""
-    group = problem.design.group
-    return problem.group_ids[group[row]], int(row - np.searchsorted(group, group[row]))
-
-
-def sweeps(problem: Problem) -> list[tuple[GroupId, Variable, NDArray[np.intp]]]:
-    """Each group's id, the variable it sweeps, and its rows of the design in the order of the sweep.
-
-    A group of several observables is a sweep of each.
-    """
-    found: list[tuple[GroupId, Variable, NDArray[np.intp]]] = []
-    for k, g in enumerate(problem.experiment.select(problem.group_ids)):
-        rows = np.flatnonzero(problem.design.group == k)
-        for kind in np.unique(g.measured):
-            part = np.flatnonzero(g.measured == kind)
-            found.append((g.id, g.swept, rows[part[g.at(part).in_sweep]]))
-    return found
-
-
-def of_what(problem: Problem, rows: NDArray[np.intp]) -> str:
-    """What readings of one observable are of, behind a noun; empty for launch ranges."""
-    observable = OBSERVABLES[problem.design.measured[rows[0]]]
-    return "" if observable is LAUNCH_RANGE else f" of {observable.titles}"
-
-
 def passes(candidate: Candidate, catalogue: Sequence[Term], *, seed: int) -> bool:
     """Whether the tests find nothing wrong with a fitted model."""
     return examine(candidate, catalogue, seed=seed, influence=False).sound
@@ -316,7 +243,7 @@ def examine(
     observed = normal_scores(problem, u, candidate.predicted[None, :], problem.observed, settings.clip)
     simulated = _simulated(candidate, seed, n_simulated, exact, settings)
     directions = _directions(candidate, catalogue, settings.directions)
-    looked = _look(problem, np.vstack([observed, simulated]), candidate.predicted, directions, settings)
+    looked = looks(problem, np.vstack([observed, simulated]), candidate.predicted, directions, settings)
     names = list(looked)
     table = np.array([looked[name] for name in names])  # (n_statistics, 1 + n)
     names.append(("many of these at once", "all", None))
@@ -416,172 +343,6 @@ def _directions(candidate: Candidate, catalogue: Sequence[Term], quantiles: tupl
     return result
 
 
-Key = tuple[str, str, GroupId | None]
-
-
-def _look(
-    problem: Problem, e: FloatArray, predicted: FloatArray, directions: dict[str, FloatArray], settings: MisfitSettings
-) -> dict[Key, FloatArray]:
-    """Every statistic of every row of `e`, larger for worse; each (n_sets,)."""
-    found: dict[Key, FloatArray] = {}
-    design = problem.design
-    scans = []
-    for group_id, variable, rows in sweeps(problem):
-        x = e[:, rows]
-        n, of = rows.size, of_what(problem, rows)
-        if n < settings.fewest:
-            continue
-        found[f"level{of}", "mean", group_id] = np.abs(x.sum(axis=1)) / math.sqrt(n)
-        found[f"neighbours{of} along the {variable}", "mean", group_id] = (x[:, 1:] * x[:, :-1]).sum(
-            axis=1
-        ) / math.sqrt(n)
-        signs = (x > 0).astype(int)
-        found[f"runs{of} along the {variable}", "mean", group_id] = -np.abs(np.diff(signs, axis=1)).sum(
-            axis=1
-        ) / math.sqrt(n)
-        scan = np.abs(_windows(x, settings.windows)[0]).max(axis=1)
-        found[f"stretches of {variable}{of and ',' + of}", "mean", group_id] = scan
-        scans.append(scan)
-        found[f"spread{of}", "spread", group_id] = np.abs(np.log(np.mean(x**2, axis=1) + 0.05))
-    if scans:
-        found["stretches of any sweep", "mean", None] = np.max(scans, axis=0)
-    for variable, rows_of in shared(problem).items():
-        found[f"readings at one {variable}", "mean", None] = np.max([_both(e[:, rows]) for rows in rows_of], axis=0)
-    order = np.concatenate([rows for _, _, rows in sweeps(problem)])
-    x = e[:, order]
-    of = 2**8 * design.group[order] + design.measured[order]
-    same = of[1:] == of[:-1]
-    found["neighbours in all sweeps", "mean", None] = (x[:, 1:] * x[:, :-1])[:, same].sum(axis=1) / math.sqrt(
-        max(same.sum(), 1)
-    )
-    covariates = {
-        "frequency": design.along("frequency"),
-        "amplitude": design.along("amplitude"),
-        "predicted size": np.log(np.abs(predicted) * problem.per_um + 0.05),
-        "order in the file": in_session(design),
-    }
-    kinds = {"waveform": design.kinds, "observable": problem.scatter_of(design.measured)}
-    n = e.shape[1]
-    for name, value in covariates.items():
-        if np.ptp(value) < 1e-9:
-            continue
-        t = 2 * (value - value.min()) / np.ptp(value) - 1
-        degree = min(5, len(np.unique(value)) - 1)
-        basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(t, degree))
-        found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis[:, 1:]).sum(axis=1))
-        # Bins see what a polynomial does not: a step, a spike.
-        if degree > 1:
-            edges = np.quantile(t, np.linspace(0, 1, 13))
-            where = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, 11)
-            bins = np.array([(where == b) / math.sqrt(max((where == b).sum(), 1)) for b in range(12)])
-            found[f"bins of {name}", "mean", None] = np.sqrt(np.square(e @ bins.T).sum(axis=1))
-    for name, kind in kinds.items():
-        if np.ptp(kind):
-            # What is left of each kind's own level once the common one is taken away.
-            levels = np.eye(kind.max() + 1)[kind]
-            basis = _spanned(levels[:, 1:] - levels[:, 1:].mean(axis=0))
-            found[f"trend with {name}", "mean", None] = np.sqrt(np.square(e @ basis).sum(axis=1))
-    size = np.log(np.abs(predicted) * problem.per_um + 0.05)
-    size = (size - size.mean()) / max(float(size.std()), 1e-9)
-    square = np.minimum(e**2, 9.0)
-    found["spread against predicted size", "spread", None] = np.abs(
-        (square - square.mean(axis=1, keepdims=True)) @ size
-    ) / (math.sqrt(n))
-    found["tails", "spread", None] = np.abs(np.mean(np.minimum(np.abs(e), 4.0) ** 4, axis=1) - 3.0)
-    found["largest residual", "point", None] = np.abs(e).max(axis=1)
-    for id, unit in directions.items():
-        found[f"direction of {id}", "mean", None] = (e @ unit.T).max(axis=1)
-    return found | _repeated(problem, e, settings.spare)
-
-
-def _repeated(problem: Problem, e: FloatArray, least: int) -> dict[Key, FloatArray]:
-    """Statistics of readings at the same conditions, `least` of them beyond the first of each."""
-    found: dict[Key, FloatArray] = {}
-    design = problem.design
-    repeated = conditions(design)
-    in_sessions = [rows for rows in repeated if np.ptp(design.group[rows])]
-    if in_sessions:
-        found["one condition in two sessions", "replicate", None] = np.sqrt(_scattered(e, in_sessions))
-    replicates = [rows[design.group[rows] == k] for rows in repeated for k in np.unique(design.group[rows])]
-    # What agrees to the last digit is a copy, or an instrument with too few digits.
-    replicates = [rows for rows in replicates if rows.size > 1 and np.ptp(problem.observed[rows]) > 0]
-    spare = sum(rows.size - 1 for rows in replicates)
-    if spare >= least:
-        # Pure error: however wide the fitted scatter is, means of replicates must not scatter more than they do.
-        means = np.mean([rows.size * np.square(e[:, rows].mean(axis=1)) for rows in replicates], axis=0)
-        found["conditions against their replicates", "mean", None] = np.log(
-            (means + 1e-9) / (_scattered(e, replicates) / spare + 1e-9)
-        )
-    return found
-
-
-def _spanned(columns: FloatArray) -> FloatArray:
-    """Orthonormal columns that span the given ones, of which some may be zero."""
-    directions, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(directions[:, size > 1e-9 * size.max(initial=1.0)])
-
-
-def shared(problem: Problem) -> dict[Variable, list[NDArray[np.intp]]]:
-    """Rows of the design at which several groups that sweep the same variable meet, by that variable.
-
-    A row a group. Values meet that are nearer to each other than half the least step of any of these sweeps.
-    """
-    ordered: dict[tuple[Variable, int], list[NDArray[np.intp]]] = {}
-    for _, variable, rows in sweeps(problem):
-        if variable != "time":  # two traces at one time are no replicates
-            ordered.setdefault((variable, int(problem.design.measured[rows[0]])), []).append(rows)
-    found: dict[Variable, list[NDArray[np.intp]]] = {}
-    for (variable, _), groups in ordered.items():
-        value, group = problem.design.swept(variable), problem.design.group
-        steps = np.concatenate([np.diff(np.unique(value[rows])) for rows in groups])
-        rows = np.concatenate(groups)
-        rows = rows[np.argsort(value[rows], kind="stable")]
-        apart = np.flatnonzero(np.diff(value[rows]) >= 0.5 * steps.min(initial=np.inf)) + 1
-        meeting = [part[np.unique(group[part], return_index=True)[1]] for part in np.split(rows, apart)]
-        if meeting := [part for part in meeting if part.size > 1]:
-            found.setdefault(variable, []).extend(meeting)
-    return found
-
-
-def _both(e: FloatArray) -> FloatArray:
-    """How far at least two columns stand out to the same side; (n_sets,)."""
-    ordered = np.sort(e, axis=1)
-    return np.maximum(ordered[:, -2], -ordered[:, 1])
-
-
-def in_session(design: Design) -> FloatArray:
-    """Place of each reading among those of its session and observable, from -1 to 1; (n_points,)."""
-    counts = np.bincount(2**8 * design.group + design.measured)
-    return np.concatenate([np.linspace(-1, 1, n) for n in counts if n])
-
-
-def conditions(design: Design) -> list[NDArray[np.intp]]:
-    """Rows of every condition of the rig, and of every moment of a trace."""
-    seen: dict[tuple[float, ...], list[int]] = {}
-    time = np.where(design.traced, design.time, -1.0)
-    for i in range(design.n_points):
-        rig = int(design.drive[i]), int(design.rig[i]), int(design.measured[i])
-        key = (float(design.frequency[i]), float(design.amplitude[i]), float(time[i]), *rig)
-        seen.setdefault(key, []).append(i)
-    return [np.array(rows) for rows in seen.values()]
-
-
-def _scattered(e: FloatArray, parts: Sequence[NDArray[np.intp]]) -> FloatArray:
-    """Sum of squares about the means of some columns each; (n_sets,)."""
-    return np.asarray(sum(np.square(e[:, c] - e[:, c].mean(axis=1, keepdims=True)).sum(axis=1) for c in parts))
-
-
-def _windows(x: FloatArray, lengths: tuple[int, ...]) -> tuple[FloatArray, list[tuple[int, int]]]:
-    """Standardised sums over windows of some lengths; (n_sets, n_windows), and the windows as (begin, end)."""
-    n = x.shape[1]
-    total = np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
-    columns, spans = [], []
-    for width in [w for w in lengths if w < n] + [n]:
-        columns.append((total[:, width:] - total[:, :-width]) / math.sqrt(width))
-        spans += [(k, k + width) for k in range(n - width + 1)]
-    return np.concatenate(columns, axis=1), spans
-
-
 def _places(
     problem: Problem, e: FloatArray, simulated: FloatArray, predicted: FloatArray, settings: MisfitSettings
 ) -> tuple[Place, ...]:
@@ -591,13 +352,13 @@ def _places(
     if not ordered:
         return ()
     null = np.max(
-        [np.abs(_windows(simulated[:, rows], settings.windows)[0]).max(axis=1) for _, _, rows in ordered], axis=0
+        [np.abs(windows(simulated[:, rows], settings.windows)[0]).max(axis=1) for _, _, rows in ordered], axis=0
     )
     bar = float(np.quantile(null, 0.95))
     error = log_ratio(predicted, problem.observed, *problem.metric)
     places = []
     for group_id, variable, rows in ordered:
-        score, spans = _windows(e[None, rows], settings.windows)
+        score, spans = windows(e[None, rows], settings.windows)
         left = [(abs(float(z)), float(z), a, b) for z, (a, b) in zip(score[0], spans, strict=True) if abs(z) > bar]
         while left:
             _, z, a, b = max(left)
@@ -620,10 +381,10 @@ def _coincidences(
     error = log_ratio(predicted, problem.observed, *problem.metric)
     found = []
     everywhere = shared(problem)
-    null = np.max([_both(simulated[:, rows]) for meeting in everywhere.values() for rows in meeting], axis=0, initial=0)
+    null = np.max([both(simulated[:, rows]) for meeting in everywhere.values() for rows in meeting], axis=0, initial=0)
     for variable, meeting in everywhere.items():
         for rows in meeting:
-            score = float(_both(e[None, rows])[0])
+            score = float(both(e[None, rows])[0])
             p_value = float((1 + np.sum(null >= score)) / (1 + len(null)))
             if p_value >= ALPHA:
                 continue

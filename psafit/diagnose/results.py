@@ -9,7 +9,7 @@ import numpy as np
 
 from psafit.diagnose import show
 from psafit.diagnose.discrepancy import Discrepancy
-from psafit.diagnose.misfit import Coincidence, Misfit, Place, numbered
+from psafit.diagnose.misfit import Coincidence, Misfit, Place
 from psafit.diagnose.record import (
     NEAREST,
     NOT_EXCLUDED,
@@ -26,6 +26,7 @@ from psafit.diagnose.record import (
     Tests,
     Where,
 )
+from psafit.diagnose.residuals import numbered
 from psafit.diagnose.robustness import Robustness
 from psafit.diagnose.room import Room, room
 from psafit.diagnose.screening import PRESENT, VISIBLE, Screened
@@ -39,17 +40,13 @@ from psafit.parameters import broadened
 from psafit.simulate.sensitivity import plausible
 from psafit.validate import without_each
 
-# Drifts of a model that are reported.
-_DRIFTS = 8
-# Models in the result; the rest of the model set has less than this share.
-_SHOWN, _LEAST = 12, 1e-4
-# Readings that are reported as the furthest from a model.
-_FURTHEST = 3
 
+def causes_of(model_set: ModelSet, verdict: Verdict, most: int = 12, least: float = 1e-4) -> list[CauseResult]:
+    """The models of the record, the most probable first: `most` of them, none below the probability `least`.
 
-def causes_of(model_set: ModelSet, verdict: Verdict) -> list[CauseResult]:
-    """The models of the record, the most probable first; best model, alternatives and baseline in any case."""
-    shown = [c for c in model_set.candidates if model_set.probability[c.ids] >= _LEAST][:_SHOWN]
+    Best model, alternatives and baseline are there in any case.
+    """
+    shown = [c for c in model_set.candidates if model_set.probability[c.ids] >= least][:most]
     tied = [c for c in model_set.candidates if c.ids in verdict.alternatives]
     for always in (model_set.best_model, model_set.baseline, *tied):
         if always not in shown:
@@ -77,7 +74,7 @@ def _cause(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> Cause
         over_baseline=model_set.log_evidence[candidate.ids] - model_set.log_evidence[()],
         gain=model_set.gain(candidate.ids),
         share=model_set.probability[candidate.ids],
-        # Laplace's evidence is corrected by what sampling showed it to be off by in the model next to it.
+        # Laplace's evidence is corrected by its error in a neighbouring model, where sampling has shown it.
         method="adaptive importance sampling" if found else "Laplace",
     )
     if found:
@@ -198,15 +195,15 @@ def _named(kind: int) -> str | None:
     return None if OBSERVABLES[kind] is LAUNCH_RANGE else OBSERVABLES[kind].name
 
 
-def _furthest(misfit: Misfit, candidate: Candidate) -> list[Reading]:
-    """The readings furthest from a model, whatever the tests say of them."""
+def _furthest(misfit: Misfit, candidate: Candidate, most: int = 3) -> list[Reading]:
+    """The readings furthest from a model, `most` of them, whatever the tests say of them."""
     design, observed = candidate.problem.design, candidate.problem.observed
     return [
         Reading(
             *numbered(candidate.problem, int(k)), float(design.frequency[k]), float(design.amplitude[k]),
             float(observed[k]), float(candidate.predicted[k]), float(misfit.scores[k]), _named(int(design.measured[k])),
         )
-        for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:_FURTHEST]
+        for k in np.argsort(-np.abs(misfit.scores), kind="stable")[:most]
     ]  # fmt: skip
 
 
@@ -242,14 +239,14 @@ def _finite(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def shown(model_set: ModelSet) -> dict[str, ModelShown]:
-    """What is drawn of baseline and extension: growth, corners and drift."""
+def shown(model_set: ModelSet, most: int = 8) -> dict[str, ModelShown]:
+    """What is drawn of baseline and extension: growth, corners and drift, `most` drifts of each."""
     models = {"baseline": model_set.baseline} | (
         {"extended": model_set.best_model} if model_set.best_model.terms else {}
     )
     drifts = {name: show.drift(c) for name, c in models.items()}
     # What stands out in either is reported of both.
-    striking = {(d.parameter, d.variable) for found in drifts.values() for d in found[:_DRIFTS]}
+    striking = {(d.parameter, d.variable) for found in drifts.values() for d in found[:most]}
     return {
         name: ModelShown(
             growth=show.growth(c),

@@ -27,7 +27,7 @@ from scipy.ndimage import median_filter
 from scipy.stats import f, t
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.misfit import conditions, in_session, sweeps
+from psafit.diagnose.residuals import conditions, in_session, sweeps
 from psafit.experiment import GroupId, by_group, read_as
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate

@@ -83,7 +83,7 @@ Missing = Literal["", "catalogue", "settings", "readings"]
 """Why the stored table says nothing; empty where it does."""
 
 OTHERWISE = {"catalogue": "another catalogue", "settings": "a search with other settings", "readings": "larger designs"}
-"""Of what the stored table is where it says nothing, in words."""
+"""What differs between the stored table and this search, in words."""
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ class Rate:
 
     @classmethod
     def counted(cls, found: Iterable[bool]) -> Rate:
-        """Count."""
+        """Count the trials that are true."""
         rows = list(found)
         if not rows:
             return cls(0, 0, 0.0, 1.0)
@@ -71,7 +71,7 @@ class Rate:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Of what was named at probabilities from `lower` to `upper`: their mean, and how often it was the truth."""
+    """How often what was named at a probability from `lower` to `upper` was the truth, and the mean probability."""
 
     lower: float
     upper: float

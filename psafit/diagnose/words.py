@@ -7,9 +7,6 @@ from collections.abc import Iterable, Sequence
 from psafit.experiment import GroupId
 from psafit.text import fixed, percent, significant
 
-# Causes of a set from which on one like it is described by what differs.
-_LARGE = 3
-
 
 class Words:
     """Plain text: causes by their identifiers."""
@@ -58,10 +55,10 @@ class Words:
 
     # What follows is made of the above.
 
-    def instead(self, named: Sequence[str], ids: Sequence[str]) -> str:
-        """Return a set that does as well as a large one: by what is exchanged, where that is shorter."""
+    def instead(self, named: Sequence[str], ids: Sequence[str], large: int = 3) -> str:
+        """Return a set as good as what is `named`: by what is exchanged, if that is shorter and `named` is `large`."""
         gone, new = ([id for id in one if id not in other] for one, other in ((named, ids), (ids, named)))
-        if len(named) < _LARGE or len(gone) + len(new) > 2 or not ids:
+        if len(named) < large or len(gone) + len(new) > 2 or not ids:
             return self.causes(ids)
         if not gone:
             return self.put("these and {}", self.causes(new))

@@ -9,13 +9,13 @@ from psafit.drives.waveform import Piece, Waveform
 
 
 def value(k: int, x: float) -> float:
-    """Quarter `k`, in an angle below pi/2: no digits are lost near a zero."""
+    """The sine in quarter `k`, of an angle below pi/2: no digits are lost near a zero."""
     shape = math.sin(2 * math.pi * x) if k % 2 == 0 else math.cos(2 * math.pi * x)
     return shape if k < 2 else -shape
 
 
 def rate(k: int, x: float) -> float:
-    """The same of its derivative."""
+    """The derivative of `value` by `x`."""
     shape = math.cos(2 * math.pi * x) if k % 2 == 0 else -math.sin(2 * math.pi * x)
     return 2 * math.pi * (shape if k < 2 else -shape)
 

@@ -143,7 +143,7 @@ class Conditions:
 
     @property
     def label(self) -> str:
-        """Its id, and what is read where that is not the launch range alone."""
+        """The group's id, and what is read where that is not the launch range alone."""
         others = [o.title for o in self.observables if o is not LAUNCH_RANGE]
         return f"{self.id} ({' and '.join(others)})" if others else str(self.id)
 
@@ -336,7 +336,7 @@ class Experiment:
         return chosen
 
     def with_readings(self, reading: FloatArray) -> Experiment:
-        """The same with other readings, (n_points,), one group after the other."""
+        """The experiment with other readings, (n_points,), one group after the other."""
         groups = read_as(self.groups, reading)
         return replace(self, groups=groups, fingerprint=fingerprint(self.constants, groups))
 

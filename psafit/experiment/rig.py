@@ -58,7 +58,7 @@ MATERIALS = {
     "silicon nitride": Material(310e9, 0.27, 3200),
     "tungsten carbide": Material(600e9, 0.22, 15000),
 }
-"""Of what balls and faces are made."""
+"""Materials of balls and faces."""
 
 
 @dataclass(frozen=True)

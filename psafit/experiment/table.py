@@ -128,7 +128,7 @@ def _may_be_blank(names: Sequence[str]) -> dict[str, str]:
 
 
 def _absent(row: dict[str, str], blank: dict[str, str]) -> set[str]:
-    """Columns that a row leaves out: observables that were not read, and their uncertainties, next to one that was."""
+    """Columns that a row leaves out: observables that were not read, where another was, and their uncertainties."""
     gone = {name for name, column in blank.items() if not row[name] and not row[column]}
     return gone if any(row[column] for column in blank.values()) else set()
 

@@ -23,7 +23,7 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(all_names[:20]) + (", ..." if len(all_names) > 20 else "")
 
 
-def meant(wrong: str, known: Iterable[str]) -> str:
+def did_you_mean(wrong: str, known: Iterable[str]) -> str:
     """Remedy for a name that is none of those known: the nearest of them, or all."""
     names = list(known)
     near = [name for name in names if name.casefold() == wrong.casefold()]

@@ -131,7 +131,7 @@ class Candidate:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Its causes."""
+        """Causes of the model."""
         return self.problem.terms
 
     @property
@@ -230,7 +230,7 @@ def thinned(experiment: Experiment, every: int) -> Experiment:
 
 
 def subsampled(problem: Problem, settings: FitSettings) -> Problem:
-    """It with some of its readings, roughly simulated; one with few readings as it is."""
+    """A problem with some of its readings, roughly simulated; one with few readings as it is."""
     if problem.observed.size < settings.many:
         return problem
     return replace(problem, experiment=thinned(problem.experiment, settings.every), tolerance=settings.rough)
@@ -367,7 +367,7 @@ def built_up(
 
 
 def refitted(problem: Problem, like: Candidate) -> Candidate:
-    """The same model on fewer groups, optimised from where it was."""
+    """A model on fewer groups, optimised from where it was."""
     return optimised(problem, like.placed(problem))
 
 

@@ -81,7 +81,7 @@ def cost(
 
 
 def machine_memory() -> float:
-    """Of this machine, bytes; infinite where it does not say."""
+    """Memory of this machine, bytes; infinite where it does not say."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, OSError, ValueError):

@@ -333,7 +333,7 @@ class Pool:
 
     @property
     def weights(self) -> FloatArray:
-        """Normalised."""
+        """Normalised weights of the draws."""
         return np.asarray(np.exp(self.log_weight - logsumexp(self.log_weight)))
 
     @property
@@ -497,7 +497,7 @@ class Emulated:
 
     @property
     def log_evidence(self) -> float:
-        """Of the emulated posterior."""
+        """Log evidence of the emulated posterior."""
         return self._pool.log_evidence
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from psafit.files import digest, read_bytes, sha256, write_atomically
 from psafit.inference.problem import Problem
-from psafit.workers import ahead, scratch
+from psafit.workers import precompute, scratch
 
 _SEAL = "sha256"
 # Parts of the package that work nothing out.
@@ -168,14 +168,14 @@ def shared_out(
     things : sequence
     jobs : int
     scheduler : str, optional
-        As of `psafit.workers.ahead`.
+        As of `psafit.workers.precompute`.
     progress : callable
         Called with (things done, things).
     """
     if memory.lasts:
         memory.begin()
         calls = [(work, memory, thing) for thing in things]
-        ahead(lent, calls, jobs, progress, scheduler=scheduler, take=memory.receive)
+        precompute(lent, calls, jobs, progress, scheduler=scheduler, take=memory.receive)
     found = []
     for k, thing in enumerate(things):
         progress(k, len(things))

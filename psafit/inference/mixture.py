@@ -54,7 +54,7 @@ class StudentMixture:
 
     @property
     def mixture(self) -> StudentMixture:
-        """Itself."""
+        """The mixture itself."""
         return self
 
     def draw(self, n: int, random: np.random.Generator) -> FloatArray:

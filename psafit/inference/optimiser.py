@@ -107,7 +107,7 @@ class Optima:
 
     @property
     def uncounted(self) -> Optima:
-        """The same, of places that are no starts: none has ended there, and none was begun."""
+        """These optima as places where no optimisation has begun or ended."""
         return replace(self, starts=np.zeros_like(self.starts), effort=Effort(n_sets=self.effort.n_sets))
 
     def joined(self, other: Optima) -> Optima:

@@ -39,6 +39,11 @@ class SampleSettings:
     rounds: int = RoundSettings.most
     effective: float = RoundSettings.effective
 
+    @classmethod
+    def of(cls, starts: int, draws_per_start: int = 32) -> SampleSettings:
+        """So many starts in all, half of them for each of the two fits, from so many draws of the prior for each."""
+        return cls(draws=starts // 2 * draws_per_start, starts=starts // 2)
+
 
 def sample(
     problem: Problem,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from psafit.arrays import FloatArray
+from psafit.errors import InputError
+from psafit.experiment.text import did_you_mean, shown
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
 from psafit.inference.problem import Problem
@@ -20,22 +22,53 @@ from psafit.inference.problem import Problem
 class SamplerSettings:
     """Options of every sampler; each adds its own.
 
+    These say when a run gives up or begins again, and what it keeps. They are no part of its identity: a run that gave
+    up can be continued.
+
     Parameters
     ----------
     max_steps : int
-        Gives up here, and says so. No part of a run's identity: a sampler that gave up can be continued.
+        Gives up here, and says so.
     stored : int
-        Pointwise log likelihoods kept in `posterior.nc` (32 MB by default); of more draws, some are left out. No part
-        of a run's identity either.
+        Pointwise log likelihoods kept in `posterior.nc` (32 MB by default); of more draws, some are left out.
+    missed : float, nats
+        A draw whose log posterior is this much higher than that of the best mode shows that the search has missed one.
+    restarts : int
+        Times at most that sampling begins again with such a mode.
+    thin : float, autocorrelation times
+        Distance between the draws that are kept: denser ones add bytes, not information.
     """
 
     max_steps: int = 40_000
     stored: int = 2**23
+    missed: float = 1.0
+    restarts: int = 5
+    thin: float = 0.5
 
     @property
     def determinants(self) -> dict[str, int | float]:
-        """The settings that determine the draws."""
-        return {k: v for k, v in asdict(self).items() if k not in ("max_steps", "stored")}
+        """The sampler's own settings, which determine the draws."""
+        shared = {field.name for field in fields(SamplerSettings)}
+        return {name: value for name, value in asdict(self).items() if name not in shared}
+
+    def with_options(self, options: Mapping[str, Any]) -> Self:
+        """The same settings, but for some options by name.
+
+        Raises
+        ------
+        InputError
+            If a name is none of the sampler's options, or its value is no positive number.
+        """
+        usual = asdict(self)
+        for name, value in options.items():
+            if name not in usual:
+                raise InputError(f"{shown(name)} is no option of this sampler", did_you_mean(name, usual))
+            whole = isinstance(usual[name], int)
+            if not (isinstance(value, int) or (isinstance(value, float) and not whole)) or not 0 < value < math.inf:
+                raise InputError(
+                    f"the sampler's option {name} is {value!r}", f"give a {'whole' if whole else 'positive'} number"
+                )
+        return replace(self, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +171,7 @@ class Convergence:
 
 @dataclass(frozen=True, kw_only=True)
 class Progress(Convergence):
-    """State of a running sampler, for whoever shows it, next to its `Convergence`.
+    """State of a running sampler, for whoever shows it: its `Convergence`, and how far it is.
 
     Parameters
     ----------

@@ -119,7 +119,7 @@ def _off_scale(
 
 
 def _moving(group: Group) -> Group | None:
-    """Those of its readings that give a scale: the ball was driven, and moved; along a trace, far."""
+    """The part of a group that gives a scale: the ball was driven, and moved; along a trace, far."""
     size = np.abs(group.reading)
     rows = (size > (0.5 * size.max() if group.time_us is not None else 0.0)) & (group.amplitude_v > 0)
     return replace(group.at(rows), sigma=None) if rows.any() else None

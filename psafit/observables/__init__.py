@@ -16,7 +16,7 @@ OBSERVABLES: tuple[Observable, ...] = (
 )  # fmt: skip
 """All observables; a reading's `measured` counts them from 0. New ones go behind: stored numbers keep their meaning."""
 OF_LAUNCHES = tuple(o for o in OBSERVABLES if not o.traced)
-"""Those that are read of a launch as a whole."""
+"""Observables that are read of a launch as a whole."""
 
 __all__ = [
     "CONTACT_TIME", "DISPLACEMENT", "LAUNCH_RANGE", "LAUNCH_SPEED", "OBSERVABLES", "OF_LAUNCHES", "PEAK_FORCE",

@@ -121,7 +121,7 @@ class Observable:
 
     @property
     def plural(self) -> str:
-        """The same in one word."""
+        """What several readings are called, in one word."""
         return self.titles.split()[-1]
 
     @property
@@ -152,20 +152,21 @@ def scatter(
     sub = rf",\mathrm{{{suffix.replace('_', chr(92) + ' ')}}}" if suffix else ""
     return (
         Parameter(
-            f"sigma_rel{behind}", rf"\sigma_{{rel{sub}}}", "1", Bounds(1e-3, 2.0), relative,
-            f"relative scatter{of}", why[0],
+            name=f"sigma_rel{behind}", symbol=rf"\sigma_{{rel{sub}}}", unit="1", bounds=Bounds(1e-3, 2.0),
+            prior=relative, description=f"relative scatter{of}", source=why[0],
         ),
         Parameter(
-            f"sigma_abs{behind}", rf"\sigma_{{abs{sub}}}", unit, bounds, absolute, f"absolute scatter{of}", why[1]
+            name=f"sigma_abs{behind}", symbol=rf"\sigma_{{abs{sub}}}", unit=unit, bounds=bounds,
+            prior=absolute, description=f"absolute scatter{of}", source=why[1],
         ),
         Parameter(
-            f"nu{behind}",
-            rf"\nu_{{{sub.lstrip(',')}}}" if suffix else r"\nu",
-            "1",
-            Bounds(2.0, 100.0),
-            LogNormal(10.0, 2.5),
-            f"degrees of freedom of the scatter{of if suffix else ''} (small: outliers; large: normal)",
-            "between frank outliers (4) and practically normal (25), as in Juarez and Steel, J. Appl. Econom. 25"
+            name=f"nu{behind}",
+            symbol=rf"\nu_{{{sub.lstrip(',')}}}" if suffix else r"\nu",
+            unit="1",
+            bounds=Bounds(2.0, 100.0),
+            prior=LogNormal(10.0, 2.5),
+            description=f"degrees of freedom of the scatter{of if suffix else ''} (small: outliers; large: normal)",
+            source="between frank outliers (4) and practically normal (25), as in Juarez and Steel, J. Appl. Econom. 25"
             " (2010)",
         ),
     )  # fmt: skip
@@ -178,8 +179,9 @@ def along(three: tuple[Parameter, Parameter, Parameter]) -> tuple[Parameter, ...
     return (
         *three,
         Parameter(
-            f"tau_{of}", rf"\tau_{{\mathrm{{{sub}}}}}", "us", Bounds(1e-2, 1e5), LogNormal(20.0, 5.0),
-            f"correlation time of the scatter of the {of.replace('_', ' ')} along a trace",
-            "between the filter of a vibrometer (1 us at 200 kHz) and the rest motion of a ball (milliseconds)",
+            name=f"tau_{of}", symbol=rf"\tau_{{\mathrm{{{sub}}}}}", unit="us", bounds=Bounds(1e-2, 1e5),
+            prior=LogNormal(20.0, 5.0),
+            description=f"correlation time of the scatter of the {of.replace('_', ' ')} along a trace",
+            source="between the filter of a vibrometer (1 us at 200 kHz) and the rest motion of a ball (milliseconds)",
         ),
     )  # fmt: skip

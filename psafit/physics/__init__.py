@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from psafit.errors import InputError
-from psafit.experiment.text import meant, shown
+from psafit.experiment.text import did_you_mean, shown
 from psafit.parameters import Belief, Parameter
 from psafit.physics import (
     adhesion,
@@ -189,7 +189,7 @@ def informed(beliefs: Sequence[Belief], causes: Iterable[Term]) -> tuple[tuple[P
     for b in beliefs:
         if b.name not in known:
             what = f"there is no parameter {shown(b.name)} to know of"
-            raise InputError(what, meant(b.name, known), file=b.file, line=b.line)
+            raise InputError(what, did_you_mean(b.name, known), file=b.file, line=b.line)
         try:
             found[b.name] = known[b.name].informed(b)
         except ValueError as error:

@@ -45,15 +45,15 @@ TERM = Term(
     because="macroscopic bodies rarely stick, and a ball that sticks is noticed when it is hung",
     parameters=(
         Parameter(
-            "adhesion_force",
-            r"F_\mathrm{ad}",
-            "N",
-            Bounds(0.0, 1.0),
-            Tailed(Normal(0.0, 5e-3)),
-            "pull-off force",
-            "ball of 9.4 mm radius (27 g of steel): 1.5 pi w R = 2.2 mN at w = 50 mJ/m^2, a water meniscus 4 pi R"
-            " gamma = 8.5 mN; roughness lowers both by ten or more (that macroscopic faces rarely stick was read, not"
-            " by how much); the edge of a tape can hold some 0.1 N (an estimate). 1 N carries four such balls:"
+            name="adhesion_force",
+            symbol=r"F_\mathrm{ad}",
+            unit="N",
+            bounds=Bounds(0.0, 1.0),
+            prior=Tailed(Normal(0.0, 5e-3)),
+            description="pull-off force",
+            source="ball of 9.4 mm radius (27 g of steel): 1.5 pi w R = 2.2 mN at w = 50 mJ/m^2, a water meniscus 4 pi"
+            " R gamma = 8.5 mN. Roughness lowers both by ten or more (that macroscopic faces rarely stick was read,"
+            " not by how much). The edge of a tape can hold some 0.1 N (an estimate). 1 N carries four such balls:"
             " whoever hangs it would see it stick",
             neutral=0.0,
         ),

@@ -40,13 +40,13 @@ TERM = Term(
     ),
     parameters=(
         Parameter(
-            "amplifier_lag_tau",
-            r"\tau_a",
-            "s",
-            Bounds(0.0, 1e-2),
-            Tailed(Normal(0.0, 1e-4)),
-            "time constant of the amplifier",
-            "the 50 ohm of a function generator into 1.5 uF (Table 1), the most common case: 75 us; a power"
+            name="amplifier_lag_tau",
+            symbol=r"\tau_a",
+            unit="s",
+            bounds=Bounds(0.0, 1e-2),
+            prior=Tailed(Normal(0.0, 1e-4)),
+            description="time constant of the amplifier",
+            source="the 50 ohm of a function generator into 1.5 uF (Table 1), the most common case: 75 us; a power"
             " amplifier of 1-10 ohm: 1.5-15 us. Beyond 10 ms, 7 kohm, a square wave of 1 kHz would hardly reach the"
             " stack",
             neutral=0.0,

@@ -2,10 +2,10 @@ r"""An amplitude that is not what the display is taken to say.
 
 .. math:: V \to c\, V.
 
-A generator shows volts peak to peak, where half of it is the amplitude (:math:`c = 1/2`), or volts RMS of a sine
-(:math:`c = \sqrt 2`), or what a matched load would have, of which an open circuit, as a stack nearly is, gets the
-double (:math:`c = 2`). Bias and idle level are set apart and stay. A recorded voltage is what it is: the cause does not
-act on it. Assumed: one factor for all groups.
+A generator may show volts peak to peak: the amplitude is half of that (:math:`c = 1/2`). It may show volts RMS of a
+sine (:math:`c = \sqrt 2`), or the voltage at a matched load: an open circuit, which a stack nearly is, gets the double
+(:math:`c = 2`). Bias and idle level are set apart and stay. A recorded voltage is what it is: the cause does not act on
+it. Assumed: one factor for all groups.
 
 Where stroke and voltage are proportional this is `stroke_tolerance`, to the last digit, and only the priors distinguish
 the two: that one is a tolerance, this one a few certain factors. Slew limits, saturation, a stroke that grows
@@ -46,11 +46,11 @@ TERM = Term(
     because="a display is misread now and then; who looks at an oscilloscope, or measures the free tip, sees it",
     parameters=(
         Parameter(
-            "amplitude_factor",
-            "c",
-            "1",
-            Bounds(0.1, 10.0),
-            Mixture(
+            name="amplitude_factor",
+            symbol="c",
+            unit="1",
+            bounds=Bounds(0.1, 10.0),
+            prior=Mixture(
                 (
                     (0.35, LogNormal(0.5, 1.05)),
                     (0.15, LogNormal(math.sqrt(2.0), 1.05)),
@@ -58,11 +58,12 @@ TERM = Term(
                     (0.20, LogNormal(1.0, 2.0)),
                 )
             ),
-            "amplitude over the stated one",
-            "peak to peak taken for peak 0.5; RMS for peak 1.41; the voltage at a matched load for that of an open"
-            " circuit 2 (Keysight's and Tektronix' manuals of function generators call the setting output load; not"
-            " read); each to 5 %, what a meter and the generator's own amplitude leave; the rest for attenuators and"
-            " amplifiers whose gain is not what its front says. A probe left at 10:1 is the worst that goes unseen",
+            description="amplitude over the stated one",
+            source="peak to peak taken for peak 0.5; RMS for peak 1.41; the voltage at a matched load for that of an"
+            " open circuit 2 (Keysight's and Tektronix' manuals of function generators call the setting output load;"
+            " not read). Each to 5 %: what a meter and the generator's own amplitude leave. The rest is for"
+            " attenuators and amplifiers whose gain is not what its front says. A probe left at 10:1 is the worst that"
+            " goes unseen",
             neutral=1.0,
         ),
     ),

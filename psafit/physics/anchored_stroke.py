@@ -91,26 +91,26 @@ TERM = Term(
     because="a data sheet states the stroke at full voltage, and soft PZT has less per volt at a tenth of it",
     parameters=(
         Parameter(
-            "anchored_alpha",
-            r"\alpha",
-            "1/V",
-            Bounds(0.0, 0.1),
-            Tailed(Normal(0.006, 0.004)),
-            "relative growth of the stroke per volt, for each volt",
-            "loops of 2 % at small signals and 10-15 % at full voltage (Physik Instrumente, Piezo tutorial, read):"
-            " x/(2 (1 + x)) = 0.1-0.15 at 20 V of a 0.11 mm layer would be alpha = 0.0125 1/V, at 150 V 0.0017-0.003;"
-            " from memory, 0.003-0.015 by Rayleigh's law (that it holds for PZT: Damjanovic and Demartin 1996,"
-            " abstract read). At 0.1 1/V a stack would have a sixteenth of its stroke per volt near zero",
+            name="anchored_alpha",
+            symbol=r"\alpha",
+            unit="1/V",
+            bounds=Bounds(0.0, 0.1),
+            prior=Tailed(Normal(0.006, 0.004)),
+            description="relative growth of the stroke per volt, for each volt",
+            source="loops of 2 % at small signals and 10-15 % at full voltage (Physik Instrumente, Piezo tutorial,"
+            " read): x/(2 (1 + x)) = 0.1-0.15 at 20 V of a 0.11 mm layer would be alpha = 0.0125 1/V, at 150 V"
+            " 0.0017-0.003; from memory, 0.003-0.015 by Rayleigh's law (that it holds for PZT: Damjanovic and Demartin"
+            " 1996, abstract read). At 0.1 1/V a stack would have a sixteenth of its stroke per volt near zero",
             neutral=0.0,
         ),
         Parameter(
-            "anchored_voltage",
-            "U",
-            "V",
-            Bounds(20.0, 1000.0),
-            LogNormal(150.0, 1.2),
-            "voltage at which the stroke per volt is the data sheet's",
-            "rated voltage of the stack: 150 V for AE0505D16DF (its data sheet, read, states the stroke there)",
+            name="anchored_voltage",
+            symbol="U",
+            unit="V",
+            bounds=Bounds(20.0, 1000.0),
+            prior=LogNormal(150.0, 1.2),
+            description="voltage at which the stroke per volt is the data sheet's",
+            source="rated voltage of the stack: 150 V for AE0505D16DF (its data sheet, read, states the stroke there)",
         ),
     ),
     symptom=Symptom(

@@ -14,34 +14,34 @@ from psafit.parameters import Bounds, LogNormal, Parameter
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
-        "k_c",
-        "k_c",
-        "N/m",
-        Bounds(1e3, 1e9),
-        LogNormal(1e6, 10.0),
-        "contact stiffness",
-        "Hertz contact of a 27 g steel ball (radius 9.4 mm) on ceramic: 4/3 E* sqrt(R) = 6.7e9 N/m^1.5, that is 6.7"
-        " MN/m at a micrometre (Johnson, Contact Mechanics, 1985, eq. 4.23-4.24); a rough or glued face has a third"
-        " of it, paper or tape a tenth or less",
+        name="k_c",
+        symbol="k_c",
+        unit="N/m",
+        bounds=Bounds(1e3, 1e9),
+        prior=LogNormal(1e6, 10.0),
+        description="contact stiffness",
+        source="Hertz contact of a 27 g steel ball (radius 9.4 mm) on ceramic: 4/3 E* sqrt(R) = 6.7e9 N/m^1.5, that is"
+        " 6.7 MN/m at a micrometre (Johnson, Contact Mechanics, 1985, eq. 4.23-4.24); a rough or glued face has a"
+        " third of it, paper or tape a tenth or less",
     ),
     Parameter(
-        "c_s",
-        "c_s",
-        "N s/m",
-        Bounds(1.0, 1e6),
-        LogNormal(1e3, 10.0),
-        "structural damping of the stack",
-        "2 zeta sqrt(k_s m), zeta = tan(delta)/2: 5-25 N s/m for the loss tangent of a soft PZT (0.01-0.05), some"
-        " hundreds with glue and clamp; the study lets it stand in for hysteresis (Section 3.1) and finds 14,000, hence"
-        " the wide prior. Thousands are no damping but a lag c_s/k_s, and stand for something else",
+        name="c_s",
+        symbol="c_s",
+        unit="N s/m",
+        bounds=Bounds(1.0, 1e6),
+        prior=LogNormal(1e3, 10.0),
+        description="structural damping of the stack",
+        source="2 zeta sqrt(k_s m), zeta = tan(delta)/2: 5-25 N s/m for the loss tangent of a soft PZT (0.01-0.05),"
+        " some hundreds with glue and clamp; the study lets it stand in for hysteresis (Section 3.1) and finds 14,000,"
+        " hence the wide prior. Thousands are no damping but a lag c_s/k_s, and stand for something else",
     ),
     Parameter(
-        "c_c",
-        "c_c",
-        "N s/m",
-        Bounds(1e-2, 1e5),
-        LogNormal(30.0, 10.0),
-        "contact damping",
-        "2 zeta sqrt(k_c M) with zeta = 0.01-1 at k_c = 1 MN/m: 3-330 N s/m",
+        name="c_c",
+        symbol="c_c",
+        unit="N s/m",
+        bounds=Bounds(1e-2, 1e5),
+        prior=LogNormal(30.0, 10.0),
+        description="contact damping",
+        source="2 zeta sqrt(k_c M) with zeta = 0.01-1 at k_c = 1 MN/m: 3-330 N s/m",
     ),
 )

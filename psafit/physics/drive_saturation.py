@@ -38,15 +38,15 @@ TERM = Term(
     because=("strokes of the data sheet are proportional up to 150 V; only an output stage near its supply would clip"),
     parameters=(
         Parameter(
-            "saturation_b",
-            "b",
-            "1/V",
-            Bounds(0.0, 0.5),
-            Tailed(Normal(0.0, 0.005)),
-            "one over the voltage at which the stroke saturates",
-            "the strain of soft PZT is still rising at 1-2 kV/mm (Uchino 1997), 100-200 V on 0.1 mm layers, and the"
-            " data sheet's strokes at 100 and 150 V are proportional: U_sat > 150 V; an output stage meant for +-20 V"
-            " clips above 25 V",
+            name="saturation_b",
+            symbol="b",
+            unit="1/V",
+            bounds=Bounds(0.0, 0.5),
+            prior=Tailed(Normal(0.0, 0.005)),
+            description="one over the voltage at which the stroke saturates",
+            source="the strain of soft PZT is still rising at 1-2 kV/mm (Uchino 1997), 100-200 V on 0.1 mm layers, and"
+            " the data sheet's strokes at 100 and 150 V are proportional: U_sat > 150 V; an output stage meant for"
+            " +-20 V clips above 25 V",
             neutral=0.0,
         ),
     ),

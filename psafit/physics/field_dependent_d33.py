@@ -38,17 +38,17 @@ TERM = Term(
     because="soft PZT does this at any field above a threshold; at 20 of 150 V it may be small",
     parameters=(
         Parameter(
-            "field_d33_alpha",
-            r"\alpha",
-            "1/V",
-            Bounds(0.0, 0.1),
-            Tailed(Normal(0.006, 0.004)),
-            "relative growth of the stroke per volt, for each volt",
-            "the loop that belongs to it opens by x/(2 (1 + x)) of the stroke, x = alpha V: loops of 10-15 % at full"
-            " voltage (Physik Instrumente, Piezo tutorial, read) are x = 0.25-0.43, and 2 % at small signals;"
-            " 0.003-0.015 1/V on layers of 0.11 mm is from memory (Hall 2001 and Li, Cao and Cross 1991, of which"
-            " only abstracts were read). At 0.1 1/V the stroke per volt at 150 V would be 16 times that at 1 V,"
-            " next to a data sheet whose strokes at 100 and 150 V are proportional",
+            name="field_d33_alpha",
+            symbol=r"\alpha",
+            unit="1/V",
+            bounds=Bounds(0.0, 0.1),
+            prior=Tailed(Normal(0.006, 0.004)),
+            description="relative growth of the stroke per volt, for each volt",
+            source="the loop that belongs to it opens by x/(2 (1 + x)) of the stroke, x = alpha V: loops of 10-15 % at"
+            " full voltage (Physik Instrumente, Piezo tutorial, read) are x = 0.25-0.43, and 2 % at small signals."
+            " 0.003-0.015 1/V on layers of 0.11 mm is from memory (Hall 2001 and Li, Cao and Cross 1991, of which only"
+            " abstracts were read). At 0.1 1/V the stroke per volt at 150 V would be 16 times that at 1 V; a data"
+            " sheet's strokes at 100 and 150 V are proportional",
             neutral=0.0,
         ),
     ),

@@ -36,13 +36,13 @@ TERM = Term(
     description=__doc__ or "",
     parameters=(
         Parameter(
-            "flight_friction_a",
-            "a_f",
-            "m/s^2",
-            Bounds(0.0, 1.0),
-            Tailed(Normal(0.0, 0.02)),
-            "constant deceleration of the swing",
-            "mu g r/l with mu = 0.2 and a support of radius 0.1-1 mm: 0.002-0.02 m/s^2; friction terms of real"
+            name="flight_friction_a",
+            symbol="a_f",
+            unit="m/s^2",
+            bounds=Bounds(0.0, 1.0),
+            prior=Tailed(Normal(0.0, 0.02)),
+            description="constant deceleration of the swing",
+            source="mu g r/l with mu = 0.2 and a support of radius 0.1-1 mm: 0.002-0.02 m/s^2; friction terms of real"
             " pendulums in Squire (1986, not read). 1 m/s^2 is mu = 1 on a support of a tenth of the string",
             neutral=0.0,
         ),

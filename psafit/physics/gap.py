@@ -44,15 +44,14 @@ TERM = Term(
     because="the study has the ball contacting exactly; placed by hand, within a micrometre",
     parameters=(
         Parameter(
-            "gap_width",
-            "g_0",
-            "m",
-            Bounds(0.0, 2e-5),
-            Tailed(Normal(0.0, 1e-6)),
-            "distance of the ball from the tip at rest",
-            "touch is judged by eye or by the vibrometer's first motion, 0.1-2 um; the ball's rest motion is of the"
-            " same size; 20 um is more than the stroke at the full 150"
-            " V (17.4 um): nothing would ever be launched",
+            name="gap_width",
+            symbol="g_0",
+            unit="m",
+            bounds=Bounds(0.0, 2e-5),
+            prior=Tailed(Normal(0.0, 1e-6)),
+            description="distance of the ball from the tip at rest",
+            source="touch is judged by eye or by the vibrometer's first motion, 0.1-2 um; the ball's rest motion is of"
+            " the same size; 20 um is more than the stroke at the full 150 V (17.4 um): nothing would ever be launched",
             neutral=0.0,
         ),
     ),

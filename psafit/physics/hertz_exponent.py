@@ -54,13 +54,13 @@ TERM = Term(
     because="a ball on a flat face is Hertzian by geometry, unless paper or tape lies between",
     parameters=(
         Parameter(
-            "hertz_n",
-            "n",
-            "1",
-            Bounds(1.0, 3.0),
-            Tailed(Normal(1.5, 0.15)),
-            "exponent of the contact force",
-            "1.5 for a sphere on a flat (Johnson, Contact Mechanics, 1985, eq. 4.23); more where faces are rough"
+            name="hertz_n",
+            symbol="n",
+            unit="1",
+            bounds=Bounds(1.0, 3.0),
+            prior=Tailed(Normal(1.5, 0.15)),
+            description="exponent of the contact force",
+            source="1.5 for a sphere on a flat (Johnson, Contact Mechanics, 1985, eq. 4.23); more where faces are rough"
             " (Greenwood and Tripp 1967 was not read; how much is not verified). 1 is a flat punch, and nothing"
             " elastic is below; 2 is a cone, and 3 is beyond every shape that a ball on a face can have",
             neutral=1.0,

@@ -45,15 +45,15 @@ TERM = Term(
     description=__doc__ or "",
     parameters=(
         Parameter(
-            "hunt_crossley_lambda",
-            r"\lambda",
-            "s/m",
-            Bounds(0.0, 1000.0),
-            Tailed(Normal(0.0, 20.0)),
-            "damping over elastic force, per rate of indentation",
-            "hard metals 0.12-0.5 s/m (alpha = 0.08-0.32 s/m, from memory of Hunt and Crossley 1975); a lossy film"
-            " that keeps e = 0.5-0.9 at the tip's 2 cm/s needs 3(1 - e^2)/(4 v) = 7-28 s/m (Lankarani and Nikravesh"
-            " 1990)",
+            name="hunt_crossley_lambda",
+            symbol=r"\lambda",
+            unit="s/m",
+            bounds=Bounds(0.0, 1000.0),
+            prior=Tailed(Normal(0.0, 20.0)),
+            description="damping over elastic force, per rate of indentation",
+            source="hard metals 0.12-0.5 s/m (alpha = 0.08-0.32 s/m, from memory of Hunt and Crossley 1975); a lossy"
+            " film that keeps e = 0.5-0.9 at the tip's 2 cm/s needs 3(1 - e^2)/(4 v) = 7-28 s/m (Lankarani and"
+            " Nikravesh 1990)",
             neutral=0.0,
         ),
     ),

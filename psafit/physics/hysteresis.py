@@ -44,26 +44,26 @@ TERM = Term(
     because="every stack has a loop; at 20 of 150 V it is some per cent of the stroke",
     parameters=(
         Parameter(
-            "hysteresis_strength",
-            "s",
-            "1",
-            Bounds(0.0, 0.5),
-            Tailed(Normal(0.0, 0.2)),
-            "part of the stroke per volt missing at the first rise",
-            "open loops of piezo stacks: 2 % of the stroke at small signals to 10-15 % at full voltage (Physik"
+            name="hysteresis_strength",
+            symbol="s",
+            unit="1",
+            bounds=Bounds(0.0, 0.5),
+            prior=Tailed(Normal(0.0, 0.2)),
+            description="part of the stroke per volt missing at the first rise",
+            source="open loops of piezo stacks: 2 % of the stroke at small signals to 10-15 % at full voltage (Physik"
             " Instrumente, Piezo tutorial, read); at 20 of 150 V 4-7 %, which with V_a/U = 0.7 is s = 0.15-0.25."
             " Above 0.5 the tip would move against the voltage after a turn",
             neutral=0.0,
         ),
         Parameter(
-            "hysteresis_voltage",
-            "U",
-            "V",
-            Bounds(1.0, 1000.0),
-            LogNormal(30.0, 3.0),
-            "voltage within which the stroke per volt recovers after a turn",
-            "loops keep widening with the amplitude up to the full 150 V, so U is tens of volts; the coercive voltage"
-            " of soft PZT, 0.8-1.2 kV/mm on 0.1 mm layers, is 80-120 V",
+            name="hysteresis_voltage",
+            symbol="U",
+            unit="V",
+            bounds=Bounds(1.0, 1000.0),
+            prior=LogNormal(30.0, 3.0),
+            description="voltage within which the stroke per volt recovers after a turn",
+            source="loops keep widening with the amplitude up to the full 150 V, so U is tens of volts; the coercive"
+            " voltage of soft PZT, 0.8-1.2 kV/mm on 0.1 mm layers, is 80-120 V",
         ),
     ),
     symptom=Symptom(

@@ -41,15 +41,15 @@ TERM = Term(
     because="a burst begins and ends at 0 V by default; few look at the voltage between bursts",
     parameters=(
         Parameter(
-            "idle_u0",
-            "u_0",
-            "V",
-            Bounds(-100.0, 100.0),
-            Tailed(Normal(0.0, 0.5)),
-            "voltage at which the drive rests, above what is stated",
-            "offsets of amplifiers and generators: some 10 mV to some 0.1 V (makers' usual figures, not verified); a"
-            " level that a burst or a bias leaves is some volts, which is the tail. 100 V is beyond any stack driven"
-            " by tens of volts",
+            name="idle_u0",
+            symbol="u_0",
+            unit="V",
+            bounds=Bounds(-100.0, 100.0),
+            prior=Tailed(Normal(0.0, 0.5)),
+            description="voltage at which the drive rests, above what is stated",
+            source="offsets of amplifiers and generators: some 10 mV to some 0.1 V (makers' usual figures, not"
+            " verified); a level that a burst or a bias leaves is some volts, which is the tail. 100 V is beyond any"
+            " stack driven by tens of volts",
             neutral=0.0,
         ),
     ),

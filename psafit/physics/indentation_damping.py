@@ -54,14 +54,14 @@ TERM = Term(
     description=__doc__ or "",
     parameters=(
         Parameter(
-            "indentation_damping_p",
-            "p",
-            "1",
-            Bounds(0.0, 1.5),
-            Tailed(Normal(0.0, 0.5)),
-            "exponent of the damping's growth with indentation",
-            "1/4 (Tsuji, Tanaka and Ishida 1992), 1/2 (Kuwabara and Kono 1987), 1-3/2 (Hunt and Crossley 1975), of"
-            " all of which abstracts at most were read; no law of the literature grows faster than 3/2",
+            name="indentation_damping_p",
+            symbol="p",
+            unit="1",
+            bounds=Bounds(0.0, 1.5),
+            prior=Tailed(Normal(0.0, 0.5)),
+            description="exponent of the damping's growth with indentation",
+            source="1/4 (Tsuji, Tanaka and Ishida 1992), 1/2 (Kuwabara and Kono 1987), 1-3/2 (Hunt and Crossley 1975),"
+            " of all of which abstracts at most were read; no law of the literature grows faster than 3/2",
             neutral=0.0,
         ),
     ),

@@ -46,14 +46,15 @@ TERM = Term(
     because="a rod is no lump, but a stack that is much faster than the drive shows no mass at all",
     parameters=(
         Parameter(
-            "modal_mass_ratio",
-            "r_m",
-            "1",
-            Bounds(0.02, 3.0),
-            Tailed(LogNormal(0.3, 2.0)),
-            "moving mass over the stack's mass",
-            "4/pi^2 = 0.41 for a clamped rod, 1/3 by Rayleigh's estimate (Rao, Mechanical Vibrations, ch. 8); 0.21 from"
-            " half of 69 kHz, 0.052 from 69 kHz itself (Table 1); end pieces, coating and wires add some tenths",
+            name="modal_mass_ratio",
+            symbol="r_m",
+            unit="1",
+            bounds=Bounds(0.02, 3.0),
+            prior=Tailed(LogNormal(0.3, 2.0)),
+            description="moving mass over the stack's mass",
+            source="4/pi^2 = 0.41 for a clamped rod, 1/3 by Rayleigh's estimate (Rao, Mechanical Vibrations, ch. 8);"
+            " 0.21 from half of 69 kHz, 0.052 from 69 kHz itself (Table 1); end pieces, coating and wires add some"
+            " tenths",
             neutral=1.0,
         ),
     ),

@@ -44,14 +44,14 @@ TERM = Term(
     because="a dry contact does not pull; the study describes none but a dry one",
     parameters=(
         Parameter(
-            "no_tension_s",
-            "s",
-            "1",
-            Bounds(0.0, 1.0),
-            Tailed(Normal(1.0, 0.05)),
-            "part of the contact's pull that is absent",
-            "1 for dry solids (Brogliato, Nonsmooth Mechanics, 2016, ch. 2: the pull of a Kelvin-Voigt contact is an"
-            " artefact); less where a film or tape lies between",
+            name="no_tension_s",
+            symbol="s",
+            unit="1",
+            bounds=Bounds(0.0, 1.0),
+            prior=Tailed(Normal(1.0, 0.05)),
+            description="part of the contact's pull that is absent",
+            source="1 for dry solids (Brogliato, Nonsmooth Mechanics, 2016, ch. 2: the pull of a Kelvin-Voigt contact"
+            " is an artefact); less where a film or tape lies between",
             neutral=0.0,
         ),
     ),

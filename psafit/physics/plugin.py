@@ -27,7 +27,7 @@ from psafit.physics.term import Term
 
 ENTRY_POINTS = "psafit.causes"
 SCATTER = ("sigma_rel", "sigma_abs", "nu")
-"""Names of the scatter's parameters, which stand next to those of causes in every fit."""
+"""Names of the scatter's parameters, which every fit has besides those of its causes."""
 
 _REMEDY = "correct the file; docs/own-causes.md says what a cause declares"
 

@@ -4,7 +4,7 @@ r"""A ball that leans on the tip.
     L_r = \sqrt{(x_0 + x_2)^2 + v^2 l/g} - x_0 \quad \text{(small angles)}.
 
 If the pendulum's equilibrium lies :math:`x_0` behind the ball's place of rest, the string presses the ball on the tip
-with :math:`M g x_0/l`, the contact is indented before the drive starts, and the ball swings out against that offset
+with :math:`M g x_0/l`. The contact is indented before the drive starts, and the ball swings out against that offset
 from its place :math:`x_2` at separation. Places count from the rest, as a vibrometer reads them. Exactly, by energy:
 :math:`\cos\theta_m = \cos\theta_s - v^2/(2 g l)`, with :math:`l\sin\theta_s = x_0 + x_2` and :math:`L_r =
 l\sin\theta_m - x_0`. For :math:`v^2 l/g \ll x_0^2` the range is :math:`v^2 l/(2 g x_0)`: quadratic in the speed, not
@@ -51,15 +51,15 @@ TERM = Term(
     because="a ball that is to touch in every launch is set to lean rather than to clear",
     parameters=(
         Parameter(
-            "preload_offset",
-            "x_0",
-            "m",
-            Bounds(0.0, 0.045),
-            Tailed(Normal(0.0, 4e-3)),
-            "distance of the pendulum's equilibrium behind the ball's place of rest",
-            "whoever wants contact at every launch sets the frame some millimetres in; 4 mm is 2.5 degrees of a 90"
-            " mm string (an estimate; a micrometre stage sets 10 um). 45 mm is a string at 30 degrees, no pendulum"
-            " next to its stack any more",
+            name="preload_offset",
+            symbol="x_0",
+            unit="m",
+            bounds=Bounds(0.0, 0.045),
+            prior=Tailed(Normal(0.0, 4e-3)),
+            description="distance of the pendulum's equilibrium behind the ball's place of rest",
+            source="whoever wants contact at every launch sets the frame some millimetres in; 4 mm is 2.5 degrees of a"
+            " 90 mm string (an estimate; a micrometre stage sets 10 um). 45 mm is a string at 30 degrees, which is no"
+            " pendulum any more",
             neutral=0.0,
         ),
     ),

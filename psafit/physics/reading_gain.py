@@ -46,14 +46,14 @@ TERM = Term(
     because="sessions differ: a ball hung anew, a laser aimed anew",
     parameters=(
         Parameter(
-            "reading_gain_spread",
-            "s",
-            "1",
-            Bounds(0.0, 0.5),
-            Tailed(Normal(0.0, 0.1)),
-            "spread of the sessions' gains, in logarithms",
-            "decoder 1 %, beam 5-15 degrees off 0.4-3 %; a ball hung anew, struck off centre or with other tape, some"
-            " 10 % (the study: the range depends strongly on the load conditions, Section 2.2)",
+            name="reading_gain_spread",
+            symbol="s",
+            unit="1",
+            bounds=Bounds(0.0, 0.5),
+            prior=Tailed(Normal(0.0, 0.1)),
+            description="spread of the sessions' gains, in logarithms",
+            source="decoder 1 %, beam 5-15 degrees off 0.4-3 %; a ball hung anew, struck off centre or with other"
+            " tape, some 10 % (the study: the range depends strongly on the load conditions, Section 2.2)",
             neutral=0.0,
         ),
     ),
@@ -80,12 +80,12 @@ TERM = Term(
     literal=literal,
     reading=reading,
     latent=Parameter(
-        "reading_gain_z",
-        "z",
-        "1",
-        Bounds(-5.0, 5.0),
-        Normal(0.0, 1.0),
-        "a session's gain, in units of the spread",
-        "standard normal by definition of the spread",
+        name="reading_gain_z",
+        symbol="z",
+        unit="1",
+        bounds=Bounds(-5.0, 5.0),
+        prior=Normal(0.0, 1.0),
+        description="a session's gain, in units of the spread",
+        source="standard normal by definition of the spread",
     ),
 )

@@ -42,13 +42,13 @@ TERM = Term(
     description=__doc__ or "",
     parameters=(
         Parameter(
-            "reading_offset_b",
-            "b",
-            "m",
-            Bounds(0.0, 1e-5),
-            Tailed(Normal(0.0, 3e-7)),
-            "rest motion that adds to every reading",
-            "a ball on a 90 mm string over a laboratory floor moves by 0.1-1 um at 1.7 Hz; the vibrometer's own"
+            name="reading_offset_b",
+            symbol="b",
+            unit="m",
+            bounds=Bounds(0.0, 1e-5),
+            prior=Tailed(Normal(0.0, 3e-7)),
+            description="rest motion that adds to every reading",
+            source="a ball on a 90 mm string over a laboratory floor moves by 0.1-1 um at 1.7 Hz; the vibrometer's own"
             " resolution (Table 1: 0.05 pm) is far below",
             neutral=0.0,
         ),

@@ -41,14 +41,14 @@ TERM = Term(
     because="a generator runs on unless it is set otherwise, and the study mentions no burst",
     parameters=(
         Parameter(
-            "repeat_cycles",
-            r"N_\mathrm{cyc}",
-            "1",
-            Bounds(0.0, 10.0),
-            Uniform(),
-            "periods of the drive within which the tip may strike again",
-            "generators send bursts of one to a few periods, or run on, which from about 8 periods is the same; the"
-            " study speaks of the first contact (Section 2), 0",
+            name="repeat_cycles",
+            symbol=r"N_\mathrm{cyc}",
+            unit="1",
+            bounds=Bounds(0.0, 10.0),
+            prior=Uniform(),
+            description="periods of the drive within which the tip may strike again",
+            source="generators send bursts of one to a few periods, or run on, which from about 8 periods is the same;"
+            " the study speaks of the first contact (Section 2), 0",
             neutral=0.0,
         ),
     ),

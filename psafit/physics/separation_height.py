@@ -45,21 +45,21 @@ TERM = Term(
     because="a vibrometer reads displacement from rest: the place counts, whatever the study's equations neglect",
     parameters=(
         Parameter(
-            "separation_weight",
-            "w",
-            "1",
-            Bounds(0.0, 1.0),
-            Tailed(Normal(1.0, 0.1)),
-            "weight of the ball's place at separation in the swing's energy",
-            "1 by conservation of energy, 0 by the study's neglect (Section 3.3); between where the reading's zero"
-            " follows the ball",
+            name="separation_weight",
+            symbol="w",
+            unit="1",
+            bounds=Bounds(0.0, 1.0),
+            prior=Tailed(Normal(1.0, 0.1)),
+            description="weight of the ball's place at separation in the swing's energy",
+            source="1 by conservation of energy, 0 by the study's neglect (Section 3.3); between where the reading's"
+            " zero follows the ball",
             neutral=0.0,
         ),
     ),
     symptom=Symptom(
-        "launch ranges cannot fall below the distance over which the tip carried the ball; next to ranges far above the"
-        " stroke (2.4 um at 20 V) it is a ten-thousandth or less, most at low frequency, where the tip carries the ball"
-        " furthest",
+        "launch ranges cannot fall below the distance over which the tip carried the ball. Of ranges far above the"
+        " stroke (2.4 um at 20 V) that is a ten-thousandth or less; it is most at low frequency, where the tip carries"
+        " the ball furthest",
         sign=1,
         frequency="falls",
         amplitude="flat",

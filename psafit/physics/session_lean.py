@@ -5,7 +5,7 @@ r"""A ball that leans on the tip, in every session by another length.
 `preload` with a lean of its own in each session (a group of the experiment): whoever hangs the ball anew or moves the
 frame sets another :math:`x_0`. Where ranges go with :math:`v^2 l/(2 g x_0)` it looks like a gain of the session and is
 its mechanical reason; small launches, which a lean cuts down more than large ones, distinguish it from `reading_gain`.
-A string at 30 degrees, :math:`l/2`, is no pendulum next to its stack any more. With `preload` the leans add.
+A string at 30 degrees, :math:`l/2`, is no pendulum any more. With `preload` the leans add.
 
 As :math:`x_0 \to 0` the place at separation stays in the energy, as in `preload`.
 """
@@ -48,24 +48,24 @@ TERM = Term(
     because="of balls that lean, a third are hung anew between sessions",
     parameters=(
         Parameter(
-            "session_lean_offset",
-            "x_0",
-            "m",
-            Bounds(0.0, 0.045),
-            Tailed(Normal(0.0, 4e-3)),
-            "middle of the sessions' leans",
-            "as of the lean of `preload`: 4 mm is 2.5 degrees of a 90 mm string (an estimate)",
+            name="session_lean_offset",
+            symbol="x_0",
+            unit="m",
+            bounds=Bounds(0.0, 0.045),
+            prior=Tailed(Normal(0.0, 4e-3)),
+            description="middle of the sessions' leans",
+            source="as of the lean of `preload`: 4 mm is 2.5 degrees of a 90 mm string (an estimate)",
             neutral=0.0,
         ),
         Parameter(
-            "session_lean_spread",
-            "s",
-            "1",
-            Bounds(0.0, 1.0),
-            Tailed(Normal(0.0, 0.3)),
-            "spread of the sessions' leans, in logarithms",
-            "a frame set by hand comes back to some tenths of a few millimetres (an estimate); beyond 1 the sessions"
-            " have no common lean",
+            name="session_lean_spread",
+            symbol="s",
+            unit="1",
+            bounds=Bounds(0.0, 1.0),
+            prior=Tailed(Normal(0.0, 0.3)),
+            description="spread of the sessions' leans, in logarithms",
+            source="a frame set by hand comes back to some tenths of a few millimetres (an estimate); beyond 1 the"
+            " sessions have no common lean",
         ),
     ),
     symptom=Symptom(
@@ -97,13 +97,13 @@ TERM = Term(
     literal=literal,
     setup=setup,
     latent=Parameter(
-        "session_lean_z",
-        "z",
-        "1",
-        Bounds(-5.0, 5.0),
-        Normal(0.0, 1.0),
-        "a session's lean, in units of the spread",
-        "standard normal by definition of the spread",
+        name="session_lean_z",
+        symbol="z",
+        unit="1",
+        bounds=Bounds(-5.0, 5.0),
+        prior=Normal(0.0, 1.0),
+        description="a session's lean, in units of the spread",
+        source="standard normal by definition of the spread",
     ),
     limit=("separation_height", (1.0,)),
 )

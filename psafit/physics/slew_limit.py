@@ -38,22 +38,23 @@ TERM = Term(
     description=__doc__ or "",
     parameters=(
         Parameter(
-            "slew_limit_inverse",
-            "1/S",
-            "s/V",
-            Bounds(0.0, 1e-3),
-            Tailed(Normal(0.0, 2e-5)),
-            "one over the largest rate of the voltage",
-            "current limits of piezo amplifiers, 20 mA (bench-top controllers) to 1 A (power amplifiers), into 1.5"
-            " uF (Table 1): S = 1.3e4-6.7e5 V/s, 1/S = 1.5e-6-7.5e-5 s/V. Beyond 1e-3 s/V, 1.5 mA, the rise to 20 V"
-            " takes 20 ms and no reading would depend on the waveform",
+            name="slew_limit_inverse",
+            symbol="1/S",
+            unit="s/V",
+            bounds=Bounds(0.0, 1e-3),
+            prior=Tailed(Normal(0.0, 2e-5)),
+            description="one over the largest rate of the voltage",
+            source="current limits of piezo amplifiers, 20 mA (bench-top controllers) to 1 A (power amplifiers), into"
+            " 1.5 uF (Table 1): S = 1.3e4-6.7e5 V/s, 1/S = 1.5e-6-7.5e-5 s/V. Beyond 1e-3 s/V, 1.5 mA, the rise to 20"
+            " V takes 20 ms and no reading would depend on the waveform",
             neutral=0.0,
         ),
     ),
     symptom=Symptom(
-        "sines become triangles above f = S/(2 pi V_a) and jumps become ramps of 2 V_a/S: it sets in at a threshold"
-        " that moves to lower frequencies as the voltage grows; first a loss, then, where the voltage cannot come back"
-        " before the ball leaves, a gain; with square waves an amplitude sweep may begin with a gain and end in a loss",
+        "sines become triangles above f = S/(2 pi V_a) and jumps become ramps of 2 V_a/S. It sets in at a threshold"
+        " that moves to lower frequencies as the voltage grows: first a loss, then a gain, where the voltage cannot"
+        " come back before the ball leaves. With square waves an amplitude sweep may begin with a gain and end in a"
+        " loss",
         sign=0,
         frequency="mixed",
         amplitude="mixed",

@@ -51,25 +51,25 @@ TERM = Term(
     because="the study hangs the ball on a string; that something beneath carries it would be said",
     parameters=(
         Parameter(
-            "sliding_support_a",
-            "a_s",
-            "m/s^2",
-            Bounds(0.0, 10.0),
-            Tailed(Normal(0.0, 2.0)),
-            "deceleration by sliding friction",
-            "mu g times the part of the weight that is borne, which is unknown, with mu = 0.1-0.3 of smooth steel on"
-            " metal, glass, ceramics, plastics or paper; 10 m/s^2 is mu = 1 under the whole weight",
+            name="sliding_support_a",
+            symbol="a_s",
+            unit="m/s^2",
+            bounds=Bounds(0.0, 10.0),
+            prior=Tailed(Normal(0.0, 2.0)),
+            description="deceleration by sliding friction",
+            source="mu g times the part of the weight that is borne, which is unknown, with mu = 0.1-0.3 of smooth"
+            " steel on metal, glass, ceramics, plastics or paper; 10 m/s^2 is mu = 1 under the whole weight",
             neutral=0.0,
         ),
         Parameter(
-            "sliding_support_before",
-            "w",
-            "1",
-            Bounds(0.0, 1.0),
-            Uniform(),
-            "part of the friction that acts before the hop",
-            "between nothing, where the tip carries the ball while it presses, and all, where it does not; nobody"
-            " measured it",
+            name="sliding_support_before",
+            symbol="w",
+            unit="1",
+            bounds=Bounds(0.0, 1.0),
+            prior=Uniform(),
+            description="part of the friction that acts before the hop",
+            source="between nothing, where the tip carries the ball while it presses, and all, where it does not;"
+            " nobody measured it",
         ),
     ),
     symptom=Symptom(
@@ -87,7 +87,7 @@ TERM = Term(
             1e-4,
         ),
         Check(
-            "0.2 of the weight next to 0.5 m/s^2 on 27 g: 0.027 x (1.962 + 0.5) = 66.474 mN",
+            "0.2 of the weight and 0.5 m/s^2 on 27 g: 0.027 x (1.962 + 0.5) = 66.474 mN",
             lambda: 0.027 * _rub(0.2 * 9.81, 0.5),
             0.066474,
         ),

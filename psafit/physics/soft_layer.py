@@ -55,14 +55,14 @@ TERM = Term(
     because="a ball on a ground face meets asperities of less than a micrometre, which one launch closes",
     parameters=(
         Parameter(
-            "soft_layer_depth",
-            r"\delta",
-            "m",
-            Bounds(0.0, 1e-4),
-            Tailed(Normal(0.0, 5e-7)),
-            "depth within which the contact becomes stiff",
-            "roughness of ground ceramic and steel 0.05-0.5 um; the speckle and sensitive papers of Section 2.1 are"
-            " on the side of camera and laser, not at the contact. 0.1 mm is a whole sheet of paper",
+            name="soft_layer_depth",
+            symbol=r"\delta",
+            unit="m",
+            bounds=Bounds(0.0, 1e-4),
+            prior=Tailed(Normal(0.0, 5e-7)),
+            description="depth within which the contact becomes stiff",
+            source="roughness of ground ceramic and steel 0.05-0.5 um; the speckle and sensitive papers of Section 2.1"
+            " are on the side of camera and laser, not at the contact. 0.1 mm is a whole sheet of paper",
             neutral=0.0,
         ),
     ),

@@ -42,13 +42,13 @@ TERM = Term(
     description=__doc__ or "",
     parameters=(
         Parameter(
-            "stack_stiffness_ratio",
-            "r_k",
-            "1",
-            Bounds(0.05, 5.0),
-            Tailed(LogNormal(0.9, 1.3)),
-            "stiffness over the data sheet's",
-            "data sheets give stack stiffness to about 20 % (935 N over 17.4 um would be 53.7 N/um next to the stated"
+            name="stack_stiffness_ratio",
+            symbol="r_k",
+            unit="1",
+            bounds=Bounds(0.05, 5.0),
+            prior=Tailed(LogNormal(0.9, 1.3)),
+            description="stiffness over the data sheet's",
+            source="data sheets give stack stiffness to about 20 % (935 N over 17.4 um would be 53.7 N/um, stated are"
             " 48.9); 20-200 um of cyanoacrylate (1.5 GPa) under 25 mm^2 are 1.9e9-1.9e8 N/m in series: r_k = 0.97-0.8",
             neutral=1.0,
         ),

@@ -39,14 +39,14 @@ TERM = Term(
     description=__doc__ or "",
     parameters=(
         Parameter(
-            "start_phase_phi",
-            r"\phi_0",
-            "rad",
-            Bounds(-math.pi / 2, math.pi / 2),
-            Tailed(Normal(0.0, 0.3)),
-            "phase at which the sine starts",
-            "generators in burst mode start at a set phase, 0 by default; output filters and trigger delays of some"
-            " 10 us turn a 1 kHz sine by 0.1 rad; a free-running generator would start anywhere",
+            name="start_phase_phi",
+            symbol=r"\phi_0",
+            unit="rad",
+            bounds=Bounds(-math.pi / 2, math.pi / 2),
+            prior=Tailed(Normal(0.0, 0.3)),
+            description="phase at which the sine starts",
+            source="generators in burst mode start at a set phase, 0 by default; output filters and trigger delays of"
+            " some 10 us turn a 1 kHz sine by 0.1 rad; a free-running generator would start anywhere",
             neutral=0.0,
         ),
     ),

@@ -42,15 +42,15 @@ TERM = Term(
     because="a data sheet has a tolerance of 12-17 %, and describes full voltage",
     parameters=(
         Parameter(
-            "stroke_ratio",
-            "r_q",
-            "1",
-            Bounds(0.2, 3.0),
-            Tailed(LogNormal(0.85, 1.35)),
-            "stroke per volt over the data sheet's",
-            "AE0505D16DF: 17.4 +- 2.0 um at 150 V, 11.6 +- 2.0 um at 100 V (NEC TOKIN's table, read), that is 0.97 q"
-            " +- 12-17 %; at small signals the stroke per volt is 10-40 % lower (from memory; Hall 2001 was read in its"
-            " abstract only). Beyond a factor of 3-5 no stack of this length could be meant",
+            name="stroke_ratio",
+            symbol="r_q",
+            unit="1",
+            bounds=Bounds(0.2, 3.0),
+            prior=Tailed(LogNormal(0.85, 1.35)),
+            description="stroke per volt over the data sheet's",
+            source="AE0505D16DF: 17.4 +- 2.0 um at 150 V, 11.6 +- 2.0 um at 100 V (NEC TOKIN's table, read), that is"
+            " 0.97 q +- 12-17 %. At small signals the stroke per volt is 10-40 % lower (from memory; Hall 2001 was"
+            " read in its abstract only). Beyond a factor of 3-5 no stack of this length could be meant",
             neutral=1.0,
         ),
     ),

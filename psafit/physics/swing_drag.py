@@ -37,15 +37,15 @@ TERM = Term(
     because="a steel ball in air swings for minutes: the first quarter of a swing loses a thousandth",
     parameters=(
         Parameter(
-            "swing_drag_rate",
-            r"\gamma",
-            "1/s",
-            Bounds(0.0, 50.0),
-            Tailed(Normal(0.0, 0.1)),
-            "drag rate of the swing",
-            "air on a ball of 9.4 mm radius at 1.7 Hz: 6 pi eta R (1 + R/1.7 mm)/M = 8e-4 1/s (Landau and Lifshitz,"
-            " Fluid Mechanics, sec. 24); pendulums on strings decay at 0.002-0.02 1/s; paper and cables at some 0.1"
-            " 1/s (estimates). At 50 1/s the ball would creep instead of swing",
+            name="swing_drag_rate",
+            symbol=r"\gamma",
+            unit="1/s",
+            bounds=Bounds(0.0, 50.0),
+            prior=Tailed(Normal(0.0, 0.1)),
+            description="drag rate of the swing",
+            source="air on a ball of 9.4 mm radius at 1.7 Hz: 6 pi eta R (1 + R/1.7 mm)/M = 8e-4 1/s (Landau and"
+            " Lifshitz, Fluid Mechanics, sec. 24); pendulums on strings decay at 0.002-0.02 1/s; paper and cables at"
+            " some 0.1 1/s (estimates). At 50 1/s the ball would creep instead of swing",
             neutral=0.0,
         ),
     ),

@@ -346,12 +346,12 @@ class Term:
             raise ValueError(f"{self.id}: no check by hand")
         if self.drives not in DRIVES:
             raise ValueError(f"{self.id}: no drives {self.drives!r}; there are {', '.join(DRIVES)}")
-        if not self.faces:
+        if not self.hooks:
             raise ValueError(f"{self.id}: neither sets a number of the rig nor fills a slot")
 
     @property
-    def faces(self) -> tuple[Callable[..., object], ...]:
-        """Its functions on the fast path, those that it has."""
+    def hooks(self) -> tuple[Callable[..., object], ...]:
+        """Functions of the cause on the fast path, as far as it has them."""
         every = (
             self.setup, self.law, self.stack_factor, self.branch, self.deceleration, self.swing_offset, self.reading,
             self.condition,

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from psafit.inference.evidence import TRUSTED
 from psafit.inference.identify import one_sided
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.inference.samplers import sampler
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES
 from psafit.records import GroupScore, Numerics, ParameterSummary, Validation
@@ -416,7 +416,7 @@ def _health(run: Run) -> list[list[Any]]:
 
 
 def _importance(run: Run) -> dict[str, Any]:
-    """The sampler's medians and limits next to those of importance sampling."""
+    """The sampler's medians and limits, and those of importance sampling."""
     other, symbols, worst = run.summary.importance, _symbols(run), run.summary.importance.furthest
     rows = []
     for e, own, importance in zip(run.fit.parameters, run.summary.parameters, other.parameters, strict=True):

@@ -14,13 +14,13 @@ from scipy.stats import binom
 from psafit.arrays import FloatArray
 from psafit.experiment import GroupId
 from psafit.inference.identify import DROP_90
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.records import GroupScore, Validation
 from psafit.report import figures
 from psafit.report.catalogue import TITLES
 from psafit.report.figures.curves import ROLE_COLOR
 from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
-from psafit.report.figures.sweep import SWEPT, UNITS
+from psafit.report.figures.sweep import UNITS
 from psafit.report.page import Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
 from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
@@ -38,7 +38,7 @@ class Shown:
 
     @property
     def curves(self) -> list[figures.Curve]:
-        """Its prediction."""
+        """The curve of the group's prediction."""
         return [figures.curve_of(self.prediction)]
 
 
@@ -58,10 +58,6 @@ def pictured(shown: list[Shown]) -> list[Shown]:
     """The groups that get pictures, and in any case the first that was fitted."""
     first = next(i for i, g in enumerate(shown) if g.score.role == "fit")
     return [shown[i] for i in sorted({first, *worst([g.score.log_rmse for g in shown])})]
-
-
-def _swept(sweep: figures.Sweep) -> str:
-    return SWEPT.get(sweep.variable, "reading")
 
 
 def summary_picture(pictured: Sequence[Shown]) -> Picture:
@@ -128,7 +124,7 @@ def group_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         y, o = p.group.reading, p.group.observable
         zeros = int((y == 0).sum())
         alt = (
-            f"{o.title.capitalize()} against {_swept(w)}, group {s.group}, {w.condition}, {ROLE_TEXT[s.role]}: measured"
+            f"{o.title.capitalize()} against {w.over}, group {s.group}, {w.condition}, {ROLE_TEXT[s.role]}: measured"
             f" {number(float(y.min()))} to {number(float(y.max()))} {unit_text(o.unit)}, predicted median"
             f" {number(float(p.median.min()))} to {number(float(p.median.max()))} {unit_text(o.unit)}."
         )
@@ -169,7 +165,7 @@ def residual_pictures(pictured: Sequence[Shown]) -> list[Picture]:
         pictures.append(
             Picture(
                 figure_data_uri(figures.residual_figure(p, w, error, band, others, view), like=len(pictured)),
-                f"Predicted over measured against {_swept(w)}, group {s.group}, {ROLE_TEXT[s.role]}: mean"
+                f"Predicted over measured against {w.over}, group {s.group}, {ROLE_TEXT[s.role]}: mean"
                 f" ×{factor(s.log_bias)}, furthest from one ×{furthest} at {place}.",
                 f"On average ×{factor(s.log_bias)}; furthest off ×{furthest} at {place}.",
             )

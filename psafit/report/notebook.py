@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from psafit.diagnose.record import Diagnosis
 from psafit.experiment import Experiment, Group
 from psafit.records import Validation
-from psafit.report import diagnosis_pictures, figures, fit_pictures
-from psafit.report.diagnosis import shown_groups
+from psafit.report import figures, fit_pictures
+from psafit.report.diagnosis import overview, shown_groups
 from psafit.report.figures.groups import title
 from psafit.report.style import figure_style
 from psafit.text import significant
@@ -35,7 +35,7 @@ def text(headline: str, tables: Sequence[pd.DataFrame]) -> str:
 
 
 def html(headline: str, tables: Sequence[pd.DataFrame]) -> str:
-    """The same for a notebook; everything is escaped."""
+    """A headline above tables, for a notebook; everything is escaped."""
     import pandas as pd
 
     with pd.option_context("display.max_colwidth", None):
@@ -87,6 +87,6 @@ def plot_diagnosis(
     """Both models of a group; without a group, their error in each."""
     shown = shown_groups(record, experiment, folder)
     if group is None:
-        return _plot_factors(diagnosis_pictures.factor_rows(shown), ax)
+        return _plot_factors(overview.factor_rows(shown), ax)
     found = next(g for g in shown if g.group.id == group.id)
     return plot_group(found.group, found.curves, ax)

@@ -33,7 +33,7 @@ _Item = TypeVar("_Item")
 
 
 def first(items: Sequence[_Item], most: int = 24) -> Sequence[_Item]:
-    """Those that get pictures of their own: all, or of very many the first."""
+    """Items that get pictures of their own: all, or of very many the first."""
     return items[:most]
 
 

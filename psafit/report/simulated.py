@@ -1,4 +1,4 @@
-"""One picture of a simulation next to the measurements."""
+"""One picture of a simulation and the measurements."""
 
 from __future__ import annotations
 

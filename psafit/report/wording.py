@@ -122,7 +122,7 @@ def number(value: float, spread: float | None = None, *, power: bool = False) ->
 def interval(low: float, high: float, spread: float | None = None) -> str:
     """Two ends, both with a power of ten or neither, and only one where both have the same.
 
-    An end that everybody reads without a power keeps its form next to one that needs it.
+    An end that everybody reads without a power keeps its form, even where the other needs one.
 
     >>> interval(23270.9, 4.297e7).replace(NBSP, " ")
     '2.33 × 10⁴ to 4.30 × 10⁷'

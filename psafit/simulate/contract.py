@@ -43,7 +43,7 @@ AGREEMENT = {"closed form": 1e-9, "stepper": 1e-6}
 """Relative difference from the reference that each path of the simulator is allowed, of an ångström at least."""
 
 
-FACES = {"law": (2, 2), "stack_factor": (1, 1), "branch": (4, 1), "deceleration": (2, 1)}
+HOOKS = {"law": (2, 2), "stack_factor": (1, 1), "branch": (4, 1), "deceleration": (2, 1)}
 """Functions that are compiled, with their arguments: numbers, and arrays."""
 
 # Voltages and frequencies at which causes are looked at, like the study's six groups.
@@ -254,7 +254,7 @@ def declaration(cause: Term) -> Outcome:
 
 def by_hand(cause: Term) -> Outcome:
     """The values worked out by hand, each of what a function of the cause says."""
-    own = {getattr(inspect.unwrap(face), "__code__", None) for face in cause.faces}
+    own = {getattr(inspect.unwrap(hook), "__code__", None) for hook in cause.hooks}
     wrong, worst = [], 0.0
     for check in cause.checks:
         value, called = _observed(check.value)
@@ -298,9 +298,9 @@ class _Numbers(list[float]):
 
 def compiled(cause: Term, rng: np.random.Generator) -> Outcome:
     """As machine code, the functions of slots say what they say in Python."""
-    faces = {kind: n for kind, n in FACES.items() if getattr(cause, kind)}
+    hooks = {kind: n for kind, n in HOOKS.items() if getattr(cause, kind)}
     worst = 0.0
-    for kind, (n_numbers, n_lists) in faces.items():
+    for kind, (n_numbers, n_lists) in hooks.items():
         function = getattr(cause, kind)
         p = [some(q, rng) for q in cause.parameters]
         scale = 1e-6 if kind == "law" else 1.0
@@ -315,9 +315,9 @@ def compiled(cause: Term, rng: np.random.Generator) -> Outcome:
         back = code(*numbers, *lists)
         found, expected = (list(lists[1]), list(buffers[0])) if out else ([back], [value])
         worst = max(worst, _apart(np.array(found, float), np.array(expected, float)))
-    if not faces:
+    if not hooks:
         return Outcome("compiled", True, "no function of a slot to compile")
-    return _within("compiled", worst, 1e-14, f"{', '.join(faces)} as machine code against Python: relative difference")
+    return _within("compiled", worst, 1e-14, f"{', '.join(hooks)} as machine code against Python: relative difference")
 
 
 def law_derivatives(cause: Term, rng: np.random.Generator, among: Sequence[Term] = ()) -> Outcome:

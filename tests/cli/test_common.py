@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from commands import run
 
-from psafit.files import sole
+from psafit.files import locked
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_a_folder_in_which_another_process_works_is_left_alone(
 ) -> None:
     out = tmp_path / "out"
     places = {"EXP": known_folder, "OUT": out}
-    with sole(out):
+    with locked(out):
         assert run(monkeypatch, *(places.get(word, word) for word in words), "--quiet") == 2
         assert not list(out.iterdir())
     said = capsys.readouterr().err

@@ -88,7 +88,7 @@ def test_validate_and_report_again(fitted: Path, tmp_path: Path, monkeypatch, ca
 
 def test_the_readme_s_python_runs_and_prints(fitted: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     from psafit import api
-    from psafit.inference.run import load
+    from psafit.inference.run_folder import load
 
     text = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
     monkeypatch.chdir(Path(__file__).parents[2])

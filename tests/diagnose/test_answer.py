@@ -14,7 +14,7 @@ from psafit.diagnose.record import Broken, Diagnosis, ParameterResult
 from psafit.diagnose.significance import Significance
 from psafit.diagnose.words import PLAIN
 from psafit.model_search.model_set import LookedAt
-from psafit.report.diagnosis_answer import kind
+from psafit.report.diagnosis.answer import kind
 
 
 def record() -> Diagnosis:

@@ -13,6 +13,7 @@ from truths import FEW, experiment, few, problem
 
 from psafit.diagnose import diagnose, diagnosis
 from psafit.diagnose.answer import sentences
+from psafit.diagnose.folder import claim
 from psafit.diagnose.next_experiment import NextExperiment
 from psafit.diagnose.record import Confusion
 from psafit.diagnose.settings import Settings as Effort
@@ -20,8 +21,9 @@ from psafit.diagnose.significance import lead
 from psafit.errors import InputError
 from psafit.experiment import fingerprint
 from psafit.inference.problem import Problem
-from psafit.inference.run import Silent, load
+from psafit.inference.run import Silent
 from psafit.inference.run import fit as run_fit
+from psafit.inference.run_folder import load
 from psafit.inference.samplers.emcee import Settings
 from psafit.model_search import search_models
 from psafit.physics import TERMS
@@ -243,14 +245,14 @@ def test_nothing_that_is_not_a_diagnosis_s_own_is_replaced(tmp_path):
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / ".diagnosis.json.1.tmp").write_text("what a killed process left")
-    diagnosis._claim(mine, one)
+    claim(mine, one)
     (mine / "steps").mkdir()
-    diagnosis._claim(mine, one)
+    claim(mine, one)
     with pytest.raises(InputError, match="of other readings"):
-        diagnosis._claim(mine, other)
+        claim(mine, other)
     (mine / "diagnosis.html").mkdir()
     with pytest.raises(InputError, match="is a folder, where a file of the diagnosis goes"):
-        diagnosis._claim(mine, one)
+        claim(mine, one)
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def test_gain_does_not_see_what_it_scores(tmp_path):
         found.append(split(model_set, ("b", "c"), 1))
     for one, two in zip(found[0].after, found[1].after, strict=True):
         assert one.median == pytest.approx(two.median)
-    result = summarise("strict", e, found[:1], tmp_path, 1)
+    result = summarise("strict", found[:1], tmp_path, 1)
     for g in result.groups:
         assert g.log_rmse_interval[0] < g.log_rmse_after - g.log_rmse_before < g.log_rmse_interval[1]
         assert g.elpd_interval[0] < g.elpd_after - g.elpd_before < g.elpd_interval[1]
@@ -62,7 +62,7 @@ def test_a_group_that_cannot_show_it_is_in_no_mean(tmp_path):
     groups = (e.groups[0], still, e.groups[2])
     e = replace(e, groups=groups, fingerprint=fingerprint(RIG, groups))
     result = summarise(
-        "strict", e, [split(search_models(problem(e, ("a",)), FEW[:1], seed=1), ("b", "c"), 1)], tmp_path, 1
+        "strict", [split(search_models(problem(e, ("a",)), FEW[:1], seed=1), ("b", "c"), 1)], tmp_path, 1
     )
     b, c = result.groups
     assert (b.silent, c.silent) == ("nothing drives it", "")

@@ -10,7 +10,8 @@ from rigs import RIG
 from truths import FEW, TRUTH, bump, experiment, few, narrow, problem, slip, unit
 
 from psafit.diagnose.discrepancy import discrepancy
-from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, _both, _character, _together, examine, shared
+from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, _character, _together, examine
+from psafit.diagnose.residuals import both, shared
 from psafit.experiment import Group, fingerprint
 from psafit.inference.candidate import fit
 from psafit.physics import terms
@@ -121,7 +122,7 @@ def test_where_sweeps_meet(sound):
 
 def test_two_that_stand_out_to_the_same_side():
     e = np.array([[3.0, 2.0, -1.0], [3.0, -2.5, 0.5], [-3.0, -2.0, -4.0], [0.1, -0.1, 0.0]])
-    assert _both(e).tolist() == [2.0, 0.5, 3.0, 0.0]
+    assert both(e).tolist() == [2.0, 0.5, 3.0, 0.0]
 
 
 def test_many_statistics_that_are_a_little_odd_are_odd_together():

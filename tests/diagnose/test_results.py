@@ -58,7 +58,7 @@ def test_values_that_nobody_expects_are_flagged():
     assert widths["twice"] == pytest.approx(wider.log_evidence - cause.evidence.log_evidence, abs=0.7)
 
 
-def test_the_readings_furthest_from_what_is_adopted_are_always_reported(hidden):
+def test_the_readings_furthest_from_what_is_adopted_are_always_reported():
     """And that heavy tails take them up, where they do."""
     e = experiment(spoil=narrow)
     model_set = search_models(problem(e), FEW, seed=1)

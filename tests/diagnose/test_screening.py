@@ -32,7 +32,7 @@ def test_what_a_fit_has_left_to_optimise_is_no_causes_merit(sound):
         assert there.log_bayes == pytest.approx(here.log_bayes, abs=0.7)
 
 
-def test_what_is_called_visible_is_what_a_refit_leaves(sound):
+def test_what_is_called_visible_is_what_a_refit_leaves():
     """In standard deviations of the scatter, at the prior's median; a poor experiment shows less than a rich one."""
     poor = fit(problem(experiment(n=8, relative=0.5)), (), seed=1)
     rich = fit(problem(experiment(relative=0.01)), (), seed=1)

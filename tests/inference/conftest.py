@@ -7,6 +7,7 @@ import pytest
 from psafit.experiment import Experiment
 from psafit.inference import run as running
 from psafit.inference.problem import Problem
+from psafit.inference.run_folder import Run
 from psafit.inference.samplers.emcee import Settings
 
 QUICK = Settings(r_hat=1.03, max_steps=6000)
@@ -18,6 +19,6 @@ def problem(known: Experiment) -> Problem:
 
 
 @pytest.fixture(scope="session")
-def finished(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> running.Run:
+def finished(known: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("run") / "r"
     return running.fit(known, [1, 2], folder, seed=4, n_starts=12, settings=QUICK)

@@ -17,10 +17,10 @@ from scipy.signal import lfilter
 
 from psafit.errors import InputError
 from psafit.experiment import Experiment
-from psafit.inference import run as running
 from psafit.inference.candidate import candidate_at
 from psafit.inference.mixture import StudentMixture
 from psafit.inference.problem import Problem
+from psafit.inference.run_folder import Run
 from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import emcee as ensembles
 from psafit.inference.samplers.emcee import SAMPLER, History, Proposal, Settings
@@ -83,7 +83,7 @@ def test_chains_begin_on_a_bent_ridge(known: Experiment, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_sampler_draws_the_posterior_it_is_given(problem: Problem, finished: running.Run) -> None:
+def test_sampler_draws_the_posterior_it_is_given(problem: Problem, finished: Run) -> None:
     """Importance weights of a Laplace approximation reproduce emcee's means."""
     top = problem.to_sampling(np.array([finished.fit.minima[0].values[n] for n in problem.names]))
     rng = np.random.default_rng(3)

@@ -11,13 +11,13 @@ from rigs import TRUTH
 
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.inference import identify, noise
-from psafit.inference import run as running
 from psafit.inference.problem import Problem
+from psafit.inference.run_folder import Run
 from psafit.physics import terms
 from psafit.records import ProfilePoint
 
 
-def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) -> None:
+def test_profile_of_a_determined_and_an_open_parameter(finished: Run) -> None:
     by_name = {p.name: p for p in finished.summary.parameters}
     k_c = by_name["k_c"]
     assert k_c.verdict == "determined" and "k_c = " in k_c.text
@@ -35,7 +35,7 @@ def test_profile_of_a_determined_and_an_open_parameter(finished: running.Run) ->
 
 
 @pytest.mark.slow
-def test_profile_is_what_another_optimiser_finds(finished: running.Run) -> None:
+def test_profile_is_what_another_optimiser_finds(finished: Run) -> None:
     problem = finished.problem
     top = problem.to_sampling(np.array(list(finished.fit.minima[0].values.values())))
     for index, points in enumerate(identify.profiles(problem, top)):

@@ -86,7 +86,7 @@ def test_what_is_kept_on_another_machine_is_sent(tmp_path):
     assert lent(work, here, 3.0) == {} and here.count("fit") == 2
 
 
-def test_without_a_folder_things_are_kept_as_long_as_the_memory(tmp_path):
+def test_without_a_folder_things_are_kept_as_long_as_the_memory():
     one, memory = problem(experiment(n=8)), Memory(None)
     key = memory.key("fit", one, 1)
     assert memory.look(key) is None and not memory.holds(key) and not memory.lasts

@@ -18,7 +18,7 @@ from psafit.physics import terms
 from psafit.simulate import Design, simulate
 
 
-def test_noise_density_is_students(problem: Problem) -> None:
+def test_noise_density_is_students() -> None:
     observed, predicted = np.array([3.0, 0.02, 50.0]), np.array([[2.5, 0.01, 60.0]])
     values, known = np.array([[0.1, 0.05, 4.0]]), np.array([0.0, 0.02, 3.0])
     s = np.sqrt(0.05**2 + (0.1 * predicted) ** 2 + known**2)

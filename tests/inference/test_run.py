@@ -22,16 +22,19 @@ from rigs import TRUTH, rig
 
 from psafit.errors import InputError
 from psafit.experiment import Experiment
+from psafit.files import sha256
 from psafit.inference import identify
 from psafit.inference import run as running
 from psafit.inference.candidate import candidate_at
 from psafit.inference.optimise import polish
 from psafit.inference.optimiser import Effort
 from psafit.inference.problem import Problem
-from psafit.inference.run import fit, load
+from psafit.inference.run import fit
+from psafit.inference.run_folder import Run, load
 from psafit.inference.sample import sample
 from psafit.inference.samplers import emcee as ensembles
 from psafit.inference.samplers.emcee import Settings
+from psafit.inference.summary import held_apart
 from psafit.numerics import audit
 from psafit.parameters import Belief, LogNormal
 from psafit.physics import terms
@@ -85,7 +88,7 @@ def test_a_run_is_described_by_the_places_it_was_given(known: Experiment, tmp_pa
     names = Problem(known, (1,)).names
     place = dict(zip(names, [*TRUTH, 0.05, 0.05, 6.0], strict=True))
     fitted = running.fit(known, [1], tmp_path / "r", n_starts=2, known=[place], settings=SHORT)
-    assert fitted.fit.known == [place] and running.load(fitted.folder).fit.known == [place]
+    assert fitted.fit.known == [place] and load(fitted.folder).fit.known == [place]
     place["k_c"] = int(place["k_c"])  # a whole number is no other place
     assert running.fit(known, [1], fitted.folder, n_starts=2, known=[place], settings=SHORT).fit.known == [place]
     for wrong, words in (({"k_d": 1.0}, "k_d"), ({"k_c": np.nan}, "k_c = nan"), ({"c_s": -1.0}, "c_s = -1")):
@@ -97,7 +100,7 @@ def test_a_run_is_described_by_the_places_it_was_given(known: Experiment, tmp_pa
             running.fit(known, [1], fitted.folder, n_starts=2, known=other, settings=SHORT)
 
 
-def test_posterior_covers_the_truth(finished: running.Run) -> None:
+def test_posterior_covers_the_truth(finished: Run) -> None:
     assert finished.summary.converged, finished.summary.message
     for p, true in zip(finished.summary.parameters, [*TRUTH, 0.05], strict=False):
         spread = np.log(p.upper / p.lower) / 3.29
@@ -108,10 +111,10 @@ def test_posterior_covers_the_truth(finished: running.Run) -> None:
 
 def test_a_chain_between_several_places_says_so() -> None:
     r_hat, names = np.array([1.001, 1.03]), ["k_c", "c_c"]
-    said = running._apart(names, [-10.0, -12.0, -14.9, -30.0], r_hat, 1.01)
+    said = held_apart(names, [-10.0, -12.0, -14.9, -30.0], r_hat, 1.01)
     assert "c_c mixes least" in said and "in 3 places" in said
-    assert running._apart(names, [-10.0, -16.0], r_hat, 1.01) == ""
-    assert running._apart(names, [-10.0, -12.0], r_hat - 0.03, 1.01) == ""
+    assert held_apart(names, [-10.0, -16.0], r_hat, 1.01) == ""
+    assert held_apart(names, [-10.0, -12.0], r_hat - 0.03, 1.01) == ""
 
 
 @pytest.mark.slow
@@ -174,7 +177,10 @@ def test_a_minimum_that_the_search_missed_is_added(
 
 def test_many_readings_are_stored_thinned(known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(identify, "profiles", lambda problem, *a: [[]] * problem.n_physical)
-    run = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=replace(SHORT, stored=30 * 64 * 4))
+    few = {"chunk": 40, "max_steps": 80, "tuned": 30, "stored": 30 * 64 * 4, "thin": 2.0}
+    run = running.fit(known, [1], tmp_path / "a", seed=2, n_starts=3, settings=few)
+    slowest = min(p.autocorrelation_time for p in run.summary.parameters)
+    assert run.summary.thinning == int(2 * slowest) and run.draws.values.shape[1] == math.ceil(50 / int(2 * slowest))
     with h5py.File(tmp_path / "a" / "posterior.nc") as f:
         stored = f["log_likelihood/launch_range_um"]
         assert stored.dtype == np.float32 and stored.shape[0] == 64 and stored.size <= 30 * 64 * 4
@@ -192,15 +198,15 @@ def test_a_run_killed_between_stages_goes_on(
         patch.setattr(identify, "profiles", lambda *a, **k: (_ for _ in ()).throw(KeyboardInterrupt))
         running.fit(known, [1], tmp_path / "cut", **arguments)
     with pytest.raises(InputError, match="interrupted run"):
-        running.load(tmp_path / "cut")
+        load(tmp_path / "cut")
     resumed = running.fit(known, [1], tmp_path / "cut", **arguments)
     assert np.array_equal(resumed.draws.values, whole.draws.values)
     assert resumed.summary == whole.summary
     assert not whole.summary.converged and "autocorrelation times" in whole.summary.message
 
 
-def test_run_reads_back(finished: running.Run) -> None:
-    again = running.load(finished.folder)
+def test_run_reads_back(finished: Run) -> None:
+    again = load(finished.folder)
     assert again.fit == finished.fit and again.summary == finished.summary
     assert np.array_equal(again.draws.values, finished.draws.values)
     assert again.problem.experiment.fingerprint == finished.fit.fingerprint
@@ -212,7 +218,7 @@ def test_run_reads_back(finished: running.Run) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # ArviZ doubts so few draws
-def test_what_arviz_computes_runs_on_the_file(finished: running.Run) -> None:
+def test_what_arviz_computes_runs_on_the_file(finished: Run) -> None:
     """LOO, LOO-PIT and the sensitivity to prior and likelihood; the groups are those of the same draws."""
     import arviz as az
 
@@ -232,7 +238,7 @@ def test_what_arviz_computes_runs_on_the_file(finished: running.Run) -> None:
     assert made.shape == stored["log_likelihood"]["launch_range_um"].shape and (made >= 0).all()
 
 
-def test_repeating_a_finished_run_changes_nothing(finished: running.Run, known: Experiment) -> None:
+def test_repeating_a_finished_run_changes_nothing(finished: Run, known: Experiment) -> None:
     before = {p.name: p.read_bytes() for p in finished.folder.iterdir() if p.is_file()}
     running.fit(known, [1, 2], finished.folder, seed=4, n_starts=12, settings=QUICK)
     assert {p.name: p.read_bytes() for p in finished.folder.iterdir() if p.is_file()} == before
@@ -286,24 +292,24 @@ def _break(folder: Path, how: str) -> None:
     ["foreign json", "truncated json", "wrong type", "no draws", "corrupt draws", "foreign draws", "changed data",
      "scaled draws", *EDITS],
 )  # fmt: skip
-def test_a_damaged_run_folder_gets_one_line(finished: running.Run, tmp_path: Path, how: str) -> None:
+def test_a_damaged_run_folder_gets_one_line(finished: Run, tmp_path: Path, how: str) -> None:
     folder = tmp_path / "damaged"
     shutil.copytree(finished.folder, folder)
     _break(folder, how)
     with pytest.raises(InputError, match="was changed after psafit wrote it" if how in EDITS else None) as caught:
-        running.load(folder)
+        load(folder)
     assert "\n" not in str(caught.value) and caught.value.file is not None and caught.value.remedy
 
 
-def test_a_posterior_of_another_run_is_reported(finished: running.Run, tmp_path: Path) -> None:
+def test_a_posterior_of_another_run_is_reported(finished: Run, tmp_path: Path) -> None:
     folder = tmp_path / "swapped"
     shutil.copytree(finished.folder, folder)
     write_json(folder / "posterior.json", replace(finished.summary, identity="0" * 64), sealed=True)
     with pytest.raises(InputError, match="belongs to another run"):
-        running.load(folder)
+        load(folder)
 
 
-def test_a_record_from_another_run_is_reported(finished: running.Run, tmp_path: Path) -> None:
+def test_a_record_from_another_run_is_reported(finished: Run, tmp_path: Path) -> None:
     """Well-formed and sealed, but not of these data, or not what its own identity says."""
     for number, (change, words) in enumerate((
         ({"fingerprint": "0" * 64}, "was changed after the fit"),
@@ -315,13 +321,13 @@ def test_a_record_from_another_run_is_reported(finished: running.Run, tmp_path: 
         folder = tmp_path / str(number)
         shutil.copytree(finished.folder, folder)
         write_json(folder / "fit.json", replace(finished.fit, **change), sealed=True)
-        files = finished.summary.files | {"fit.json": running.sha256(folder / "fit.json")}
+        files = finished.summary.files | {"fit.json": sha256(folder / "fit.json")}
         write_json(folder / "posterior.json", replace(finished.summary, files=files), sealed=True)
         with pytest.raises(InputError, match=words):
-            running.load(folder)
+            load(folder)
 
 
-def test_what_is_not_a_number_reads_back_as_such(finished: running.Run, tmp_path: Path) -> None:
+def test_what_is_not_a_number_reads_back_as_such(finished: Run, tmp_path: Path) -> None:
     first = replace(finished.summary.parameters[0], ess_tail=float("nan"))
     write_json(tmp_path / "p.json", replace(finished.summary, parameters=[first]))
     assert np.isnan(read_json(tmp_path / "p.json", type(finished.summary)).parameters[0].ess_tail)
@@ -350,7 +356,7 @@ def test_only_an_interrupted_run_of_ours_goes_on_in_a_folder_without_a_fit(
     running.fit(known, [1], tmp_path / "killed", **arguments)
 
 
-def test_a_refusal_says_what_differs(known: Experiment, finished: running.Run) -> None:
+def test_a_refusal_says_what_differs(known: Experiment, finished: Run) -> None:
     for change, words in (
         ({"seed": 5}, "seed"), ({"n_starts": 5}, "starts"), ({"settings": SHORT}, "sampler settings"),
     ):  # fmt: skip
@@ -364,7 +370,7 @@ def test_a_refusal_says_what_differs(known: Experiment, finished: running.Run) -
         running.fit(known, [1], finished.folder, seed=4, n_starts=12, settings=QUICK)
 
 
-def test_folders_of_others_are_left_alone(known: Experiment, finished: running.Run, tmp_path: Path) -> None:
+def test_folders_of_others_are_left_alone(known: Experiment, finished: Run, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="already holds other files"):
         running.fit(known, [1], tmp_path)
@@ -409,7 +415,7 @@ def held(file: Path) -> Iterator[None]:
 
 
 def test_a_chain_that_another_process_holds_open_is_sound(
-    finished: running.Run, known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    finished: Run, known: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = shutil.copytree(finished.folder, tmp_path / "run")
     (folder / "posterior.json").unlink()
@@ -430,7 +436,7 @@ def test_a_chain_that_another_process_holds_open_is_sound(
 
 
 def test_a_posterior_that_a_killed_program_left_marked_is_rebuilt_from_the_chain(
-    finished: running.Run, known: Experiment, tmp_path: Path
+    finished: Run, known: Experiment, tmp_path: Path
 ) -> None:
     folder = shutil.copytree(finished.folder, tmp_path / "run")
     whole = {name: (folder / name).read_bytes() for name in ("posterior.nc", "posterior.json", "chain.h5", "fit.json")}
@@ -452,6 +458,6 @@ def test_a_posterior_that_a_killed_program_left_marked_is_rebuilt_from_the_chain
         (folder / name).write_bytes(whole[name])
 
 
-def test_records_of_a_run_print_as_what_they_are(finished: running.Run) -> None:
+def test_records_of_a_run_print_as_what_they_are(finished: Run) -> None:
     assert repr(finished).startswith("Run(folder=") and len(repr(finished)) < 1000
     assert "converged=True" in repr(finished.summary) and "parameters: 6" in repr(finished.summary)

@@ -17,7 +17,8 @@ from psafit.experiment import Experiment
 from psafit.inference import identify, samplers
 from psafit.inference.candidate import candidate_at
 from psafit.inference.problem import Problem
-from psafit.inference.run import fit, load
+from psafit.inference.run import fit
+from psafit.inference.run_folder import load
 from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Progress, Target
@@ -84,7 +85,8 @@ def test_a_sampler_is_one_file(known: Experiment, tmp_path: Path, monkeypatch: p
 
 def test_nobody_knows_a_sampler_by_name() -> None:
     package = Path(psafit.__file__).parent
-    parts = ["records.py", "watch.py", "progress.py", "inference/run.py", "inference/sampling.py", "cli/watching.py"]
+    inference = ("run.py", "run_folder.py", "summary.py", "sampling.py")
+    parts = ["records.py", "watch.py", "progress.py", "cli/watching.py", *(f"inference/{name}" for name in inference)]
     for path in [*(package / part for part in parts), *(package / "report").rglob("fit*")]:
         assert not re.search("emcee|importance_sampler|walkers that", path.read_text("utf-8")), path
 
@@ -137,11 +139,11 @@ def test_a_chain_and_draws_that_miss_a_part_are_distinguished(known: Experiment,
     run = fit(known, [1], tmp_path / "run", n_starts=4, sampled_by="importance")
     same = run.summary.importance
     assert same.furthest.apart <= 2 * same.by_chance
-    from psafit.inference.run import _compared
+    from psafit.inference.summary import compared
 
     found = candidate_at(run.problem, run.problem.to_sampling(np.array([list(run.fit.minima[0].values.values())])))
     _, whole = sample(run.problem, [found], seed=3, settings=FEW)
     half = whole.draws[:, 0] < whole.quantiles(whole.draws[:, 0], [0.5])[0]
     lost = replace(whole, draws=whole.draws[half], weights=whole.weights[half] / whole.weights[half].sum())
-    other = _compared(run.problem, run.problem.to_sampling(run.draws.flat), lost, 500.0)
+    other = compared(run.problem, run.problem.to_sampling(run.draws.flat), lost, 500.0)
     assert other.furthest.name == run.problem.names[0] and other.furthest.apart > 2 * other.by_chance

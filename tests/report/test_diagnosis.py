@@ -21,10 +21,9 @@ from psafit.diagnose.significance import Significance
 from psafit.experiment import Experiment, Group, fingerprint
 from psafit.model_search.model_set import LookedAt
 from psafit.records import read_json, write_json
-from psafit.report import diagnosis_pictures
 from psafit.report.catalogue import model
-from psafit.report.diagnosis_answer import PAGE
-from psafit.report.diagnosis_tables import alternatives, ledger
+from psafit.report.diagnosis import causes, gain, misfit, overview, shown
+from psafit.report.diagnosis.answer import PAGE
 
 NOT_A_NUMBER = re.compile(r"\b(nan|inf|None)\b(?! proposed)")
 SECTIONS = [
@@ -76,7 +75,8 @@ def unnamed(record: Diagnosis) -> Diagnosis:
 @pytest.fixture
 def undrawn(monkeypatch):
     """Figures are made, but not drawn: for tests of the text."""
-    monkeypatch.setattr(diagnosis_pictures, "figure_data_uri", lambda figure, **_: "data:image/png;base64,")
+    for module in (causes, gain, overview, shown):
+        monkeypatch.setattr(module, "figure_data_uri", lambda figure, **_: "data:image/png;base64,")
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def test_growth_says_what_it_leaves_out():
         ({"1": 1}, "without 1 reading of zero, which has"),
         ({"1": 2}, "2 readings of zero"),
     ):
-        (picture,) = diagnosis_pictures.growth_pictures(growth(0.5), [], {}, zeros)
+        (picture,) = misfit.growth_pictures(growth(0.5), [], {}, zeros)
         assert said is None or said in picture.caption
         assert ("logarithm" in picture.caption) == bool(zeros)
 
@@ -275,19 +275,19 @@ def test_only_what_was_looked_at_is_said_to_do_less_well(undrawn, tmp_path):
 def test_how_alternatives_were_judged() -> None:
     record = make_record(make_experiment())
     nothing = replace(record, alternatives=[*record.alternatives, []])
-    assert [row[-1] for row in alternatives(nothing)["rows"]] == ["sampled", "–", "estimated from a short fit"]
+    assert [row[-1] for row in causes.alternatives(nothing)["rows"]] == ["sampled", "–", "estimated from a short fit"]
 
 
 def test_a_search_repeated_from_nothing_is_in_the_ledger() -> None:
     audit = Choice(
         "the same search from nothing", [1], [], led_to=["gap"], begun_led_to=["preload"], log_posterior_below_begun=1.5
     )
-    ((choice, *_),) = ledger([audit])
+    ((choice, *_),) = gain.ledger([audit])
     assert choice.striptags() == (
         "the same search from nothing: it leads to gap at rest, the other to ball leans on the tip,"
         " whose log posterior is 1.50 nats higher"
     )
-    ((choice, *_),) = ledger([replace(audit, begun_led_to=["gap"])])
+    ((choice, *_),) = gain.ledger([replace(audit, begun_led_to=["gap"])])
     assert choice.endswith(", too")
 
 

@@ -11,7 +11,7 @@ import pytest
 from fits_by_hand import build, make_group, make_numerics, make_predictions, make_run, make_validation, sweep_groups
 from reader import HOSTILE, Reader
 
-from psafit.inference.run import Run
+from psafit.inference.run_folder import Run
 from psafit.records import plain
 from psafit.report import figures, fit, wording
 from psafit.report.fit import write_report
@@ -168,7 +168,7 @@ def test_numerics_are_shown(page):
 
 
 @pytest.mark.slow
-def test_unconverged_numerics_are_a_warning(page, tmp_path):
+def test_unconverged_numerics_are_a_warning(tmp_path):
     run = make_run(tmp_path)
     predictions = make_predictions(run)
     numerics = replace(make_numerics(run), engine="stepper", tolerance=1e-5, error=2e-3, converged=False)

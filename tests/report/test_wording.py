@@ -9,8 +9,8 @@ import numpy as np
 from psafit.challenge.score import percent
 from psafit.cli.diagnosing import _share
 from psafit.diagnose.next_experiment import NextExperiment, Proposal, Purpose
-from psafit.report import diagnosis_words as words
 from psafit.report import wording
+from psafit.report.diagnosis import words
 
 
 def plain_spaces(text: str) -> str:

@@ -31,7 +31,6 @@ class Restricted(Statement):
     left_out: int
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         return words.put(
             "Only {} {} looked at, as asked: the verdict says nothing of the catalogue's {} other cause{}.",
             words.listed(self.looked_at), "was" if len(self.looked_at) == 1 else "were", self.left_out,
@@ -67,7 +66,6 @@ class Judged(Statement):
     unnamed: bool
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         heads = {
             "no": "The tests find the baseline wrong: {}.",
             "together": "The tests do not reject the baseline ({}), but readings of {} stand out together.",
@@ -98,7 +96,6 @@ class NothingShows(Statement):
     not_excluded: list[tuple[list[str], float]]
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         others = [words.put("{} ({})", words.causes(ids), words.per_cent(p)) for ids, p in self.not_excluded]
         text = "No cause is needed to explain these readings."
         return words.put(text + " Nor can they exclude {}.", words.listed(others)) if others else text
@@ -148,7 +145,6 @@ class Named(Statement):
     strange: bool
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         what = words.causes(self.causes)
         if self.probability is not None:
             what = words.put("{} (probability {})", what, words.per_cent(self.probability))
@@ -199,7 +195,6 @@ class Kind(Statement):
     points: int
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         which = {"group": f": {', '.join(map(str, self.groups))}", "points": f": {self.points} of them"}
         return words.put("Of the baseline: {}{}.", CHARACTERS[self.character], which.get(self.character, ""))
 
@@ -213,7 +208,6 @@ class Sizes(Statement):
     others: list[tuple[str, ParameterResult]]
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         own, others = (self._by_cause(words, values) for values in (self.named, self.others))
         if not (own and others):
             return words.put("Size, with 90 % interval: {}.", own or others)
@@ -237,7 +231,6 @@ class Implausible(Statement):
     values: list[tuple[list[str], list[str]]]
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         each = (
             words.put("{} of {}", words.listed(map(words.parameter, names)), words.causes(terms))
             for terms, names in self.values
@@ -253,7 +246,6 @@ class BreaksLaw(Statement):
     broken: Broken
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         laws = {
             "carried": "A ball cannot move less than the tip carries it.",
             "energy": "A ball cannot gain more than the drive gives.",
@@ -279,7 +271,6 @@ class Furthest(Statement):
     tails: tuple[float, float] | None
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         far = (
             words.put(
                 "{}, {} (reads {} for {})", words.groups([r.group]),
@@ -309,7 +300,6 @@ class Unseen(Statement):
     of: int
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         return words.put(
             "Of {} candidate causes, {} could not have been seen in these readings: {}.",
             self.of, len(self.causes), words.joined(", ", map(words.cause, self.causes)),
@@ -325,7 +315,6 @@ class Room(Statement):
     share: float
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         return words.put(
             "A cause that is not named changes a reading by at most {} ({}; 95 %).",
             words.fraction(self.share), words.cause(self.cause),

@@ -26,7 +26,6 @@ class OneGroup(Statement):
     without: float | None
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         return words.put(
             "Of their gain of {} {} gives {}{}.", words.nats(self.gain), words.groups([self.group]),
             words.nats(self.most),
@@ -43,7 +42,6 @@ class LivesOn(Statement):
     readings: int
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         each = (
             words.put(
                 "{} on {} of {} readings, most in {}", words.cause(c.cause), c.half, self.readings,
@@ -62,7 +60,6 @@ class SmoothIsBetter(Statement):
     nats: float
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         how = "A smooth discrepancy without a name, in the place of these causes, has {} more evidence than they."
         return words.put(how, words.nats(self.nats))
 
@@ -75,7 +72,6 @@ class ByChance(Statement):
     found: Significance
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         s = self.found
         if s.p_value is None:
             missing = OTHERWISE[s.missing] if s.missing else "nothing"
@@ -106,7 +102,6 @@ class Calibrated(Statement):
     found: Calibration
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         c = self.found
         ends = words.put("{} to {}, 90 %", words.per_cent(c.exact.lower), words.per_cent(c.exact.upper))
         text = words.put(
@@ -132,7 +127,6 @@ class Searched(Statement):
     missed: float
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         how = "{} The probabilities allow for a chance of {} that a better set was missed."
         return words.put(how, self._counted, words.per_cent(self.missed))
 

@@ -18,5 +18,5 @@ class Statement:
     topic: ClassVar[Topic]
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
+        """The sentence, in the words of a page or of a terminal."""
         raise NotImplementedError

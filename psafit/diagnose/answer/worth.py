@@ -22,7 +22,6 @@ class NoGain(Statement):
     quick: bool
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         why = "a quick diagnosis gives the verdict alone" if self.quick else "there is no group that could be held out"
         return words.put("No gain on data unseen was measured: {}.", why)
 
@@ -36,7 +35,6 @@ class Gained(Statement):
     training: list[GroupId]
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         g = self.gain
         seen = words.groups(self.training) if g.protocol == "strict" else "all other groups"
         if g.names_nothing:
@@ -66,7 +64,6 @@ class Drafted(Statement):
     found: Draft
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         d = self.found
         unit = {"frequency": "Hz", "amplitude": "V", "range": "um"}[d.axis]
         return words.put(
@@ -86,7 +83,6 @@ class Next(Statement):
     more: bool
 
     def say(self, words: Words) -> str:
-        """Return the sentence."""
         first, purpose = self.found.proposals[0], self.found.purpose
         about, text = purpose_text(purpose, words), words.number(first.text)
         if self.found.separates:

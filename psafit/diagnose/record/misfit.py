@@ -73,7 +73,7 @@ class Reading:
 
     @property
     def unit(self) -> str:
-        """Of the reading."""
+        """Unit of the reading."""
         return next((o.unit for o in OBSERVABLES if o.name == self.observable), LAUNCH_RANGE.unit)
 
 

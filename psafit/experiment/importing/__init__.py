@@ -25,7 +25,7 @@ from psafit.experiment.importing.traces import Sampled, from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import Group
 from psafit.experiment.table import CellFault, readings_of
-from psafit.experiment.text import listed, meant, shown
+from psafit.experiment.text import did_you_mean, listed, shown
 
 COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
@@ -169,7 +169,7 @@ def _check_mappings(found: Sequence[tuple[Grid, Head]], options: Options) -> Non
     for mapping in options.columns:
         if not any(names(mapping, head.headings) for _, head in found):
             known = [h.text for _, head in found for h in head.headings if h.text]
-            remedy = meant(mapping.heading, known) if known else "give the number of a column, from 1"
+            remedy = did_you_mean(mapping.heading, known) if known else "give the number of a column, from 1"
             place = found[0][0].file if len(found) == 1 else None
             faults.add(InputError(f"there is no column {shown(mapping.heading)}", remedy, file=place))
     faults.end()

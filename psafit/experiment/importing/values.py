@@ -61,7 +61,7 @@ def readings(
     quantities = [c for c in chosen.columns if c.column in COLUMNS]
     notation = _notation(grid, body, quantities, options)
     if grid.separator == ",":
-        _check_decimals(grid, head, body, chosen)
+        _check_decimals(grid, body, chosen)
     faults = RowFaults(grid.file)
     held = chosen.held(options)
     found = []
@@ -111,7 +111,7 @@ def _notation(grid: Grid, body: Body, columns: Sequence[Column], options: Option
     return likeliest([cell for _, cell in cells])
 
 
-def _check_decimals(grid: Grid, head: Head, body: Body, chosen: Chosen) -> None:
+def _check_decimals(grid: Grid, body: Body, chosen: Chosen) -> None:
     """Decimals behind a comma would stand in the next column, and be taken for what is left out."""
     used = {c.place for c in chosen.columns}
     texts = [row.texts for row in body.rows]

@@ -73,7 +73,7 @@ def scale_axis(
     else:
         # Where there is little room, every other of many decades.
         axis.set_major_locator(LogLocator(10, numticks=count + (0 if few and which == "x" else 3)))
-    # One way of writing along one axis: 10⁴ next to 10⁵, not 10000.
+    # One way of writing along one axis: 10⁴ and 10⁵, not 10000 and 10⁵.
     powers = max(abs(low), abs(high)) >= 1e5 or bool(log and low < 2e-4)
     axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value, powers=powers)))
     axis.set_minor_formatter(NullFormatter())
@@ -115,5 +115,5 @@ def shown_unit(unit: str) -> str:
 
 
 def range_label(group: Conditions) -> str:
-    """What is read, with its unit, next to an axis."""
+    """The label of an axis: what is read, and its unit."""
     return f"{group.observable.title.capitalize()} ({shown_unit(group.observable.unit)})"

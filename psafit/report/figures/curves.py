@@ -229,7 +229,7 @@ def handles(curves: Sequence[Curve], *, measured: bool = True, zeros: Sequence[A
 def explorable(
     title: str, group: Group, sweep: Sweep, curves: Sequence[Curve], more: Sequence[Curve] = ()
 ) -> dict[str, Any]:
-    """The same as numbers for the page's script, in the order of the sweep, to five digits; `more` begins hidden."""
+    """A group's curves as numbers for the page's script, in the sweep's order, to five digits; `more` begins hidden."""
     order = np.argsort(sweep.values, kind="stable")
 
     def numbers(values: FloatArray) -> list[float]:

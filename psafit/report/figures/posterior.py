@@ -1,4 +1,4 @@
-"""What the data say of the parameters: corner plot, chains, prior next to posterior, profile likelihood."""
+"""What the data say of the parameters: corner plot, chains, prior and posterior, profile likelihood."""
 
 from __future__ import annotations
 
@@ -238,7 +238,7 @@ def _density_panel(axes: Axes, m: Marginal, low: float, high: float) -> None:
 
 
 def marginal_figure(m: Marginal) -> Figure:
-    """Prior next to posterior of one parameter, above its profile likelihood where there is one.
+    """Prior and posterior of one parameter, above its profile likelihood where there is one.
 
     Parameters
     ----------

@@ -45,6 +45,11 @@ class Sweep:
     condition: str
     extent: str
 
+    @property
+    def over(self) -> str:
+        """What varies, in words."""
+        return SWEPT.get(self.variable, "the number of the reading")
+
 
 def frequency_text(value: float) -> str:
     """Return a frequency with its unit."""

@@ -34,7 +34,7 @@ def nats(value: object) -> str:
 
 
 def signed(value: object) -> str:
-    """The same with its sign."""
+    """A log likelihood or evidence with its sign; see `nats`."""
     text = nats(value)
     return text if text[0] in "–\N{MINUS SIGN}" or text == "0.0" else f"+{text}"
 

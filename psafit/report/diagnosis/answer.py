@@ -13,9 +13,9 @@ from psafit.diagnose.answer import Judged, Statement, Topic, answer, kept
 from psafit.diagnose.record import Diagnosis
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
-from psafit.report import diagnosis_words as words
 from psafit.report.catalogue import TITLES, model, symbol
-from psafit.report.diagnosis_pictures import Shown
+from psafit.report.diagnosis import words
+from psafit.report.diagnosis.shown import Shown
 from psafit.report.wording import (
     NBSP,
     count,
@@ -54,43 +54,33 @@ class PageWords(Words):
     """Causes by their titles, parameters by their symbols, numbers as typeset."""
 
     def put(self, template: str, *parts: object) -> Markup:
-        """Return a sentence with its parts, escaped, in place."""
         return Markup(template).format(*parts)
 
     def causes(self, ids: Sequence[str]) -> str:
-        """Return a set of causes."""
         return model(ids)
 
     def cause(self, id: str) -> str:
-        """Return one cause."""
         return TITLES.get(id, id)
 
     def parameter(self, name: str) -> str:
-        """Return a parameter's symbol."""
         return symbol(name)
 
     def groups(self, ids: Sequence[GroupId]) -> str:
-        """Return some groups."""
         return groups(ids)
 
     def listed(self, items: Iterable[object]) -> str:
-        """Return ``a, b and c``."""
         return listed(items)
 
     def joined(self, by: str, items: Iterable[object]) -> str:
-        """Return items with a separator between them."""
         return Markup(by).join(items)  # type: ignore[arg-type]
 
     def number(self, text: str) -> str:
-        """Return a number typeset."""
         return typeset(text.replace("+-", "±").replace(" %", f"{NBSP}%").replace(" V", f"{NBSP}V"))
 
     def per_cent(self, fraction: float) -> str:
-        """Return a share in whole per cent."""
         return percent(fraction)
 
     def size(self, name: str, unit: str, median: float, ends: tuple[float, float] | None) -> str:
-        """Return a parameter's symbol, and its value with its interval."""
         unit, (median, *both) = prefixed(unit, median, *(ends or ()))
         spread = (both[1] - both[0]) / 2 if both else 0.0
         error_text = interval(both[0], both[1], spread) if spread > 0 else ""
@@ -111,7 +101,7 @@ class Paragraph:
 
 
 def first_screen(result: Diagnosis, together: int = 2) -> list[Paragraph]:
-    """Return the answer, a paragraph a question; sentences beyond so many `together` are listed below."""
+    """The answer, a paragraph a question; sentences beyond so many `together` are listed below."""
     found: dict[str, list[Statement]] = {}
     for statement in answer(result):
         found.setdefault(statement.topic, []).append(statement)
@@ -132,7 +122,7 @@ def first_screen(result: Diagnosis, together: int = 2) -> list[Paragraph]:
 
 
 def kind(result: Diagnosis) -> str:
-    """Return the colour of the verdict.
+    """The colour of the verdict.
 
     A baseline that nothing refutes may be less probable than others, and what fits may do so at implausible values.
     """

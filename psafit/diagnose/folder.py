@@ -1,0 +1,81 @@
+"""The folder of a diagnosis: whose it is, and the answer that it already holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from psafit.diagnose.record import MARKER, PAGE, PREDICTIONS, RESULT, Diagnosis
+from psafit.diagnose.significance import NULL_LEADS
+from psafit.errors import InputError
+from psafit.experiment import Experiment
+from psafit.files import Refused, digest, refuse_foreign, sha256, write_atomically
+from psafit.inference.memory import code
+from psafit.inference.problem import Problem
+from psafit.inference.run_folder import load, versions
+from psafit.records import read_content, read_json
+
+
+def identity_of(everything: Problem, asked: list[Any]) -> str:
+    """Digest of all that a result depends on: the program, the experiment, what is asked for, and the catalogue."""
+    experiment = everything.experiment
+    return digest(
+        [
+            code(), sha256(NULL_LEADS), versions(), experiment.title, experiment.limits, experiment.fingerprint, *asked,
+            [t.determinants for t in everything.terms], *(p.signature for p in everything.parameters),
+        ]
+    )  # fmt: skip
+
+
+def claim(folder: Path, experiment: Experiment) -> None:
+    """Make a folder ours, or see that it is: nobody's files are replaced, nor the diagnosis of another rig."""
+    marker, another = folder / MARKER, "choose another --out, or move it elsewhere"
+    held = None
+    if (folder / RESULT).is_file():
+        try:
+            held = read_content(folder / RESULT)
+        except Refused:
+            raise
+        except InputError:  # nobody can use it
+            pass
+    record = held if isinstance(held, dict) else {}
+    fitted = (folder / "fit.json").exists()
+    if not (fitted and _is_fit_of(experiment, folder)):
+        if fitted and marker.is_file():
+            raise InputError("holds a fit of other readings or priors", another, file=folder)
+        if not (marker.is_file() or "fingerprint" in record):
+            refuse_foreign(folder)
+    mine = experiment.fingerprint
+    kept = record.get("fingerprint", mine)
+    if kept != mine or (marker.is_file() and marker.read_bytes() != mine.encode()):
+        raise InputError("holds the diagnosis of other readings", another, file=folder)
+    for name in (RESULT, PAGE, PREDICTIONS):
+        if (folder / name).is_dir():
+            raise InputError("is a folder, where a file of the diagnosis goes", another, file=folder / name)
+    write_atomically(marker, mine.encode())
+
+
+def _is_fit_of(experiment: Experiment, folder: Path) -> bool:
+    """Whether a folder holds a fit of the same readings, with which a diagnosis may share it."""
+    try:
+        fitted = load(folder).problem.experiment
+    except Refused:
+        raise
+    except InputError:
+        return False
+    return all(getattr(fitted, name) == getattr(experiment, name) for name in ("fingerprint", "title", "beliefs"))
+
+
+def held_in(folder: Path, identity: str) -> Diagnosis | None:
+    """What the same command has found before, unless some of it is gone."""
+    try:
+        held = read_json(folder / RESULT, Diagnosis, sealed=True)
+    except Refused:
+        raise
+    except InputError:
+        return None
+    parts = [held.predictions, *(gain.predictions for gain in held.gain.values())]
+    parts += [run.folder for run in held.extension.values()]
+    whole = all((folder / part).exists() for part in parts)
+    unchanged = whole and all(sha256(folder / name) == seal for name, seal in held.files.items())
+    return held if unchanged and held.identity == identity else None

@@ -1,0 +1,130 @@
+"""What a run says of its posterior: what each parameter is determined by, and whether two ways of drawing agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import norm
+
+from psafit.arrays import FloatArray
+from psafit.inference import identify, store
+from psafit.inference.evidence import ImportanceSample
+from psafit.inference.problem import Problem
+from psafit.inference.sampling import Chain
+from psafit.parameters import SHARES
+from psafit.records import Fit, ImportanceEntry, ImportanceSummary, ParameterSummary, PosteriorSummary, ProfilePoint
+
+
+def summarise(
+    problem: Problem,
+    chain: Chain,
+    draws: store.Draws,
+    importance: ImportanceSample,
+    thin: int,
+    profiles: list[list[ProfilePoint]],
+    record: Fit,
+    files: dict[str, str],
+) -> PosteriorSummary:
+    """What the draws say of every parameter, and how they were made."""
+    health = store.diagnostics(draws.values)
+    quantiles = np.quantile(draws.flat, [0.05, 0.5, 0.95], axis=0)
+    sampled = problem.to_sampling(draws.flat)
+    entries = []
+    for i, parameter in enumerate(problem.parameters):
+        points = profiles[i] if i < problem.n_physical else []
+        prior = parameter.prior_quantile(SHARES)
+        contraction = 1 - float(np.var(sampled[:, i]) / np.var(prior))
+        lower, median, upper = (float(q) for q in quantiles[:, i])
+        word = identify.verdict(points) if points else identify.verdict_of_draws(sampled[:, i], parameter, contraction)
+        if word == "not determined" and not points and parameter.is_implausible(median):
+            word = "determined"  # readings drove it where its prior is not
+        prior_lower, prior_upper = (float(x) for x in parameter.to_physical(parameter.prior_quantile([0.05, 0.95])))
+        entries.append(
+            ParameterSummary(
+                name=parameter.name,
+                median=median,
+                lower=lower,
+                upper=upper,
+                prior_lower=prior_lower,
+                prior_upper=prior_upper,
+                contraction=contraction,
+                r_hat=float(chain.r_hat[i]),
+                ess_bulk=float(health["ess_bulk"][i]),
+                ess_tail=float(health["ess_tail"][i]),
+                autocorrelation_time=float(chain.autocorrelation_time[i]),
+                verdict=word,
+                text=identify.describe(parameter.name, parameter.unit, median, (lower, upper), points, word),
+                profile=points,
+                implausible=parameter.is_implausible(median),
+            )
+        )
+    kept = chain.draws.shape[1]
+    reached = kept / float(chain.autocorrelation_time.max())
+    goal = record.sampler.get("r_hat", math.inf)
+    # Rounded so that what misses its goal is never printed as meeting it.
+    mixed = store.rounded_r_hat(float(chain.r_hat.max()), goal)
+    message = f"{math.floor(reached)} autocorrelation times, R-hat at most {mixed}"
+    if not chain.converged:
+        wanted = "".join(
+            f"; {words} {record.sampler[name]:g} wanted"
+            for name, words in (("autocorrelation_times", "of the first"), ("r_hat", "R-hat"))
+            if name in record.sampler
+        )
+        message = f"not converged after {chain.burn_in + kept} steps ({message}{wanted}): repeat the command to draw on"
+        message += held_apart(problem.names, [m.log_posterior for m in record.minima], chain.r_hat, goal)
+    return PosteriorSummary(
+        identity=record.identity,
+        converged=chain.converged,
+        message=message,
+        n_walkers=chain.draws.shape[0],
+        n_steps=chain.burn_in + kept,
+        burn_in=chain.burn_in,
+        thinning=thin,
+        acceptance=chain.acceptance,
+        autocorrelation_times=reached,
+        parameters=entries,
+        importance=compared(problem, sampled, importance, float(min(health["ess_tail"]))),
+        files=files,
+    )
+
+
+def compared(
+    problem: Problem, sampled: FloatArray, importance: ImportanceSample, effective: float
+) -> ImportanceSummary:
+    """Importance draws compared with those of the sampler, (n, n_dim) in the sampling coordinate.
+
+    `effective` is what the latter are worth.
+    """
+    q = [0.05, 0.5, 0.95]
+    own, other = np.quantile(sampled, q, axis=0), importance.quantiles(importance.draws, q)
+    width = np.maximum(own[2] - own[0], 1e-12)
+    apart = (np.abs(other - own) / width).max(axis=0)
+    # Standard error of a limit of a normal distribution, in widths of its interval, times the root of the draws.
+    one = math.sqrt(q[0] * q[2]) / norm.pdf(norm.ppf(q[0])) / (norm.ppf(q[2]) - norm.ppf(q[0]))
+    values = problem.to_physical(other)
+    return ImportanceSummary(
+        log_evidence=importance.log_evidence,
+        standard_error=importance.standard_error,
+        effective=importance.effective,
+        pareto_k=importance.pareto_k,
+        by_chance=2 * float(one) * math.hypot(importance.effective**-0.5, effective**-0.5),
+        parameters=[
+            ImportanceEntry(name, float(values[1, k]), float(values[0, k]), float(values[2, k]), float(apart[k]))
+            for k, name in enumerate(problem.names)
+        ],
+    )
+
+
+def held_apart(
+    names: Sequence[str], log_posteriors: Sequence[float], r_hat: FloatArray, goal: float, near: float = 5.0
+) -> str:
+    """What keeps walkers apart, where the search ended in several places within so many nats of the best."""
+    near_top = sum(log_posterior > max(log_posteriors) - near for log_posterior in log_posteriors)
+    if near_top < 2 or r_hat.max() < goal:
+        return ""
+    return (
+        f". {names[int(r_hat.argmax())]} mixes least: the search ended in {near_top} places within {near:g} nats,"
+        " between which walkers rarely cross; psafit diagnose weighs such places one by one"
+    )

@@ -1,0 +1,109 @@
+"""What to measure next, and how often such a verdict is right: sections of a diagnosis' page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from markupsafe import Markup
+
+from psafit.diagnose.answer import purpose_text
+from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Rehearsal
+from psafit.diagnose.record import Diagnosis
+from psafit.diagnose.trials import Calibration, Rate
+from psafit.experiment import CONSTANT_UNITS
+from psafit.observables import OBSERVABLES
+from psafit.report.catalogue import model
+from psafit.report.diagnosis import words
+from psafit.report.diagnosis.answer import PAGE
+from psafit.report.wording import count, listed, number, percent, symbol_html, with_unit
+
+
+def content(result: Diagnosis) -> dict[str, Any]:
+    """What to measure next, how that would go, and how often such a verdict is right."""
+    return {
+        "proposals": proposals(result.next_experiment),
+        "confusion": rehearsal(result.confusion.repeated) if result.confusion.repeated else None,
+        "rehearsals": [rehearsal(one) for one in result.next_experiment.rehearsals or []],
+        "calibration": calibration(result.calibration),
+    }
+
+
+def proposals(found: NextExperiment) -> dict[str, Any] | None:
+    """Measurements to make next, best first."""
+    if not found.proposals:
+        return None
+    rows = []
+    for p in found.proposals:
+        changed = [
+            Markup("{} = {}").format(symbol_html(name), with_unit(number(value), CONSTANT_UNITS.get(name, "1")))
+            for name, value in p.constants.items()
+        ]
+        rows.append(
+            [
+                Markup("{}, {}{}").format(p.waveform, _readings(p), _read_as(p)),
+                words.span(p.frequency_hz, "Hz"),
+                words.span(p.amplitude_v, "V"),
+                listed(changed) if changed else "as it is",
+                words.lead(p) if found.separates else words.narrowing(p),
+                words.share(p.success),
+                _left_tied(p.pairs),
+            ]
+        )
+    several = any(len(p.pairs) > 1 for p in found.proposals)
+    if not several:
+        rows = [row[: -1 if found.separates else -2] for row in rows]
+    about = purpose_text(found.purpose, PAGE)
+    return {"about": about, "separates": found.separates, "several": several, "rows": rows}
+
+
+def _readings(proposal: Proposal) -> str:
+    """How many they are, of launches or along a trace."""
+    if proposal.time_us is None:
+        return count(proposal.n_readings, "reading")
+    return f"{count(proposal.n_readings, 'sample')} over {proposal.time_us[-1]:g} us"
+
+
+def _read_as(proposal: Proposal) -> str:
+    """The observable of the readings, where it is not the one read so far."""
+    named = next((o for o in OBSERVABLES if o.name == proposal.observable), None)
+    return f" of the {named.title}" if named else ""
+
+
+def _left_tied(pairs: Sequence[Pair], hardly: float = 3.0) -> Markup | str:
+    """The pairs of models that a measurement would hardly separate, by fewer nats than this."""
+    tied = [
+        Markup("{} and {}").format(model(pair.first), model(pair.second)) for pair in pairs if pair.separation < hardly
+    ]
+    return Markup("; ").join(tied) if tied else "none"
+
+
+def rehearsal(found: Rehearsal) -> dict[str, Any]:
+    """Probability of the truth before and after a simulated measurement."""
+    rows = [
+        [model(ids), words.share(before), words.share(after)]
+        for ids, before, after in zip(found.truth, found.before, found.after, strict=True)
+    ]
+    return {"text": found.proposal, "first": found.first, "n": len(rows), "rows": rows}
+
+
+def calibration(found: Calibration | None) -> dict[str, Any] | None:
+    """How often such a verdict is right here: by what made the readings, and by the probability printed."""
+    if not found:
+        return None
+    return {
+        "n": found.exact.of,
+        "truths": [
+            [model(one.truth), str(one.exact.of), str(one.exact.n), str(one.reported.n)] for one in found.truths
+        ],
+        "reliability": [
+            [f"{percent(r.lower)} to {percent(r.upper)}", str(r.right.of), percent(r.mean), _rate(r.right)]
+            for r in found.reliability
+        ],
+        "exact": _rate(found.exact),
+        "reported": _rate(found.reported),
+    }
+
+
+def _rate(found: Rate) -> str:
+    return f"{found.n} of {found.of} ({percent(found.lower)} to {percent(found.upper)})"
