@@ -258,8 +258,8 @@ def fit(
     extra : (n, n_dim) array, optional
         More starts.
     draws, most : int
-        Draws of the prior that are looked at for starts, and starts taken from them, at least two or none; a model with
-        nothing nested in it has no others.
+        Draws of the prior that are looked at for starts, and starts taken from them, at least two; a model with nothing
+        nested in it has no others.
     fresh : bool
         Whether optimisations begin at draws of the prior by themselves, too, and not only crossed with what is known.
     settings : FitSettings, optional
@@ -283,12 +283,9 @@ def fit(
         # These know better than fixed strengths where to begin.
         rows = [*rows[:1], *(r[:1] for r in rows[1:]), extra]
     known = np.vstack(rows)
-    races: list[tuple[FloatArray, Schedule]] = [(known, s.trial)]
-    n_drawn = 0
-    if most:
-        crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
-        races = [(np.vstack([known, crossed]), s.trial)]
-    if most and fresh:
+    crossed, n_drawn = starts_of(trial, seed, most // 2, draws // 2, known)
+    races: list[tuple[FloatArray, Schedule]] = [(np.vstack([known, crossed]), s.trial)]
+    if fresh:
         # Optimisations from far away begin lower than those from what is known, and may end higher: they have their own
         # race.
         begun, n_fresh = starts_of(trial, seed, most, draws)

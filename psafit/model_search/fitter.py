@@ -76,7 +76,7 @@ class ProblemFitter:
     starts: Sequence[Candidate] = ()
 
     def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> list[Known]:
-        """Fit models from their highest parts, from where they are known, and single causes from the prior, too."""
+        """Fit models from their highest parts, from a few draws of the prior, and from where they are known."""
         tasks = list(self._short(wanted, known))
         found = self._done(tasks)
         return [_estimated(_candidate(t.problem, a)) for t, a in zip(tasks, found, strict=True)]
@@ -141,7 +141,7 @@ class ProblemFitter:
             rows = [c.placed(problem, len(c.modes)) for c in self.starts if c.ids == ids]
             extra = np.vstack([*own, *rows]) if own or rows else None
             begun = [[c.modes[:2].tolist() for c in best], [] if extra is None else extra.tolist()]
-            about = [self.seed, s.short_draws, s.short_starts, s.short_climbs, begun]
+            about = [self.seed, s.short_draws, s.short_starts, s.short_climbs, s.from_prior, begun]
             yield self._task("short", problem, about, _short, best, extra, s, self.seed)
 
     def _carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
@@ -267,8 +267,8 @@ def _short(
     problem: Problem, parts: Sequence[Candidate], extra: FloatArray | None, settings: SearchSettings, seed: int
 ) -> Arrays:
     """Fit a model shortly."""
-    s = settings
-    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts if len(problem.terms) < 2 else 0}
+    s, few = settings, len(problem.terms) <= settings.from_prior
+    how: dict[str, Any] = {"draws": s.short_draws, "most": s.short_starts, "fresh": few}
     return _arrays(fit(problem, parts, seed=seed, extra=extra, settings=FitSettings(full=s.short_climbs), **how))
 
 

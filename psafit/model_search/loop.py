@@ -270,8 +270,8 @@ def search(
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
         name = " + ".join(best.ids) or "the baseline"
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
-        certain = best is best_model and known.shows(best, errors=0.0)
-        if best.sampled or (not known.done[best.ids] and (certain or best not in near)):
+        ahead = best is best_model and known.shows(best, errors=0.0) and len(best.ids) > settings.from_prior
+        if best.sampled or best not in near or (ahead and not known.done[best.ids]):
             known.expand(best)
         else:
             known.sample(best, others)

@@ -28,8 +28,7 @@ class SearchSettings(SampleSettings):
     most_causes : int
         Causes of a model.
     short_draws, short_starts : int
-        Of a short fit of one cause: draws of the prior that are looked at, and starts taken from them. Several begin
-        where parts of them are known.
+        Of a short fit: draws of the prior that are looked at, and starts taken from them.
     short_climbs : tuple of (int, int)
         Of a short fit's optimisations on all readings: iterations, and how many of the highest go on after each.
     carried_trial, carried_climbs : tuple of (int, int)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from commands import psafit, run
 from diagnoses_by_hand import make_record
-from psafit.report.diagnosis_tables import proposals
+from psafit.report.diagnosis.next_experiment import proposals
 from sensors import SENSOR
 
 from psafit import files
