@@ -201,7 +201,7 @@ class _Known(Generic[Content]):
         if neighbours is exchanged:
             found = self.fitter.carried(new, self.models)
             best = max(self.value(m) for m in self.models.values() if self.shows(m))
-            least = best - 2 * (self.settings.window + self.settings.short_by)
+            least = best - self.settings.window - 2.0 * self.settings.short_by
             new = [m.ids for m in found if self.value(m) >= least]
             self.keep(found)
         self.keep(self.fitter.short(new, self.models))

@@ -45,7 +45,7 @@ class SearchSettings(SampleSettings):
     """
 
     window: float = 5.0
-    short_by: float = 3.0
+    short_by: float = 6.0
     visible: float = 3.0
     most_causes: int = 6
     short_draws: int = 64
