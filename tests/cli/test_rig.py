@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from commands import psafit, run
 from diagnoses_by_hand import make_record
-from psafit.report.diagnosis.next_experiment import proposals
 from sensors import SENSOR
 
 from psafit import files
@@ -24,6 +23,7 @@ from psafit.experiment import Constants, Experiment, Group, read_experiment, rea
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.physics import terms
 from psafit.records import write_json
+from psafit.report.diagnosis.next_experiment import proposals
 
 
 def test_a_new_folder_passes_the_check_at_once(tmp_path: Path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

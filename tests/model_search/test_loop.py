@@ -72,7 +72,7 @@ def test_causes_that_add_up_are_all_found() -> None:
 
 
 def test_what_is_left_behind_on_the_way_up_is_not_sampled() -> None:
-    fake = Fake(additive({"b": 30.0, "e": 20.0, "g": 15.0, "h": 12.0}))
+    fake = Fake(additive({"b": 40.0, "e": 30.0, "g": 25.0, "h": 20.0}))
     search(CATALOGUE, fake, flat)
     # But where draws of the prior may show what a short fit has missed.
     assert fake.sampled == [(), ("b",), ("b", "e"), ("b", "e", "g", "h")]
