@@ -94,6 +94,12 @@ def test_a_trace_ends_where_the_launch_says() -> None:
     assert velocity[-1] < 0.0  # it swings back
 
 
+def test_no_parameters_have_no_samples() -> None:
+    times = np.linspace(0.0, 300.0, 5)
+    for causes, n in (((), 3), ((term("hertz_exponent"),), 4)):
+        assert readings(Design.of(STUDY, traced(times)), np.empty((0, n)), causes).shape == (0, 15)
+
+
 def test_losses_hold_a_ball_that_turns() -> None:
     """Friction beyond gravity's pull: the ball stays where it stops, at its range."""
     friction = term("flight_friction")

@@ -295,6 +295,8 @@ def readings(
     theta, terms, tolerance
         As of `simulate`.
     """
+    if not len(np.atleast_2d(theta)):
+        return np.empty((0, design.n_points))
     if not design.traced.any():
         return _of_launches(design, theta, terms, tolerance)
     n_sessions = int(design.group.max()) + 1
