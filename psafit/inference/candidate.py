@@ -378,7 +378,7 @@ def _across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
     for _ in range(s.crossings):
         here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])
         rows = _steps_away(problem, end.u[end.best], here)
-        found = problem.predict(rows) if len(rows) else np.empty((0, here.size))
+        found = problem.predict(rows)
         value = log_posteriors(problem, rows, found, np.broadcast_to(problem.observed, found.shape))
         # One row of each step, the highest first; none of that on which the optimisations have ended.
         steps = {here.tobytes(): -1}

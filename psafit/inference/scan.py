@@ -98,12 +98,17 @@ def widened(
         refitted linearly.
     """
     s, rows = settings or ScanSettings(), [known[None]]
+    if not new:
+        return known[None]
     at_known = problem.predict(known[None])
     values = problem.noise_values(known[None])
     scatter = noise.scale(at_known, values, problem.known_sigma)
 
     def in_scatter(change: FloatArray) -> FloatArray:
         return noise.whitened((change / scatter)[None], values)[0]
+
+    def changed(places: FloatArray) -> FloatArray:
+        return in_scatter(problem.predict(places) - at_known)
 
     added = {p.name for term in new for p in term.parameters}
     old = [i for i in range(problem.n_model) if problem.names[i] not in added]
@@ -123,7 +128,8 @@ def widened(
         for p in term.parameters:
             rows[-1][0, problem.names.index(p.name)] = p.prior_quantile(0.5)
         places = _scanned(problem, known, term, s, seed)
-        effect = left(in_scatter(problem.predict(places) - at_known))
+        change = changed(places)
+        effect = left(change)
         size = np.einsum("np,np->n", effect, effect)
         along = effect @ wanted
         with np.errstate(all="ignore"):
@@ -134,13 +140,13 @@ def widened(
         again[:, strength] = neutral + scaled[best] * (again[:, strength] - neutral)
         again = np.clip(again, problem.bounds[:, 0], problem.bounds[:, 1])
         places = np.vstack([places, again])
-        change = in_scatter(problem.predict(again) - at_known)
-        effect = np.vstack([effect, left(change)])
+        change = np.vstack([change, changed(again)])
+        effect = left(change)
         worth = np.nan_to_num(effect @ wanted - 0.5 * np.einsum("np,np->n", effect, effect), nan=-np.inf)
         ranked = [k for k in np.argsort(-worth, kind="stable").tolist() if worth[k] > s.least]
         chosen = _unlike(effect, ranked, s)
         starts = places[chosen]
-        refit = (residual - in_scatter(problem.predict(starts) - at_known)) @ answer
+        refit = (residual - change[chosen]) @ answer
         longest = FisherSettings.longest
         starts[:, old] += np.clip(refit, -longest, longest)
         rows.append(np.clip(starts, problem.bounds[:, 0], problem.bounds[:, 1]))

@@ -133,7 +133,7 @@ class ProblemFitter:
         return _Task(self.memory.key(kind, problem, about), problem, work, rest)
 
     def _short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
-        """Short fits, each begun from the highest of its parts."""
+        """Short fits, each begun from the highest of the parts that lack one cause."""
         fitted, s = _highest_first(known), self.settings
         for ids in wanted:
             problem, best = self._shortly(ids), _parts(ids, fitted)
