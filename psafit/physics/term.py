@@ -116,19 +116,21 @@ class Setup:
     def of(cls, constants: Constants, theta: FloatArray) -> Setup:
         """Return the baseline; `theta` is (n_sets, 3): k_c (N/m), c_s, c_c (N s/m)."""
         k_c, c_s, c_c = theta.T
-        given = {name: np.full(len(theta), getattr(constants, name)) for name in ("m", "M", "k_s", "q", "l", "g")}
-        names = [f.name for f in dataclasses.fields(cls)]
-        neutral = {name: np.zeros(len(theta)) for name in names[names.index("phase") :]}
+        numbers = {f.name: np.zeros(len(theta)) for f in dataclasses.fields(cls)}
+        numbers |= {f.name: np.full(len(theta), getattr(constants, f.name)) for f in dataclasses.fields(constants)}
         one = np.ones(len(theta))
-        return cls(k_c, c_s, c_c, **given, **neutral | {"pull": one, "scale": one})
+        return cls(**numbers | {"k_c": k_c, "c_s": c_s, "c_c": c_c, "pull": one, "scale": one})
 
     def take(self, sets: NDArray[np.intp] | slice) -> Setup:
         """Some of the parameter sets."""
         return Setup(*(getattr(self, f.name)[sets] for f in dataclasses.fields(self)))
 
-    def stack(self) -> FloatArray:
-        """All numbers as one array, (n_sets, n_fields), in the order of the fields."""
-        return np.stack([getattr(self, f.name) for f in dataclasses.fields(self)], axis=1)
+    def records(self) -> NDArray[np.void]:
+        """One record a set, (n_sets,), with the numbers under their names, as the compiled engine takes them."""
+        found = np.empty(len(self.k_c), [(f.name, float) for f in dataclasses.fields(self)])
+        for name in found.dtype.names or ():
+            found[name] = getattr(self, name)
+        return found
 
     def change(self, **numbers: FloatArray) -> Setup:
         """Return a setup with some numbers replaced."""
