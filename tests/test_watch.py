@@ -25,7 +25,7 @@ from psafit.cli import watching
 from psafit.errors import InputError
 from psafit.experiment import Experiment
 from psafit.files import locked
-from psafit.inference.forecast import Reporter, Silent, progress_of, reporting
+from psafit.forecast import Reporter, Silent, progress_of, reporting
 from psafit.inference.run_folder import load
 from psafit.inference.samplers import emcee as ensembles
 from psafit.inference.samplers.emcee import Settings

@@ -101,7 +101,7 @@ def diagnose(
     on where it stopped when the same command is repeated.
     """
     from psafit.files import ensure_writable, usual_folder
-    from psafit.inference.scale import read
+    from psafit.prior_check import read
     from psafit.progress import watcher
 
     data = read(experiment)

@@ -47,9 +47,9 @@ from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, Group, GroupId, write_experiment
 from psafit.files import digest, locked, portable_command, sha256
+from psafit.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
-from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.memory import Memory, lent
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import fit
@@ -175,7 +175,7 @@ def _plan(
     drawn: int,
     jobs: int,
 ) -> dict[str, float]:
-    """Shares of a diagnosis' parts, in units of one search over all groups: see `psafit.inference.forecast.DIAGNOSIS`.
+    """Shares of a diagnosis' parts, in units of one search over all groups: see `psafit.forecast.DIAGNOSIS`.
 
     It takes for granted that causes are named: without, the repeated searches and the samplers fall away.
     """

@@ -24,8 +24,8 @@ from psafit.inference import noise, store
 from psafit.inference.candidate import Candidate, candidate_at
 from psafit.inference.problem import Problem
 from psafit.inference.samplers import USUAL, sampler
-from psafit.inference.scale import read
 from psafit.physics import plugin_versions, recorded, signatures
+from psafit.prior_check import read
 from psafit.records import Brief, Fit, PosteriorSummary, read_json
 
 # In a folder whose search is not done yet, with the run's identity.

@@ -20,8 +20,8 @@ from psafit.diagnose.settings import Settings as Effort
 from psafit.diagnose.significance import lead
 from psafit.errors import InputError
 from psafit.experiment import fingerprint
+from psafit.forecast import Silent
 from psafit.inference.problem import Problem
-from psafit.inference.run import Silent
 from psafit.inference.run import fit as run_fit
 from psafit.inference.run_folder import load
 from psafit.inference.samplers.emcee import Settings

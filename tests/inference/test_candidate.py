@@ -20,7 +20,6 @@ from psafit.inference.candidate import (
     candidate_at,
     fit,
     separate_modes,
-    thinned,
 )
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
@@ -124,5 +123,5 @@ def test_a_model_of_many_causes_is_built_up():
 
 def test_thinning_keeps_small_groups():
     e = experiment(n=24)
-    assert [g.n_points for g in thinned(e, 3).groups] == [8, 8, 8]
-    assert [g.n_points for g in thinned(experiment(n=6), 3).groups] == [6, 6, 6]
+    assert [g.n_points for g in e.thinned(3).groups] == [8, 8, 8]
+    assert [g.n_points for g in experiment(n=6).thinned(3).groups] == [6, 6, 6]
