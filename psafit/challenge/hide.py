@@ -29,9 +29,8 @@ from psafit.challenge.answer import (
     Kind,
     Place,
     Scatter,
-    memories,
+    by_reading,
     seal,
-    sizes,
 )
 from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summary
 from psafit.errors import InputError
@@ -566,14 +565,16 @@ def _scatter(
 
 def _read(design: Design, true: FloatArray, scatter: Scatter, rng: np.random.Generator, digits: int) -> FloatArray:
     """One reading of every true value, as an instrument shows it: rounded, and of a launch never below zero."""
-    s = np.hypot(sizes(scatter, design.measured)[0] * true, sizes(scatter, design.measured)[1])
+    values = by_reading(scatter, design)
+    relative, absolute, _ = (row[0] for row in noise.columns(values))
+    s = np.hypot(relative * true, absolute)
     z, decimals = np.empty(true.size), np.empty(true.size, int)
     for k in np.unique(design.measured):
-        here, (absolute, tails) = design.measured == k, OBSERVABLES[k].scatter[1:3]
+        here, (finest, tails) = design.measured == k, OBSERVABLES[k].scatter[1:3]
         nu = scatter[tails.name]
         z[here] = rng.standard_normal(here.sum()) if nu is None else rng.standard_t(nu, here.sum())
-        decimals[here] = math.ceil(-math.log10(absolute.prior_median) - 1e-9) + digits
-    z = noise.correlated(z[None], memories(scatter, design))[0]
+        decimals[here] = math.ceil(-math.log10(finest.prior_median) - 1e-9) + digits
+    z = noise.correlated(z[None], values)[0]
     read = np.array([np.round(x, n) for x, n in zip(true + s * z, decimals, strict=True)])
     return np.where(design.traced, read, np.maximum(read, 0.0)) + 0.0  # no negative zero
 

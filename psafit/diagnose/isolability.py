@@ -77,15 +77,9 @@ class IsolabilitySettings:
 
     def scatter(self, design: Design) -> FloatArray:
         """The scatter of each reading, (1, 3 or 4, n_points), as `psafit.inference.noise.scale` takes it."""
-        values = np.full((1, 4, design.n_points), np.nan)
-        for k in np.unique(design.measured):
-            here, usual = design.measured == k, [p.prior_median for p in OBSERVABLES[k].scatter]
-            if OBSERVABLES[k] is LAUNCH_RANGE:
-                usual[:2] = self.relative, self.absolute
-            values[:, :3, here] = np.array(usual[:3])[:, None]
-            if OBSERVABLES[k].traced:
-                values[:, 3, here] = noise.memory(design.elapsed[here], np.array(usual[3:]))
-        return values if design.traced.any() else values[:, :3]
+        usual = {k: np.array([[p.prior_median for p in o.scatter]]) for k, o in enumerate(OBSERVABLES)}
+        usual[OBSERVABLES.index(LAUNCH_RANGE)][0, :2] = self.relative, self.absolute
+        return noise.by_reading(usual, design)
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,14 @@ from outside import OUTSIDE, parts
 from rigs import measure
 
 from psafit.challenge import hide
-from psafit.challenge.answer import sizes, standardised, unseal
+from psafit.challenge.answer import by_reading, standardised, unseal
 from psafit.challenge.conditions import ConditionSettings, drawn
 from psafit.challenge.hide import HideSettings, Outside, make, simulate_literally
 from psafit.challenge.oracle import consult
 from psafit.drives import Drive, Table
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, read_experiment, write_experiment
+from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, TIP_DISPLACEMENT, VELOCITY
 from psafit.physics import TERMS, term, terms
@@ -188,7 +189,7 @@ def test_any_drive_and_observable_holds_what_the_reference_makes_of_it(tmp_path:
     design = Design.of(experiment.constants, experiment.groups)
     theta = [answer.parameters[name] for name in ("k_c", "c_s", "c_c")]
     assert answer.true_readings == pytest.approx(readings(design, theta)[0], rel=1e-6)
-    relative, absolute = sizes(answer.scatter, design.measured)
+    relative, absolute, _ = noise.columns(by_reading(answer.scatter, design))
     read = np.concatenate([g.reading for g in experiment.groups])
     z = (read - np.array(answer.true_readings)) / np.hypot(relative * np.array(answer.true_readings), absolute)
     assert np.abs(z).max() < 5.0 and made.experiment.fingerprint == experiment.fingerprint
