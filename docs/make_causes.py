@@ -81,9 +81,9 @@ def setup(rig, p):  # for all parameter sets at once: p is (n_sets, n_parameters
     return rig.change(k_c=rig.k_c * p[:, 0])
 
 
-def literal(world, p):  # the same for the scalar reference
+def literal(rig, p):  # the same for the scalar reference
     \"\"\"Stiffness ``r k_c``.\"\"\"
-    world.k_c *= p[0]
+    rig.k_c *= p[0]
 
 
 TERM = Term(

@@ -40,14 +40,14 @@ from psafit.observables import OBSERVABLES, Motion
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
-from psafit.physics.term import Term, World
+from psafit.physics.term import ReferenceRig, Term
 from psafit.simulate import Design
-from psafit.simulate.literal import launch_in, literal_world, motion_in
+from psafit.simulate.literal import launch_in, motion_in, reference_rig
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of
 from psafit.workers import processes
 
-Edit = Callable[[World, Point], None]
+Edit = Callable[[ReferenceRig, Point], None]
 Parameters = Mapping[str, float]
 
 # Streams of random numbers; `conditions` has others.
@@ -91,7 +91,7 @@ class Simulator(Protocol):
     """The true model of one challenge, for effects that change the rig itself."""
 
     def __call__(self, edit: Edit) -> FloatArray:
-        """Readings without scatter, (n_points,), with ``edit(world, point)`` applied to the rig of every launch."""
+        """Readings without scatter, (n_points,), with ``edit(rig, point)`` applied to the rig of every launch."""
 
 
 @dataclass(frozen=True)
@@ -399,7 +399,7 @@ def simulate_literally(
     ids : sequence of group ids
         Of the design's sessions.
     edit : callable, optional
-        ``edit(world, point)``: a last change of the rig of every launch.
+        ``edit(rig, point)``: a last change of the rig of every launch.
     points : (n,) int array, optional
         Which readings; all by default.
     jobs : int
@@ -495,7 +495,7 @@ class _Worlds:
         _, first, back = np.unique(columns, axis=0, return_index=True, return_inverse=True)
         return first, back.ravel()
 
-    def at(self, i: int) -> tuple[World, Point]:
+    def at(self, i: int) -> tuple[ReferenceRig, Point]:
         """The rig, and the drive, of a point."""
         d, values = self.design, self.parameters
         theta = [values[p.name] for p in baseline.PARAMETERS]
@@ -505,24 +505,24 @@ class _Worlds:
             own = [values[p.name] for p in term.parameters]
             own += [values[session_name(term.latent.name, self.ids[d.group[i]])]] if term.latent else []
             causes.append((term, own))
-        world = literal_world(theta, causes, d.rigs[d.rig[i]])
+        rig = reference_rig(theta, causes, d.rigs[d.rig[i]])
         if self.edit is not None:
-            self.edit(world, point)
-        return world, point
+            self.edit(rig, point)
+        return rig, point
 
     def launched(self, points: NDArray[np.intp], forces: bool) -> FloatArray:
         """Launch range, time and speed of the separation, and peak force, (n, 4)."""
         found = np.empty((len(points), 4))
         for k, i in enumerate(points):
-            world, point = self.at(int(i))
-            seen = launch_in(world, point, group=int(self.design.group[i]), rtol=self.rtol, forces=forces)
+            rig, point = self.at(int(i))
+            seen = launch_in(rig, point, group=int(self.design.group[i]), rtol=self.rtol, forces=forces)
             found[k] = seen.launch_range, seen.separation_time, seen.velocity, seen.peak_force
         return found
 
     def followed(self, i: int, times: FloatArray) -> FloatArray:
         """Ball, its speed and the tip at some times of a launch, (n_times, 3)."""
-        world, point = self.at(int(i))
-        return motion_in(world, point, times.tolist(), rtol=self.rtol)
+        rig, point = self.at(int(i))
+        return motion_in(rig, point, times.tolist(), rtol=self.rtol)
 
 
 def _outside(

@@ -138,7 +138,7 @@ class Setup:
 
 
 @dataclass
-class World:
+class ReferenceRig:
     """One rig as the scalar reference sees it; a cause's `literal` edits it.
 
     Numbers as in `Setup`, with `slew` (V/s) the limit itself; functions as the literature writes them.
@@ -268,7 +268,7 @@ class Term:
     reference : str
     checks : tuple of Check
     literal : callable
-        ``literal(world, p)`` edits a `World` for the scalar reference; `p` as floats.
+        ``literal(rig, p)`` edits a `ReferenceRig` for the scalar reference; `p` as floats.
     probability : float
         How probable it is, before any reading, that the cause is at work. The default expects one surprise in a
         catalogue of two dozen causes.
@@ -316,7 +316,7 @@ class Term:
     symptom: Symptom
     reference: str
     checks: tuple[Check, ...]
-    literal: Callable[[World, Sequence[float]], None]
+    literal: Callable[[ReferenceRig, Sequence[float]], None]
     probability: float = 0.04
     because: str = ""
     setup: Callable[[Setup, FloatArray], Setup] | None = None
