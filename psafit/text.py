@@ -72,5 +72,10 @@ def percent(fraction: float) -> str:
     return f"{text} %"
 
 
+def count(n: int, noun: str) -> str:
+    """A number of things: ``1 reading``, ``2 readings``."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
 def _decimal(value: float, per_cent: bool) -> Decimal:
     return Decimal(repr(float(value))) * (100 if per_cent else 1)

@@ -20,7 +20,6 @@ from psafit.cli.common import (
     Place,
     causes,
     costly,
-    count,
     groups_of,
     plugin_words,
     print_scores,
@@ -32,6 +31,7 @@ from psafit.cli.common import (
 )
 from psafit.errors import InputError
 from psafit.inference.samplers import USUAL, names
+from psafit.text import count
 
 if TYPE_CHECKING:
     from psafit.inference.run_folder import Run

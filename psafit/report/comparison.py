@@ -17,7 +17,6 @@ from psafit.report.catalogue import declared, model, parameter, symbol
 from psafit.report.figures.groups import short, titled
 from psafit.report.page import Picture, figure_data_uri, render, worst
 from psafit.report.wording import (
-    count,
     factor,
     groups,
     interval,
@@ -27,7 +26,7 @@ from psafit.report.wording import (
     typeset,
     with_unit,
 )
-from psafit.text import fixed
+from psafit.text import count, fixed
 
 _LOOKS: Final = (("blue", False), ("vermillion", True))
 

@@ -22,7 +22,6 @@ from psafit.report.page import render
 from psafit.report.wording import (
     NBSP,
     compared,
-    count,
     exact,
     factor,
     groups,
@@ -40,7 +39,7 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
-from psafit.text import fixed
+from psafit.text import count, fixed
 from psafit.validate import FAIR, GOOD, LEVEL, Prediction, coverage, doubt, some_draws, too_narrow, without_each
 
 REPORT = "report.html"

@@ -23,7 +23,8 @@ from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import UNITS
 from psafit.report.page import Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
-from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
+from psafit.report.wording import factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
+from psafit.text import count
 from psafit.validate import Prediction, log_ratio
 
 

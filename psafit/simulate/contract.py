@@ -92,11 +92,11 @@ def _apart(found: FloatArray, expected: FloatArray) -> float:
         return float(np.max(np.where(found == expected, 0.0, np.abs(found - expected) / np.abs(expected))))
 
 
-def usual_design(constants: Constants = STUDY) -> Design:
+def usual_design() -> Design:
     """Six sweeps like the study's groups, each a session of its own."""
     parts = [np.broadcast_arrays(waveform, f, v, k) for k, (waveform, f, v) in enumerate(_SWEEPS)]
     waveform, f, v, session = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Design(constants, waveform, f, v, session)
+    return Design(STUDY, waveform, f, v, session)
 
 
 # --- draws, and the comparison with the reference -------------------------------------------------------------------
