@@ -223,7 +223,7 @@ def _made(
     rng = np.random.default_rng([seed, _TRUTH])
     scatter = _scatter(rng, design, nu, believed, settings)
     truth, true, redraws = _launching(
-        lambda: _draw(rng, chosen, design, blank.ids, scatter, strength, settings.sample),
+        lambda: draw_challenge(rng, chosen, design, blank.ids, scatter, strength, settings.sample),
         lambda parameters: simulate_literally(design, parameters, chosen, blank.ids, jobs=jobs),
         lambda true: strengths.enough(design, true),
         settings,
@@ -233,7 +233,7 @@ def _made(
     if outside is not None:
         true, places = _outside(outside, blank, design, truth.parameters, true, seed, jobs)
         where = outside.where
-    read = _read(design, true, scatter, np.random.default_rng([seed, _SCATTER]), settings.digits)
+    read = read_off(design, true, scatter, np.random.default_rng([seed, _SCATTER]), settings.digits)
     there = strengths.legible(design, true) & strengths.legible(design, read)
     experiment = replace(_of(blank.with_readings(read), there), folder=folder / EXPERIMENT)
     answer = Answer(
@@ -262,13 +262,13 @@ def _made(
 
 
 def _launching(
-    draw: Callable[[], _Truth | None],
+    draw: Callable[[], Truth | None],
     simulate: Callable[[Parameters], FloatArray],
     enough: Callable[[FloatArray], bool],
     settings: HideSettings,
-) -> tuple[_Truth, FloatArray, int]:
+) -> tuple[Truth, FloatArray, int]:
     """A true model that launches in most readings, these without scatter, and how many were drawn before it."""
-    weak: list[_Truth] = []
+    weak: list[Truth] = []
     for before in range(settings.redraws):
         truth = draw()
         if truth is not None and not truth.reached:
@@ -321,14 +321,14 @@ def _request(
 
 
 @dataclass(frozen=True)
-class _Truth:
+class Truth:
     parameters: dict[str, float]
     expected: dict[str, float]
     share: dict[str, float]
     reached: bool
 
 
-def _draw(
+def draw_challenge(
     rng: np.random.Generator,
     chosen: Sequence[Term],
     design: Design,
@@ -336,7 +336,7 @@ def _draw(
     scatter: Scatter,
     nats: float | None,
     every: int,
-) -> _Truth | None:
+) -> Truth | None:
     """A true model; None where the baseline itself, by one reading in `every`, does not launch."""
     values = {p.name: _from_prior(p, rng) for p in baseline.PARAMETERS}
     # Everything is drawn before anything is rejected: as many numbers for every try.
@@ -372,7 +372,7 @@ def _draw(
         values.update(zip(names, [value, *own], strict=True))
     if chosen and not strengths.enough(some, simulate_literally(design, values, chosen, ids, points=sample)):
         return None
-    return _Truth(values, expected, share, reached)
+    return Truth(values, expected, share, reached)
 
 
 def simulate_literally(
@@ -563,7 +563,7 @@ def _scatter(
     return found
 
 
-def _read(design: Design, true: FloatArray, scatter: Scatter, rng: np.random.Generator, digits: int) -> FloatArray:
+def read_off(design: Design, true: FloatArray, scatter: Scatter, rng: np.random.Generator, digits: int) -> FloatArray:
     """One reading of every true value, as an instrument shows it: rounded, and of a launch never below zero."""
     values = by_reading(scatter, design)
     relative, absolute, _ = (row[0] for row in noise.columns(values))

@@ -282,7 +282,7 @@ def fit(
         n_drawn += n_fresh
     end, effort = raced(problem, trial, known, races, s)
     effort += Effort(n_sets=n_drawn)
-    return candidate_of(problem, replace(_across_steps(problem, end, s), effort=effort))
+    return candidate_of(problem, replace(across_steps(problem, end, s), effort=effort))
 
 
 def raced(
@@ -362,7 +362,7 @@ def optimised(problem: Problem, starts: FloatArray) -> Candidate:
     return candidate_of(problem, maximise(problem, starts, still_below=FitSettings.enough))
 
 
-def _across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
+def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
     """Go on where a parameter has no slope: what acts by thresholds may be better a step away."""
     for _ in range(s.crossings):
         here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])

@@ -98,7 +98,7 @@ def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 
 def identity_of(determinants: Mapping[str, Any]) -> str:
     """A run's identity, by which it knows its files."""
-    # A run that was given no places is what it was before there were any.
+    # Runs without starting points keep the identity that they had in earlier versions.
     return digest({word: value for word, value in determinants.items() if word != "known places" or value})
 
 

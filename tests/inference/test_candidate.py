@@ -15,7 +15,7 @@ from psafit.experiment import read_experiment
 from psafit.inference.candidate import (
     Candidate,
     FitSettings,
-    _across_steps,
+    across_steps,
     built_up,
     candidate_at,
     fit,
@@ -39,7 +39,7 @@ def test_what_acts_by_steps_is_found_a_step_away():
     away[0, whole.names.index("repeat_cycles")] = 1.3
     stuck = maximise(whole, away)
     assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.log_posterior[0] < best.log_posterior[0] - 10
-    assert _across_steps(whole, stuck, FitSettings()).log_posterior.max() > best.log_posterior[0] - 1
+    assert across_steps(whole, stuck, FitSettings()).log_posterior.max() > best.log_posterior[0] - 1
 
 
 @pytest.mark.slow
