@@ -533,17 +533,21 @@ def _judged(r, F, kappa, beta, V1, S, at, h, found, stuck, opposed, v2, ball, to
 
 
 @compiled(inside=True)
+def _integrals(cut):  # type: ignore[no-untyped-def]
+    """Where a step ends, its end or a place before, and the weights of the nodes in the two integrals up to there."""
+    if cut > 1.0:
+        return 1.0, load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
+    _, once = basis(cut)
+    return cut, once, times(A, 0, once)
+
+
+@compiled(inside=True)
 def _wall_moved(wall, back, acceleration, cut, at, h):  # type: ignore[no-untyped-def]
     """Place and speed of the wall at the end of a step, or where it is cut."""
     mass, _, _, xw, vw, answers = wall
     if mass == 0.0:
         return xw, vw
-    if cut > 1.0:
-        cut = 1.0
-        once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
-    else:
-        _, once = basis(cut)
-        twice = times(A, 0, once)
+    cut, once, twice = _integrals(cut)
     own = times(answers, at, back + times(answers, 2 * _LEVELS * NODES * NODES + at, acceleration))
     return xw + h * (cut * vw + h * total(twice * own)), vw + h * total(once * own)
 
@@ -551,12 +555,7 @@ def _wall_moved(wall, back, acceleration, cut, at, h):  # type: ignore[no-untype
 @compiled(inside=True)
 def _moved(x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball):  # type: ignore[no-untyped-def]
     """Places, speeds and indentation at the end of a step, or where it is cut."""
-    if cut > 1.0:
-        cut = 1.0
-        once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
-    else:
-        _, once = basis(cut)
-        twice = times(A, 0, once)
+    cut, once, twice = _integrals(cut)
     x1 += h * (cut * v1 + h * total(twice * acceleration))
     x2 += h * (cut * v2 + h * total(twice * push) / ball)
     v1 += h * total(once * acceleration)
@@ -1039,8 +1038,8 @@ def _all_sets(  # type: ignore[no-untyped-def]
         )  # fmt: skip
 
 
-_serial = compiled(_all_sets)
-_parallel = compiled(_all_sets, parallel=True)
+serial = compiled(_all_sets)
+parallel = compiled(_all_sets, parallel=True)
 
 
 @dataclass(frozen=True)
@@ -1106,7 +1105,7 @@ def separation(
         raise ValueError(f"{len(calls.branch)} causes with a memory; at most {_MOST_BRANCHES}")
     moments = np.empty((design.n_points, 0)) if seen is None else design.moments
     watched = np.empty((*shape, 0, 3)) if seen is None else seen
-    run = _parallel if len(theta) > 1 and found[0].size > threads_from else _serial
+    run = parallel if len(theta) > 1 and found[0].size > threads_from else serial
     run(
         rig.records(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
         *design.commands, calls.arrays(), tolerance, settings or StepSettings(), forced, moments,
