@@ -178,8 +178,12 @@ def test_page_stands_alone(page):
         ),
         (
             adequate,
-            ["Is the baseline adequate? Yes", "No extension was adopted", "No other set"],
-            ["No cause of the", "Nor can they exclude"],
+            [
+                "Is the baseline adequate? Yes",
+                "No extension was adopted",
+                "No cause is needed. What the readings leave",
+            ],
+            ["No cause of the", "Nor can they exclude", "No other set"],
         ),
         (
             doubtful,
@@ -196,7 +200,7 @@ def test_page_stands_alone(page):
                 "narrower by 78 %",
                 "Narrowing",
             ],
-            ["Success", "Extended"],
+            ["Success", "Extended", "No other set", "changes a reading by"],
         ),
         (
             unnamed,
@@ -270,6 +274,9 @@ def test_only_what_was_looked_at_is_said_to_do_less_well(undrawn, tmp_path):
     text = " ".join(build(doubtful, experiment, tmp_path / "part").text.split())
     assert "no other set that was sampled does as well" in text
     assert "No other set of causes that was sampled does as well." in text
+    few = replace(alone, left_out=["gap"])
+    text = " ".join(build(few, experiment, tmp_path / "few").text.split())
+    assert "no other set of these causes does as well" in text and "No other set of these causes does as well." in text
 
 
 def test_how_alternatives_were_judged() -> None:

@@ -298,21 +298,27 @@ class Unseen(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Of {} candidate causes, {} could not have been seen in these readings: {}.",
-            self.of, len(self.causes), words.joined(", ", map(words.cause, self.causes)),
+            "Of {} candidate cause{}, {} could not have been seen in these readings: {}.",
+            self.of, "" if self.of == 1 else "s", len(self.causes), words.joined(", ", map(words.cause, self.causes)),
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Room(Statement):
-    """The largest change of a reading that the readings leave a cause which is not named (95 %)."""
+    """The largest change of a reading that the readings leave a cause added to what is adopted (95 %).
+
+    It holds of those causes alone whose effect could be bounded, only if what is adopted is right, and of what no other
+    parameter could do in the cause's place. Less than `least` is not worth a number.
+    """
 
     topic = "wrong"
+    adopted: list[str]
     cause: str
     share: float
+    least: float = 0.001
 
     def say(self, words: Words) -> str:
         return words.put(
-            "A cause that is not named changes a reading by at most {} ({}; 95 %).",
-            words.fraction(self.share), words.cause(self.cause),
+            "Added to {} and refitted, no cause that could be bounded changes a reading by more than {} ({}; 95 %).",
+            words.causes(self.adopted), words.fraction(max(self.share, self.least)), words.cause(self.cause),
         )  # fmt: skip

@@ -26,6 +26,7 @@ from psafit.experiment.importing.values import Reading, groups_of, known_wavefor
 from psafit.experiment.records import Group
 from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
+from psafit.files import read_bytes
 
 COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
@@ -108,6 +109,8 @@ def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
     tries = [(grid, head) for grid, head in tries if _is_filled(grid, head)] or tries
     most = max((head.known for _, head in tries), default=0)
     best = [(grid, head) for grid, head in tries if head.known == most]
+    if not best and not read_bytes(file, "give another file").strip():
+        raise InputError("the file is empty", "give one that holds readings below headings", file=file, line=1)
     if not best:
         raise InputError(
             "no column is recognised",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from itertools import zip_longest
 
-from psafit.drives import WAVEFORMS, instead
+from psafit.drives import TABLE, WAVEFORMS, instead
 from psafit.errors import InputError
 from psafit.experiment.importing.columns import READ, WAVEFORM, Chosen, Column, option
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
@@ -141,6 +141,9 @@ def known_waveform(text: str) -> str:
     for form in WAVEFORMS.values():
         if words(text) in (words(name) for name in (form.id, *form.names)):
             return form.id
+    if words(text) == words(TABLE):
+        remedy = "import with another waveform, then write waveform and drive into experiment.toml"
+        raise CellFault(f"{shown(text)} has its voltage in a file of its own, which is not imported", remedy)
     raise CellFault(f"{shown(text)} is no waveform that psafit knows", instead(text))
 
 

@@ -95,7 +95,10 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
     if rows:
         listed_ones = sum(known(c.probability) for c in result.causes)
         others = max(1 - listed_ones - known(result.unnamed), 0.0)
-        for name, share in (("all other sets of causes", others), ("a discrepancy without a name", result.unnamed)):
+        for name, share in (
+            ("all other sets of causes, missed ones too", others),
+            ("a discrepancy without a name", result.unnamed),
+        ):
             rows.append([Markup("<em>{}</em>").format(name), words.share(share), *["–"] * 5])
     return rows
 
@@ -319,6 +322,16 @@ def alternatives(result: Diagnosis, most: int = 12) -> dict[str, Any]:
         "rows": rows,
         "more": max(0, len(result.alternatives) - most),
     }
+
+
+def no_alternative(result: Diagnosis) -> str:
+    """What is said where no set is tied with what is named; of other sets it claims no more than was looked at."""
+    if result.verdict == "adequate":
+        return "No cause is needed. What the readings leave the other sets stands in the table of models."
+    if not result.named:
+        return "No set of causes that was fitted does better than the baseline, which does not explain the readings."
+    what = "set of these causes" if result.left_out else "set of causes"
+    return f"{result.looked_at.no_other(what).capitalize()} does as well."
 
 
 def confounded(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:
