@@ -117,6 +117,11 @@ def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
         found.append(f"every amplitude is below 0.1 V (greatest {v_max:g}); given in kV?")
     if v_max > 1000:
         found.append(f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?")
+    if group.drive.recorded and group.varied:
+        found.append(
+            "a recorded drive is the same at each frequency and amplitude, and so is every launch; give each recording "
+            "a group of its own, or one period as phase, level"
+        )
     for part in group.parts:
         found += _suspicious_part(part, constants, v_max)
     found += _suspicious_pairs(group, constants)

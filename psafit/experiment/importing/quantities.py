@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from psafit.experiment import table, trace_table
+from psafit.observables import OF_LAUNCHES
 
 Volts = Literal["peak", "pp", "rms"]
 
@@ -56,6 +57,7 @@ _TENSIONS = (
     "amplitude", "ampl", "amp", "voltage", "voltage amplitude", "amplitude voltage", "spannung", "spannungsamplitude",
     "antriebsspannung", "tension", "v", "u", "volt", "volts", "",
 )  # fmt: skip
+_ERRORS = ("sigma", "standard uncertainty", "standardunsicherheit")
 QUANTITIES = (
     Quantity("frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition"),
     Quantity("amplitude_v", "V", _TENSIONS, "condition"),
@@ -63,7 +65,7 @@ QUANTITIES = (
     Quantity("launch_speed_mm_s", "mm/s", _SPEEDS, "reading"),
     Quantity("contact_time_us", "us", ("contact time", "contact duration", "kontaktzeit", "kontaktdauer"), "reading"),
     Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading"),
-    Quantity("sigma_um", "um", ("sigma", "standard uncertainty", "standardunsicherheit"), "error"),
+    *(Quantity(o.sigma_column, o.unit, _ERRORS, "error") for o in OF_LAUNCHES),
     Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
     Quantity("time_us", "us", ("time", "t", "zeit", "temps", "x axis"), "time"),
     Quantity("displacement_um", "um", _PLACES, "trace"),
