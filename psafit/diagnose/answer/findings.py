@@ -273,7 +273,7 @@ class Furthest(Statement):
     def say(self, words: Words) -> str:
         far = (
             words.put(
-                "{}, {} (reads {} for {})", words.groups([r.group]),
+                "{}, {} ({} read, {} predicted)", words.groups([r.group]),
                 words.number(f"{r.frequency_hz:.6g} Hz, {r.amplitude_v:.4g} V"),
                 words.number(f"{significant(r.reading_um)} {r.unit}"),
                 words.number(f"{significant(r.predicted_um)} {r.unit}"),
@@ -316,6 +316,6 @@ class Room(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "A cause that is not named changes a reading by at most {} ({}; 95 %).",
+            "A cause that is not named changes a reading by at most {}, with 95 % probability ({}).",
             words.fraction(self.share), words.cause(self.cause),
         )  # fmt: skip

@@ -47,7 +47,8 @@ def recorded(grid: Grid, head: Head, options: Options, least_rows: int = 10) -> 
     columns = _columns(grid, head, options)
     rows = body(grid, head, [c.place for c in columns], options.most_rows)
     notation = notation_of(grid, rows, columns, options)
-    faults, found = RowFaults(grid.file), []
+    faults = RowFaults(grid.file)
+    found: list[tuple[float, float]] = []
     for row in rows.rows:
         pair = []
         for column in columns:
