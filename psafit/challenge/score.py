@@ -302,7 +302,9 @@ def _row(result: Result) -> Row:
     members = reported_set(diagnosis)
     verdict = diagnosis["verdict"] if diagnosis else "failed"
     printed = [c.get("probability") for c in diagnosis.get("causes", []) if frozenset(c["terms"]) == truth]
-    exact = not outside and bool(diagnosis) and verdict != "unexplained" and frozenset(diagnosis["named"]) == truth
+    # What is named at implausible values is named all the same.
+    stands = verdict != "unexplained" or diagnosis.get("unexplained_by") == "values"
+    exact = not outside and bool(diagnosis) and stands and frozenset(diagnosis["named"]) == truth
     return Row(
         id=result.spec.id,
         kind=result.spec.kind,

@@ -275,6 +275,7 @@ class _Work:
             predictions=PREDICTIONS,
             files={name: sha256(self.folder / name) for name in tables},
             laws=laws,
+            unexplained_by=verdict.unexplained_by,
             sentences=[],
             unnamed=verdict.unnamed,
             screening=screening,
@@ -315,7 +316,6 @@ class _Work:
         laws = [law for model in held for law in broken(model, self.settings.laws)]
         misfit = results.misfit_of(
             judgement.before, judgement.after, left, model_set.baseline, best_model,
-            remains=verdict.remains if verdict.verdict == "unexplained" and verdict.named else None,
             firm=robustness(model_set.baseline, best_model, judgement.bare, left) if best_model.terms else None,
         )  # fmt: skip
         return misfit, laws

@@ -58,7 +58,7 @@ def drafted(judgement: Judgement, folder: Path) -> Draft | None:
     """Draft a cause where a verdict is unexplained: added to the causes, or in their place where that is simpler."""
     if judgement.verdict.verdict != "unexplained":
         return None
-    added = judgement.verdict.remains or not judgement.verdict.named
+    added = judgement.verdict.unexplained_by == "structure" or not judgement.verdict.named
     if added:
         return draft(judgement.model_set.best_model, judgement.left, folder)
     return draft(judgement.model_set.baseline, judgement.bare, folder)

@@ -51,5 +51,8 @@ def judge(model_set: ModelSet, catalogue: Sequence[Term], settings: Settings, *,
     # Also of a baseline in which the tests find nothing: a large scatter may hide what is smooth.
     left = discrepancy(best_model)
     bare = discrepancy(model_set.baseline, stretch(best_model)) if best_model.terms else left
-    verdict = conclude(model_set, before, after, left, bare, broken(best_model, settings.laws))
+    laws, problem = broken(best_model, settings.laws), best_model.problem
+    medians = model_set.medians(best_model.ids)
+    strange = [name for name in problem.implausible(medians) if name in problem.names[: problem.n_physical]]
+    verdict = conclude(model_set, before, after, left, bare, laws, strange)
     return Judgement(model_set, before, after, left, bare, verdict)

@@ -214,7 +214,6 @@ def misfit_of(
     baseline: Candidate,
     best_model: Candidate,
     *,
-    remains: bool | None = None,
     firm: Robustness | None = None,
 ) -> MisfitResult:
     """Return what the tests say of baseline and best model, and what a smooth curve finds given the best model."""
@@ -229,7 +228,6 @@ def misfit_of(
             [_finite(s) for s in left.sd],
         ),
         sessions=show.offsets(best_model),
-        remains=remains,
         robustness=firm,
     )  # fmt: skip
 

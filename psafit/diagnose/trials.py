@@ -12,6 +12,9 @@ from scipy.stats import binomtest
 
 VerdictWord = Literal["adequate", "explained", "ambiguous", "unexplained"]
 
+Why = Literal["", "structure", "smooth", "law", "values"]
+"""Why a set of causes does not explain the readings."""
+
 
 @dataclass(frozen=True)
 class Trial:

@@ -3,12 +3,12 @@ r"""From the model set, the tests and the discrepancy to a verdict.
 * ``adequate``: the tests find nothing, without heavy tails (`psafit.diagnose.misfit.Misfit.sound`), and the baseline
   keeps at least one chance in twenty.
 * ``explained``: one set of causes has 95 % of what the catalogue's sets have together, the tests find nothing left
-  once it is adopted, and its fit breaks no law that holds whatever the causes are (`psafit.diagnose.laws`). That no
-  other set does as well is said only where those that were not sampled have less than a hundredth of the probability
-  together.
+  once it is adopted, its fit breaks no law that holds whatever the causes are (`psafit.diagnose.laws`), and none of
+  its values is implausible. That no other set does as well is said only where those that were not sampled have less
+  than a hundredth of the probability together.
 * ``ambiguous``: several sets together have 95 % of it, or sets of no more causes fit as well; each would do.
-* ``unexplained``: after the best extension structure remains, or a discrepancy is more probable than any
-  cause.
+* ``unexplained``: after the best extension structure remains, a discrepancy is more probable than any cause, or the
+  only set that fits breaks a law or has implausible values.
 
 Probabilities are those of `psafit.model_search.model_set`: a set stands for its supersets that add nothing visible.
 """
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import ALPHA, Misfit
 from psafit.diagnose.record import Broken
-from psafit.diagnose.trials import VerdictWord
+from psafit.diagnose.trials import VerdictWord, Why
 from psafit.model_search import Ids, ModelSet
 from psafit.model_search.model_set import CREDIBLE
 
@@ -44,9 +44,9 @@ class Verdict:
         Probability of a discrepancy without a name, added to what has one or in its place.
     inclusion : dict
         Probability of each cause to be part of the truth, given that the catalogue holds it.
-    remains : bool
-        Whether structure remains given the causes; where it does not, and yet they do not explain the readings, a
-        smooth curve in their place would be simpler.
+    unexplained_by : {"", "structure", "smooth", "law", "values"}
+        Why the named set does not explain the readings: structure remains, a smooth curve in its place is more
+        probable, it breaks a law, or its values are implausible.
     """
 
     verdict: VerdictWord
@@ -55,7 +55,7 @@ class Verdict:
     probability: dict[Ids, float]
     unnamed: float
     inclusion: dict[str, float]
-    remains: bool = False
+    unexplained_by: Why = ""
 
 
 def conclude(
@@ -65,6 +65,7 @@ def conclude(
     left: Discrepancy,
     bare: Discrepancy,
     laws: Sequence[Broken] = (),
+    strange: Sequence[str] = (),
     prior_unnamed: float = 0.1,
 ) -> Verdict:
     """Draw the conclusion.
@@ -80,6 +81,8 @@ def conclude(
         Of the best model, and of the baseline.
     laws : sequence of Broken
         Laws that the best model breaks.
+    strange : sequence of str
+        Parameters of the best model whose values are implausible, the scatter's aside.
     prior_unnamed : float
         Prior probability of a discrepancy added to any model.
     """
@@ -100,11 +103,12 @@ def conclude(
     alternatives, named = model_set.rivals(best), _best_first(best, model_set)
     residual = after is not None and after.p_value < ALPHA
     if residual or mostly_unnamed:
-        remains = residual or added > instead
-        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, remains)
+        why: Why = "structure" if residual or added > instead else "smooth"
+        return Verdict("unexplained", named, alternatives, probability, unnamed, inclusion, why)
     if alternatives:
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion)
-    return Verdict("unexplained" if laws else "explained", named, (), probability, unnamed, inclusion)
+    why = "law" if laws else "values" if strange else ""
+    return Verdict("unexplained" if why else "explained", named, (), probability, unnamed, inclusion, why)
 
 
 def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability: float) -> tuple[float, float]:

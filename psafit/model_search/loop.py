@@ -12,7 +12,8 @@ where others have their optima, which is good to a window: those that come withi
 others.
 
 Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, each cause gets
-its neighbours, though it does not show.
+its neighbours, though it does not show. They are fitted from where others have their optima; those that show then are
+fitted like all others.
 
 (Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
 A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
@@ -198,11 +199,12 @@ class _Known(Generic[Content]):
         wanted = neighbours(model.ids, self.catalogue, self.settings.most_causes)
         new = [ids for ids in wanted if ids not in self.models]
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
-        if neighbours is exchanged:
+        origin_shows = self.shows(model)
+        if neighbours is exchanged or not origin_shows:
             found = self.fitter.carried(new, self.models)
             best = max(self.value(m) for m in self.models.values() if self.shows(m))
             least = best - self.settings.window - 2.0 * self.settings.short_by
-            new = [m.ids for m in found if self.value(m) >= least]
+            new = [m.ids for m in found if self.value(m) >= least and (origin_shows or self.shows(m))]
             self.keep(found)
         self.keep(self.fitter.short(new, self.models))
 

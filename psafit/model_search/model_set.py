@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from psafit.arrays import FloatArray
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample, importance_sample
 from psafit.model_search.fitter import Fitted
@@ -150,6 +151,13 @@ class ModelSet:
         least, close = absurd * self.probability[named], math.log(CREDIBLE / (1 - CREDIBLE))
         rivals = [c for c in self.candidates if c.ids != named and len(c.ids) <= len(named)]
         return {c.ids for c in rivals if self.probability[c.ids] > least and behind(c) < close}
+
+    def medians(self, ids: Ids) -> FloatArray:
+        """Posterior medians of a model's parameters, in their units; of one that was not sampled, its highest mode."""
+        problem, found = self.of(ids).problem, self.samples.get(ids)
+        if found is None:
+            return problem.to_physical(self.of(ids).modes[0])
+        return found.quantiles(problem.to_physical(found.draws), (0.5,))[0]
 
     def gain(self, ids: Ids) -> float:
         """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""

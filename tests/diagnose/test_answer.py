@@ -47,13 +47,14 @@ def test_only_what_was_looked_at_does_less_well() -> None:
 def test_why_the_best_extension_is_no_explanation() -> None:
     d = replace(record(), verdict="unexplained", alternatives=[])
     law = Broken("energy", d.named, 1, 200.0, 20.0, 2.0, 1.0, 3, "group 1")
-    for change, left in (
-        ({"misfit": replace(d.misfit, remains=True)}, "structure"),
-        ({"misfit": replace(d.misfit, remains=False), "unnamed": 0.9}, "smooth"),
-        ({"misfit": replace(d.misfit, remains=False), "laws": [law]}, "law"),
+    for why, words in (
+        ("structure", "but structure remains that no cause describes"),
+        ("smooth", "but a smooth curve in its place is more probable"),
+        ("law", "but it breaks a law that holds"),
+        ("values", "but at values that are implausible"),
     ):
-        (named,) = of(replace(d, **change), Named)
-        assert named.left == left
+        (named,) = of(replace(d, unexplained_by=why), Named)
+        assert words in named.say(PLAIN)
     assert (
         "A ball cannot gain more than the drive gives. hysteresis breaks that law at 3 readings, most at group 1."
         in (sentences(replace(d, laws=[law])))
@@ -91,11 +92,11 @@ def test_why_tests_that_pass_do_not_make_a_baseline_adequate() -> None:
 
 
 def test_what_fits_at_implausible_values_is_not_said_to_explain() -> None:
-    d = replace(record(), verdict="explained", alternatives=[])
+    d = replace(record(), verdict="unexplained", unexplained_by="values", alternatives=[])
     (named,) = of(d, Named)
-    assert named.strange and "explains" not in named.say(PLAIN) and "implausible" in named.say(PLAIN)
-    assert d.headline == "verdict: explained: hysteresis (at implausible values)" and kind(d) == "warn"
-    usual = replace(d, causes=[replace(d.causes[0], implausible=["sigma_abs"]), *d.causes[1:]])
+    assert "explains" not in named.say(PLAIN) and "does as well, but at values" in named.say(PLAIN)
+    assert d.headline == "verdict: unexplained: hysteresis (at implausible values)" and kind(d) == "warn"
+    usual = replace(d, verdict="explained", unexplained_by="")
     (named,) = of(usual, Named)
     assert "hysteresis (probability 61 %) explains the misfit" in named.say(PLAIN)
     assert usual.headline == "verdict: explained: hysteresis" and kind(usual) == "good"

@@ -66,11 +66,11 @@ def test_a_draft_that_somebody_has_edited_stays(sound, tmp_path) -> None:
 def test_only_what_is_unexplained_is_drafted(sound, tmp_path) -> None:
     left, small = made(sound, "range", 300.0), made(sound, "frequency", 1500.0)
     model_set = SimpleNamespace(best_model=sound, baseline=sound)
-    for verdict, named, remains, axis in (
-        ("explained", ("gap",), False, None), ("unexplained", (), False, "range"),
-        ("unexplained", ("gap",), True, "range"), ("unexplained", ("gap",), False, "frequency"),
+    for verdict, named, why, axis in (
+        ("explained", ("gap",), "", None), ("unexplained", (), "", "range"),
+        ("unexplained", ("gap",), "structure", "range"), ("unexplained", ("gap",), "smooth", "frequency"),
     ):  # fmt: skip
-        concluded = SimpleNamespace(verdict=verdict, named=named, remains=remains)
+        concluded = SimpleNamespace(verdict=verdict, named=named, unexplained_by=why)
         bare = small if named else left
         judged = SimpleNamespace(verdict=concluded, model_set=model_set, left=left, bare=bare)
         found = drafted(judged, tmp_path)

@@ -72,7 +72,10 @@ def test_verdicts(hidden, sound):
     as_good = replace(bare, log_evidence=none.log_evidence + 50.0)
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
-    assert better.verdict == "unexplained" and not better.remains
+    assert (better.verdict, better.unexplained_by) == ("unexplained", "smooth")
+    # A set that fits breaks no law, and none of its values is implausible, or it explains nothing.
+    odd = conclude(hidden, before, after, none, hopeless, strange=["amplifier_lag_tau"])
+    assert (odd.verdict, odd.unexplained_by, odd.named) == ("unexplained", "values", ("amplifier_lag",))
     # What has no name and keeps a part next to an explanation is reported with it.
     doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)

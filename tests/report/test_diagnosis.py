@@ -351,11 +351,11 @@ def test_an_adopted_model_that_is_not_listed(tmp_path):
     show = record.show | {"extended": replace(record.show["extended"], parameters={"k_c": 3.21e6})}
     smooth = replace(
         record, verdict="unexplained", unnamed=1.0, causes=record.causes[-1:], show=show,
-        misfit=replace(record.misfit, remains=False),
+        unexplained_by="smooth",
     )  # fmt: skip
     page = build(smooth, experiment, tmp_path / "smooth")
     assert "hysteresis of the stack, but a smooth curve in its place is more probable" in page.text
-    page = build(replace(smooth, misfit=replace(record.misfit, remains=True)), experiment, tmp_path / "left")
+    page = build(replace(smooth, unexplained_by="structure"), experiment, tmp_path / "left")
     assert "The best extension is hysteresis of the stack, but structure remains" in page.text
     assert "3.21 × 10⁶ N/m" in page.text and "The adopted model is not among those listed" in page.text
     assert not NOT_A_NUMBER.search(page.text)

@@ -128,10 +128,6 @@ def _named(d: Diagnosis) -> Statement:
     if d.verdict == "adequate":
         return NothingShows([(c.terms, c.probability) for c in d.causes if c.terms and c.probability >= WORTH_SAYING])
     best_model, after = d.best_model, d.misfit.extended
-    left: Literal["", "structure", "smooth", "law"] = ""
-    if d.verdict == "unexplained" and d.named:
-        breaks = any(set(b.terms) == set(d.named) for b in d.laws)
-        left = "structure" if d.misfit.remains else "law" if breaks and not d.mostly_unnamed else "smooth"
     return Named(
         verdict=d.verdict,
         causes=d.named,
@@ -140,12 +136,11 @@ def _named(d: Diagnosis) -> Statement:
         alternatives=d.alternatives,
         fits_as_well=best_model is not None and best_model.evidence.share >= CREDIBLE,
         rejected=d.misfit.p_value < ALPHA,
-        left=left,
-        p_after=after.p_value if after and left and after.p_value < ALPHA else None,
+        left=d.unexplained_by,
+        p_after=after.p_value if after and d.unexplained_by and after.p_value < ALPHA else None,
         unnamed=d.unnamed,
         looked_at=d.looked_at,
         restricted=bool(d.left_out),
-        strange=bool(d.strange),
     )
 
 

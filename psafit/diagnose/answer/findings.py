@@ -8,7 +8,7 @@ from typing import Literal
 from psafit.diagnose.answer.statement import Statement
 from psafit.diagnose.misfit import ALPHA, CHARACTERS, Character
 from psafit.diagnose.record import Broken, ParameterResult, Reading
-from psafit.diagnose.trials import VerdictWord
+from psafit.diagnose.trials import VerdictWord, Why
 from psafit.diagnose.words import Words
 from psafit.experiment import GroupId
 from psafit.model_search.model_set import LookedAt
@@ -117,17 +117,15 @@ class Named(Statement):
         Whether only what is plausible beforehand speaks for the first of several.
     rejected : bool
         Whether the tests reject the baseline.
-    left : {"", "structure", "smooth", "law"}
+    left : {"", "structure", "smooth", "law", "values"}
         Why the best extension does not explain the readings: structure remains, a smooth curve in its place is more
-        probable, or it breaks a law that holds whatever the causes are.
+        probable, it breaks a law that holds whatever the causes are, or its values are implausible.
     p_after : float, optional
         Family-wise p value given the extension.
     unnamed : float
         Probability of a discrepancy without a name.
     looked_at : LookedAt
     restricted : bool
-    strange : bool
-        Whether what is named has implausible values: then it explains nothing, however well it fits.
     """
 
     topic = "wrong"
@@ -137,12 +135,11 @@ class Named(Statement):
     alternatives: list[list[str]]
     fits_as_well: bool
     rejected: bool
-    left: Literal["", "structure", "smooth", "law"]
+    left: Why
     p_after: float | None
     unnamed: float
     looked_at: LookedAt
     restricted: bool
-    strange: bool
 
     def say(self, words: Words) -> str:
         what = words.causes(self.causes)
@@ -154,15 +151,15 @@ class Named(Statement):
         tied = words.joined("; or ", texts)
         unnamed = words.put(" A discrepancy without a name keeps {} of the probability.", words.per_cent(self.unnamed))
         rest = unnamed if self.unnamed >= WORTH_SAYING else ""
+        other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
         if self.verdict == "explained":
-            other = self.looked_at.no_other("set of these causes" if self.restricted else "set")
             how = "{} explains the misfit; the tests find nothing left of it, and {} does as well.{}"
             if not self.rejected:
                 how = "{} fits far better, and {} does as well; the tests alone would not have objected.{}"
-            if self.strange:
-                how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
-                how += " shape of what is missing, and perhaps not the mechanism.{}"
             return words.put(how, what, other, rest)
+        if self.left == "values":
+            how = "{} takes up what is wrong, and {} does as well, but at values that are implausible: that is the"
+            return words.put(how + " shape of what is missing, and perhaps not the mechanism.{}", what, other, rest)
         if self.verdict == "ambiguous":
             if self.fits_as_well:
                 how = "{} is most plausible, but only by its priors: these readings are fitted as well by {}.{}"

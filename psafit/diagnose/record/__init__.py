@@ -34,7 +34,7 @@ from psafit.diagnose.record.models import (
     ScreeningResult,
 )
 from psafit.diagnose.settings import Settings
-from psafit.diagnose.trials import Calibration, VerdictWord
+from psafit.diagnose.trials import Calibration, VerdictWord, Why
 from psafit.errors import InputError
 from psafit.experiment import GroupId
 from psafit.files import sha256
@@ -171,6 +171,9 @@ class Diagnosis(Brief):
         How much work went into each part.
     laws : list of Broken
         Laws that hold whatever the causes are, and that the model adopted, or one of the first alternatives, breaks.
+    unexplained_by : {"", "structure", "smooth", "law", "values"}
+        Why what is named does not explain the readings: structure remains, a smooth curve in its place is more
+        probable, it breaks a law, or it has implausible values.
     calibration : Calibration, optional
         How often such a verdict is right at these conditions, where that was asked for.
     influence : Influence, optional
@@ -213,6 +216,7 @@ class Diagnosis(Brief):
     left_out: list[str] = field(default_factory=list)
     settings: Settings = field(default_factory=Settings)
     laws: list[Broken] = field(default_factory=list)
+    unexplained_by: Why = ""
     calibration: Calibration | None = field(default=None, metadata=ABSENT)
     influence: Influence | None = field(default=None, metadata=ABSENT)
     draft: Draft | None = field(default=None, metadata=ABSENT)
@@ -239,7 +243,7 @@ class Diagnosis(Brief):
             words.append(f"{more} more set{'' if more == 1 else 's'}")
         n = len(self.screening)
         restricted = f" (of {n} cause{'' if n == 1 else 's'} looked at)" if self.left_out else ""
-        strange = " (at implausible values)" if self.verdict == "explained" and self.strange else ""
+        strange = " (at implausible values)" if self.unexplained_by == "values" else ""
         return f"verdict: {self.verdict}" + (f": {', or '.join(words)}" if words else "") + strange + restricted
 
     def table(self, folder: Path, name: str) -> Path:

@@ -130,8 +130,6 @@ class MisfitResult:
         The second where the best model has causes.
     leftover : DiscrepancyResult
     sessions : list of Offset
-    remains : bool, optional
-        Whether structure remains given the causes of an extension that does not explain the readings.
     robustness : Robustness, optional
     search : Significance, optional
     """
@@ -142,7 +140,6 @@ class MisfitResult:
     leftover: DiscrepancyResult
     sessions: list[Offset] = field(default_factory=list)
     extended: Tests | None = field(default=None, metadata=ABSENT)
-    remains: bool | None = field(default=None, metadata=ABSENT)
     robustness: Robustness | None = field(default=None, metadata=ABSENT)
     search: Significance | None = field(default=None, metadata=ABSENT)
 

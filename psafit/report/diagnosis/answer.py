@@ -126,8 +126,8 @@ def kind(result: Diagnosis) -> str:
 
     A baseline that nothing refutes may be less probable than others, and what fits may do so at implausible values.
     """
-    doubtful = kept(result) < 0.5 if result.verdict == "adequate" else bool(result.strange)
-    return "warn" if doubtful and _KINDS[result.verdict] == "good" else _KINDS[result.verdict]
+    doubtful = result.verdict == "adequate" and kept(result) < 0.5
+    return "warn" if doubtful or result.unexplained_by == "values" else _KINDS[result.verdict]
 
 
 def tiles(result: Diagnosis, shown: Sequence[Shown]) -> list[dict[str, str]]:
