@@ -112,7 +112,7 @@ def test_the_command_writes_the_drive_and_check_reads_it(
 
 def test_readings_in_a_sensors_volts_have_their_known_errors(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
-    file.write_text("f (Hz);Vp;Launch (mV);Sigma (mV);Range (um);sigma_um\n1200;20;3000;10;;\n1300;20;;;76;2\n")
+    file.write_text("f (Hz);Vp;Launch (mV);Sigma (mV);Range (um);Sigma range (nm)\n1;20;3000;10;;\n2;20;;;76;2000\n")
     columns = tuple(
         Mapping(heading, name, scaled("5mm/s/V"))
         for heading, name in (("Launch", "launch_speed_mm_s"), ("Sigma (mV)", "sigma_mm_s"))

@@ -58,14 +58,25 @@ _TENSIONS = (
     "antriebsspannung", "tension", "v", "u", "volt", "volts", "",
 )  # fmt: skip
 _ERRORS = ("sigma", "standard uncertainty", "standardunsicherheit")
-QUANTITIES = (
-    Quantity("frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition"),
-    Quantity("amplitude_v", "V", _TENSIONS, "condition"),
+_READINGS = (
     Quantity("launch_range_um", "um", _RANGES, "reading"),
     Quantity("launch_speed_mm_s", "mm/s", _SPEEDS, "reading"),
     Quantity("contact_time_us", "us", ("contact time", "contact duration", "kontaktzeit", "kontaktdauer"), "reading"),
     Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading"),
-    *(Quantity(o.sigma_column, o.unit, _ERRORS, "error") for o in OF_LAUNCHES),
+)
+_SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}
+
+
+def _of(names: tuple[str, ...]) -> tuple[str, ...]:
+    """What the known error of a reading with these names is called: ``sigma range``."""
+    return tuple(f"{error} {name}" for error in _ERRORS for name in names)
+
+
+QUANTITIES = (
+    Quantity("frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition"),
+    Quantity("amplitude_v", "V", _TENSIONS, "condition"),
+    *_READINGS,
+    *(Quantity(_SIGMA[r.column], r.unit, (*_ERRORS, *_of(r.names)), "error") for r in _READINGS),
     Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
     Quantity("time_us", "us", ("time", "t", "zeit", "temps", "x axis"), "time"),
     Quantity("displacement_um", "um", _PLACES, "trace"),
