@@ -102,7 +102,10 @@ def test_the_command_writes_the_drive_and_check_reads_it(
     assert "--drive FILE" in capsys.readouterr().err
     words = ["import", "sweep.csv", "--drive", "scope.csv", "--start", "0.2:ms", *RIG]
     assert run(monkeypatch, *words, "--period", "1:ms", "--out", "rig") == 0
-    assert "drive of 201 rows, 0 to 1 per volt of amplitude_v" in capsys.readouterr().out
+    assert run(monkeypatch, "import", "sweep.csv", "--period", "1:ms", "--waveform", "sine", "--out", "no") == 2
+    said = capsys.readouterr()
+    assert "--period is of a recorded drive" in said.err
+    assert "drive of 201 rows, 0 to 1 per volt of amplitude_v" in said.out
     assert run(monkeypatch, *words, "--out", "once") == 0
     assert "0 to 60 V" in capsys.readouterr().out
     assert read_experiment("rig").warnings == ()

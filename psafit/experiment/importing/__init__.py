@@ -101,6 +101,8 @@ def _check_used(tables: Sequence[Table], options: Options) -> None:
     groups = [group for table in tables for group in table.groups]
     if options.drive and not any(group.drive.table for group in groups):
         faults.add(InputError("--drive is given, and no table has it", f"say --waveform {TABLE}, or leave it out"))
+    if options.period_us is not None and not options.drive:
+        faults.add(InputError("--period is of a recorded drive, and there is none", "give it with --drive FILE"))
     if not options.drive and not any(group.time_us is not None for group in groups):
         for name in (name for name, is_given in given.items() if is_given):
             faults.add(InputError(f"{name} is of traces, and no table is one", "leave it out"))
@@ -185,22 +187,22 @@ def _check_mappings(found: Sequence[tuple[Grid, Head]], options: Options) -> Non
 def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str]:
     """The waveform of each table; empty where a column says it."""
     faults = Faults()
-    given = options.waveforms or ((TABLE,) if options.drive else ())
+    given = options.waveforms
     if len(given) > 1 and len(given) != len(found):
         raise InputError(f"{len(given)} waveforms for {len(found)} tables", "give one, or one for each")
     for name in given:
         with faults.kept():
             try:
-                known = known_waveform(name)
+                known_waveform(name, options)
             except CellFault as fault:
                 raise InputError(f"--waveform {fault.what}", fault.remedy) from fault
-            if known == TABLE and not options.drive:
-                raise InputError("nothing says what the drive is", "give its voltage over time: --drive FILE")
     shapes = []
     for number, (grid, head) in enumerate(found):
         mapped = {place: m.column for m in options.columns for place in names(m, head.headings)}
         said = any(mapped.get(p, WAVEFORM if h.is_waveform else "") == WAVEFORM for p, h in enumerate(head.headings))
         shape = "" if not given else given[0] if len(given) == 1 else given[number]
+        if options.drive and not said and not shape:
+            shape = TABLE
         if said and shape:
             faults.add(
                 InputError("a column gives the waveform", "leave out --waveform", file=grid.file, line=head.line)

@@ -67,7 +67,7 @@ def readings(
     found = []
     for row in body.rows:
         before = faults.count
-        drive = options.drive_of(_waveform(row, chosen, waveform, faults))
+        drive = options.drive_of(_waveform(row, chosen, waveform, options, faults))
         values = {c: _value(row, c, notation, drive, faults) for c in quantities}
         label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
         repetitions = _repetitions(values, chosen)
@@ -128,22 +128,24 @@ def _check_decimals(grid: Grid, body: Body, chosen: Chosen) -> None:
             raise InputError(what, remedy, file=grid.file, line=body.rows[0].line)
 
 
-def _waveform(row: Row, chosen: Chosen, given: str, faults: RowFaults) -> str:
+def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: RowFaults) -> str:
     """The waveform of a row."""
     column = next(iter(chosen.of(WAVEFORM)), None)
     text = given if column is None else text_of(_cell(row, column))
     try:
-        return known_waveform(text)
+        return known_waveform(text, options)
     except CellFault as fault:
         faults.add(WAVEFORM, fault.what, fault.remedy, row.line)
         return next(iter(WAVEFORMS))
 
 
-def known_waveform(text: str) -> str:
+def known_waveform(text: str, options: Options) -> str:
     """Psafit's waveform of this name, or that of a file of its own; a `CellFault` for any other."""
     for form in WAVEFORMS.values():
         if words(text) in (words(name) for name in (form.id, *form.names)):
             return form.id
+    if words(text) == TABLE and options.drive is None:
+        raise CellFault(f"{shown(text)} needs a voltage over time", "give it with --drive FILE")
     if words(text) == TABLE:
         return TABLE
     raise CellFault(f"{shown(text)} is no waveform that psafit knows", instead(text))
@@ -213,9 +215,8 @@ def peak(volts: Volts, drive: Drive) -> Decimal:
     """Peak of a voltage that is 1 as it is counted."""
     form = WAVEFORMS.get(drive.waveform)
     if volts != "rms":
-        low, high = (
-            form.span if form else drive.table.span if drive.table else (0.0, 1.0)
-        )  # an amplitude is counted from zero, of a unipolar waveform, too
+        # An amplitude is counted from zero, of a unipolar waveform, too.
+        low, high = form.span if form else drive.table.span if drive.table else (0.0, 1.0)
         return 1 / Decimal(high - low) if volts == "pp" else Decimal(1)
     if form is None or form.crest_squared is None:
         raise CellFault(f"volts are RMS, and the peak of {drive.waveform} does not follow", "give them zero to peak")
