@@ -65,7 +65,7 @@ def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Con
     for group, name in zip(groups, names, strict=True):
         content = _kept_table(experiment.folder / group.file, group) if isinstance(group, Group) else None
         write_atomically(folder / name, table_text(group).encode() if content is None else content)
-    for name, text in _drive_files(groups).items():
+    for name, text in drive_files(groups).items():
         write_atomically(folder / name, text.encode())
     write_atomically(folder / DEFINITION, "".join([head, *written]).encode())
 
@@ -81,7 +81,7 @@ def _names(groups: Sequence[Conditions]) -> list[str]:
     return [f"group{number}.csv" for number in range(1, len(groups) + 1)]
 
 
-def _drive_files(groups: Sequence[Conditions]) -> dict[str, str]:
+def drive_files(groups: Sequence[Conditions]) -> dict[str, str]:
     """The CSV files of drives that are tables, by name."""
     found = {}
     for drive in (g.drive for g in groups if g.drive.table):

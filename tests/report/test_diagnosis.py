@@ -105,7 +105,9 @@ def test_first_screen_answers(page):
     assert "90 % interval: hysteresis of the stack s = 4.10 × 10⁵ (3.80 to 4.40) × 10⁵ and" in text  # sizes
     assert "Values that would surprise whoever knows such rigs: U of hysteresis of the stack." in text
     assert "without a name keeps" not in text
-    odd = "group 1, 200 Hz, 20 V (reads 100 µm for 140 µm). 1 reading is off by more than four standard deviations."
+    odd = (
+        "group 1, 200 Hz, 20 V (100 µm read, 140 µm predicted). 1 reading is off by more than four standard deviations."
+    )
     assert f"Furthest from hysteresis of the stack: {odd}" in text
     assert "goes from a factor of 2.49 to 1.29" in text
     assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text

@@ -270,7 +270,7 @@ class Furthest(Statement):
     def say(self, words: Words) -> str:
         far = (
             words.put(
-                "{}, {} (reads {} for {})", words.groups([r.group]),
+                "{}, {} ({} read, {} predicted)", words.groups([r.group]),
                 words.number(f"{r.frequency_hz:.6g} Hz, {r.amplitude_v:.4g} V"),
                 words.number(f"{significant(r.reading_um)} {r.unit}"),
                 words.number(f"{significant(r.predicted_um)} {r.unit}"),
@@ -319,6 +319,7 @@ class Room(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Added to {} and refitted, no cause that could be bounded changes a reading by more than {} ({}; 95 %).",
+            "Added to {} and refitted, no cause that could be bounded changes a reading by more than {}, with 95 %"
+            " probability ({}).",
             words.causes(self.adopted), words.fraction(max(self.share, self.least)), words.cause(self.cause),
         )  # fmt: skip

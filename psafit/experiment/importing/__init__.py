@@ -8,18 +8,19 @@ calamine; units are pint's.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from psafit.drives import WAVEFORMS, Drive
+from psafit.drives import TABLE, WAVEFORMS
 from psafit.errors import Faults, InputError
-from psafit.experiment.importing.columns import WAVEFORM, choose, option
+from psafit.experiment.importing.columns import VOLTAGE, WAVEFORM, choose, option
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, grids
 from psafit.experiment.importing.layout import Head, body, find_head, names
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
+from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.traces import Sampled, from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
@@ -28,7 +29,7 @@ from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
 from psafit.files import read_bytes
 
-COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
+COLUMN_NAMES = (*COLUMNS, VOLTAGE, WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
 
 __all__ = ["COLUMN_NAMES", "Imported", "Mapping", "Options", "Table", "read_files", "write_import"]
@@ -61,7 +62,10 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
         with faults.kept():
             found += _tables(file, options)
     faults.end()
-    _check_mappings([tries[0] for tries in found], options)
+    driven = [tries[0] for tries in _tables(options.drive_file, options)] if options.drive_file else []
+    _check_mappings([*(tries[0] for tries in found), *driven], options)
+    if driven:
+        options = replace(options, drive=recorded(*driven[0], options))
     shapes = _waveforms([tries[0] for tries in found], options)
     tables: list[Table] = []
     for number, (tries, shape) in enumerate(zip(found, shapes, strict=True)):
@@ -95,7 +99,12 @@ def _check_used(tables: Sequence[Table], options: Options) -> None:
             file, line = (place.file, place.header_line or 1) if place else (None, None)
             faults.add(InputError(what, remedy, file=file, line=line))
     given = {"--start": options.start_us is not None, "--from-rest": options.from_rest, "--every": options.every != 1}
-    if not any(group.time_us is not None for table in tables for group in table.groups):
+    groups = [group for table in tables for group in table.groups]
+    if options.drive and not any(group.drive.table for group in groups):
+        faults.add(InputError("--drive is given, and no table has it", f"say --waveform {TABLE}, or leave it out"))
+    if options.period_us is not None and not options.drive:
+        faults.add(InputError("--period is of a recorded drive, and there is none", "give it with --drive FILE"))
+    if not options.drive and not any(group.time_us is not None for group in groups):
         for name in (name for name, is_given in given.items() if is_given):
             faults.add(InputError(f"{name} is of traces, and no table is one", "leave it out"))
     faults.end()
@@ -187,7 +196,7 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
     for name in given:
         with faults.kept():
             try:
-                known_waveform(name)
+                known_waveform(name, options)
             except CellFault as fault:
                 raise InputError(f"--waveform {fault.what}", fault.remedy) from fault
     shapes = []
@@ -195,6 +204,8 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
         mapped = {place: m.column for m in options.columns for place in names(m, head.headings)}
         said = any(mapped.get(p, WAVEFORM if h.is_waveform else "") == WAVEFORM for p, h in enumerate(head.headings))
         shape = "" if not given else given[0] if len(given) == 1 else given[number]
+        if options.drive and not said and not shape:
+            shape = TABLE
         if said and shape:
             faults.add(
                 InputError("a column gives the waveform", "leave out --waveform", file=grid.file, line=head.line)
@@ -253,4 +264,4 @@ def _group(number: int, part: Sequence[Reading]) -> Group:
     """Readings as a group of its own."""
     names = dict.fromkeys(name for reading in part for name, _ in reading.values)
     columns = {name: np.array([dict(reading.values).get(name, np.nan) for reading in part]) for name in names}
-    return Group(number, Drive(part[0].waveform), f"group{number}.csv", changed=(), **readings_of(columns))
+    return Group(number, part[0].drive, f"group{number}.csv", changed=(), **readings_of(columns))

@@ -17,12 +17,17 @@ from psafit.experiment.importing.units import Unit, factor_of
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.text import listed, shown
 from psafit.experiment.trace_table import TIME, TRACES
+from psafit.observables import OF_LAUNCHES
 
-WAVEFORM = "waveform"
-HELD = (*CONDITION_COLUMNS, "sigma_um")
+WAVEFORM, VOLTAGE = "waveform", "voltage_v"
+ERROR_OF = {o.sigma_column: o.column for o in OF_LAUNCHES}
+"""Column of the reading that each known error is of."""
+HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 """What may be held, in the place of a column."""
 READ = ("reading", "trace")
 """Roles of what is read."""
+SIGNALS = (*READ, "error")
+"""Roles of what a sensor's volts may be."""
 _EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}
 
 
@@ -74,7 +79,7 @@ class Chosen:
     def held(self, options: Options) -> dict[str, float]:
         """Conditions that were held, of those that such a table takes and has no column of."""
         here = {c.column for c in self.columns}
-        takes = CONDITION_COLUMNS if self.traced else HELD
+        takes = (*CONDITION_COLUMNS, *(e for e, reading in ERROR_OF.items() if reading in here))
         return {name: value for name, value in options.held.items() if name in takes and name not in here}
 
     def of(self, column: str) -> list[Column]:
@@ -109,7 +114,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
         _check_unnamed(grid, head, found, faults)
     faults.end()
     said = {c.column for c in found if c.mapped}
-    used = [c for c in found if c.column not in ("", IGNORED) and (c.mapped or c.column not in said)]
+    used = [c for c in found if c.column not in ("", IGNORED, VOLTAGE) and (c.mapped or c.column not in said)]
     roles = ("condition", "time", "trace") if traced else ("condition", "reading", "error")
     usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, GROUPS}
     kept = [c for c in used if c.column in usable and _role(c.column) in (*roles, "")]
@@ -169,6 +174,10 @@ def _is_trace(head: Head, mapped: dict[int, Column]) -> bool:
 def _recognised(head: Head, mapped: dict[int, Column], *, traced: bool) -> list[Column]:
     """Each column with what it is: empty for unknown, or `"ignore"`."""
     other = ("reading", "error") if traced else ("trace",)
+    could = [
+        [q for q in h.quantities(u) if q.role not in other] for h, u in zip(head.headings, head.units, strict=True)
+    ]
+    sure = {some[0].column for some in could if len(some) == 1} | {c.column for c in mapped.values()}
     found = []
     for place, heading in enumerate(head.headings):
         if place in mapped:
@@ -176,8 +185,8 @@ def _recognised(head: Head, mapped: dict[int, Column], *, traced: bool) -> list[
         elif heading.is_waveform:
             found.append(Column(place, heading, WAVEFORM))
         else:
-            could = [q for q in heading.quantities(head.units[place]) if q.role not in other]
-            found.append(Column(place, heading, could[0].column if len(could) == 1 else ""))
+            of_these = [q for q in could[place] if ERROR_OF.get(q.column, q.column) in sure or q.role != "error"]
+            found.append(Column(place, heading, of_these[0].column if len(of_these) == 1 else ""))
     return found
 
 
@@ -247,6 +256,11 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
     if not chosen.readings:
         near = _nearest(chosen.unused, head, "launch_range_um")
         what, remedy = f"no launch_range_um among {there}", f"say {option(near or 'NAME', 'launch_range_um')}"
+        if not near:
+            remedy = f"{remedy}, or as one of {listed(ERROR_OF.values())}"
+            volts = [c.option for c in chosen.unused if _in_volts(c, head)]
+            scale = option(volts[0] if volts else "NAME", "launch_speed_mm_s", "5mm/s/V")
+            remedy = f"{remedy}; a sensor's volts with their scale, {scale}"
         if chosen.not_yet:
             what = f"{what}, but {listed(f'{c.column} ({c.name})' for c in chosen.not_yet)}"
             remedy = "psafit cannot use that yet: give a file with launch ranges; it is no launch range"

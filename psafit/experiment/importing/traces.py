@@ -9,7 +9,6 @@ from statistics import mean
 
 import numpy as np
 
-from psafit.drives import Drive
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.records import Options
@@ -105,7 +104,7 @@ def trace_of(number: int, part: Sequence[Reading]) -> Group:
     (column,) = TRACES.keys() & values.keys()
     return Group(
         number,
-        Drive(part[0].waveform),
+        part[0].drive,
         f"group{number}.csv",
         values["frequency_hz"],
         values["amplitude_v"],
