@@ -178,4 +178,4 @@ def test_what_a_cause_may_change_is_said_of_what_was_bounded(verdict: str, named
     bounded = [replace(shown, room=0.075), replace(other, room=None)]
     texts = sentences(replace(record, verdict=verdict, named=named, screening=bounded))
     found = [text for text in texts if "changes a reading" in text]
-    assert [text.partition(" (")[0] for text in found] == ([said] if said else [])
+    assert [text.partition(", with 95 %")[0] for text in found] == ([said] if said else [])

@@ -110,7 +110,7 @@ def test_the_command_writes_the_drive_and_check_reads_it(
     assert "0 to 60 V" in capsys.readouterr().out
     assert read_experiment("rig").warnings == ()
     (warning,) = read_experiment("once").warnings
-    assert "a recorded drive is the same at each frequency" in warning
+    assert "the simulation is the same for every row" in warning
 
 
 def test_readings_in_a_sensors_volts_have_their_known_errors(tmp_path: Path) -> None:
