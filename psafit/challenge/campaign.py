@@ -44,7 +44,7 @@ PRIOR = "prior"
 SEEN_NATS = 25.0
 """An oracle gain from which a miss counts, and rivals are looked for."""
 
-_KEPT = ("verdict", "named", "alternatives", "causes", "misfit")
+_KEPT = ("verdict", "unexplained_by", "named", "alternatives", "causes", "misfit")
 _AGAIN = "move it elsewhere, and run the campaign again"
 
 
