@@ -124,6 +124,7 @@ def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | No
 
 def _mapping(text: str) -> Mapping:
     """What a ``--column`` says."""
+    from psafit.experiment.drive_table import RECORDED
     from psafit.experiment.importing import COLUMN_NAMES, Mapping
     from psafit.experiment.importing.units import scaled
     from psafit.experiment.importing.units import unit as parsed
@@ -138,9 +139,10 @@ def _mapping(text: str) -> Mapping:
         )
     if column not in COLUMN_NAMES:
         raise InputError(f"--column {shown(text)}: {shown(column)} is no column", did_you_mean(column, COLUMN_NAMES))
-    said = parsed(unit) or (scaled(unit) if column in TRACES else None) if colon else None
+    over_time = (*TRACES, *RECORDED)
+    said = parsed(unit) or (scaled(unit) if column in over_time else None) if colon else None
     if colon and said is None:
-        usual = "um, or what a volt is, 5mm/s/V or 2um/V" if column in TRACES else "kHz, mV, Vpp or um"
+        usual = "um, or what a volt is, 5mm/s/V, 2um/V or 20V/V" if column in over_time else "kHz, mV, Vpp or um"
         raise InputError(f"--column {shown(text)}: {shown(unit)} is no unit", f"write for example {usual}")
     return Mapping(heading.strip(), column, said)
 
@@ -148,13 +150,13 @@ def _mapping(text: str) -> Mapping:
 def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, float | tuple[float, ...]], ...]]:
     """Constants and conditions that ``--set`` gives, in SI and psafit's units; of several tables a condition each."""
     from psafit.experiment import CONSTANT_UNITS
-    from psafit.experiment.importing.columns import HELD
+    from psafit.experiment.importing import SETTABLE
     from psafit.experiment.importing.given import value
     from psafit.experiment.text import did_you_mean, listed, shown
 
     constants: dict[str, float] = {}
     held: dict[str, float | tuple[float, ...]] = {}
-    known = (*CONSTANT_UNITS, *HELD)
+    known = (*CONSTANT_UNITS, *SETTABLE)
     for text in given:
         name, _, number = (part.strip() for part in text.partition("="))
         if name not in known:
@@ -206,6 +208,8 @@ def _columns_text(table: Table) -> list[str]:
         read = count(g.n_points, "reading")
         if g.time_us is not None:
             read = f"{count(g.n_points, 'sample')} of the {g.observable.title}"
+        if g.drive.table is not None:
+            read = f"{read}, drive in {g.drive.file} from {g.drive.idle_v:.4g} V"
         lines.append(f"  group {g.id}: {g.waveform}, {read}, {g.file}")
     return lines
 
@@ -260,7 +264,10 @@ def _table_result(table: Table) -> dict[str, Any]:
         "not_used": list(table.unused),
         "not_yet": [{"heading": heading, "column": column} for heading, column in table.not_yet],
         "left_out": [{"line": line, "text": text} for line, text in table.left_out],
-        "groups": [{"id": g.id, "waveform": g.waveform, "file": g.file, "n_points": g.n_points} for g in table.groups],
+        "groups": [
+            {"id": g.id, "waveform": g.waveform, "file": g.file, "n_points": g.n_points, "drive": g.drive.file}
+            for g in table.groups
+        ],
     }
 
 

@@ -65,7 +65,7 @@ def write_experiment(experiment: Experiment, folder: Path, planned: Sequence[Con
     for group, name in zip(groups, names, strict=True):
         content = _kept_table(experiment.folder / group.file, group) if isinstance(group, Group) else None
         write_atomically(folder / name, table_text(group).encode() if content is None else content)
-    for name, text in _drive_files(groups).items():
+    for name, text in drive_files(groups).items():
         write_atomically(folder / name, text.encode())
     write_atomically(folder / DEFINITION, "".join([head, *written]).encode())
 
@@ -81,15 +81,15 @@ def _names(groups: Sequence[Conditions]) -> list[str]:
     return [f"group{number}.csv" for number in range(1, len(groups) + 1)]
 
 
-def _drive_files(groups: Sequence[Conditions]) -> dict[str, str]:
+def drive_files(groups: Sequence[Conditions]) -> dict[str, str]:
     """The CSV files of drives that are tables, by name."""
     found = {}
     for drive in (g.drive for g in groups if g.drive.table):
         table = drive.table
         assert table is not None
-        names, unit = (RECORDED, 1e-6) if table.recorded else (PERIOD, 1.0)
-        rows = zip((table.at / unit).tolist(), table.value.tolist(), strict=True)
-        lines = [",".join(names), *(",".join(map(number_text, row)) for row in rows)]
+        names, place = (RECORDED, _microseconds) if table.recorded else (PERIOD, number_text)
+        rows = zip(table.at.tolist(), table.value.tolist(), strict=True)
+        lines = [",".join(names), *(f"{place(at)},{number_text(value)}" for at, value in rows)]
         found[drive.file] = "\n".join(lines) + "\n"
     return found
 
@@ -208,6 +208,12 @@ def _condition(group: Conditions) -> tuple[float, float] | None:
 def number_text(value: float) -> str:
     """A number as people write it: whole ones without a point."""
     return repr(float(value)).removesuffix(".0")
+
+
+def _microseconds(seconds: float) -> str:
+    """A time as the shortest number of microseconds that is read as the same."""
+    texts = (f"{seconds / 1e-6:.{digits}g}" for digits in range(6, 18))
+    return number_text(next((float(text) for text in texts if float(text) * 1e-6 == seconds), seconds / 1e-6))
 
 
 def _quoted(text: str) -> str:

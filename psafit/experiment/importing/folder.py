@@ -16,6 +16,7 @@ from psafit.experiment.rig import Rig
 from psafit.experiment.text import one_line
 from psafit.experiment.writer import (
     beliefs_text,
+    drive_files,
     group_text,
     head_text,
     limits_text,
@@ -90,6 +91,8 @@ def write_import(imported: Imported, folder: Path) -> None:
         for group in table.groups:
             parts.append(group_text(group, group.file).lstrip("\n"))
             write_atomically(folder / group.file, table_text(group).encode())
+        for name, text in drive_files(table.groups).items():
+            write_atomically(folder / name, text.encode())
     write_atomically(folder / DEFINITION, "".join(parts).encode())
 
 

@@ -61,7 +61,9 @@ class Options:
     every : int
         One sample of a trace in so many is kept.
     least_samples, most_samples : int
-        Of a trace, those that are kept: what `psafit.experiment.trace_table.read_trace` takes.
+        Of a trace, those that are kept: what `psafit.experiment.trace_table.read_trace` takes. Of a recorded drive all.
+    most_at_rest : float
+        A recorded drive rests before its start, where its voltage varies by no more than this part of its whole span.
     most_bytes, most_rows : int
         A larger file is refused: it is no sweep of launches.
     """
@@ -79,6 +81,7 @@ class Options:
     every: int = 1
     least_samples: int = 10
     most_samples: int = 100_000
+    most_at_rest: float = 0.1
     most_bytes: int = 2**27
     most_rows: int = 1_000_000
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from decimal import Decimal
 from itertools import zip_longest
 
-from psafit.drives import WAVEFORMS, instead
+from psafit.drives import TABLE, WAVEFORMS, instead
 from psafit.errors import InputError
-from psafit.experiment.importing.columns import READ, WAVEFORM, Chosen, Column, option
+from psafit.experiment.drive_table import level
+from psafit.experiment.importing.chosen import READ, VOLTAGE, WAVEFORM, Chosen, Column, option
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
@@ -23,12 +24,13 @@ from psafit.experiment.trace_table import TIME, TRACES, possible
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading: where it stands, which group it is of, and the values of psafit's columns."""
+    """One reading: where it stands, which group it is of, and the values of psafit's columns; of a trace its column."""
 
     line: int
     waveform: str
     group: str
     values: tuple[tuple[str, float], ...]
+    place: int = 0
 
 
 def readings(
@@ -77,13 +79,33 @@ def readings(
         others = {c.column: v for c, v in values.items() if c.column not in chosen.readings and v is not None}
         for read in repetitions if faults.count == before else ():
             known = held | others | {c.column: v for c, v in read.items()}
-            group = f"{label} {next(iter(read)).place}" if chosen.traced else label
-            found.append(Reading(row.line, shape, group, tuple(known.items())))
+            first = next(iter(read))
+            if chosen.traced:
+                known = _named(grid, head, first, shape, options) | known
+            found.append(Reading(row.line, shape, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
                 if v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
     faults.end(len(body.rows))
     return found, notation.decimal
+
+
+def _named(grid: Grid, head: Head, column: Column, waveform: str, options: Options) -> dict[str, float]:
+    """The conditions that the heading of a trace names.
+
+    Raises
+    ------
+    InputError
+        Where one is impossible.
+    """
+    found = {}
+    try:
+        for a in column.at:
+            volts = (a.volts or options.volts or "peak") if a.column == "amplitude_v" else "peak"
+            found[a.column] = within(float(a.value * peak(volts, waveform)), a.column, column.option)
+    except CellFault as fault:
+        raise InputError(f"heading {fault.what}", fault.remedy, file=grid.file, line=head.line or 1) from fault
+    return found
 
 
 def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float]]:
@@ -129,6 +151,8 @@ def _waveform(row: Row, chosen: Chosen, given: str, faults: RowFaults) -> str:
     """The waveform of a row."""
     column = next(iter(chosen.of(WAVEFORM)), None)
     text = given if column is None else text_of(_cell(row, column))
+    if column is None and given == TABLE:
+        return TABLE
     try:
         return known_waveform(text)
     except CellFault as fault:
@@ -157,7 +181,8 @@ def _value(row: Row, column: Column, notation: Notation, waveform: str, faults: 
         value = float(number.value * _factor(number, column, waveform, text))
         if column.column == TIME:  # on the clock of the instrument
             return value
-        return (possible if column.column in TRACES else within)(value, column.column, text)
+        check = level if column.column == VOLTAGE else possible if column.column in TRACES else within
+        return check(value, column.column, text)
     except CellFault as fault:
         faults.add(column.column, fault.what, fault.remedy, row.line)
         return None
@@ -193,7 +218,7 @@ def _factor(number: Number, column: Column, waveform: str, text: str) -> Decimal
     if number.unit and column.unit and column.unit.factor(target) != factor:
         what = f"{shown(text)} has another unit than its column, {column.unit.text}"
         raise CellFault(what, "give it in the unit of the column")
-    if target != "V":
+    if column.column != "amplitude_v":
         return factor
     volts = number.unit.volts if number.unit and number.unit.volts else column.volts
     if volts and column.volts and volts != column.volts:
@@ -206,11 +231,13 @@ def _factor(number: Number, column: Column, waveform: str, text: str) -> Decimal
 
 def peak(volts: Volts, waveform: str) -> Decimal:
     """Peak of a voltage that is 1 as it is counted."""
-    form = WAVEFORMS[waveform]
-    if volts != "rms":
+    form = WAVEFORMS.get(waveform)
+    if form is None and volts != "rms":  # of a recorded drive, from its least to its greatest voltage
+        return Decimal(1) if volts == "peak" else Decimal("0.5")
+    if form and volts != "rms":
         low, high = form.span  # an amplitude is counted from zero, of a unipolar waveform, too
         return 1 / Decimal(high - low) if volts == "pp" else Decimal(1)
-    if form.crest_squared is None:
+    if form is None or form.crest_squared is None:
         raise CellFault(f"volts are RMS, and the peak of {waveform} does not follow", "give them zero to peak")
     return Decimal(form.crest_squared).sqrt()
 
