@@ -38,12 +38,12 @@ def runs_on(parts: Sequence[Sequence[int]], times: Sequence[float]) -> int | Non
     Traces of one table are counted from starts of their own, so each begins before any other ends. Traces that are
     mixed row by row begin together, before the second sample of any.
     """
+    parts = [part for part in parts if len(part) > 1]  # one sample alone shows no clock
     if len(parts) < 2:
         return None
     mixed = any(part[-1] - part[0] >= len(part) for part in parts)
     latest = max((part[0] for part in parts), key=lambda row: times[row])
-    ends = [times[part[1 if mixed else -1]] for part in parts if len(part) > 1 or not mixed]
-    return latest if times[latest] > min(ends) else None
+    return latest if times[latest] > min(times[part[1 if mixed else -1]] for part in parts) else None
 
 
 def rising(parts: Sequence[Sequence[int]], times: Sequence[float]) -> bool:
