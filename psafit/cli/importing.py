@@ -30,7 +30,7 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
     "columns",
     multiple=True,
     metavar="HEADING=COLUMN[:UNIT]",
-    help="What a column holds: 'Freq=frequency_hz:kHz', 'Note=ignore', '3=launch_range_um:um'; repeat.",
+    help="What a column holds: 'Freq=frequency_hz:kHz', 'Note=ignore', 'CH1=voltage_v:20V/V'; repeat.",
 )
 @click.option(
     "--set",
@@ -71,8 +71,9 @@ def import_files(
     """Make an experiment folder of what instruments and spreadsheets write.
 
     FILE is text with any separator, or a workbook (.xlsx, .xls, .ods). Each is a group; columns are recognised by
-    name and unit. Time and displacement or velocity are a trace, whose drive --set gives. What was understood is
-    printed. What may be understood in two ways is asked for.
+    name and unit. Time and displacement or velocity are a trace. Its conditions stand in columns or headings, or --set
+    gives them; a voltage recorded with it is its drive. What was understood is printed. What may be understood in two
+    ways is asked for.
     """
     from psafit.experiment import read_experiment
     from psafit.experiment.importing import Options, read_files, write_import

@@ -44,7 +44,7 @@ def text(head: str, rows: list[Row], separator: str = ";", decimal: str = ".") -
     return "\n".join([head, *lines, ""])
 
 
-def beside(times: np.ndarray = TIMES, volts: np.ndarray = VOLTS, motion: np.ndarray = MOTION) -> list[Row]:
+def driven(times: np.ndarray = TIMES, volts: np.ndarray = VOLTS, motion: np.ndarray = MOTION) -> list[Row]:
     return [tuple(map(float, row)) for row in zip(times, volts, motion, strict=True)]
 
 
@@ -164,6 +164,10 @@ UNSURE: dict[str, tuple[str, dict[str, Any], str]] = {
     "speeds at one condition": (
         text(SPEEDS, long(THREE[:1])), PEAK, "'velocity (mm/s)=velocity_mm_s' or --column 'velocity (mm/s)=launch_",
     ),
+    "speeds at conditions by turns": (
+        text(SPEEDS, [(f, v, 10.0 * k, y) for k, (f, v, _, y) in enumerate(MIXED)]), PEAK, "and the time a clock",
+    ),
+    "speeds mixed by time": (text(SPEEDS, MIXED), PEAK, "and the time a clock"),
     "a condition twice": (text(HEAD, long()), PEAK | {"values": HELD[:1]}, "frequency_hz is given, and column 'f"),
     "headings and --set": (wide("x 1200 Hz (um)", "x 1300 Hz (um)"), {"values": HELD}, "heading 'x 1200 Hz (um)'"),
     "one heading": (wide("x 1200 Hz (um)", "x (um)"), {"values": HELD[1:]}, "and heading 'x (um)' does not"),
@@ -184,7 +188,7 @@ CLOCKS = {
     "ranges": text("Time (s);f (Hz);Vp;Range (um)", [(t, f, v, 1 + y) for f, v, t, y in long()]),
     "speeds, sweep": text("Time (s);f (Hz);Vp;Velocity (mm/s)", [(t, f + t, v, y) for f, v, t, y in long(THREE[:1])]),
     "speeds, repeated": text("Time (s);f (Hz);Vp;Velocity (mm/s)", [(t, f, v, y) for f, v, t, y in long(later=60)]),
-    "a displacement beside": text("Time (s);f (Hz);Vp;x (um);Range (um)", [(t, f, v, y, y) for f, v, t, y in long()]),
+    "a displacement, too": text("Time (s);f (Hz);Vp;x (um);Range (um)", [(t, f, v, y, y) for f, v, t, y in long()]),
     "hours": "\n".join(["Time;f (Hz);Vp;Velocity (mm/s)", *(f"12:03:{k:02d};1200;20;{k}" for k in range(12)), ""]),
 }
 
@@ -215,24 +219,24 @@ SENSOR = Mapping("CH2 (mV) vibrometer", "velocity_mm_s", scaled("5mm/s/V"))
 NOTHING_SAID: dict[str, Any] = {"waveforms": (), "values": HELD}
 DRIVEN: dict[str, tuple[str, dict[str, Any], float]] = {
     "channels": (
-        text(CHANNELS, beside(motion=200 * MOTION)), {"columns": (SENSOR,)}, 1.0,
+        text(CHANNELS, driven(motion=200 * MOTION)), {"columns": (SENSOR,)}, 1.0,
     ),
     "by its channel, behind an amplifier": (
-        text("Time (us);CH1 (mV);x (um)", beside(volts=1000 * VOLTS)),
+        text("Time (us);CH1 (mV);x (um)", driven(volts=1000 * VOLTS)),
         {"columns": (Mapping("CH1", "voltage_v", scaled("20V/V")),)}, 20.0,
     ),
     "in millivolts, by number": (
-        text("Time (us);a;x (um)", beside(volts=1000 * VOLTS)),
+        text("Time (us);a;x (um)", driven(volts=1000 * VOLTS)),
         {"columns": (Mapping("2", "voltage_v", Unit("mV")),)}, 1.0,
     ),
     "turned": (
-        text("Time (us);CH1 (V);x (um)", beside()), {"columns": (Mapping("CH1", "voltage_v", scaled("-1V/V")),)}, -1.0,
+        text("Time (us);CH1 (V);x (um)", driven()), {"columns": (Mapping("CH1", "voltage_v", scaled("-1V/V")),)}, -1.0,
     ),
     "decimal commas, seconds": (
-        text("Zeit (s);Antriebsspannung (V);Weg (µm)", beside(TIMES * 1e-6), decimal=","), {}, 1.0,
+        text("Zeit (s);Antriebsspannung (V);Weg (µm)", driven(TIMES * 1e-6), decimal=","), {}, 1.0,
     ),
-    "psafit's own": (text("time_us,voltage_v,displacement_um", beside(), ","), {}, 1.0),
-    "called a table": (text("Time (us);Piezo voltage (V);x (um)", beside()), {"waveforms": ("table",)}, 1.0),
+    "psafit's own": (text("time_us,voltage_v,displacement_um", driven(), ","), {}, 1.0),
+    "called a table": (text("Time (us);Piezo voltage (V);x (um)", driven()), {"waveforms": ("table",)}, 1.0),
 }  # fmt: skip
 
 
@@ -255,7 +259,7 @@ EARLY = np.array([-7.5, -5.0, -2.5])
 def test_the_start_shifts_the_drive_as_well_and_every_thins_the_trace_alone(tmp_path: Path) -> None:
     """What the drive rested at is the mean before the start, whose voltage lies between two samples."""
     times, volts = np.append(EARLY, TIMES + 1.5), np.append([10.1, 10.0, 9.9], VOLTS + 10)
-    content = text("t (us);drive (V);x (um)", beside(times, volts, np.append([0.2] * 3, MOTION + 0.2)))
+    content = text("t (us);drive (V);x (um)", driven(times, volts, np.append([0.2] * 3, MOTION + 0.2)))
     options = NOTHING_SAID | {"start_us": 0.5, "from_rest": True, "every": 3, "least_samples": 4}
     (group,) = read(tmp_path, content, **options)
     table = group.drive.table
@@ -271,33 +275,33 @@ def test_the_start_shifts_the_drive_as_well_and_every_thins_the_trace_alone(tmp_
 
 def test_each_condition_has_its_own_drive(tmp_path: Path) -> None:
     head = "f (Hz);t (us);drive voltage (V);x (um)"
-    rows = [(f, t, v * f / 1000, y) for f in (1000.0, 1100.0) for t, v, y in beside()]
+    rows = [(f, t, v * f / 1000, y) for f in (1000.0, 1100.0) for t, v, y in driven()]
     first, second = read(tmp_path, text(head, rows), waveforms=(), values=HELD[1:])
     assert (first.drive.file, second.drive.file) == ("drive1.csv", "drive2.csv")
     assert first.drive.table is not None and second.drive.table is not None
     np.testing.assert_allclose(second.drive.table.value, 1.1 * first.drive.table.value)
 
 
-BESIDE = text("Time (us);Drive (V);x (um)", beside())
-UNSAID = text("Time (us);U (V);x (um)", beside())
+DRIVE_TOO = text("Time (us);Drive (V);x (um)", driven())
+UNSAID = text("Time (us);U (V);x (um)", driven())
 ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
     "which channel": (UNSAID, {}, "say --column 'U (V)=voltage_v:V' or --column 'U (V)=ignore'"),
-    "a waveform": (BESIDE, {"waveforms": ("sine",)}, "say --waveform table for this table, or --column 'Drive (V)=ig"),
-    "no frequency": (BESIDE, {"values": ()}, "nothing says frequency_hz and amplitude_v of its drive"),
+    "a waveform": (DRIVE_TOO, {"waveforms": ("sine",)}, "say --waveform table for this table, or --column 'Drive (V)=ig"),
+    "no frequency": (DRIVE_TOO, {"values": ()}, "nothing says frequency_hz and amplitude_v of its drive"),
     "what it rested at": (
-        text("t (us);drive (V);x (um)", beside(volts=VOLTS + 10)), {}, "say --set idle_v=0 or --set idle_v=10",
+        text("t (us);drive (V);x (um)", driven(volts=VOLTS + 10)), {}, "say --set idle_v=0 or --set idle_v=10",
     ),
-    "moving before its start": (BESIDE, {"start_us": 22.0, "least_samples": 3}, "before the start of the drive, where"),
+    "moving before its start": (DRIVE_TOO, {"start_us": 22.0, "least_samples": 3}, "before the start of the drive, where"),
     "two channels": (
-        text("t (us);drive (V);stack (V);x (um)", [(t, v, v, y) for t, v, y in beside()]), {}, "could all be voltage_v",
+        text("t (us);drive (V);stack (V);x (um)", [(t, v, v, y) for t, v, y in driven()]), {}, "could all be voltage_v",
     ),
     "counted": (
         UNSAID, {"columns": (Mapping("U (V)", "voltage_v", Unit("V", "pp")),)}, "its volts are said to be peak to",
     ),
-    "no recording": (text("t (us);x (um)", [r[::2] for r in beside()]), {"waveforms": ("table",)}, "no column is"),
-    "no voltage": (BESIDE.replace("\n5;0.7538;", "\n5;;"), {}, "voltage_v is empty"),
-    "too large": (text("t (us);drive (V);x (um)", beside(volts=1.3e5 * VOLTS)), {}, "is not between -1e+06 and 1e+06"),
-    "too long": (BESIDE, {"every": 2, "most_samples": 11, "least_samples": 3}, "leave out the end of the record"),
+    "no recording": (text("t (us);x (um)", [r[::2] for r in driven()]), {"waveforms": ("table",)}, "no column is"),
+    "no voltage": (DRIVE_TOO.replace("\n5;0.7538;", "\n5;;"), {}, "voltage_v is empty"),
+    "too large": (text("t (us);drive (V);x (um)", driven(volts=1.3e5 * VOLTS)), {}, "is not between -1e+06 and 1e+06"),
+    "too long": (DRIVE_TOO, {"every": 2, "most_samples": 11, "least_samples": 3}, "leave out the end of the record"),
 }  # fmt: skip
 
 
@@ -317,7 +321,7 @@ def test_volts_of_launches_are_no_recording(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("volts", "said"), [(20.0, "never reaches"), (8.0, ""), (2.0, "beyond amplitude_v")])
 def test_a_recording_is_held_against_the_amplitude(volts: float, said: str, tmp_path: Path) -> None:
     """The recording goes from 0 to 8.06 V."""
-    (group,) = read(tmp_path, BESIDE, **(NOTHING_SAID | {"values": (HELD[0], ("amplitude_v", volts))}))
+    (group,) = read(tmp_path, DRIVE_TOO, **(NOTHING_SAID | {"values": (HELD[0], ("amplitude_v", volts))}))
     lines = [line for line in suspicious_readings(group, None) if "recorded drive" in line]
     assert [said in line for line in lines] == ([True] if said else [])
 
@@ -391,7 +395,7 @@ def test_what_is_written_is_read_back(tmp_path: Path, monkeypatch: pytest.Monkey
     """To the same numbers, the drive's times among them."""
     monkeypatch.chdir(tmp_path)
     times = np.round(np.cumsum(np.random.default_rng(2).uniform(0.1, 9.0, 12)), 3)
-    Path("scope.csv").write_text(text("t (us);drive (V);x (um)", beside(times)), encoding="utf-8")
+    Path("scope.csv").write_text(text("t (us);drive (V);x (um)", driven(times)), encoding="utf-8")
     given = [word for name, value in HELD for word in ("--set", f"{name}={value}")]
     assert run(monkeypatch, "import", "scope.csv", "--out", "rig", *given, *RIG) == 0
     (group,) = read_experiment("rig").groups

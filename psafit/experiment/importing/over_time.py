@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from psafit.errors import Faults
 from psafit.experiment.importing.blocks import blocks, rising, runs_on
@@ -52,7 +53,8 @@ def is_trace(grid: Grid, head: Head, mapped: Mapping[int, Column], options: Opti
     """Whether a table is motion over time, in the place of launches.
 
     A column that can only be a motion is one where conditions are constant over as many samples as a trace has. A
-    velocity may be that of launches, and the time a clock: it is a trace where the time starts again at each condition.
+    velocity may be that of launches, and the time a clock: it is a trace where the time, unlike a clock, falls to where
+    it starts again.
     """
     said = {c.column for c in mapped.values()}
     if not said.isdisjoint(TRACES):
@@ -75,7 +77,7 @@ def is_trace(grid: Grid, head: Head, mapped: Mapping[int, Column], options: Opti
         return n_long > 0
     if runs_on(parts, timed.times) is not None:
         return False
-    if len(parts) == 1 or n_long < len(parts):
+    if n_long < len(parts) or not any(b < a for a, b in pairwise(timed.times)):
         column = Column(motions[0], head.headings[motions[0]], "")
         other = next((q.column for q in could[motions[0]] if q.role == "reading"), IGNORED)
         motion = next(q.column for q in could[motions[0]] if q.role == "trace")
