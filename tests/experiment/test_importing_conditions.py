@@ -286,12 +286,12 @@ DRIVE_TOO = text("Time (us);Drive (V);x (um)", driven())
 UNSAID = text("Time (us);U (V);x (um)", driven())
 ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
     "which channel": (UNSAID, {}, "say --column 'U (V)=voltage_v:V' or --column 'U (V)=ignore'"),
-    "a waveform": (DRIVE_TOO, {"waveforms": ("sine",)}, "say --waveform table for this table, or --column 'Drive (V)=ig"),
+    "a waveform": (DRIVE_TOO, {"waveforms": ("sine",)}, "say --waveform table for this table, or"),
     "no frequency": (DRIVE_TOO, {"values": ()}, "nothing says frequency_hz and amplitude_v of its drive"),
     "what it rested at": (
         text("t (us);drive (V);x (um)", driven(volts=VOLTS + 10)), {}, "say --set idle_v=0 or --set idle_v=10",
     ),
-    "moving before its start": (DRIVE_TOO, {"start_us": 22.0, "least_samples": 3}, "before the start of the drive, where"),
+    "moving before its start": (DRIVE_TOO, {"start_us": 22.0, "least_samples": 3}, "before the start of the drive,"),
     "two channels": (
         text("t (us);drive (V);stack (V);x (um)", [(t, v, v, y) for t, v, y in driven()]), {}, "could all be voltage_v",
     ),
