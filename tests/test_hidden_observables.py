@@ -116,4 +116,6 @@ def test_what_is_hidden_is_found(read: tuple[str, ...], hidden: str | None, tmp_
     if hidden is None:
         assert said["verdict"] == "adequate", said["misfit"]
     else:
-        assert said["verdict"] in ("explained", "ambiguous") and frozenset([hidden]) in reported_set(said)
+        assert frozenset([hidden]) in reported_set(said)
+        # Strengths are chosen by what they gain, and may be implausible.
+        assert said["verdict"] in ("explained", "ambiguous") or said["unexplained_by"] == "values"
