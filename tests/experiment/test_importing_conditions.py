@@ -160,6 +160,9 @@ UNSURE: dict[str, tuple[str, dict[str, Any], str]] = {
         text(HEAD, [(1000 + t, v, t, y) for _, v, t, y in long(THREE[:1])]),
         PEAK | {"columns": (Mapping("displacement (um)", "displacement_um"),)}, "and 12 of 12 traces have fewer",
     ),
+    "samples before each start": (
+        text(HEAD, [(f, v, t - 5, y) for f, v, t, y in long()]), PEAK, "time_us begins at -5, before the start of the",
+    ),
     "out of order": (text(HEAD, [*long(THREE[:1]), (1200.0, 20.0, 3.0, 1.0)]), PEAK, "3 comes after 55"),
     "speeds at one condition": (
         text(SPEEDS, long(THREE[:1])), PEAK, "'velocity (mm/s)=velocity_mm_s' or --column 'velocity (mm/s)=launch_",

@@ -65,14 +65,13 @@ def from_start(grid: Grid, found: Sequence[Reading], options: Options) -> Sample
         if before and options.start_us is None:
             what = f"{TIME} begins at {dict(before[0].values)[TIME]:g}, before the start of the drive"
             remedy = "say --start 0 where that is at 0, or when it is: --start 1.5:ms; what lies before is left out"
-            faults.add(InputError(what, remedy, file=grid.file, line=before[0].line))
-            continue
+            raise InputError(what, remedy, file=grid.file, line=before[0].line)
         (column,) = TRACES.keys() & dict(part[0].values).keys()
         zero = 0.0
         if options.from_rest and not before:
             what, remedy = "no sample lies before the start of the drive", "leave out --from-rest, or say --start"
-            faults.add(InputError(what, remedy, file=grid.file, line=part[0].line))
-        elif options.from_rest:
+            raise InputError(what, remedy, file=grid.file, line=part[0].line)
+        if options.from_rest:
             zero = float(mean(Decimal(repr(dict(r.values)[column])) for r in before))
             if sum(column in dict(p[0].values) for p in parts) == 1:
                 zeros[column] = zero
