@@ -10,10 +10,12 @@ import itertools
 import re
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import subspace_angles
 
 from psafit.experiment import Group, read_experiment
 from psafit.physics import TERMS
@@ -21,7 +23,7 @@ from psafit.physics.term import DRIVES, SLOTS, Term
 from psafit.records import CauseEntry
 from psafit.simulate import Design
 from psafit.simulate.catalogue import declaration
-from psafit.simulate.sensitivity import Confounding, Effect, confounding, effect, plausible
+from psafit.simulate.sensitivity import REFERENCE, Effect, UsualScatter, effect, plausible, reading_slopes
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "causes.md"
@@ -81,9 +83,9 @@ def setup(rig, p):  # for all parameter sets at once: p is (n_sets, n_parameters
     return rig.change(k_c=rig.k_c * p[:, 0])
 
 
-def literal(world, p):  # the same for the scalar reference
+def literal(rig, p):  # the same for the scalar reference
     \"\"\"Stiffness ``r k_c``.\"\"\"
-    world.k_c *= p[0]
+    rig.k_c *= p[0]
 
 
 TERM = Term(
@@ -310,12 +312,60 @@ def page(computed: str) -> str:
 # --- what the simulator says -------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Confounding:
+    """Which causes are confounded once the baseline has been refitted.
+
+    Parameters
+    ----------
+    ids : list of str
+    angle : (n, n) array, degrees
+        Between what is left of two effects: 0 where one can be had for the other, 90 where they have nothing in common,
+        NaN where one of them leaves nothing. Of several directions (one a session) it is the smallest.
+    status : list of str
+        "visible"; "absorbed" where the refit leaves less than one standard deviation of the scatter; "idle" where there
+        was no more than that before.
+    """
+
+    ids: list[str]
+    angle: np.ndarray[Any, Any]
+    status: list[str]
+
+
+def confounding(design: Design) -> Confounding:
+    """Compare all causes by what a linear refit of the baseline cannot imitate."""
+    size = effect(TERMS[0], design).neutral * 1e6
+    scatter = np.hypot(UsualScatter.absolute_m * 1e6, UsualScatter.relative * size)
+    known = spanned(np.where(size > 0, reading_slopes(design, REFERENCE) / scatter, 0.0), 1e-9)
+    status, left = [], []
+    for term in TERMS:
+        shift = effect(term, design).deviation
+        rest = shift - (shift @ known.T) @ known
+        before, after = np.linalg.norm(shift), np.linalg.norm(rest)
+        status.append("idle" if before < 1.0 else "absorbed" if after < 1.0 else "visible")
+        # A direction is one only if the scatter leaves it visible.
+        least = 1.0 / np.linalg.norm(rest, 2) if status[-1] == "visible" else np.inf
+        left.append(spanned(rest, least))
+    angle = np.full((len(TERMS), len(TERMS)), np.nan)
+    for i, one in enumerate(left):
+        for j, other in enumerate(left):
+            if len(one) and len(other):
+                angle[i, j] = np.degrees(subspace_angles(one.T, other.T).min())
+    return Confounding([t.id for t in TERMS], angle, status)
+
+
+def spanned(rows: np.ndarray[Any, Any], least: float) -> np.ndarray[Any, Any]:
+    """Orthonormal rows that span the given ones; those smaller than `least` times the largest are left out."""
+    _, size, directions = np.linalg.svd(rows, full_matrices=False)
+    return directions[size > least * size.max()]
+
+
 def first_group() -> Confounding:
-    return confounding(TERMS, Design.of(PSA.constants, PSA.groups[:1]))
+    return confounding(Design.of(PSA.constants, PSA.groups[:1]))
 
 
 def six_groups() -> Confounding:
-    return confounding(TERMS, Design.of(PSA.constants, PSA.groups))
+    return confounding(Design.of(PSA.constants, PSA.groups))
 
 
 def sweep(group: Group, n: int = 161) -> tuple[np.ndarray[Any, Any], Design, bool]:

@@ -24,7 +24,7 @@ if "OMP_WAIT_POLICY" not in os.environ:
 def open(folder: str | Path) -> Rig:
     """Open an experiment folder: see `psafit.api.Rig`."""
     from psafit.api import Rig
-    from psafit.inference.scale import read
+    from psafit.prior_check import read
 
     return Rig(read(folder))
 

@@ -25,8 +25,8 @@ from psafit.inference.identify import describe
 from psafit.inference.run import fit
 from psafit.inference.run_folder import Run
 from psafit.inference.samplers import USUAL
-from psafit.inference.scale import read
 from psafit.physics import terms as catalogue
+from psafit.prior_check import read
 from psafit.progress import watcher
 from psafit.records import Validation, read_json
 from psafit.report import notebook

@@ -343,7 +343,7 @@ class Parameter:
             raise ValueError(f"{self.name}: a logarithmic prior needs a positive lower bound")
 
     def informed(self, belief: Belief, *, narrowest: float = 1e-3, widest: float = 1e2) -> Parameter:
-        """The same with what is known of it.
+        """The parameter with the prior that an experiment states for it.
 
         Parameters
         ----------

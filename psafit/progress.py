@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column
 
-from psafit.inference.forecast import Silent, Watcher
+from psafit.forecast import Silent, Watcher
 
 TITLES = {
     "search": "search for minima (lmfit)",

@@ -58,6 +58,22 @@ def significant(value: float, digits: int = 3, *, per_cent: bool = False, plain:
     return f"{float(number) + 0.0:.{max(digits, places) if places <= plain else digits}g}"
 
 
+def resolved(value: float, spread: float) -> str:
+    """A number with as many digits as its spread supports (two of the spread).
+
+    >>> resolved(142537.0, 812.0)
+    '1.4254e5'
+    """
+    if not (math.isfinite(value) and math.isfinite(spread)) or value == 0:
+        return f"{value:g}"
+    digits = 4
+    if spread > 0:
+        digits = min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(spread)) + 2, 1), 8)
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    tens = int(exponent)
+    return f"{float(f'{value:.{digits}g}'):g}" if -4 <= tens < 5 else f"{mantissa}e{tens}"
+
+
 def percent(fraction: float) -> str:
     """Format a share in whole per cent; never 0 or 100 unless it is.
 
@@ -70,6 +86,11 @@ def percent(fraction: float) -> str:
     elif text == "100" and fraction < 1:
         text = "over 99"
     return f"{text} %"
+
+
+def count(n: int, noun: str) -> str:
+    """A number of things: ``1 reading``, ``2 readings``."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
 def _decimal(value: float, per_cent: bool) -> Decimal:

@@ -178,7 +178,7 @@ def departures(pit: FloatArray) -> tuple[FloatArray, FloatArray]:
     return distance, (z[:, 1:] * z[:, :-1]).sum(axis=1) / np.maximum((z**2).sum(axis=1), 1e-12)
 
 
-def _p_values(group: Group, pit: FloatArray, simulated: FloatArray) -> tuple[float, float]:
+def p_values(group: Group, pit: FloatArray, simulated: FloatArray) -> tuple[float, float]:
     """Ranks of a group's `departures` among those of simulated groups, whose transforms are (n_sets, n_points)."""
     if too_few(group):
         return math.nan, math.nan
@@ -273,7 +273,7 @@ def _predicted(
         noise.at_least(np.median(scatter, axis=0)[None])[0] and np.mean(ndtri(np.clip(pit, 1e-9, 1 - 1e-9)) ** 2) < 1.0
     )
     pit_p_value, drift_p_value = (
-        (math.nan, math.nan) if quiet else _p_values(group, pit, _transforms(group, readings, ranges, scatter))
+        (math.nan, math.nan) if quiet else p_values(group, pit, _transforms(group, readings, ranges, scatter))
     )
     model_lower, median, model_upper = np.quantile(ranges, [0.05, 0.5, 0.95], axis=0)
     return Prediction(

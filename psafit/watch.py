@@ -16,7 +16,7 @@ from psafit.diagnose.record import MARKER as DIAGNOSED
 from psafit.diagnose.record import RESULT, Diagnosis
 from psafit.errors import InputError
 from psafit.files import in_use
-from psafit.inference.forecast import Progress, progress_of
+from psafit.forecast import Progress, progress_of
 from psafit.inference.run_folder import MARKER
 from psafit.inference.samplers import sampler
 from psafit.inference.sampling import Convergence

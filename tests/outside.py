@@ -13,7 +13,7 @@ from psafit.challenge.hide import Outside, Simulator
 from psafit.experiment import Experiment
 from psafit.experiment.records import by_group
 from psafit.observables import CONTACT_TIME, LAUNCH_RANGE, LAUNCH_SPEED, OBSERVABLES, Observable
-from psafit.physics.term import World
+from psafit.physics.term import ReferenceRig
 from psafit.simulate.reference import Point
 
 FloatArray = NDArray[np.float64]
@@ -131,10 +131,10 @@ def yielding_contact(
     speeds = {LAUNCH_RANGE: median * 1e-6 * math.sqrt(c.g / c.l), LAUNCH_SPEED: median * 1e-3}
     speed = speeds.get(usual(experiment), 2 * math.pi * f * c.q * volts)
 
-    def edit(world: World, point: Point) -> None:
+    def edit(rig: ReferenceRig, point: Point) -> None:
         # At a third of the force that brings the ball to its median speed within half a period of the contact.
-        limit = 0.35 * speed * math.sqrt(world.k_c * world.M)
-        world.elastic = lambda d, rate: limit * math.tanh(world.k_c * d / limit)
+        limit = 0.35 * speed * math.sqrt(rig.k_c * rig.M)
+        rig.elastic = lambda d, rate: limit * math.tanh(rig.k_c * d / limit)
 
     return simulate(edit), []  # it acts everywhere: nobody can be said to have found where
 

@@ -23,9 +23,9 @@ def law(d, rate, p, out):
     out[2] *= factor
 
 
-def literal(world, p):
-    elastic, strength = world.elastic, p[0]
-    world.elastic = lambda d, rate: elastic(d, rate) * (1 + strength * (d / 1e-6) ** 2)
+def literal(rig, p):
+    elastic, strength = rig.elastic, p[0]
+    rig.elastic = lambda d, rate: elastic(d, rate) * (1 + strength * (d / 1e-6) ** 2)
 
 
 def _force(d, strength):

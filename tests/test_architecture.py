@@ -19,9 +19,9 @@ PACKAGE = ROOT / "psafit"
 # From the ground up. A module imports from its own floor or from below, never from above.
 FLOORS = (
     {"", "arrays", "drives", "errors", "files", "parameters", "plugins", "text", "workers"},  # "" is psafit/__init__.py
-    {"experiment", "observables", "records"},
+    {"experiment", "forecast", "observables", "records"},
     {"physics"},
-    {"simulate"},
+    {"prior_check", "simulate"},
     {"inference"},
     {"validate", "numerics", "reproduce", "model_search"},
     {"diagnose"},

@@ -38,11 +38,11 @@ def test_the_better_one_is_named_and_overlap_is_measured() -> None:
 
 
 def test_a_difference_that_nobody_cares_for_has_no_winner() -> None:
-    from psafit.report.comparison import _signed, _winner
+    from psafit.report.comparison import clear_winner, signed_text
 
-    assert _winner([0.3, 0.2], (-0.12, -0.08)) == 1 and _winner([0.2, 0.3], (0.08, 0.12)) == 0
-    assert _winner([0.3, 0.2], (-0.3, 0.01)) is None and _winner([0.0502, 0.0499], (-0.001, -0.0001)) is None
-    assert _signed(-0.0001) == "0.000"
+    assert clear_winner([0.3, 0.2], (-0.12, -0.08)) == 1 and clear_winner([0.2, 0.3], (0.08, 0.12)) == 0
+    assert clear_winner([0.3, 0.2], (-0.3, 0.01)) is None and clear_winner([0.0502, 0.0499], (-0.001, -0.0001)) is None
+    assert signed_text(-0.0001) == "0.000"
 
 
 @pytest.mark.slow

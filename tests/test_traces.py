@@ -19,9 +19,9 @@ from psafit.inference.candidate import optimised
 from psafit.inference.optimise import gradient
 from psafit.inference.optimiser import expansion, slopes
 from psafit.inference.problem import Problem
-from psafit.inference.scale import with_scale
 from psafit.observables import DISPLACEMENT, OBSERVABLES, TIP_DISPLACEMENT, VELOCITY
 from psafit.physics import term
+from psafit.prior_check import with_scale
 from psafit.simulate import Design, readings, simulate
 from psafit.simulate.contract import STUDY, Draw, draw
 from psafit.simulate.literal import literal_motion

@@ -257,7 +257,7 @@ def test_false_alarms_and_power_of_the_tests_of_the_band(shared: float) -> None:
 
     def alarms(truth: np.ndarray) -> np.ndarray:
         pit = (draws[:, None, :] < truth).mean(axis=0)
-        return np.mean([np.array(validate._p_values(group, row, draws)) < 0.01 for row in pit], axis=0)
+        return np.mean([np.array(validate.p_values(group, row, draws)) < 0.01 for row in pit], axis=0)
 
     assert (alarms(simulated(rng, 200, shared, 0.0)) < 0.04).all()
     drifting = alarms(simulated(rng, 50, shared, 0.7))
@@ -271,9 +271,9 @@ def test_the_order_of_the_file_is_not_the_order_of_the_sweep() -> None:
     pit = 0.5 + 0.4 * np.sin(ascending / 8)
     for order in (np.arange(60), rng.permutation(60)):
         group = Group(1, "sine", "x", ascending[order], np.full(60, 5.0), np.full(60, 9.0))
-        assert validate._p_values(group, pit[order], draws)[1] < 0.01
+        assert validate.p_values(group, pit[order], draws)[1] < 0.01
     nothing = Group(1, "sine", "x", ascending, np.full(60, 5.0), np.zeros(60))
-    assert np.isnan(validate._p_values(nothing, pit, draws)).all()
+    assert np.isnan(validate.p_values(nothing, pit, draws)).all()
 
 
 def test_validation_reads_back(checked) -> None:  # type: ignore[no-untyped-def]

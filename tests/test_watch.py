@@ -25,7 +25,7 @@ from psafit.cli import watching
 from psafit.errors import InputError
 from psafit.experiment import Experiment
 from psafit.files import locked
-from psafit.inference.forecast import Reporter, Silent, progress_of, reporting
+from psafit.forecast import Reporter, Silent, progress_of, reporting
 from psafit.inference.run_folder import load
 from psafit.inference.samplers import emcee as ensembles
 from psafit.inference.samplers.emcee import Settings
@@ -240,7 +240,7 @@ def test_a_terminal_gets_a_table(running: Path) -> None:  # type: ignore[no-unty
     from rich.console import Console
 
     console = Console(width=100, record=True, force_terminal=True)
-    console.print(watching._table(running, watch.look(running)))
+    console.print(watching.table_of(running, watch.look(running)))
     text = console.export_text()
     assert "running" in text and "R-hat" in text and "━" in text and "60 of each of 64 walkers" in text
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
@@ -148,22 +147,17 @@ def seal(answer: Answer, folder: Path) -> str:
     return digest
 
 
-def sizes(scatter: Scatter, measured: NDArray[np.int8]) -> tuple[FloatArray, FloatArray]:
-    """Standard deviations of readings, (n_points,) each: relative, and absolute in the reading's unit.
+def by_reading(scatter: Scatter, design: Design) -> FloatArray:
+    """The scatter of each reading, (1, 3 or 4, n_points), as `psafit.inference.noise.scale` takes it.
 
     Parameters
     ----------
     scatter : mapping
-        As `Answer.scatter` has it.
-    measured : (n_points,) int array
-        What is read, as `psafit.observables.OBSERVABLES` counts.
+        As `Answer.scatter` has it; no number of degrees of freedom is NaN.
+    design : Design
     """
-    relative, absolute = np.empty(measured.size), np.empty(measured.size)
-    for k in np.unique(measured):
-        here = measured == k
-        for values, p in zip((relative, absolute), OBSERVABLES[k].scatter, strict=False):
-            values[here] = scatter[p.name] or 0.0
-    return relative, absolute
+    known = {k: [scatter[p.name] for p in OBSERVABLES[k].scatter] for k in np.unique(design.measured)}
+    return noise.by_reading({k: np.array([own], float) for k, own in known.items()}, design)
 
 
 def standardised(readings: FloatArray, scatter: Scatter, design: Design) -> FloatArray:
@@ -179,20 +173,12 @@ def standardised(readings: FloatArray, scatter: Scatter, design: Design) -> Floa
         As `Answer.scatter` has it.
     design : Design
     """
-    z = in_scatter(readings, *sizes(scatter, design.measured))
+    values = by_reading(scatter, design)
+    relative, absolute, _ = (row[0] for row in noise.columns(values))
+    z = in_scatter(readings, relative, absolute)
     there = np.isfinite(z)
-    white = noise.whitened(np.where(there, z, 0.0), memories(scatter, design))
+    white = noise.whitened(np.where(there, z, 0.0), values)
     return np.where(there, white.reshape(z.shape), z)
-
-
-def memories(scatter: Scatter, design: Design) -> FloatArray:
-    """Correlation of each sample's scatter with the one before, (1, 4, n_points), as `noise.whitened` takes it."""
-    values = np.full((1, 4, design.n_points), np.nan)
-    for k in np.unique(design.measured[design.traced]):
-        here, tau = design.measured == k, scatter[OBSERVABLES[k].scatter[3].name]
-        assert tau is not None
-        values[:, 3, here] = noise.memory(design.elapsed[here], np.array([tau]))
-    return values
 
 
 def unseal(folder: Path) -> tuple[Experiment, Answer]:
@@ -236,5 +222,5 @@ def unseal(folder: Path) -> tuple[Experiment, Answer]:
 
 __all__ = [
     "ANSWER", "COMMITMENT", "EXPERIMENT", "KINDS", "Answer", "Conditions", "DrawnDesign", "Kind", "Place", "Scatter",
-    "memories", "seal", "sizes", "standardised", "unseal",
+    "by_reading", "seal", "standardised", "unseal",
 ]  # fmt: skip

@@ -29,9 +29,8 @@ from psafit.challenge.answer import (
     Kind,
     Place,
     Scatter,
-    memories,
+    by_reading,
     seal,
-    sizes,
 )
 from psafit.challenge.conditions import ConditionSettings, drawn, nameless, summary
 from psafit.errors import InputError
@@ -41,14 +40,14 @@ from psafit.observables import OBSERVABLES, Motion
 from psafit.parameters import Parameter
 from psafit.physics import TERMS, baseline
 from psafit.physics import terms as catalogue
-from psafit.physics.term import Term, World
+from psafit.physics.term import ReferenceRig, Term
 from psafit.simulate import Design
-from psafit.simulate.literal import launch_in, literal_world, motion_in
+from psafit.simulate.literal import launch_in, motion_in, reference_rig
 from psafit.simulate.reference import Point
 from psafit.simulate.sensitivity import Side, share_of
 from psafit.workers import processes
 
-Edit = Callable[[World, Point], None]
+Edit = Callable[[ReferenceRig, Point], None]
 Parameters = Mapping[str, float]
 
 # Streams of random numbers; `conditions` has others.
@@ -92,7 +91,7 @@ class Simulator(Protocol):
     """The true model of one challenge, for effects that change the rig itself."""
 
     def __call__(self, edit: Edit) -> FloatArray:
-        """Readings without scatter, (n_points,), with ``edit(world, point)`` applied to the rig of every launch."""
+        """Readings without scatter, (n_points,), with ``edit(rig, point)`` applied to the rig of every launch."""
 
 
 @dataclass(frozen=True)
@@ -224,7 +223,7 @@ def _made(
     rng = np.random.default_rng([seed, _TRUTH])
     scatter = _scatter(rng, design, nu, believed, settings)
     truth, true, redraws = _launching(
-        lambda: _draw(rng, chosen, design, blank.ids, scatter, strength, settings.sample),
+        lambda: draw_challenge(rng, chosen, design, blank.ids, scatter, strength, settings.sample),
         lambda parameters: simulate_literally(design, parameters, chosen, blank.ids, jobs=jobs),
         lambda true: strengths.enough(design, true),
         settings,
@@ -234,7 +233,7 @@ def _made(
     if outside is not None:
         true, places = _outside(outside, blank, design, truth.parameters, true, seed, jobs)
         where = outside.where
-    read = _read(design, true, scatter, np.random.default_rng([seed, _SCATTER]), settings.digits)
+    read = read_off(design, true, scatter, np.random.default_rng([seed, _SCATTER]), settings.digits)
     there = strengths.legible(design, true) & strengths.legible(design, read)
     experiment = replace(_of(blank.with_readings(read), there), folder=folder / EXPERIMENT)
     answer = Answer(
@@ -263,13 +262,13 @@ def _made(
 
 
 def _launching(
-    draw: Callable[[], _Truth | None],
+    draw: Callable[[], Truth | None],
     simulate: Callable[[Parameters], FloatArray],
     enough: Callable[[FloatArray], bool],
     settings: HideSettings,
-) -> tuple[_Truth, FloatArray, int]:
+) -> tuple[Truth, FloatArray, int]:
     """A true model that launches in most readings, these without scatter, and how many were drawn before it."""
-    weak: list[_Truth] = []
+    weak: list[Truth] = []
     for before in range(settings.redraws):
         truth = draw()
         if truth is not None and not truth.reached:
@@ -322,14 +321,14 @@ def _request(
 
 
 @dataclass(frozen=True)
-class _Truth:
+class Truth:
     parameters: dict[str, float]
     expected: dict[str, float]
     share: dict[str, float]
     reached: bool
 
 
-def _draw(
+def draw_challenge(
     rng: np.random.Generator,
     chosen: Sequence[Term],
     design: Design,
@@ -337,7 +336,7 @@ def _draw(
     scatter: Scatter,
     nats: float | None,
     every: int,
-) -> _Truth | None:
+) -> Truth | None:
     """A true model; None where the baseline itself, by one reading in `every`, does not launch."""
     values = {p.name: _from_prior(p, rng) for p in baseline.PARAMETERS}
     # Everything is drawn before anything is rejected: as many numbers for every try.
@@ -373,7 +372,7 @@ def _draw(
         values.update(zip(names, [value, *own], strict=True))
     if chosen and not strengths.enough(some, simulate_literally(design, values, chosen, ids, points=sample)):
         return None
-    return _Truth(values, expected, share, reached)
+    return Truth(values, expected, share, reached)
 
 
 def simulate_literally(
@@ -400,7 +399,7 @@ def simulate_literally(
     ids : sequence of group ids
         Of the design's sessions.
     edit : callable, optional
-        ``edit(world, point)``: a last change of the rig of every launch.
+        ``edit(rig, point)``: a last change of the rig of every launch.
     points : (n,) int array, optional
         Which readings; all by default.
     jobs : int
@@ -496,7 +495,7 @@ class _Worlds:
         _, first, back = np.unique(columns, axis=0, return_index=True, return_inverse=True)
         return first, back.ravel()
 
-    def at(self, i: int) -> tuple[World, Point]:
+    def at(self, i: int) -> tuple[ReferenceRig, Point]:
         """The rig, and the drive, of a point."""
         d, values = self.design, self.parameters
         theta = [values[p.name] for p in baseline.PARAMETERS]
@@ -506,24 +505,24 @@ class _Worlds:
             own = [values[p.name] for p in term.parameters]
             own += [values[session_name(term.latent.name, self.ids[d.group[i]])]] if term.latent else []
             causes.append((term, own))
-        world = literal_world(theta, causes, d.rigs[d.rig[i]])
+        rig = reference_rig(theta, causes, d.rigs[d.rig[i]])
         if self.edit is not None:
-            self.edit(world, point)
-        return world, point
+            self.edit(rig, point)
+        return rig, point
 
     def launched(self, points: NDArray[np.intp], forces: bool) -> FloatArray:
         """Launch range, time and speed of the separation, and peak force, (n, 4)."""
         found = np.empty((len(points), 4))
         for k, i in enumerate(points):
-            world, point = self.at(int(i))
-            seen = launch_in(world, point, group=int(self.design.group[i]), rtol=self.rtol, forces=forces)
+            rig, point = self.at(int(i))
+            seen = launch_in(rig, point, group=int(self.design.group[i]), rtol=self.rtol, forces=forces)
             found[k] = seen.launch_range, seen.separation_time, seen.velocity, seen.peak_force
         return found
 
     def followed(self, i: int, times: FloatArray) -> FloatArray:
         """Ball, its speed and the tip at some times of a launch, (n_times, 3)."""
-        world, point = self.at(int(i))
-        return motion_in(world, point, times.tolist(), rtol=self.rtol)
+        rig, point = self.at(int(i))
+        return motion_in(rig, point, times.tolist(), rtol=self.rtol)
 
 
 def _outside(
@@ -564,16 +563,18 @@ def _scatter(
     return found
 
 
-def _read(design: Design, true: FloatArray, scatter: Scatter, rng: np.random.Generator, digits: int) -> FloatArray:
+def read_off(design: Design, true: FloatArray, scatter: Scatter, rng: np.random.Generator, digits: int) -> FloatArray:
     """One reading of every true value, as an instrument shows it: rounded, and of a launch never below zero."""
-    s = np.hypot(sizes(scatter, design.measured)[0] * true, sizes(scatter, design.measured)[1])
+    values = by_reading(scatter, design)
+    relative, absolute, _ = (row[0] for row in noise.columns(values))
+    s = np.hypot(relative * true, absolute)
     z, decimals = np.empty(true.size), np.empty(true.size, int)
     for k in np.unique(design.measured):
-        here, (absolute, tails) = design.measured == k, OBSERVABLES[k].scatter[1:3]
+        here, (finest, tails) = design.measured == k, OBSERVABLES[k].scatter[1:3]
         nu = scatter[tails.name]
         z[here] = rng.standard_normal(here.sum()) if nu is None else rng.standard_t(nu, here.sum())
-        decimals[here] = math.ceil(-math.log10(absolute.prior_median) - 1e-9) + digits
-    z = noise.correlated(z[None], memories(scatter, design))[0]
+        decimals[here] = math.ceil(-math.log10(finest.prior_median) - 1e-9) + digits
+    z = noise.correlated(z[None], values)[0]
     read = np.array([np.round(x, n) for x, n in zip(true + s * z, decimals, strict=True)])
     return np.where(design.traced, read, np.maximum(read, 0.0)) + 0.0  # no negative zero
 

@@ -61,7 +61,7 @@ class RivalSettings:
 
 @dataclass(frozen=True)
 class Oracle:
-    """What the data hold.
+    """How clearly the readings of a challenge show its truth, to someone who knows it.
 
     Parameters
     ----------

@@ -241,7 +241,7 @@ def _exact(k: float, n: float, confidence: float = 0.95) -> tuple[float, float]:
     return lower, upper
 
 
-def _clustered(hits: Sequence[Sequence[bool]]) -> Rate:
+def clustered(hits: Sequence[Sequence[bool]]) -> Rate:
     """Share of hits that come in clusters, which hit or miss together: the intervals of one posterior.
 
     The interval is that of as many independent hits as have the same variance (E. L. Korn and B. I. Graubard, Survey
@@ -505,7 +505,7 @@ def _recovery(results: Sequence[Result]) -> tuple[list[Recovery], Rate]:
     for name, pairs in sorted(found.items()):
         errors = [e for _, e in pairs if math.isfinite(e)]
         recovery.append(Recovery(name, rate(hit for hit, _ in pairs), float(np.median(errors)) if errors else None))
-    return recovery, _clustered(together)
+    return recovery, clustered(together)
 
 
 __all__ = [

@@ -194,11 +194,6 @@ def plugin_words() -> list[object]:
     return [word for file in plugins.files() for word in ("--plugin", file)]
 
 
-def count(n: int, noun: str) -> str:
-    """A number of things: ``1 reading``, ``2 readings``."""
-    return f"{n} {noun}{'' if n == 1 else 's'}"
-
-
 def print_scores(validation: Any) -> None:
     """Print how each group was predicted."""
     for s in validation.groups:

@@ -101,7 +101,7 @@ def diagnose(
     on where it stopped when the same command is repeated.
     """
     from psafit.files import ensure_writable, usual_folder
-    from psafit.inference.scale import read
+    from psafit.prior_check import read
     from psafit.progress import watcher
 
     data = read(experiment)
@@ -148,7 +148,7 @@ def diagnose(
     write_result(json_file, result)
     try:
         if not quiet:
-            _say_diagnosis(result)
+            say_diagnosis(result)
     finally:
         # The answer need not wait for its pictures, nor they for somebody who reads it.
         if not no_report:
@@ -160,7 +160,7 @@ def diagnose(
     return DONE if result.numerics.converged else CHECK_FAILED
 
 
-def _say_diagnosis(result: Diagnosis) -> None:
+def say_diagnosis(result: Diagnosis) -> None:
     """Print a diagnosis."""
     from psafit.diagnose.answer import Sizes, answer
     from psafit.diagnose.words import PLAIN
@@ -184,7 +184,7 @@ def _say_diagnosis(result: Diagnosis) -> None:
     # What is named stands first, whatever its share.
     rows[1:] = sorted(rows[1:], key=lambda row: -row[0])
     for share, (head, *values) in rows:
-        click.echo(f"  {_share(share):>5} %  {head}")
+        click.echo(f"  {share_text(share):>5} %  {head}")
         for line in values:
             click.echo(f"           {line}")
     for place in result.misfit.where[:5]:
@@ -196,7 +196,7 @@ def _say_diagnosis(result: Diagnosis) -> None:
             click.echo(f"  posterior of {' + '.join(run.terms)}: {run.message}")
 
 
-def _share(fraction: float) -> str:
+def share_text(fraction: float) -> str:
     """A fraction in per cent; never 0 or 100 unless it is."""
     text = fixed(fraction, 1, per_cent=True)
     return "<0.1" if text == "0.0" and fraction > 0 else ">99.9" if text == "100.0" and fraction < 1 else text

@@ -20,7 +20,6 @@ from psafit.cli.common import (
     Place,
     causes,
     costly,
-    count,
     groups_of,
     plugin_words,
     print_scores,
@@ -32,6 +31,7 @@ from psafit.cli.common import (
 )
 from psafit.errors import InputError
 from psafit.inference.samplers import USUAL, names
+from psafit.text import count
 
 if TYPE_CHECKING:
     from psafit.inference.run_folder import Run
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 def check(experiment: Path, quiet: bool, json_file: Path | None) -> int:
     """Validate an experiment folder and say what is in it."""
     from psafit.experiment import changes_text, describe
-    from psafit.inference.scale import read as read_folder
     from psafit.observables import OBSERVABLES
+    from psafit.prior_check import read as read_folder
 
     data = read_folder(experiment)
     content = describe(data)
@@ -101,7 +101,7 @@ def fit(
     """
     from psafit.experiment.text import listed
     from psafit.files import ensure_writable, usual_fit_folder
-    from psafit.inference.scale import read
+    from psafit.prior_check import read
     from psafit.progress import watcher
 
     data = read(experiment)
@@ -117,8 +117,8 @@ def fit(
         done = (folder / "posterior.json").exists()
         warn([*data.warnings, *([] if done else costly(data, ids, chosen))])
     with watcher(quiet) as show:
+        from psafit.forecast import COUNTED, FIT, PAGE, reporting
         from psafit.inference import run as running
-        from psafit.inference.forecast import COUNTED, FIT, PAGE, reporting
         from psafit.numerics import audit
 
         command = ["psafit", "fit", experiment, "--group", group, "--seed", seed, "--starts", starts]

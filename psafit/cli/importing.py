@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from psafit.cli.common import DONE, JSON, QUIET, Command, Place, count, escaped, shown_path, warn, write_result
+from psafit.cli.common import DONE, JSON, QUIET, Command, Place, escaped, shown_path, warn, write_result
 from psafit.drives import WAVEFORMS
 from psafit.errors import InputError
+from psafit.text import count
 
 if TYPE_CHECKING:
     from psafit.experiment.importing import Imported, Mapping, Table

@@ -165,7 +165,7 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
     if proposal > len(offered):
         raise InputError(f"--proposal {proposal}: there are {len(offered)}", "take one of those in its report")
     with unwritten(run / RESULT, "holds no proposal psafit could have made"):
-        sweep = planned(offered[proposal - 1], _unused(measured.ids), measured)
+        sweep = planned(offered[proposal - 1], unused_ids(measured.ids), measured)
         text = escaped(f"{offered[proposal - 1].text}; it {found.promise(proposal - 1)}")
     with filling(out):
         write_experiment(measured, out, [sweep])
@@ -180,7 +180,7 @@ def _planned(run: Path, out: Path, proposal: int, experiment: Path | None, quiet
     return DONE
 
 
-def _unused(ids: Sequence[GroupId]) -> GroupId:
+def unused_ids(ids: Sequence[GroupId]) -> GroupId:
     """An id that no group has, of the kind that they have."""
     if all(isinstance(i, int) for i in ids):
         return next(k for k in itertools.count(len(ids) + 1) if k not in ids)

@@ -91,10 +91,10 @@ def simulate(
         (first, *rivals), known = _models_of(run)
         tied = [] if ids or asked else rivals
         chosen = chosen or first[0]
-        given = _of_sessions(plan, *first, known, quiet, seed is not None) | asked
+        given = of_sessions(plan, *first, known, quiet, seed is not None) | asked
     measured = [OBSERVABLES[k] for k in np.unique(np.concatenate([g.measured for g in groups]))]
     scatter = () if seed is None else tuple(p for o in measured for p in o.scatter)
-    theta = _completed(plan, chosen, given, asked, scatter, seed)
+    theta = completed(plan, chosen, given, asked, scatter, seed)
     model = list(theta.values())[: len(theta) - len(scatter)]
     design = Design.of(plan.constants, groups)
     result = simulate_batch(design, np.array(model), chosen)
@@ -103,10 +103,8 @@ def simulate(
     if plot is not None:  # of every model before anything is written: one may be refused
         models = [(chosen, model)]
         if tied:  # they differ by what they are, not by what a session happens to have
-            each = (
-                (t, _of_sessions(plan, t, medians, known, quiet=True)) for t, medians in ((chosen, first[1]), *tied)
-            )
-            models = [(t, list(_completed(plan, t, own, {}).values())) for t, own in each]
+            each = ((t, of_sessions(plan, t, medians, known, quiet=True)) for t, medians in ((chosen, first[1]), *tied))
+            models = [(t, list(completed(plan, t, own, {}).values())) for t, own in each]
         curves = _curves(plan, pictured, models, _apart([t for t, _ in models]) if tied else ["simulated"])
     text = _table(groups, predicted)
     if out is not None:
@@ -260,7 +258,7 @@ def _apart(sets: Sequence[Sequence[Term]]) -> list[str]:
     return [" + ".join(t.id for t in terms if t not in shared) or plain for terms in sets]
 
 
-def _of_sessions(
+def of_sessions(
     plan: Plan,
     terms: Sequence[Term],
     medians: dict[str, float],
@@ -300,7 +298,7 @@ def _assignments(values: tuple[str, ...]) -> dict[str, float]:
     return given
 
 
-def _completed(
+def completed(
     plan: Plan,
     chosen: Sequence[Term],
     given: dict[str, float],

@@ -88,7 +88,7 @@ def _live(run: Path, state: State | DiagnosisState, every: float) -> Any:
 
     with Live(auto_refresh=False) as live:
         for found in _looks(run, state, every):
-            live.update(_table(run, found), refresh=True)
+            live.update(table_of(run, found), refresh=True)
             yield found
 
 
@@ -178,7 +178,8 @@ def _line(state: State | DiagnosisState) -> str:
     return escaped("; ".join([stage, *(f"{name} {text}" for name, text in facts)]))
 
 
-def _table(run: Path, state: State | DiagnosisState) -> Table:
+def table_of(run: Path, state: State | DiagnosisState) -> Table:
+    """What is known of work under way, as rows for a terminal."""
     from rich.progress_bar import ProgressBar
     from rich.table import Table
     from rich.text import Text

@@ -122,14 +122,14 @@ def _again(
     problem = Problem(experiment.with_readings(truth.readings), groups)  # type: ignore[arg-type]
 
     def make() -> dict[str, np.ndarray]:
-        found = json.dumps(plain(_tried(problem, truth, catalogue, seed, settings)))
+        found = json.dumps(plain(tried(problem, truth, catalogue, seed, settings)))
         return {"trial": np.frombuffer(found.encode(), np.uint8)}
 
     about = [seed, asdict(settings), [t.determinants for t in catalogue], list(truth.ids), truth.values]
     return Trial(**json.loads(bytes(memory.recall("calibration", problem, about, make)["trial"])))
 
 
-def _tried(problem: Problem, truth: Truth, catalogue: Sequence[Term], seed: int, settings: Settings) -> Trial:
+def tried(problem: Problem, truth: Truth, catalogue: Sequence[Term], seed: int, settings: Settings) -> Trial:
     """Search and judge, as the diagnosis does."""
     model_set = searched(problem, catalogue, seed=seed, settings=settings.search)
     judgement = judge(model_set, catalogue, settings, seed=seed)

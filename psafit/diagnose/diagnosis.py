@@ -47,9 +47,9 @@ from psafit.diagnose.verdict import Verdict
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, Group, GroupId, write_experiment
 from psafit.files import digest, locked, portable_command, sha256
+from psafit.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.candidate import Candidate
 from psafit.inference.evidence import ImportanceSample
-from psafit.inference.forecast import COUNTED, DIAGNOSIS, Silent, Watcher, reporting
 from psafit.inference.memory import Memory, lent
 from psafit.inference.problem import Problem, refuse_still
 from psafit.inference.run import fit
@@ -140,7 +140,7 @@ def diagnose(
         repeats = (settings.searches if searches is None else searches) if catalogue else 0
         plan = _plan(experiment, training, quick, repeats, nautilus, calibrate, n_jobs)
         with reporting(shown, folder, "diagnosis", identity, plan, COUNTED) as shown:
-            return _Work(
+            return Work(
                 experiment, training, folder, seed, catalogue, n_jobs, shown, command,
                 # What did not converge is drawn on by the command after a finished one, not by one that resumes.
                 drawing=held is not None, settings=settings, left_out=left_out, scheduler=scheduler,
@@ -175,7 +175,7 @@ def _plan(
     drawn: int,
     jobs: int,
 ) -> dict[str, float]:
-    """Shares of a diagnosis' parts, in units of one search over all groups: see `psafit.inference.forecast.DIAGNOSIS`.
+    """Shares of a diagnosis' parts, in units of one search over all groups: see `psafit.forecast.DIAGNOSIS`.
 
     It takes for granted that causes are named: without, the repeated searches and the samplers fall away.
     """
@@ -204,7 +204,7 @@ def _plan(
 
 
 @dataclass(eq=False)
-class _Work:
+class Work:
     """One diagnosis: what its stages share, and the stages."""
 
     experiment: Experiment
@@ -227,7 +227,7 @@ class _Work:
         experiment = self.experiment
         write_experiment(experiment, self.folder / "experiment")  # for whoever draws the page again
         with self._stage("causes"):
-            model_set = self._search(experiment.ids)
+            model_set = self.search(experiment.ids)
         best_model = model_set.best_model
         with self._stage("tests"):
             judgement = judge(model_set, self.catalogue, self.settings, seed=self.seed)
@@ -246,7 +246,7 @@ class _Work:
             confusion = Confusion() if quick else _confusion(model_set, verdict, self.seed, most, self.watcher)
             confusion = replace(confusion, alike=confusable(adopted, self.catalogue))
         ledger = [Choice("verdict, causes named, their probabilities", list(experiment.ids), [])]
-        measured = {} if quick else self._gains(model_set)
+        measured = {} if quick else self.gains_of(model_set)
         ledger += [choice for scored in measured.values() for choice in scored.ledger]
         extension = {} if quick or not self.settings.steps else self._extensions(verdict.named, measured, ledger)
         if repeats or (verdict.named and self.catalogue):
@@ -332,7 +332,7 @@ class _Work:
             if ids:
                 self.watcher.part(f"{which} extension")
                 with self._timed(f"{which} extension"):
-                    found[which] = self._extend(ids, groups)
+                    found[which] = self.extend(ids, groups)
                 ledger.append(Choice(f"posterior of the extension ({which})", list(groups), found[which].scored_on))
         return found
 
@@ -357,7 +357,7 @@ class _Work:
         self.watcher.part("parts", done / total)
         self.watcher.update(done, total, f"searches; {self._memory.count('short')} models fitted so far")
 
-    def _search(self, groups: tuple[GroupId, ...], starts: tuple[Candidate, ...] = ()) -> ModelSet:
+    def search(self, groups: tuple[GroupId, ...], starts: tuple[Candidate, ...] = ()) -> ModelSet:
         """The model set of what some groups say."""
         absent = [str(g) for g in self.experiment.ids if g not in groups]
         which = f"without {', '.join(absent)}: " if absent else ""
@@ -376,7 +376,7 @@ class _Work:
         """What all searches of this diagnosis share."""
         return self.experiment, self.catalogue, self.seed, self.settings.search
 
-    def _gains(self, whole: ModelSet) -> dict[str, gains.Gain]:
+    def gains_of(self, whole: ModelSet) -> dict[str, gains.Gain]:
         """What the extension gains on groups that it has not seen, for each protocol.
 
         The searches of the nested protocol begin at the sets that all groups have led to: places are computation, and
@@ -394,7 +394,7 @@ class _Work:
             calls = [(_model_set_of, self._memory, *self._common, *one) for one in wanted]
             precompute(lent, calls, self.jobs, self._searched, scheduler=self.scheduler, take=self._memory.receive)
             for k, one in enumerate(wanted, 1):
-                found[one] = self._search(*one)
+                found[one] = self.search(*one)
                 self.watcher.part("parts", k / len(wanted))
         measured = {}
         for protocol, splits in protocols.items():
@@ -433,7 +433,7 @@ class _Work:
                 progress=lambda k, n: self.watcher.update(k, n, "data sets drawn from the answer"),
             )  # fmt: skip
 
-    def _extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> ExtensionRun:
+    def extend(self, ids: Sequence[str], groups: Sequence[GroupId]) -> ExtensionRun:
         """Fit causes to groups like any run, sample their posterior, and validate it."""
         terms = tuple(t for t in self.catalogue if t.id in ids)
         problem = Problem(self.experiment, tuple(groups), terms)
@@ -442,7 +442,7 @@ class _Work:
         about = [versions(), list(groups), self.seed, *(t.determinants for t in terms)]
         about += [p.signature for p in problem.parameters]
         # Where the search has found them: a fit from scratch of six causes ended 190 nats below.
-        found = self._search(tuple(groups)).of(tuple(t.id for t in terms))
+        found = self.search(tuple(groups)).of(tuple(t.id for t in terms))
         # (To ten digits: a run is known by them, on any machine.)
         known = [
             {name: float(f"{value:.10g}") for name, value in zip(problem.names, at, strict=True)}

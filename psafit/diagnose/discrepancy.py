@@ -131,7 +131,7 @@ def discrepancy(
     """
     settings = settings or DiscrepancySettings()
     priors = settings.priors
-    around = _Expansion.of(candidate, stretch(candidate) if outlying is None else outlying, priors)
+    around = Expansion.of(candidate, stretch(candidate) if outlying is None else outlying, priors)
     without = around.fitted(around.scatter, with_it=False)
     # A scatter that had to stand for the discrepancy, too, may be either of its parts: there are several modes.
     low = [p.sampling_bounds.lower for p in around.parameters]
@@ -177,7 +177,7 @@ class _Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class _Expansion:
+class Expansion:
     """Readings around a fit, linear in the model's parameters, which are integrated out."""
 
     parameters: tuple[Parameter, ...]  # of the scatter: relative, absolute, of each observable
@@ -195,7 +195,8 @@ class _Expansion:
     placed: float  # log prior density of the model's parameters at the fit, over the normal one that stands for it
 
     @classmethod
-    def of(cls, candidate: Candidate, outlying: FloatArray, priors: tuple[tuple[float, float], ...]) -> _Expansion:
+    def of(cls, candidate: Candidate, outlying: FloatArray, priors: tuple[tuple[float, float], ...]) -> Expansion:
+        """Expand a model about its best mode; `outlying` widens each reading's scatter."""
         problem = candidate.problem
         n = problem.n_model
         bent = problem.prior_slopes(candidate.modes[:1])[1][0, :n]
@@ -265,6 +266,7 @@ class _Expansion:
         return _Whitened(factors, white[:, 1:], rest[:-k] if k else rest, r, float(rest @ rest), log_size)
 
     def loss(self, v: FloatArray) -> float:
+        """Negative log posterior of the hyperparameters, the model's own parameters integrated out."""
         m = len(self.parameters)
         density = sum(float(p.log_prior(c)) for p, c in zip(self.parameters, v[:m], strict=True))
         for c, (mean, sd) in zip(v[m:], self.priors[: v.size - m], strict=True):

@@ -77,15 +77,9 @@ class IsolabilitySettings:
 
     def scatter(self, design: Design) -> FloatArray:
         """The scatter of each reading, (1, 3 or 4, n_points), as `psafit.inference.noise.scale` takes it."""
-        values = np.full((1, 4, design.n_points), np.nan)
-        for k in np.unique(design.measured):
-            here, usual = design.measured == k, [p.prior_median for p in OBSERVABLES[k].scatter]
-            if OBSERVABLES[k] is LAUNCH_RANGE:
-                usual[:2] = self.relative, self.absolute
-            values[:, :3, here] = np.array(usual[:3])[:, None]
-            if OBSERVABLES[k].traced:
-                values[:, 3, here] = noise.memory(design.elapsed[here], np.array(usual[3:]))
-        return values if design.traced.any() else values[:, :3]
+        usual = {k: np.array([[p.prior_median for p in o.scatter]]) for k, o in enumerate(OBSERVABLES)}
+        usual[OBSERVABLES.index(LAUNCH_RANGE)][0, :2] = self.relative, self.absolute
+        return noise.by_reading(usual, design)
 
 
 @dataclass(frozen=True)
@@ -238,7 +232,7 @@ class Isolability:
 
 
 @dataclass(frozen=True, eq=False)
-class _Effects:
+class Effects:
     """What causes do at one place, in standard deviations of the scatter; along a trace, of its innovations.
 
     `slopes` (n, n_points) belong to the baseline's parameters; `rows` holds by cause and strength the
@@ -251,7 +245,7 @@ class _Effects:
     typical: dict[tuple[str, float], FloatArray]
 
     @classmethod
-    def at(cls, design: Design, theta: FloatArray, terms: Sequence[Term], settings: IsolabilitySettings) -> _Effects:
+    def at(cls, design: Design, theta: FloatArray, terms: Sequence[Term], settings: IsolabilitySettings) -> Effects:
         """The effects in a design, at a place of the baseline."""
         scatter = settings.scatter(design)
         relative, absolute, _ = (row[0] for row in noise.columns(scatter))
@@ -275,11 +269,11 @@ class _Effects:
         slopes = np.where(blank & (base == 0.0), 0.0, slopes)
         return cls(noise.whitened(slopes / np.hypot(absolute, relative * base), scatter), rows, typical)
 
-    def of(self, ids: Sequence[str]) -> _Effects:
+    def of(self, ids: Sequence[str]) -> Effects:
         """The effects of some of the causes."""
-        return _Effects(self.slopes, {key: rows for key, rows in self.rows.items() if key[0] in ids}, self.typical)
+        return Effects(self.slopes, {key: rows for key, rows in self.rows.items() if key[0] in ids}, self.typical)
 
-    def with_part(self, other: _Effects, points: NDArray[np.intp]) -> _Effects:
+    def with_part(self, other: Effects, points: NDArray[np.intp]) -> Effects:
         """These effects, with some readings of one more session."""
         rows = {}
         for (id, share), one in self.rows.items():
@@ -289,12 +283,12 @@ class _Effects:
                 rows[id, share] = np.block([[one, np.tile(new, (len(one), 1))], [np.tile(old, (len(more), 1)), more]])
             else:
                 rows[id, share] = np.hstack([one, more])
-        return _Effects(np.hstack([self.slopes, other.slopes[:, points]]), rows, {})
+        return Effects(np.hstack([self.slopes, other.slopes[:, points]]), rows, {})
 
-    def refitted(self) -> _Effects:
+    def refitted(self) -> Effects:
         """What a refit of the baseline cannot imitate."""
         known = _basis(self.slopes)
-        return _Effects(self.slopes, {key: _outside(rows, known) for key, rows in self.rows.items()}, {})
+        return Effects(self.slopes, {key: _outside(rows, known) for key, rows in self.rows.items()}, {})
 
     def against(self, truth: Sequence[str], rival: Sequence[str], settings: IsolabilitySettings) -> float:
         """Nats by which readings of some causes speak against others; the least over the strengths of one other."""
@@ -311,7 +305,7 @@ class _Other(NamedTuple):
     """What causes do where another observable is read, too; `trace` where that is a trace of one more launch."""
 
     name: str
-    effects: list[_Effects]
+    effects: list[Effects]
     trace: Possible | None = None
 
 
@@ -366,7 +360,7 @@ def isolability(
     design, at = Design.of(constants, groups), [np.array(p) for p in places or RIGS.values()]
     usual = design.usually_measured
     sweeps = [p.reading(usual, usual) for p in proposals(constants, groups, limits) if not p.changed]
-    raw = [_Effects.at(design, theta, catalogue, settings) for theta in at]
+    raw = [Effects.at(design, theta, catalogue, settings) for theta in at]
     effects = [one.refitted() for one in raw]
     ids = [t.id for t in catalogue]
 
@@ -433,7 +427,7 @@ def _others(
     constants: Constants,
     groups: Sequence[Conditions],
     limits: Iterable[tuple[str, tuple[float, float]]],
-    planned: Sequence[_Effects],
+    planned: Sequence[Effects],
     places: Sequence[FloatArray],
     terms: Sequence[Term],
     settings: IsolabilitySettings,
@@ -443,7 +437,7 @@ def _others(
     for k, o in enumerate(OF_LAUNCHES):
         if k not in measured:
             also = Design.of(constants, [_reading_also(g, k) for g in groups])
-            found.append(_Other(o.name, [_Effects.at(also, theta, terms, settings).refitted() for theta in places]))
+            found.append(_Other(o.name, [Effects.at(also, theta, terms, settings).refitted() for theta in places]))
 
     def contact(design: Design) -> FloatArray:
         return np.asarray(np.fmax.reduce([contact_times(simulate(design, theta))[0] for theta in places]))
@@ -452,18 +446,18 @@ def _others(
     for p in traces(constants, groups, limits, contact, settings.trace):
         if p.design.measured[0] not in measured:
             every = np.arange(p.design.n_points)
-            further = (_Effects.at(p.design, theta, terms, settings) for theta in places)
+            further = (Effects.at(p.design, theta, terms, settings) for theta in places)
             effects = [b.with_part(m, every).refitted() for b, m in zip(before, further, strict=True)]
             found.append(_Other(OBSERVABLES[p.design.measured[0]].name, effects, p))
     return found
 
 
 def _also(
-    planned: Sequence[_Effects], others: Sequence[_Other], ids: Sequence[str], settings: IsolabilitySettings
+    planned: Sequence[Effects], others: Sequence[_Other], ids: Sequence[str], settings: IsolabilitySettings
 ) -> AlsoRead | None:
     """The observable that distinguishes most pairs of a block, and these; None if none does any."""
 
-    def apart(effects: Sequence[_Effects]) -> dict[tuple[str, str], float]:
+    def apart(effects: Sequence[Effects]) -> dict[tuple[str, str], float]:
         """By pair, the nats of the side that is harder to show."""
         each = {
             (a, b): float(np.median([one.against([a], [b], settings) for one in effects]))
@@ -483,7 +477,7 @@ def _also(
 
 
 def _cheapest(
-    planned: Sequence[_Effects],
+    planned: Sequence[Effects],
     sweeps: Sequence[Possible],
     places: Sequence[FloatArray],
     terms: Sequence[Term],
@@ -492,7 +486,7 @@ def _cheapest(
     """The sweep of fewest readings that distinguishes all pairs of some causes; the best one where none does."""
     ids = [t.id for t in terms]
     before = [one.of(ids) for one in planned]
-    further = [[_Effects.at(s.design, theta, terms, settings) for theta in places] for s in sweeps]
+    further = [[Effects.at(s.design, theta, terms, settings) for theta in places] for s in sweeps]
     best: Split | None = None
     for n in settings.readings:
         for sweep, more in zip(sweeps, further, strict=True):

@@ -247,7 +247,7 @@ def examine(
     names = list(looked)
     table = np.array([looked[name] for name in names])  # (n_statistics, 1 + n)
     names.append(("many of these at once", "all", None))
-    table = np.vstack([table, _together(table)])
+    table = np.vstack([table, oddness(table)])
     null = table[:, 1:]
     middle = np.median(null, axis=1, keepdims=True)
     reach = np.maximum(np.quantile(null, 0.95, axis=1, keepdims=True) - middle, 1e-9)
@@ -257,8 +257,8 @@ def examine(
     bar = float(np.quantile(largest[1:], 0.95))
     quiet = noise.at_least(candidate.noise)[0] and np.mean(observed[0] ** 2) < 1.0
     if problem.observed.size <= problem.n_physical or quiet:
-        # As many parameters as readings meet every reading, or all are met more closely than any instrument reads, as
-        # those that a simulation made are: nothing is left to be tested.
+        # No test is possible with as many parameters as readings, nor where the readings have no scatter, as those of
+        # a simulation.
         p_value, bar = 1.0, math.inf
     statistics = [
         Statistic(
@@ -274,7 +274,7 @@ def examine(
     character: Character = "none"
     odd_groups: tuple[GroupId, ...] = ()
     if p_value < ALPHA:
-        character, odd_groups = _character(
+        character, odd_groups = character_of(
             candidate, catalogue, statistics, seed, odd_points, settings if influence else None
         )
     usual, held = None, _with_usual_tails(candidate) if tails and ALPHA <= p_value < 1.0 else None
@@ -315,7 +315,7 @@ def _simulated(candidate: Candidate, seed: int, n_simulated: int, exact: bool, s
     return normal_scores(problem, refit.u, refit.predicted, fake, settings.clip)
 
 
-def _together(table: FloatArray) -> FloatArray:
+def oddness(table: FloatArray) -> FloatArray:
     """Fisher's sum over statistics of -ln p, each p the share of the simulated data sets with as much; (1 + n,).
 
     The statistics are not independent: like theirs, its law is that of the simulated data sets.
@@ -400,7 +400,7 @@ def _coincidences(
     return tuple(sorted(found, key=lambda c: -abs(c.score)))
 
 
-def _character(
+def character_of(
     candidate: Candidate,
     catalogue: Sequence[Term],
     statistics: Sequence[Statistic],

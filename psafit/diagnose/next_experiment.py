@@ -269,7 +269,7 @@ class Rehearsal:
 _Judgement = tuple[float, float | None, float]
 
 
-def _judged(possible: Possible, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
+def proposal_of(possible: Possible, found: _Judgement, pairs: Iterable[Pair] = ()) -> Proposal:
     """A measurement with what it would do."""
     d = possible.design
     drive, traced = d.drives[d.drive[0]], bool(d.traced.any())
@@ -282,7 +282,8 @@ def _judged(possible: Possible, found: _Judgement, pairs: Iterable[Pair] = ()) -
     )  # fmt: skip
 
 
-def _possible(candidate: Candidate, settings: TraceSettings) -> list[Possible]:
+def possible_measurements(candidate: Candidate, settings: TraceSettings) -> list[Possible]:
+    """Sweeps and traces that could be measured on the rig of a model."""
     problem, experiment = candidate.problem, candidate.problem.experiment
     rig = experiment.constants, experiment.groups, experiment.limits
     usual = problem.design.usually_measured
@@ -303,22 +304,22 @@ def separating(
     """Measurements by how well they would separate two models or more; best first."""
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
-    possible = _possible(tied[0][0], settings.trace)
-    forecasts: list[list[_Forecast]] = []
+    possible = possible_measurements(tied[0][0], settings.trace)
+    forecasts: list[list[PredictedReadings]] = []
     # A glance at all of them, then a closer look at the best.
     for n_draws in (settings.glance, settings.draws):
         models = [_Model.of(c, draws.resampled(n_draws), rng) for c, draws in tied]
-        forecasts = [_legible([one.forecast(p.design) for one in models], p) for p in possible]
-        kept = _best(possible, [_apart(each, rng, settings)[0][0] for each in forecasts], settings.closer)
+        forecasts = [legible([one.forecast(p.design) for one in models], p) for p in possible]
+        kept = best_of(possible, [separation_of(each, rng, settings)[0][0] for each in forecasts], settings.closer)
         possible, forecasts = [possible[k] for k in kept], [forecasts[k] for k in kept]
     found = []
     for p, each in zip(possible, forecasts, strict=True):
         # The best of several is best by luck, too: what is reported of them comes from other trials.
-        judgement, apart = _apart(each, rng, settings)
+        judgement, apart = separation_of(each, rng, settings)
         ids = [list(c.ids) for c, _ in tied]
         two = itertools.combinations(range(len(tied)), 2)
-        found.append(_judged(p, judgement, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
-    return _worth_building(found, settings.changed_rig)
+        found.append(proposal_of(p, judgement, [Pair(ids[i], ids[j], float(apart[i, j])) for i, j in two]))
+    return worth_building(found, settings.changed_rig)
 
 
 def determine(
@@ -330,25 +331,25 @@ def determine(
     """
     settings = settings or ProposalSettings()
     rng = np.random.default_rng([seed, 17])
-    possible, weak = _possible(best_model, settings.trace), weakly_determined(best_model, draws)
+    possible, weak = possible_measurements(best_model, settings.trace), weakly_determined(best_model, draws)
     model = _Model.of(best_model, draws.resampled(settings.glance), rng)
-    falls = np.array([_narrowing(_legible([model.forecast(p.design)], p)[0], model.u[:, weak])[0] for p in possible])
+    falls = np.array([narrowing(legible([model.forecast(p.design)], p)[0], model.u[:, weak])[0] for p in possible])
     which = int(np.argmax(falls.max(axis=0)))
-    possible = [possible[k] for k in _best(possible, falls[:, which], settings.closer)]
+    possible = [possible[k] for k in best_of(possible, falls[:, which], settings.closer)]
 
     def judged(possible: Sequence[Possible], rows: FloatArray) -> list[Proposal]:
         model = _Model.of(best_model, rows, rng)
-        found = [_narrowing(_legible([model.forecast(p.design)], p)[0], model.u[:, [weak[which]]]) for p in possible]
-        return [_judged(p, (float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
+        found = [narrowing(legible([model.forecast(p.design)], p)[0], model.u[:, [weak[which]]]) for p in possible]
+        return [proposal_of(p, (float(f[0]), None, float(e[0]))) for p, (f, e) in zip(possible, found, strict=True)]
 
     every = draws.resampled(2 * settings.draws)
-    ranked = _best(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
+    ranked = best_of(possible, [p.separation for p in judged(possible, every[::2])], settings.closer)
     # As above, what is reported of them comes from other draws.
     found = judged([possible[k] for k in ranked], every[1::2])
-    return best_model.problem.names[weak[which]], _worth_building(found, settings.changed_rig)
+    return best_model.problem.names[weak[which]], worth_building(found, settings.changed_rig)
 
 
-def _worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
+def worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
     """The same, what needs nothing new first where a changed rig or another instrument does hardly more."""
     # The first in rank, not the largest: what is reported had no part in the ranking.
     here = next((p for p in found if p.as_it_is), None)
@@ -360,7 +361,7 @@ def _worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
     return [here, *(p for p in found if p is not here)]
 
 
-def _best(possible: Sequence[Possible], separation: Sequence[float] | FloatArray, n: int) -> list[int]:
+def best_of(possible: Sequence[Possible], separation: Sequence[float] | FloatArray, n: int) -> list[int]:
     """Indices of those worth a closer look, best first."""
     order = sorted(range(len(possible)), key=lambda k: -separation[k])
     return _first(order, n, lambda k: possible[k].as_it_is)
@@ -412,17 +413,17 @@ class _Model:
     def of(cls, candidate: Candidate, draws: FloatArray, rng: np.random.Generator) -> _Model:
         """From equally weighted draws, (n_draws, n_dim)."""
         problem = candidate.problem
-        # Draws of much weight are drawn more than once; a copy knows what the draw left out knew.
+        # Without duplicates: leaving one draw out would otherwise keep its copy among the judges.
         u, counts = np.unique(draws, axis=0, return_counts=True)
         # What belongs to sessions is drawn from its prior, not taken over.
         theta = problem.theta(u, ["a session to come"], rng)
         return cls(problem, theta, u, counts / len(draws))
 
-    def forecast(self, design: Design) -> _Forecast:
+    def forecast(self, design: Design) -> PredictedReadings:
         """What it says of a measurement."""
         measured = int(design.measured[0])
         sigma = self.problem.sigma_to_come(measured)
-        return _Forecast(
+        return PredictedReadings(
             readings(design, self.theta, self.problem.terms),
             noise.along(self.problem.scatter_to_come(self.u, measured), design.elapsed),
             self.weight,
@@ -432,7 +433,9 @@ class _Model:
 
 
 @dataclass(frozen=True, eq=False)
-class _Forecast:
+class PredictedReadings:
+    """What a model's posterior draws say of a measurement."""
+
     ranges: FloatArray  # readings without scatter, in the observable's unit, (n_draws, n_points)
     scatter: FloatArray  # (n_draws, 3), of a trace (n_draws, 4, n_points)
     weight: FloatArray  # (n_draws,), adds up to one
@@ -450,7 +453,7 @@ class _Forecast:
         return np.asarray(logsumexp(each, axis=1, b=weight))
 
 
-def _legible(models: Sequence[_Forecast], possible: Possible) -> list[_Forecast]:
+def legible(models: Sequence[PredictedReadings], possible: Possible) -> list[PredictedReadings]:
     """What models say of a measurement, where the observable is read for sure: of a launch that fails some are not."""
     if not OBSERVABLES[possible.design.measured[0]].blank:
         return list(models)
@@ -458,8 +461,8 @@ def _legible(models: Sequence[_Forecast], possible: Possible) -> list[_Forecast]
     return [replace(m, ranges=m.ranges[:, sure]) for m in models]
 
 
-def _apart(
-    models: Sequence[_Forecast], rng: np.random.Generator, settings: ProposalSettings
+def separation_of(
+    models: Sequence[PredictedReadings], rng: np.random.Generator, settings: ProposalSettings
 ) -> tuple[_Judgement, FloatArray]:
     """What a measurement does for models, whichever of them is right, and for each two of them, (n, n)."""
     trials = [_trial(models, k, rng, settings) for k in range(len(models))]
@@ -468,7 +471,7 @@ def _apart(
 
 
 def _trial(
-    models: Sequence[_Forecast], truth: int, rng: np.random.Generator, settings: ProposalSettings
+    models: Sequence[PredictedReadings], truth: int, rng: np.random.Generator, settings: ProposalSettings
 ) -> tuple[_Judgement, FloatArray]:
     """Mean log ratio of predictive densities when one model makes the readings, how often it wins clearly, the error.
 
@@ -487,7 +490,7 @@ def _trial(
     return judgement, np.clip(each, -CLEAR, CLEAR).mean(axis=1)
 
 
-def _narrowing(forecast: _Forecast, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+def narrowing(forecast: PredictedReadings, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Expected fall of the log standard deviation of each parameter `u` (n_draws, n), and its standard error.
 
     By regression on the readings, judged by draws that it has not seen: sixteen readings explain anything of forty

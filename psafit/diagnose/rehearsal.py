@@ -103,7 +103,7 @@ def rehearse(
     """
 
     def measure(truth: Candidate, draws: ImportanceSample, rng: np.random.Generator) -> Callable[[Problem], Problem]:
-        new = _measured(truth.problem, _drawn(draws, 1, rng), proposal, rng)
+        new = readings_to_come(truth.problem, _drawn(draws, 1, rng), proposal, rng)
 
         def with_it(model: Problem) -> Problem:
             experiment = replace(model.experiment, groups=(*model.experiment.groups, new))
@@ -133,8 +133,7 @@ def _judged(
             progress(settings.trials * k + trial, settings.trials * len(tied))
             rng = np.random.default_rng([*stream, k, trial])
             measured = measure(candidate, own, rng)
-            # What Laplace's evidence lacks of importance sampling's it lacked before: readings to come do not change
-            # it.
+            # The error of Laplace's approximation is taken to be the same before and after, so that it cancels.
             log_posterior = [
                 d.log_evidence
                 + _optimised(measured(c.problem), c, d, rng, settings).laplace_apart
@@ -152,7 +151,7 @@ def _drawn(draws: ImportanceSample, n: int, rng: np.random.Generator) -> FloatAr
     return np.asarray(draws.draws[rng.choice(len(draws.draws), n, p=draws.weights)])
 
 
-def _measured(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.random.Generator) -> Group:
+def readings_to_come(problem: Problem, u: FloatArray, proposal: Proposal, rng: np.random.Generator) -> Group:
     """Readings of the proposed sweep, of a truth drawn from a model's posterior."""
     sweep = planned(proposal, NEW, problem.experiment)
     design = Design.of(problem.experiment.constants, [sweep])

@@ -53,10 +53,11 @@ def causes_of(model_set: ModelSet, verdict: Verdict, most: int = 12, least: floa
             shown.append(always)
     # What the verdict names comes first.
     shown.sort(key=lambda c: (set(c.ids) != set(verdict.named), -model_set.probability[c.ids]))
-    return [_cause(model_set, verdict, c) for c in shown]
+    return [cause_result(model_set, verdict, c) for c in shown]
 
 
-def _cause(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> CauseResult:
+def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) -> CauseResult:
+    """What the record says of one model."""
     problem = candidate.problem
     found = model_set.samples.get(candidate.ids)
     parameters: dict[str, ParameterResult] = {}
@@ -124,7 +125,7 @@ def screening_of(
         found.append(
             ScreeningResult(
                 s.term.id,
-                _word(s, model_set, verdict, left),
+                word_for(s, model_set, verdict, left),
                 float(s.gain[s.best]), model_set.gain((s.term.id,)), s.chance, s.log_bayes,
                 float(s.strength[s.best]), s.term.strength.unit, s.visible, verdict.inclusion.get(s.term.id, 0.0),
                 plausible(s.term)[0],
@@ -135,7 +136,7 @@ def screening_of(
     return sorted(found, key=lambda s: -s.refit_gain)
 
 
-def _word(found: Screened, model_set: ModelSet, verdict: Verdict, left: Room | None) -> str:
+def word_for(found: Screened, model_set: ModelSet, verdict: Verdict, left: Room | None) -> str:
     """What the whole model set says of one cause; the refit knows better than the expansion what it can do.
 
     Not present is what would have been seen, and has less `left` to it than what would be.

@@ -117,7 +117,8 @@ def extended(problem: Problem, term: Term, catalogue: Sequence[Term]) -> Problem
 def screen(candidate: Candidate, catalogue: Sequence[Term], settings: ScreenSettings | None = None) -> list[Screened]:
     """Screen the causes that a fitted model does not have yet, in the catalogue's order."""
     settings = settings or ScreenSettings()
-    # An optimum at the edge of a jump is none of its expansion, which goes on uphill with any cause or none.
+    # A fit may stop at a discontinuity, where its expansion still rises whatever the cause. So gains are measured from
+    # the expansion's own optimum.
     alone = maximise_linearly(
         candidate.problem, candidate.modes[:1], candidate.predicted[None], candidate.relative_slope,
         iterations=settings.iterations,
@@ -149,7 +150,7 @@ def _screen(
     least = np.where(traced, -np.inf, 1e-9)
 
     def refitted(quantiles: FloatArray) -> FloatArray:
-        """What refits at these quantiles of the strength gain."""
+        """Gain in log posterior, nats, of refits at these quantiles of the strength."""
         rows = np.repeat(at[None, :], len(quantiles), axis=0)
         rows[:, own[0]] = term.strength.prior_quantile(quantiles)
         found = large.predict(np.vstack([rows, *(rows + 0.1 * np.eye(large.n_dim)[i] for i in latent)]))
@@ -159,7 +160,7 @@ def _screen(
         for k, i in enumerate(latent, start=1):
             slope[:, i] = (found[k] - found[0]) / (0.1 * np.where(traced, 1.0, found[0]))
         moved = [candidate.project_out((found[k] - found[0]) / 0.1) for k in range(1, 1 + len(latent))]
-        np.maximum(luck, _luck(candidate.project_out(found[0] - candidate.predicted), moved, nothing), out=luck)
+        np.maximum(luck, gains_by_luck(candidate.project_out(found[0] - candidate.predicted), moved, nothing), out=luck)
         end = maximise_linearly(large, rows, found[0], slope, frozen=own, iterations=settings.iterations)
         # The cause's own prior is not a gain or loss here; that of its latents is.
         prior = np.sum([p.log_prior(end.u[:, i]) for p, i in zip(term.parameters, own, strict=True)], axis=0)
@@ -169,14 +170,14 @@ def _screen(
     q = np.array(settings.quantiles)
     gain = refitted(q)
     for _ in range(settings.halvings):
-        between = _unclear(*_with_neutral(term.strength, q, gain), settings)
+        between = unclear_strengths(*with_neutral(term.strength, q, gain), settings)
         if not between.size:
             break
         more = refitted(between)
         order = np.argsort(np.concatenate([q, between]))
         q, gain = np.concatenate([q, between])[order], np.concatenate([gain, more])[order]
     # Each quantile stands for what is nearer to it than to its neighbours.
-    places, gains = _with_neutral(term.strength, q, gain)
+    places, gains = with_neutral(term.strength, q, gain)
     share = np.diff(np.concatenate([[0.0], 0.5 * (places[1:] + places[:-1]), [1.0]]))
     # Never quite neutral: a path that changes there would be another model.
     shown = at.copy()
@@ -191,7 +192,7 @@ def _screen(
     )
 
 
-def _luck(effects: FloatArray, moved: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
+def gains_by_luck(effects: FloatArray, moved: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
     """What scatter alone gains by the best of some effects.
 
     Parameters
@@ -218,7 +219,7 @@ def _luck(effects: FloatArray, moved: Sequence[FloatArray], nothing: FloatArray)
     return best
 
 
-def _with_neutral(strength: Parameter, q: FloatArray, gain: FloatArray) -> tuple[FloatArray, FloatArray]:
+def with_neutral(strength: Parameter, q: FloatArray, gain: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Quantiles and gains with the neutral value among them, which gains nothing.
 
     Where every strength tried is far too much, what helps is nearer to neutral.
@@ -231,7 +232,7 @@ def _with_neutral(strength: Parameter, q: FloatArray, gain: FloatArray) -> tuple
     return np.insert(q, place, neutral), np.insert(gain, place, 0.0)
 
 
-def _unclear(q: FloatArray, gain: FloatArray, settings: ScreenSettings) -> FloatArray:
+def unclear_strengths(q: FloatArray, gain: FloatArray, settings: ScreenSettings) -> FloatArray:
     """Quantiles half way between neighbours whose gains differ so much that more may hide there than at either."""
     end = np.maximum(gain[1:], gain[:-1])
     wanted = np.flatnonzero((np.abs(np.diff(gain)) > settings.steep) & (end > gain.max() - settings.promising))

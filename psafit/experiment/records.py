@@ -318,6 +318,11 @@ class Experiment:
             file=self.folder / DEFINITION,
         )
 
+    def thinned(self, every: int) -> Experiment:
+        """Every so many-th reading of each group; the least group keeps all of eight."""
+        steps = (every if g.n_points >= 8 * every else max(g.n_points // 8, 1) for g in self.groups)
+        return replace(self, groups=tuple(g.at(slice(None, None, k)) for g, k in zip(self.groups, steps, strict=True)))
+
     def select(self, ids: Iterable[GroupId]) -> tuple[Group, ...]:
         """Return groups in the order asked for.
 

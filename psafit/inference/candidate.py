@@ -13,7 +13,6 @@ from scipy.special import erfcx, log_ndtr, logsumexp
 
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
-from psafit.experiment import Experiment, Group
 from psafit.inference import noise
 from psafit.inference.evolution import evolved
 from psafit.inference.optimise import joined_values, starts_of
@@ -219,21 +218,11 @@ class Candidate:
         return [widened(problem, u, new, seed=seed) for u in self.placed(problem, n_modes)]
 
 
-def thinned(experiment: Experiment, every: int) -> Experiment:
-    """Every so many-th reading of each group; the least group keeps all of eight."""
-
-    def part(g: Group) -> Group:
-        rows = slice(None, None, every if g.n_points >= 8 * every else max(g.n_points // 8, 1))
-        return g.at(rows)
-
-    return replace(experiment, groups=tuple(part(g) for g in experiment.groups))
-
-
 def subsampled(problem: Problem, settings: FitSettings) -> Problem:
     """A problem with some of its readings, roughly simulated; one with few readings as it is."""
     if problem.observed.size < settings.many:
         return problem
-    return replace(problem, experiment=thinned(problem.experiment, settings.every), tolerance=settings.rough)
+    return replace(problem, experiment=problem.experiment.thinned(settings.every), tolerance=settings.rough)
 
 
 def fit(
@@ -293,7 +282,7 @@ def fit(
         n_drawn += n_fresh
     end, effort = raced(problem, trial, known, races, s)
     effort += Effort(n_sets=n_drawn)
-    return candidate_of(problem, replace(_across_steps(problem, end, s), effort=effort))
+    return candidate_of(problem, replace(across_steps(problem, end, s), effort=effort))
 
 
 def raced(
@@ -373,7 +362,7 @@ def optimised(problem: Problem, starts: FloatArray) -> Candidate:
     return candidate_of(problem, maximise(problem, starts, still_below=FitSettings.enough))
 
 
-def _across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
+def across_steps(problem: Problem, end: Optima, s: FitSettings) -> Optima:
     """Go on where a parameter has no slope: what acts by thresholds may be better a step away."""
     for _ in range(s.crossings):
         here, log_posterior = end.predicted[end.best], float(end.log_posterior[end.best])

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psafit.inference import optimise
-from psafit.inference.candidate import thinned
 from psafit.inference.problem import Problem
 
 
@@ -64,7 +63,7 @@ def cost(
         Sets that the sampler simulates at once.
     """
     n = problem.observed.size
-    some = replace(problem, experiment=thinned(problem.experiment, max(n // sample, 1)))
+    some = replace(problem, experiment=problem.experiment.thinned(max(n // sample, 1)))
     more = n / some.observed.size
     u = some.prior_transform(np.random.default_rng(0).random((draws, problem.n_dim)))
     log_posterior = some.log_posterior(u)  # compiles, too

@@ -246,7 +246,7 @@ def _importance(
         return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
 
     first = laplace_mixture(candidate)
-    pool = _sample(log_posterior, problem.bounds, first, next_one, random, rounds)
+    pool = sample_in_rounds(log_posterior, problem.bounds, first, next_one, random, rounds)
     return pool, np.concatenate(simulated)
 
 
@@ -358,7 +358,7 @@ class Pool:
         return ImportanceSample(self.u[kept], weights[kept], self.log_evidence, error, count, k_hat, self.u[best], top)
 
 
-def _sample(
+def sample_in_rounds(
     log_posterior: Callable[[FloatArray], FloatArray],
     bounds: FloatArray,
     first: _Density,
@@ -371,7 +371,7 @@ def _sample(
     u, h, n = np.empty((0, len(bounds))), np.empty(0), 0
     density = np.empty((0, 0))  # of every draw under every proposal
     while True:
-        draws, drawn = _drawn_inside(proposals[-1], bounds, how.draws, random)
+        draws, drawn = drawn_inside(proposals[-1], bounds, how.draws, random)
         n += drawn
         rounds_of.append(drawn / how.draws)
         density = np.vstack([density, proposals[-1].log_density(u)[None]]) if len(u) else np.empty((len(proposals), 0))
@@ -384,7 +384,7 @@ def _sample(
         proposals.append(adapted(pool, proposals[-1]))
 
 
-def _drawn_inside(
+def drawn_inside(
     density: _Density,
     bounds: FloatArray,
     n: int,
@@ -474,7 +474,7 @@ class Emulated:
         usable = np.isfinite(pool.log_posterior)
         depth = (pool.log_posterior[usable].max() - pool.log_posterior[usable]) / (how.near * problem.n_dim)
         weight = 1 / (1 + depth**2)
-        # ... and one draw that is far above all others is no width: then what the mixture has stands for one.
+        # A single dominant draw gives no scale: then it is one, the scale of the draws' own covariance.
         self._reach = max(how.beyond * float(self._distance(pool.u[usable, :k])[depth < 1].max()), 1.0)
         features = np.vstack([self._features(pool.u[usable, :k]), self._features(mode[None])])
         target = np.vstack([self._scaled(simulated[usable]), here]) - features @ start
@@ -492,7 +492,7 @@ class Emulated:
         def wider(found: Pool, last: _Density) -> _Density:
             return last.mixture.around(found.u, found.weights, width)
 
-        self._pool = _sample(self.log_posterior, problem.bounds, first, wider, random, how.rounds)
+        self._pool = sample_in_rounds(self.log_posterior, problem.bounds, first, wider, random, how.rounds)
         self.mixture = first.around(self._pool.u, self._pool.weights, width).stretched(k, width)
 
     @property

@@ -18,6 +18,7 @@ from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 from psafit.physics import baseline
 from psafit.records import ProfilePoint
+from psafit.text import resolved
 
 # Half the 90 % point of chi-square with one degree of freedom (Wilks): the drop of log likelihood at either end of a
 # 90 % interval, hence at a single limit that holds with 95 %.
@@ -279,22 +280,6 @@ def _word(closed_below: bool, closed_above: bool) -> str:
     return "bounded below" if closed_below else "not determined"
 
 
-def significant(value: float, spread: float) -> str:
-    """A number with as many digits as its spread supports (two of the spread).
-
-    >>> significant(142537.0, 812.0)
-    '1.4254e5'
-    """
-    if not (math.isfinite(value) and math.isfinite(spread)) or value == 0:
-        return f"{value:g}"
-    digits = 4
-    if spread > 0:
-        digits = min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(spread)) + 2, 1), 8)
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    tens = int(exponent)
-    return f"{float(f'{value:.{digits}g}'):g}" if -4 <= tens < 5 else f"{mantissa}e{tens}"
-
-
 def one_sided(points: list[ProfilePoint], interval: tuple[float, float]) -> tuple[float | None, float | None]:
     """Limits that hold with 95 % each: of the profile, or of the posterior where there is none."""
     return limits(points) if points else interval
@@ -309,7 +294,7 @@ def supported(unit: str, points: list[ProfilePoint], interval: tuple[float, floa
     lower, upper = one_sided(points, interval)
     side, limit = ("most", upper) if word == "bounded above" else ("least", lower)
     assert limit is not None  # bounded on one side
-    return f"at {side} {significant(limit, limit)}{'' if unit == '1' else f' {unit}'} (95 %)"
+    return f"at {side} {resolved(limit, limit)}{'' if unit == '1' else f' {unit}'} (95 %)"
 
 
 def describe(
@@ -318,9 +303,9 @@ def describe(
     """The value as far as the data support it, in words."""
     if word == "determined":
         spread = (interval[1] - interval[0]) / 2
-        lower, upper = (significant(end, spread) for end in interval)
+        lower, upper = (resolved(end, spread) for end in interval)
         unit = "" if unit == "1" else f" {unit}"
-        return f"{name} = {significant(median, spread)}{unit} (90 %: {lower} to {upper})"
+        return f"{name} = {resolved(median, spread)}{unit} (90 %: {lower} to {upper})"
     if word == "not determined":
         why = "neither side of its profile closes" if points else "its interval is little narrower than the prior's"
     else:

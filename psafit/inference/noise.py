@@ -28,6 +28,8 @@ and every reading that is none, has :math:`\rho = 0`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, gammaln, stdtr
@@ -35,6 +37,7 @@ from scipy.special import digamma, gammaln, stdtr
 from psafit.arrays import FloatArray
 from psafit.observables import LAUNCH_RANGE
 from psafit.parameters import Parameter
+from psafit.simulate import Design
 
 PARAMETERS: tuple[Parameter, ...] = LAUNCH_RANGE.scatter
 """Those of launch ranges; other observables have their own (`psafit.observables.Observable.scatter`)."""
@@ -56,11 +59,6 @@ def _before(values: FloatArray) -> FloatArray:
     return np.concatenate([np.zeros_like(values[..., :1]), values[..., :-1]], axis=-1)
 
 
-def memory(elapsed: FloatArray, tau_us: FloatArray) -> FloatArray:
-    """Correlation of errors so many seconds apart, by the correlation time, us."""
-    return np.asarray(np.exp(-elapsed / (tau_us * 1e-6)))
-
-
 def along(values: FloatArray, elapsed: FloatArray) -> FloatArray:
     """The scatter's parameters of one observable, (n_sets, 3 or 4), as `scale` takes them; along a trace by sample.
 
@@ -73,8 +71,27 @@ def along(values: FloatArray, elapsed: FloatArray) -> FloatArray:
     """
     if values.shape[1] == 3:
         return values
-    rho = memory(elapsed, values[:, 3:])
+    rho = np.exp(-elapsed / (values[:, 3:] * 1e-6))
     return np.concatenate([np.repeat(values[:, :3, None], rho.shape[1], axis=2), rho[:, None]], axis=1)
+
+
+def by_reading(values: Mapping[int, FloatArray], design: Design) -> FloatArray:
+    """The scatter's parameters of all readings of a design, as `scale` takes them; (n_sets, 3 or 4, n_points).
+
+    Parameters
+    ----------
+    values : mapping of int to (n_sets, 3 or 4) array
+        Of each observable, as `psafit.observables.OBSERVABLES` counts, by `along`.
+    design : Design
+    """
+    n_sets = len(next(iter(values.values())))
+    found = np.full((n_sets, 4 if design.traced.any() else 3, design.n_points), np.nan)
+    for k, own in values.items():
+        here = np.flatnonzero(design.measured == k)
+        if here.size:
+            rows = along(own, design.elapsed[here])
+            found[:, : rows.shape[1], here] = rows if rows.ndim == 3 else rows[:, :, None]
+    return found
 
 
 def whitened(deviation: FloatArray, noise: FloatArray) -> FloatArray:

@@ -264,7 +264,6 @@ def _optimise(
     frozen: NDArray[np.bool_],
     lasting: int,
     still_below: float,
-    progress: Callable[[int, int], None] = lambda done, total: None,
     unite: bool = False,
     counts: NDArray[np.intp] | None = None,
     how: FisherSettings | None = None,
@@ -281,10 +280,8 @@ def _optimise(
     begun, failed = len(u), int((~np.isfinite(log_posterior)).sum())
     k = problem.n_model
     slopes_at, age = np.empty((len(u), k, predicted.shape[1])), np.full(len(u), lasting)
-    done, total = 0, sum(iterations for iterations, _ in schedule)
     for iterations, survivors in schedule:
-        for iteration in range(iterations):
-            progress(done + iteration, total)
+        for _ in range(iterations):
             live = np.flatnonzero(still < 2)
             if not live.size:
                 break
@@ -325,13 +322,11 @@ def _optimise(
                 share = step * np.einsum("nii->ni", curvature)[better, :k]
                 share /= np.maximum(np.sum(share * step, axis=1, keepdims=True), 1e-300)
                 slopes_at[up] += share[:, :, None] * (change - (step[:, None] @ slopes_at[up])[:, 0])[:, None, :]
-        done += iterations
         if survivors < len(u) or unite:
             kept, starts_at = _kept(problem, u, log_posterior, predicted, starts_at, survivors, unite, how)
             u, log_posterior, predicted = u[kept], log_posterior[kept], predicted[kept]
             damping, target = damping[kept], target[kept]
             still, who, slopes_at, age = still[kept], who[kept], slopes_at[kept], age[kept]
-    progress(total, total)
     return Optima(u, log_posterior, predicted, starts_at, Effort(begun, failed, n_sets))
 
 
@@ -373,7 +368,6 @@ def maximise(
     schedule: tuple[tuple[int, int], ...] = ((40, 10**9),),
     lasting: int = 3,
     still_below: float = 2e-3,
-    progress: Callable[[int, int], None] = lambda done, total: None,
     unite: bool = False,
     frozen: NDArray[np.bool_] | None = None,
     counts: NDArray[np.intp] | None = None,
@@ -395,8 +389,6 @@ def maximise(
         Steps for which slopes are carried over by secants before they are taken anew.
     still_below : float
         An optimisation stands still when it has gained less than this (nats) twice in a row.
-    progress : callable
-        Called with (iterations done, iterations at most).
     unite : bool
         After each part of the schedule, optimisations that predict the same readings at the same log posterior are one.
     frozen : (n, n_dim) array of bool, optional
@@ -418,7 +410,7 @@ def maximise(
     held = np.zeros(starts.shape, bool) if frozen is None else frozen
     return _optimise(
         problem, starts, target, lambda u, who: problem.predict(u), slope, schedule, held, lasting, still_below,
-        progress, unite, counts, settings,
+        unite, counts, settings,
     )  # fmt: skip
 
 

@@ -272,14 +272,8 @@ class Problem:
         """Values of the scatter's parameters, (n_sets, n_dim - n_model), as `noise_values` has them for a design."""
         if len(self.observables) == 1 and not self.observables[0].traced:
             return values
-        starts = np.array([at.start for at in self.scatter_at])[self.scatter_of(design.measured)]
-        rows = [values[:, starts + k] for k in range(3)]
-        if design.traced.any():
-            rows.append(np.full_like(rows[0], np.nan))
-            rows[3][:, design.traced] = noise.memory(
-                design.elapsed[design.traced], values[:, starts[design.traced] + 3]
-            )
-        return np.stack(rows, axis=1)
+        own = zip(self.observables, self.scatter_at, strict=True)
+        return noise.by_reading({OBSERVABLES.index(o): values[:, at] for o, at in own}, design)
 
     def scatter_to_come(self, u: FloatArray, measured: int) -> FloatArray:
         """The scatter's parameters of readings to come of one observable, (n_sets, 3).

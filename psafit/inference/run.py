@@ -19,10 +19,10 @@ from psafit.arrays import FloatArray
 from psafit.errors import InputError, check_seed
 from psafit.experiment import Experiment, GroupId, write_experiment
 from psafit.files import locked, portable_command, sha256
+from psafit.forecast import COUNTED, FIT, Silent, Watcher, reporting
 from psafit.inference import identify, store
 from psafit.inference.candidate import Candidate, built_up, candidate_at, principal
 from psafit.inference.evidence import ImportanceSample, importance_sample
-from psafit.inference.forecast import COUNTED, FIT, Silent, Watcher, reporting
 from psafit.inference.memory import Memory
 from psafit.inference.optimise import polish, report
 from psafit.inference.problem import Problem, refuse_still

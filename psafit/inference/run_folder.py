@@ -24,8 +24,8 @@ from psafit.inference import noise, store
 from psafit.inference.candidate import Candidate, candidate_at
 from psafit.inference.problem import Problem
 from psafit.inference.samplers import USUAL, sampler
-from psafit.inference.scale import read
 from psafit.physics import plugin_versions, recorded, signatures
+from psafit.prior_check import read
 from psafit.records import Brief, Fit, PosteriorSummary, read_json
 
 # In a folder whose search is not done yet, with the run's identity.
@@ -98,7 +98,7 @@ def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 
 def identity_of(determinants: Mapping[str, Any]) -> str:
     """A run's identity, by which it knows its files."""
-    # A run that was given no places is what it was before there were any.
+    # Runs without starting points keep the identity that they had in earlier versions.
     return digest({word: value for word, value in determinants.items() if word != "known places" or value})
 
 

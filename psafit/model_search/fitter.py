@@ -129,10 +129,10 @@ class ProblemFitter:
 
     # --- pieces of work ---
 
-    def _task(self, kind: str, problem: Problem, about: object, work: Callable[..., Arrays], *rest: Any) -> _Task:
-        return _Task(self.memory.key(kind, problem, about), problem, work, rest)
+    def _task(self, kind: str, problem: Problem, about: object, work: Callable[..., Arrays], *rest: Any) -> Task:
+        return Task(self.memory.key(kind, problem, about), problem, work, rest)
 
-    def _short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
+    def _short(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[Task]:
         """Short fits, each begun from the highest of the parts that lack one cause."""
         fitted, s = _highest_first(known), self.settings
         for ids in wanted:
@@ -144,7 +144,7 @@ class ProblemFitter:
             about = [self.seed, s.short_draws, s.short_starts, s.short_climbs, s.from_prior, begun]
             yield self._task("short", problem, about, _short, best, extra, s, self.seed)
 
-    def _carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[_Task]:
+    def _carried(self, wanted: Sequence[Ids], known: Mapping[Ids, Known]) -> Iterator[Task]:
         """Optimise from the highest part, and from the model that has most of what it lacks, and then of the rest."""
         fitted = _highest_first(known)
         for ids in wanted:
@@ -158,13 +158,13 @@ class ProblemFitter:
         terms = tuple(t for t in self.catalogue if t.id in ids)
         return replace(self.problem, terms=terms, tolerance=self.settings.short_tolerance)
 
-    def _optimise(self, problem: Problem, *pairs: tuple[Candidate, Candidate]) -> _Task:
+    def _optimise(self, problem: Problem, *pairs: tuple[Candidate, Candidate]) -> Task:
         """Optimise as long as a short fit does from the optima of both of two models, the second's first of all."""
         s, begun = self.settings, [[c.modes[0].tolist() for c in pair] for pair in pairs]
         about = [s.carried_trial, s.carried_climbs, [[c.ids for c in pair] for pair in pairs], begun]
         return self._task("optimised", problem, about, _optimised, pairs, s)
 
-    def _looks(self, model: Known) -> list[_Task]:
+    def _looks(self, model: Known) -> list[Task]:
         """Both looks for the modes of a model that is to be sampled."""
         short, s = model.content.candidate, self.settings
         problem = replace(short.problem, tolerance=s.tolerance)
@@ -176,13 +176,13 @@ class ProblemFitter:
             for kind, begun in known.items()
         ]
 
-    def _joined(self, model: Known, one: Candidate, other: Candidate) -> _Task:
+    def _joined(self, model: Known, one: Candidate, other: Candidate) -> Task:
         """The draws of a model that was looked at twice."""
         s = self.settings
         about = [self.seed, s.better, s.rounds, s.effective, one.modes.tolist(), other.modes.tolist()]
         return self._task("sample", one.problem, about, _joined, one, other, s, self.seed)
 
-    def _ahead(self, foreseen: Foreseen[Fitted]) -> Iterator[_Task]:
+    def _ahead(self, foreseen: Foreseen[Fitted]) -> Iterator[Task]:
         """What is foreseen and not done yet: models to sample as far as that can begin, then short fits."""
         for model in foreseen.models:
             looks = self._looks(model)
@@ -193,7 +193,7 @@ class ProblemFitter:
             yield from (t for t in looks[::-1] if not self.memory.holds(t.key))
         yield from (t for t in self._carried(foreseen.sets, foreseen.known) if not self.memory.holds(t.key))
 
-    def _done(self, tasks: Sequence[_Task], ahead: Iterator[_Task] | None = None) -> list[Arrays]:
+    def _done(self, tasks: Sequence[Task], ahead: Iterator[Task] | None = None) -> list[Arrays]:
         """Results of pieces of work, looked up or worked out; whoever is idle until the last of them works ahead."""
         found = {t.key: kept for t in tasks if (kept := self.memory.look(t.key)) is not None}
         left = {t.key: t for t in tasks if t.key not in found}
@@ -206,7 +206,7 @@ class ProblemFitter:
                 pass
             idle = chain([more], ahead or ()) if more else ()
             for key, made in unordered(
-                self.jobs if shared else 1, _worked, _calls(left, found, idle), waiting=int(more is None)
+                self.jobs if shared else 1, worked, _calls(left, found, idle), waiting=int(more is None)
             ):
                 if made is not None:
                     kept = self.memory.keep(key, made)
@@ -215,7 +215,7 @@ class ProblemFitter:
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class Task:
     """A piece of work that any process may do, and the name of its result; `work` gets the problem and `rest`."""
 
     key: str
@@ -233,8 +233,8 @@ def _ready() -> None:
 
 
 def _calls(
-    needed: Mapping[str, _Task], done: Mapping[str, Arrays], ahead: Iterable[_Task]
-) -> Iterator[tuple[_Task, bool]]:
+    needed: Mapping[str, Task], done: Mapping[str, Arrays], ahead: Iterable[Task]
+) -> Iterator[tuple[Task, bool]]:
     """What is needed, and then what is ahead until all that is needed is done; and whether it is needed."""
     yield from ((t, True) for t in needed.values())
     with suppress(PsafitError):  # what cannot be begun now is left to whoever needs it
@@ -244,7 +244,7 @@ def _calls(
             yield t, False
 
 
-def _worked(task: _Task, needed: bool) -> tuple[str, Arrays | None]:
+def worked(task: Task, needed: bool) -> tuple[str, Arrays | None]:
     """A piece of work; what fails and is not needed yet is left to whoever needs it."""
     try:
         return task.key, task.work(task.problem, *task.rest)
@@ -278,7 +278,7 @@ def _optimised(problem: Problem, pairs: Sequence[tuple[Candidate, Candidate]], s
     trial, known = subsampled(problem, how), []
     for pair in pairs:
         new = [t for t in problem.terms if t.id not in pair[1].ids]
-        known.append(widened(trial, _merged(problem, *pair), new))
+        known.append(widened(trial, merged(problem, *pair), new))
     starts = np.vstack(known)
     end, _ = raced(problem, trial, starts, [(starts, how.trial)], how)
     return {"u": end.u, "height": end.log_posterior}
@@ -309,7 +309,7 @@ def _parts(ids: Ids, fitted: Sequence[Candidate], most: int = 2) -> list[Candida
     return [c for c in fitted if {*c.ids} < {*ids} and len(c.ids) + 1 == len(ids)][:most] or _part(ids, fitted)
 
 
-def _merged(problem: Problem, *candidates: Candidate) -> FloatArray:
+def merged(problem: Problem, *candidates: Candidate) -> FloatArray:
     """A point of a model at the best modes of others; where several know a parameter, the last one's."""
     values: dict[str, float] = {}
     for c in candidates:

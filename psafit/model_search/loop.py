@@ -11,6 +11,11 @@ cause more or less, and only models that come nearer to the best than most of th
 where others have their optima, which is good to a window: those that come within two of the best are fitted like all
 others.
 
+What leads early on is a part of all that follows, and many causes may do as well as many others. So where the best has
+more causes than fits find from the prior, the search goes up again without each of them, as long as a step leads
+higher. What it meets that comes near is treated like all others. (Without such ways the study's readings led to a set
+19 nats of evidence below another with two causes in common.)
+
 Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, each cause gets
 its neighbours, though it does not show. They are fitted from where others have their optima; those that show then are
 fitted like all others.
@@ -144,6 +149,8 @@ class _Known(Generic[Content]):
         Every model fitted, by its causes.
     done : dict
         How many of the kinds of its neighbours were fitted.
+    detoured : dict
+        The same of those without a cause that the best has.
     kinds : tuple of callable
         Those of one cause more or less first, then exchanged.
     """
@@ -154,6 +161,7 @@ class _Known(Generic[Content]):
     settings: SearchSettings
     models: dict[Ids, Model[Content]] = field(default_factory=dict)
     done: dict[Ids, int] = field(default_factory=dict)
+    detoured: dict[tuple[str, Ids], int] = field(default_factory=dict)
     kinds: tuple[Callable[[Ids, Sequence[str], int], list[Ids]], ...] = (resized, exchanged)
 
     def _parts(self, model: Model[Content]) -> list[Model[Content]]:
@@ -207,6 +215,27 @@ class _Known(Generic[Content]):
             new = [m.ids for m in found if self.value(m) >= least and (origin_shows or self.shows(m))]
             self.keep(found)
         self.keep(self.fitter.short(new, self.models))
+
+    def detour(self, best: Model[Content]) -> bool:
+        """Go a step up from the best model without a cause of the best of all; False where each way has ended."""
+        if len(best.ids) <= self.settings.from_prior:
+            return False
+        most = min(len(best.ids) + self.settings.detour, self.settings.most_causes)
+        small = [m for m in self.models.values() if len(m.ids) <= most]
+        without = {id: max((m for m in small if id not in m.ids), key=self.value) for id in best.ids}
+        ways = [(id, m, self.detoured.get((id, m.ids), 0)) for id, m in without.items()]
+        left = [way for way in ways if way[2] < len(self.kinds)]
+        if not left:
+            return False
+        needed, origin, taken = min(left, key=lambda way: self.value(way[1]))
+        self.detoured[needed, origin.ids] = taken + 1
+        wanted = self.kinds[taken](origin.ids, [id for id in self.catalogue if id != needed], most)
+        found = self.fitter.carried([ids for ids in wanted if ids not in self.models], self.models)
+        self.keep(found)
+        highest = max(map(self.value, [origin, *found]))
+        near = [m.ids for m in found if self.value(m) >= highest - self.settings.short_by]
+        self.keep(self.fitter.short(near, self.models))
+        return True
 
     def sample(self, best: Model[Content], others: Sequence[Model[Content]]) -> None:
         """Sample a model; the others are those of which that is foreseen."""
@@ -267,6 +296,8 @@ def search(
             single = [m for m in models.values() if len(m.ids) == 1 and known.comes_near(m, highest)]
             single = [m for m in single if not known.done[m.ids]]
             if best_model.ids or not single or passes(best_model):
+                if known.detour(best_model):
+                    continue
                 return known.searched()
             left = single
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))

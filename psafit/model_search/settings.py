@@ -25,6 +25,9 @@ class SearchSettings(SampleSettings):
     visible : float, nats
         Evidence by which a model must exceed every part of itself to show, that is to count as a model of its own (20
         to 1); one that was not sampled may fall short of it by two standard errors.
+    detour : int
+        Causes that a set may have more than the best, on a way up without one of those that the best has. Such ways are
+        gone where the best has more than `from_prior`.
     most_causes : int
         Causes of a model.
     short_draws, short_starts : int
@@ -47,6 +50,7 @@ class SearchSettings(SampleSettings):
     window: float = 5.0
     short_by: float = 6.0
     visible: float = 3.0
+    detour: int = 1
     most_causes: int = 6
     short_draws: int = 64
     short_starts: int = 4

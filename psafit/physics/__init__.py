@@ -153,7 +153,7 @@ def signatures(ids: Iterable[str], versions: Mapping[str, str]) -> list[str]:
     return [signature(id, versions.get(_VERSION.format(id), "")) for id in ids]
 
 
-def _with_plugins(built_in: tuple[Term, ...]) -> tuple[Term, ...]:
+def with_plugins(built_in: tuple[Term, ...]) -> tuple[Term, ...]:
     known = built_in
     for file, found in plugin.discover():
         plugin.refuse_clash(file, found, known)
@@ -163,7 +163,7 @@ def _with_plugins(built_in: tuple[Term, ...]) -> tuple[Term, ...]:
 
 _VERSION = "plugin {}"
 # Last: a plugin that imports what builds on the registry fails, instead of leaving it without plugins.
-TERMS = _with_plugins(_BUILT_IN)
+TERMS = with_plugins(_BUILT_IN)
 _OWNERS = {p.name: t.id for t in TERMS for p in t.parameters}
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -25,9 +25,9 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(bond=rig.bond + p[:, 0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Bond ``F_ad``."""
-    world.bond = p[0]
+    rig.bond = p[0]
 
 
 def _reach(force: float, bond: float) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -23,9 +23,9 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(lag=rig.lag + p[:, 0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Time constant ``tau_a``."""
-    world.lag = p[0]
+    rig.lag = p[0]
 
 
 TERM = Term(

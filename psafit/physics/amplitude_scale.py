@@ -23,7 +23,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, LogNormal, Mixture, Parameter
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -31,9 +31,9 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(scale=rig.scale * p[:, 0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Amplitude ``c V``."""
-    world.scale *= p[0]
+    rig.scale *= p[0]
 
 
 TERM = Term(

@@ -26,7 +26,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def stack_factor(size: float, p: Any) -> float:
@@ -58,21 +58,21 @@ def branch(z0: float, u0: float, u: float, q: float, p: Any) -> float:
     return side * zeta * scale
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Stroke of the first rise, and the rate of what the loop lacks."""
-    stroke, (alpha, full) = world.stroke, p
-    world.stroke = lambda u: stroke(u) * (1 + alpha * abs(u)) / (1 + alpha * full)
+    stroke, (alpha, full) = rig.stroke, p
+    rig.stroke = lambda u: stroke(u) * (1 + alpha * abs(u)) / (1 + alpha * full)
     if alpha == 0:
         return
 
     def rate(z: float, u: float, du: float) -> float:
-        scale = world.q * alpha / (1 + alpha * full)
+        scale = rig.q * alpha / (1 + alpha * full)
         sign = 1.0 if du < 0 else -1.0
         zeta, v = sign * z / scale, sign * u
         slope = 4 * v - math.sqrt(max(4 * v * v - 2 * zeta, 0.0)) if v > 0 else -math.sqrt(max(-2 * zeta, 0.0))
         return scale * slope * du
 
-    world.memories.append(rate)
+    rig.memories.append(rate)
 
 
 def _stroke(u: float, turn: float, alpha: float, full: float, q: float) -> float:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def stack_factor(size: float, p: Any) -> float:
@@ -22,10 +22,10 @@ def stack_factor(size: float, p: Any) -> float:
     return 1.0 / math.sqrt(1.0 + (size * p[0]) * (size * p[0]))
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Stroke ``q u / sqrt(1 + (b u)^2)``."""
-    stroke, b = world.stroke, p[0]
-    world.stroke = lambda u: stroke(u) / math.sqrt(1 + (b * u) ** 2)
+    stroke, b = rig.stroke, p[0]
+    rig.stroke = lambda u: stroke(u) / math.sqrt(1 + (b * u) ** 2)
 
 
 TERM = Term(

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def stack_factor(size: float, p: Any) -> float:
@@ -22,10 +22,10 @@ def stack_factor(size: float, p: Any) -> float:
     return 1.0 + float(p[0]) * size
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Stroke ``q u (1 + alpha |u|)``."""
-    stroke, alpha = world.stroke, p[0]
-    world.stroke = lambda u: stroke(u) * (1 + alpha * abs(u))
+    stroke, alpha = rig.stroke, p[0]
+    rig.stroke = lambda u: stroke(u) * (1 + alpha * abs(u))
 
 
 TERM = Term(

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def deceleration(x: float, v: float, p: Any) -> float:
@@ -22,10 +22,10 @@ def deceleration(x: float, v: float, p: Any) -> float:
     return float(p[0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Constant deceleration ``a_f``."""
-    before, friction = world.deceleration, p[0]
-    world.deceleration = lambda x, v: before(x, v) + friction
+    before, friction = rig.deceleration, p[0]
+    rig.deceleration = lambda x, v: before(x, v) + friction
 
 
 TERM = Term(

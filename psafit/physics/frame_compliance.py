@@ -21,7 +21,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -33,13 +33,13 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(wall_mass=k_w / omega**2, wall_stiffness=k_w, wall_damping=2 * ratio * k_w / omega)
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Wall of stiffness ``1/p_0`` and the mass that resonates at ``p_1``."""
     compliance, frequency, ratio = p
     if compliance > 0:
-        world.wall_stiffness = 1 / compliance
-        world.wall_mass = world.wall_stiffness / (2 * math.pi * frequency) ** 2
-        world.wall_damping = 2 * ratio * math.sqrt(world.wall_stiffness * world.wall_mass)
+        rig.wall_stiffness = 1 / compliance
+        rig.wall_mass = rig.wall_stiffness / (2 * math.pi * frequency) ** 2
+        rig.wall_damping = 2 * ratio * math.sqrt(rig.wall_stiffness * rig.wall_mass)
 
 
 def _wall(compliance: float, frequency: float, ratio: float) -> Setup:

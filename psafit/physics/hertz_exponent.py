@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 D_0 = 1e-6
 
@@ -32,10 +32,10 @@ def law(d: float, rate: float, p: Any, out: Any) -> None:
     out[2] *= factor
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Elastic force ``k_c d |d/d_0|^(n-1)``."""
-    elastic, n = world.elastic, p[0]
-    world.elastic = lambda d, rate: elastic(d, rate) * abs(d / D_0) ** (n - 1)
+    elastic, n = rig.elastic, p[0]
+    rig.elastic = lambda d, rate: elastic(d, rate) * abs(d / D_0) ** (n - 1)
 
 
 def _law(d: float, n: float, k_c: float) -> list[float]:

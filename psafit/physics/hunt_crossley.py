@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def law(d: float, rate: float, p: Any, out: Any) -> None:
@@ -25,10 +25,10 @@ def law(d: float, rate: float, p: Any, out: Any) -> None:
     out[0] *= factor
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Elastic force times ``1 + lambda d'``."""
-    elastic, lam = world.elastic, p[0]
-    world.elastic = lambda d, rate: elastic(d, rate) * (1 + lam * rate)
+    elastic, lam = rig.elastic, p[0]
+    rig.elastic = lambda d, rate: elastic(d, rate) * (1 + lam * rate)
 
 
 def _law(d: float, rate: float, lam: float, k_c: float) -> list[float]:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, LogNormal, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def branch(z0: float, u0: float, u: float, q: float, p: Any) -> float:
@@ -28,10 +28,10 @@ def branch(z0: float, u0: float, u: float, q: float, p: Any) -> float:
     return float(z0 + (z0 + limit) * math.expm1((u - u0) / p[1]))
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Rate ``s q u' - |u'| z/U``."""
     s, scale = p
-    world.memories.append(lambda z, u, du: s * world.q * du - abs(du) * z / scale)
+    rig.memories.append(lambda z, u, du: s * rig.q * du - abs(du) * z / scale)
 
 
 TERM = Term(

@@ -18,7 +18,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -26,9 +26,9 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(idle=rig.idle + p[:, 0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Idle voltage ``u_0``."""
-    world.idle += p[0]
+    rig.idle += p[0]
 
 
 TERM = Term(

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 D_0 = 1e-6
 
@@ -34,10 +34,10 @@ def law(d: float, rate: float, p: Any, out: Any) -> None:
     out[5] *= factor
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Damping force ``c_c d' |d/d_0|^p``."""
-    damping, power = world.damping, p[0]
-    world.damping = lambda d, rate: damping(d, rate) * abs(d / D_0) ** power
+    damping, power = rig.damping, p[0]
+    rig.damping = lambda d, rate: damping(d, rate) * abs(d / D_0) ** power
 
 
 def _law(d: float, rate: float, power: float, c_c: float) -> list[float]:

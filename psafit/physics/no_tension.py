@@ -16,7 +16,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -24,9 +24,9 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(pull=rig.pull * (1.0 - p[:, 0]))
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Negative force times ``1 - s``."""
-    world.pull *= 1 - p[0]
+    rig.pull *= 1 - p[0]
 
 
 def _force(d: float, rate: float, s: float) -> float:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def reading(L: FloatArray, p: FloatArray, group: NDArray[np.int64]) -> FloatArray:
@@ -26,10 +26,10 @@ def reading(L: FloatArray, p: FloatArray, group: NDArray[np.int64]) -> FloatArra
     return L * np.exp(p[:, :1] * p[:, 1 + group])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Reading times ``exp(s z)``; `p` is the spread and the `z` of the session in question."""
-    before, spread, z = world.reading, p[0], p[1]
-    world.reading = lambda L, group: before(L, group) * math.exp(spread * z)
+    before, spread, z = rig.reading, p[0], p[1]
+    rig.reading = lambda L, group: before(L, group) * math.exp(spread * z)
 
 
 def _read(L: float, spread: float, z: Sequence[float], group: int) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def reading(L: FloatArray, p: FloatArray, group: NDArray[np.int64]) -> FloatArray:
@@ -24,10 +24,10 @@ def reading(L: FloatArray, p: FloatArray, group: NDArray[np.int64]) -> FloatArra
     return np.hypot(L, p[:, :1])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Reading ``sqrt(L^2 + b^2)``."""
-    before, b = world.reading, p[0]
-    world.reading = lambda L, group: math.sqrt(before(L, group) ** 2 + b**2)
+    before, b = rig.reading, p[0]
+    rig.reading = lambda L, group: math.sqrt(before(L, group) ** 2 + b**2)
 
 
 def _read(L: float, b: float) -> float:

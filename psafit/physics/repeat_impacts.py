@@ -18,7 +18,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Parameter, Uniform
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -26,9 +26,9 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(cycles=rig.cycles + p[:, 0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Periods ``N_cyc``."""
-    world.cycles = p[0]
+    rig.cycles = p[0]
 
 
 TERM = Term(

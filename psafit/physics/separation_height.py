@@ -17,7 +17,7 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def swing_offset(p: FloatArray) -> FloatArray:
@@ -25,9 +25,9 @@ def swing_offset(p: FloatArray) -> FloatArray:
     return p[:, 0]
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Weight ``w`` of the ball's place at separation."""
-    world.offset_weight = p[0]
+    rig.offset_weight = p[0]
 
 
 def _range(v: float, x_2: float, w: float) -> float:

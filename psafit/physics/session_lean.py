@@ -20,7 +20,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -28,10 +28,10 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(lean=rig.lean + np.minimum(p[:, 0] * np.exp(p[:, 1] * p[:, 2]), 0.5 * rig.l))
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Equilibrium further behind the contact plane by ``x_0 exp(s z)``; `p` ends with the `z` of the session."""
     x_0, spread, z = p
-    world.lean += min(x_0 * math.exp(spread * z), world.l / 2)
+    rig.lean += min(x_0 * math.exp(spread * z), rig.l / 2)
 
 
 def _lean(x_0: float, spread: float, z: float) -> float:

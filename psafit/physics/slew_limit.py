@@ -16,7 +16,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -24,10 +24,10 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(inverse_slew=np.maximum(rig.inverse_slew, p[:, 0]))
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Largest rate ``S``."""
     if p[0] > 0:
-        world.slew = min(world.slew, 1 / p[0])
+        rig.slew = min(rig.slew, 1 / p[0])
 
 
 TERM = Term(

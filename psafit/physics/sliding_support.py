@@ -22,7 +22,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, Normal, Parameter, Tailed, Uniform
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -30,11 +30,11 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(grip=rig.grip + p[:, 0] * p[:, 1], rub=rig.rub + p[:, 0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Friction ``a_s`` of what the ball slides on, of which ``w`` acts before the hop."""
     a_s, w = p
-    world.rub += a_s
-    world.grip += w * a_s
+    rig.rub += a_s
+    rig.grip += w * a_s
 
 
 def _rub(a_s: float, before: float = 0.0) -> float:

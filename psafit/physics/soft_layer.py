@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from psafit.parameters import Bounds, Normal, Parameter, Tailed
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 
 
 def law(d: float, rate: float, p: Any, out: Any) -> None:
@@ -32,11 +32,11 @@ def law(d: float, rate: float, p: Any, out: Any) -> None:
     out[2] *= factor
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Elastic force ``k_c d |d|/(|d| + delta)``."""
-    elastic, depth = world.elastic, p[0]
+    elastic, depth = rig.elastic, p[0]
     if depth > 0:
-        world.elastic = lambda d, rate: elastic(d, rate) * abs(d) / (abs(d) + depth)
+        rig.elastic = lambda d, rate: elastic(d, rate) * abs(d) / (abs(d) + depth)
 
 
 def _law(d: float, depth: float, k_c: float) -> list[float]:

@@ -16,7 +16,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, LogNormal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -24,9 +24,9 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(k_s=rig.k_s * p[:, 0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Stiffness ``r_k k_s``."""
-    world.k_s *= p[0]
+    rig.k_s *= p[0]
 
 
 def _blocking_force(r_k: float) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.parameters import Bounds, LogNormal, Parameter, Tailed
 from psafit.physics.checks import plain_rig
-from psafit.physics.term import Check, Setup, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Setup, Symptom, Term
 
 
 def setup(rig: Setup, p: FloatArray) -> Setup:
@@ -23,9 +23,9 @@ def setup(rig: Setup, p: FloatArray) -> Setup:
     return rig.change(q=rig.q * p[:, 0])
 
 
-def literal(world: World, p: Sequence[float]) -> None:
+def literal(rig: ReferenceRig, p: Sequence[float]) -> None:
     """Stroke per volt ``r_q q``."""
-    world.q *= p[0]
+    rig.q *= p[0]
 
 
 def _stroke(r_q: float, u: float) -> float:

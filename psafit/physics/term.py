@@ -116,19 +116,21 @@ class Setup:
     def of(cls, constants: Constants, theta: FloatArray) -> Setup:
         """Return the baseline; `theta` is (n_sets, 3): k_c (N/m), c_s, c_c (N s/m)."""
         k_c, c_s, c_c = theta.T
-        given = {name: np.full(len(theta), getattr(constants, name)) for name in ("m", "M", "k_s", "q", "l", "g")}
-        names = [f.name for f in dataclasses.fields(cls)]
-        neutral = {name: np.zeros(len(theta)) for name in names[names.index("phase") :]}
+        numbers = {f.name: np.zeros(len(theta)) for f in dataclasses.fields(cls)}
+        numbers |= {f.name: np.full(len(theta), getattr(constants, f.name)) for f in dataclasses.fields(constants)}
         one = np.ones(len(theta))
-        return cls(k_c, c_s, c_c, **given, **neutral | {"pull": one, "scale": one})
+        return cls(**numbers | {"k_c": k_c, "c_s": c_s, "c_c": c_c, "pull": one, "scale": one})
 
     def take(self, sets: NDArray[np.intp] | slice) -> Setup:
         """Some of the parameter sets."""
         return Setup(*(getattr(self, f.name)[sets] for f in dataclasses.fields(self)))
 
-    def stack(self) -> FloatArray:
-        """All numbers as one array, (n_sets, n_fields), in the order of the fields."""
-        return np.stack([getattr(self, f.name) for f in dataclasses.fields(self)], axis=1)
+    def records(self) -> NDArray[np.void]:
+        """One record a set, (n_sets,), with the numbers under their names, as the compiled engine takes them."""
+        found = np.empty(len(self.k_c), [(f.name, float) for f in dataclasses.fields(self)])
+        for name in found.dtype.names or ():
+            found[name] = getattr(self, name)
+        return found
 
     def change(self, **numbers: FloatArray) -> Setup:
         """Return a setup with some numbers replaced."""
@@ -136,7 +138,7 @@ class Setup:
 
 
 @dataclass
-class World:
+class ReferenceRig:
     """One rig as the scalar reference sees it; a cause's `literal` edits it.
 
     Numbers as in `Setup`, with `slew` (V/s) the limit itself; functions as the literature writes them.
@@ -266,7 +268,7 @@ class Term:
     reference : str
     checks : tuple of Check
     literal : callable
-        ``literal(world, p)`` edits a `World` for the scalar reference; `p` as floats.
+        ``literal(rig, p)`` edits a `ReferenceRig` for the scalar reference; `p` as floats.
     probability : float
         How probable it is, before any reading, that the cause is at work. The default expects one surprise in a
         catalogue of two dozen causes.
@@ -314,7 +316,7 @@ class Term:
     symptom: Symptom
     reference: str
     checks: tuple[Check, ...]
-    literal: Callable[[World, Sequence[float]], None]
+    literal: Callable[[ReferenceRig, Sequence[float]], None]
     probability: float = 0.04
     because: str = ""
     setup: Callable[[Setup, FloatArray], Setup] | None = None

@@ -14,8 +14,8 @@ from psafit.challenge.score import SEEN_NATS, GainBin, ProbabilityBin, Rate, Rec
 from psafit.report.figures.axes import label as tick
 from psafit.report.page import figure_data_uri, render
 from psafit.report.style import PALETTE, WIDE, figure_style, new_figure
-from psafit.report.wording import NBSP, count, percent
-from psafit.text import fixed
+from psafit.report.wording import NBSP, percent
+from psafit.text import count, fixed
 
 
 def write_page(score: Score, out_path: Path, provenance: Mapping[str, str] | None = None) -> Path:

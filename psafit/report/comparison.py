@@ -17,7 +17,6 @@ from psafit.report.catalogue import declared, model, parameter, symbol
 from psafit.report.figures.groups import short, titled
 from psafit.report.page import Picture, figure_data_uri, render, worst
 from psafit.report.wording import (
-    count,
     factor,
     groups,
     interval,
@@ -27,7 +26,7 @@ from psafit.report.wording import (
     typeset,
     with_unit,
 )
-from psafit.text import fixed
+from psafit.text import count, fixed
 
 _LOOKS: Final = (("blue", False), ("vermillion", True))
 
@@ -64,7 +63,7 @@ def write_comparison(first: Side, second: Side, found: Comparison, out_path: Pat
         title=f"{first.name} and {second.name} side by side",
         names=[first.name, second.name],
         verdict=_verdict(found),
-        sentences=[_compared(first, second, found), _better(first, second, found), _what_differs(found)],
+        sentences=[_compared(first, second, found), _better(first, second, found), what_differs(found)],
         tiles=_tiles(found),
         summary=_summary(pictured, found),
         parameters=[_parameter_row(p) for p in found.parameters],
@@ -102,13 +101,13 @@ def _shown(first: Side, second: Side, found: Comparison) -> list[_Shown]:
 def _verdict(found: Comparison) -> dict[str, str]:
     if found.log_rmse is None or found.log_rmse_interval is None:
         return {"text": "no group to judge by", "kind": "warn"}
-    winner = _winner(found.log_rmse, found.log_rmse_interval)
+    winner = clear_winner(found.log_rmse, found.log_rmse_interval)
     if winner is None:
         return {"text": "no clear difference", "kind": "warn"}
     return {"text": f"{short(found.names[winner], 28)} predicts better", "kind": "good"}
 
 
-def _winner(errors: Sequence[float], interval: Sequence[float], relevant: float = 0.01) -> int | None:
+def clear_winner(errors: Sequence[float], interval: Sequence[float], relevant: float = 0.01) -> int | None:
     """Which of two log RMSEs is smaller beyond doubt, and by one per cent of a range: less makes nobody choose."""
     low, high = interval
     if low <= 0 <= high or abs(errors[1] - errors[0]) < relevant:
@@ -139,7 +138,7 @@ def _better(first: Side, second: Side, found: Comparison) -> Markup:
             " Fit both to the same groups, and leave one out."
         )
     low, high = found.log_rmse_interval
-    winner = _winner(found.log_rmse, found.log_rmse_interval)
+    winner = clear_winner(found.log_rmse, found.log_rmse_interval)
     clear = "no clear difference, or one below 1 % of a range"
     if winner is not None:
         clear = f"{found.names[winner]} is better{_but(first, second, winner)}"
@@ -148,7 +147,7 @@ def _better(first: Side, second: Side, found: Comparison) -> Markup:
         " {} (90 %): {}."
     ).format(
         groups(found.judged), found.names[0], factor(found.log_rmse[0]), found.names[1], factor(found.log_rmse[1]),
-        _signed(low), _signed(high), clear,
+        signed_text(low), signed_text(high), clear,
     )  # fmt: skip
 
 
@@ -165,7 +164,8 @@ def _but(first: Side, second: Side, winner: int) -> str:
     return f"; the runs were fitted to different groups, so {what} data alone may be why"
 
 
-def _what_differs(found: Comparison) -> Markup:
+def what_differs(found: Comparison) -> Markup:
+    """In what two runs differ, in a sentence."""
     what = [f.what for f in found.facts if f.first != f.second and f.what not in ("command", "posterior", "verdict")]
     shared = [p for p in found.parameters if p.overlap is not None]
     apart = [p for p in shared if p.overlap is not None and not _same(p.overlap)]
@@ -180,7 +180,8 @@ def _what_differs(found: Comparison) -> Markup:
     return Markup("<strong>What differs?</strong> Given: {}. Found: {}.").format(given, text)
 
 
-def _signed(x: float) -> str:
+def signed_text(x: float) -> str:
+    """A difference of errors, with its sign."""
     return typeset(fixed(x, 3, sign=True))
 
 
@@ -290,13 +291,13 @@ def _score_row(g: GroupPair, names: Sequence[str]) -> list[Any]:
         low, high = g.elpd_interval
         elpd = typeset("{} ({} to {})".format(*(fixed(x, 1, sign=True) for x in (g.elpd_change, low, high))))
     low, high = g.log_rmse_interval
-    winner = _winner(g.log_rmse, g.log_rmse_interval)
+    winner = clear_winner(g.log_rmse, g.log_rmse_interval)
     better: Any = "no clear difference" if winner is None else {"text": names[winner], "kind": "good"}
     return [
         f"Group {g.group}",
         _role(g.roles),
         *(f"{e:.3f} (×{factor(e)})" for e in g.log_rmse),
-        f"{_signed(g.log_rmse[1] - g.log_rmse[0])} ({_signed(low)} to {_signed(high)})",
+        f"{signed_text(g.log_rmse[1] - g.log_rmse[0])} ({signed_text(low)} to {signed_text(high)})",
         better,
         " / ".join(percent(c) for c in g.coverage_90),
         elpd,

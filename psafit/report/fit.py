@@ -22,7 +22,6 @@ from psafit.report.page import render
 from psafit.report.wording import (
     NBSP,
     compared,
-    count,
     exact,
     factor,
     groups,
@@ -40,7 +39,7 @@ from psafit.report.wording import (
     unit_text,
     with_unit,
 )
-from psafit.text import fixed
+from psafit.text import count, fixed
 from psafit.validate import FAIR, GOOD, LEVEL, Prediction, coverage, doubt, some_draws, too_narrow, without_each
 
 REPORT = "report.html"
@@ -83,13 +82,13 @@ def write_report(
         "offsets": offsets(g.prediction.group for g in shown),
         "title": f"Fit of {groups(run.fit.groups).unescape()}: {run.fit.title}",
         "warning": None if run.summary.converged else run.summary.message,
-        "verdict": _verdict(validation),
-        "sentences": [_what_was_fitted(run, shown), _what_it_predicts(validation), _what_is_wrong(run, validation)],
-        "tiles": _tiles(validation),
+        "verdict": verdict_of(validation),
+        "sentences": [what_was_fitted(run, shown), what_it_predicts(validation), _what_is_wrong(run, validation)],
+        "tiles": tiles_of(validation),
         "summary": fit_pictures.summary_picture(pictured),
         "explorable": fit_pictures.explorable(shown),
         "extended": bool(run.fit.terms),
-        "parameters": _parameter_rows(run, bool(doubt(validation))),
+        "parameters": parameter_rows(run, bool(doubt(validation))),
         "doubt": doubt(validation),
         "implausible": [s for s in run.summary.parameters if s.implausible],
         "minima": _minima(run),
@@ -132,7 +131,8 @@ def _physical(run: Run) -> list[ParameterSummary]:
     return run.summary.parameters[: run.fit.n_physical]
 
 
-def _what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
+def what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
+    """The groups, the readings and the model, in a sentence."""
     fitted = [g for g in shown if g.score.role == "fit"]
     readings = sum(g.score.n_points for g in fitted)
     symbols = _symbols(run)
@@ -147,7 +147,8 @@ def _what_was_fitted(run: Run, shown: Sequence[Shown]) -> Markup:
     ).format(names, terms, count(readings, "reading"), "group" if len(fitted) == 1 else "groups", where)
 
 
-def _what_it_predicts(validation: Validation) -> Markup:
+def what_it_predicts(validation: Validation) -> Markup:
+    """How well unseen groups are predicted, in a sentence."""
     unseen, seen = _informative(validation, "holdout"), _informative(validation, "fit")
     if not unseen:
         held_out = any(s.role == "holdout" for s in validation.groups)
@@ -161,7 +162,7 @@ def _what_it_predicts(validation: Validation) -> Markup:
     readings = sum(s.n_points for s in unseen)
     best = min(unseen, key=lambda s: s.log_rmse)
     worst = max(unseen, key=lambda s: s.log_rmse)
-    how = _WORDS[_verdict(validation)["text"]]
+    how = _WORDS[verdict_of(validation)["text"]]
     which = groups([s.group for s in unseen]) if len(unseen) <= 6 else f"the {len(unseen)} other groups"
     spread = (
         Markup(" (from ×{} for group {} to ×{} for group {})").format(
@@ -178,7 +179,7 @@ def _what_it_predicts(validation: Validation) -> Markup:
     )  # fmt: skip
 
 
-def _verdict(validation: Validation) -> dict[str, str]:
+def verdict_of(validation: Validation) -> dict[str, str]:
     """Whether the fit predicts what it never saw, in a word."""
     mean = validation.holdout_log_rmse
     if mean is None:
@@ -253,7 +254,8 @@ def _what_is_implausible(run: Run) -> list[Markup]:
     return [Markup(text).format(listed(symbols[s.name] for s in strange), "comes" if len(strange) == 1 else "come")]
 
 
-def _tiles(validation: Validation) -> list[dict[str, str]]:
+def tiles_of(validation: Validation) -> list[dict[str, str]]:
+    """The three numbers of the first screen."""
     unseen, seen = _informative(validation, "holdout"), _informative(validation, "fit")
     tiles = [{"value": f"×{factor(_mean_log_rmse(seen))}", "label": "typical factor, fitted readings" + _spread(seen)}]
     if unseen:
@@ -291,7 +293,7 @@ def _value(run: Run, s: ParameterSummary) -> str:
     return with_unit(text, unit)
 
 
-def _parameter_rows(run: Run, doubted: bool) -> list[list[Any]]:
+def parameter_rows(run: Run, doubted: bool) -> list[list[Any]]:
     """What the readings say of each parameter; what is determined is so if the model is right."""
     rows: list[list[Any]] = []
     symbols = _symbols(run)

@@ -23,7 +23,8 @@ from psafit.report.figures.groups import ROLE_MARKER, ROLE_TEXT, titled
 from psafit.report.figures.sweep import UNITS
 from psafit.report.page import Picture, figure_data_uri, worst
 from psafit.report.style import MEASURED, PALETTE
-from psafit.report.wording import count, factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
+from psafit.report.wording import factor, interval, number, percent, symbol_html, typeset, unit_text, with_unit
+from psafit.text import count
 from psafit.validate import Prediction, log_ratio
 
 
@@ -73,7 +74,7 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     listing = "; ".join(f"group {s.group} {ROLE_TEXT[s.role]} {factor(s.log_rmse)}" for s in scores[:20])
     below = f"Below, fitted group {seen[0].score.group}"
     if typical:
-        below += f" and, {_middle(len(unseen))}, group {typical[0].score.group}"
+        below += f" and, {middle_words(len(unseen))}, group {typical[0].score.group}"
     legend = [Line2D([], [], **MEASURED, label="measured")] + [
         Line2D([], [], color=PALETTE[ROLE_COLOR[r]], marker=ROLE_MARKER[r], ms=5.5, lw=1.5, label=ROLE_TEXT[r])
         for r in ("fit", "holdout")
@@ -87,7 +88,7 @@ def summary_picture(pictured: Sequence[Shown]) -> Picture:
     )
 
 
-def _middle(n: int) -> str:
+def middle_words(n: int) -> str:
     """The one in the middle of `n` groups that the fit never saw, in words; of two in the middle the worse."""
     if n <= 2:
         return "of the two the fit never saw, the worse" if n == 2 else "the one the fit never saw"

@@ -196,11 +196,6 @@ def noted(head: object, note: object) -> Markup:
     return Markup("{} <span class='soft'>{}</span>").format(head, note)
 
 
-def count(n: int, noun: str) -> str:
-    """A number of things: ``1 reading``, ``2 readings``."""
-    return f"{n} {noun}{'' if n == 1 else 's'}"
-
-
 def listed(items: Iterable[object], most: int = 9) -> Markup:
     """``a, b and c``, escaped; a list of more than `most` ends in how many more there are."""
     shown = [escape(item) for item in items]

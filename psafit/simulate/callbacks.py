@@ -16,21 +16,23 @@ from psafit.plugins import message_of
 
 _NUMBER = types.float64
 _LIST = types.CPointer(types.float64)
-SIGNATURES = {
-    "law": types.void(_NUMBER, _NUMBER, _LIST, _LIST),
-    "stack_factor": _NUMBER(_NUMBER, _LIST),
-    "branch": _NUMBER(_NUMBER, _NUMBER, _NUMBER, _NUMBER, _LIST),
-    "deceleration": _NUMBER(_NUMBER, _NUMBER, _LIST),
-}
+HOOKS = {"law": (2, 2), "stack_factor": (1, 1), "branch": (4, 1), "deceleration": (2, 1)}
+"""Functions of causes that are compiled, with their arguments: numbers, and arrays; into a second array they write."""
+
+
+def _result(kind: str) -> Any:
+    return types.void if HOOKS[kind][1] > 1 else _NUMBER
 
 
 @cache
 def _compiled(kind: str, function: Callable[..., Any]) -> Any:
+    n_numbers, n_lists = HOOKS[kind]
+    signature = _result(kind)(*[_NUMBER] * n_numbers, *[_LIST] * n_lists)
     # error_model: a division by zero yields infinity, as in the engine; nothing can be raised through an address.
     try:
-        return cfunc(SIGNATURES[kind], cache=True, error_model="numpy")(function)
+        return cfunc(signature, cache=True, error_model="numpy")(function)
     except RuntimeError:  # no place for the cache
-        return cfunc(SIGNATURES[kind], error_model="numpy")(function)
+        return cfunc(signature, error_model="numpy")(function)
 
 
 def address(kind: str, function: Callable[..., Any]) -> int:
@@ -53,8 +55,9 @@ def address(kind: str, function: Callable[..., Any]) -> int:
         ) from error
 
 
-def _caller(result: Any, n_numbers: int, n_lists: int) -> Any:
-    """An intrinsic that calls ``result f(double x n_numbers, double* x n_lists)`` at an address."""
+def _caller(kind: str) -> Any:
+    """An intrinsic that calls a function of this kind at an address."""
+    result, (n_numbers, n_lists) = _result(kind), HOOKS[kind]
 
     @intrinsic
     def call(typing, where, *arguments):  # type: ignore[no-untyped-def]
@@ -79,7 +82,4 @@ def _caller(result: Any, n_numbers: int, n_lists: int) -> Any:
     return call
 
 
-call_law = _caller(types.void, 2, 2)
-call_stack_factor = _caller(types.float64, 1, 1)
-call_branch = _caller(types.float64, 4, 1)
-call_deceleration = _caller(types.float64, 2, 1)
+call_law, call_stack_factor, call_branch, call_deceleration = map(_caller, HOOKS)

@@ -336,7 +336,7 @@ def _first_root(d0, d1, curvature):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
+def safe_step(d0, d1, d2, b2, b3):  # type: ignore[no-untyped-def]
     """Largest step found over which the bounds keep the indentation positive."""
     safe = _first_root(d0, d1, b2)
     trial = safe
@@ -406,7 +406,7 @@ def _march(table, n, t, end, rising, lift, most=2_000_000):  # type: ignore[no-u
             rising = False
         if b2 == 0.0:
             return math.inf, rising
-        step = _safe_step(d0, d1, d2, b2, b3)
+        step = safe_step(d0, d1, d2, b2, b3)
         if t + step == t or (d1 < 0.0 and step <= 2e-16 * t):
             return t, rising
         t += step
@@ -431,7 +431,7 @@ def _highest(place, amplitude, n, end, spring, damper, force, table, best, peak=
         best = max(best, f0)
         if t >= end or b2 == 0.0:
             return best
-        step = _safe_step(best * (1.0 + peak) - f0 + _NOISE * noise, -f1, -f2, b2, b3)
+        step = safe_step(best * (1.0 + peak) - f0 + _NOISE * noise, -f1, -f2, b2, b3)
         if f1 > 0.0:
             # f'(t + h) >= f1 - b2 h, and >= f1 + f2 h - b3 h^2/2
             step = max(step, f1 / b2, (f2 + math.sqrt(f2 * f2 + 2.0 * b3 * f1)) / b3)

@@ -30,7 +30,7 @@ from psafit.physics.term import SLOTS, Term
 from psafit.plugins import blamed, message_of
 from psafit.simulate import stepper
 from psafit.simulate.batch import columns, path_of, simulate
-from psafit.simulate.callbacks import address
+from psafit.simulate.callbacks import HOOKS, address
 from psafit.simulate.design import SINE, SQUARE, Design
 from psafit.simulate.literal import literal_launch
 from psafit.simulate.reference import Point
@@ -42,9 +42,6 @@ STUDY = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 AGREEMENT = {"closed form": 1e-9, "stepper": 1e-6}
 """Relative difference from the reference that each path of the simulator is allowed, of an ångström at least."""
 
-
-HOOKS = {"law": (2, 2), "stack_factor": (1, 1), "branch": (4, 1), "deceleration": (2, 1)}
-"""Functions that are compiled, with their arguments: numbers, and arrays."""
 
 # Voltages and frequencies at which causes are looked at, like the study's six groups.
 _SWEEPS: tuple[tuple[int, ArrayLike, ArrayLike], ...] = (
@@ -92,11 +89,11 @@ def _apart(found: FloatArray, expected: FloatArray) -> float:
         return float(np.max(np.where(found == expected, 0.0, np.abs(found - expected) / np.abs(expected))))
 
 
-def usual_design(constants: Constants = STUDY) -> Design:
+def usual_design() -> Design:
     """Six sweeps like the study's groups, each a session of its own."""
     parts = [np.broadcast_arrays(waveform, f, v, k) for k, (waveform, f, v) in enumerate(_SWEEPS)]
     waveform, f, v, session = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Design(constants, waveform, f, v, session)
+    return Design(STUDY, waveform, f, v, session)
 
 
 # --- draws, and the comparison with the reference -------------------------------------------------------------------

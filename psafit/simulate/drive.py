@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from psafit.simulate.closed_form import _safe_step
+from psafit.simulate.closed_form import safe_step
 from psafit.simulate.command import IDLE, REACH, command, first_move, first_row, phase_of
 from psafit.simulate.command import OMEGA as COMMAND_OMEGA
 from psafit.simulate.compiled import WIDTH, compiled, fma, load, store
@@ -72,7 +72,7 @@ def _first_zero(a, b, c, r, G, w, psi, end, loose=0.0, most=100_000):  # type: i
             g1 = max(g1, 0.0)
         else:
             rising = False
-        step = _safe_step(g0, g1, g2, b2, b3)
+        step = safe_step(g0, g1, g2, b2, b3)
         if s + step == s or (g1 < 0.0 and step <= 2e-16 * s):
             return s
         s += step

@@ -1,6 +1,6 @@
 r"""Scalar reference of the extended model: one trajectory at a time, to the last digits.
 
-The causes edit a `World`; this module integrates that world literally, as the ordinary differential equations
+The causes edit a `ReferenceRig`; this module integrates it literally, as the ordinary differential equations
 
 .. math::
     m \ddot x_1 &= -c_s (\dot x_1 - \dot x_w) - k_s (x_1 - x_w) + k_s (S(u) - \textstyle\sum z) - F_c, \qquad
@@ -38,7 +38,7 @@ from psafit.arrays import FloatArray
 from psafit.drives import WAVEFORMS, Drive
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
-from psafit.physics.term import Memory, Term, World
+from psafit.physics.term import Memory, ReferenceRig, Term
 from psafit.simulate.literal_scheme import EPS, PLACES, TINY, Clock, Monitor, Step, advance
 from psafit.simulate.reference import Point
 
@@ -72,14 +72,16 @@ class LiteralLaunch:
     peak_force: float = math.nan
 
 
-def literal_world(theta: Sequence[float], terms: Sequence[tuple[Term, Sequence[float]]], constants: Constants) -> World:
+def reference_rig(
+    theta: Sequence[float], terms: Sequence[tuple[Term, Sequence[float]]], constants: Constants
+) -> ReferenceRig:
     """The rig at ``theta = (k_c, c_s, c_c)``, edited by every cause in the order given."""
     k_c, c_s, c_c = (float(value) for value in theta)
     c = constants
-    world = World(k_c=k_c, c_s=c_s, c_c=c_c, m=c.m, M=c.M, k_s=c.k_s, q=c.q, l=c.l, g=c.g)
+    rig = ReferenceRig(k_c=k_c, c_s=c_s, c_c=c_c, m=c.m, M=c.M, k_s=c.k_s, q=c.q, l=c.l, g=c.g)
     for term, values in terms:
-        term.literal(world, [float(value) for value in values])
-    return world
+        term.literal(rig, [float(value) for value in values])
+    return rig
 
 
 def literal_launch(
@@ -122,8 +124,8 @@ def literal_launch(
     ConvergenceError
         If the integration needs more steps, or steps below the resolution of time.
     """
-    world = literal_world(theta, terms, constants)
-    return launch_in(world, point, group=group, rtol=rtol, most_steps=most_steps, forces=forces)
+    rig = reference_rig(theta, terms, constants)
+    return launch_in(rig, point, group=group, rtol=rtol, most_steps=most_steps, forces=forces)
 
 
 def energy(
@@ -134,16 +136,16 @@ def energy(
     The work is that of the piezoelectric force, ``k_s (S - sum z) dx1``. Both are zero without a launch. Parameters and
     errors as of `literal_launch`.
     """
-    world = literal_world(theta, terms, constants)
-    drive = _Drive(world, point, 1e-9, 400_000, counts_work=True)
+    rig = reference_rig(theta, terms, constants)
+    drive = _Drive(rig, point, 1e-9, 400_000, counts_work=True)
     launch = drive.run()
     if launch is None:
         return 0.0, 0.0
     _, speed, place = launch
     seat = drive.seat
-    give = 1 / world.k_s + (1 / world.wall_stiffness if world.wall_mass > 0.0 else 0.0)
-    stored = seat * (seat * give + _seated(world, seat)) if seat > 0.0 else 0.0
-    return 0.5 * world.M * speed * speed + seat * place, drive.work + stored
+    give = 1 / rig.k_s + (1 / rig.wall_stiffness if rig.wall_mass > 0.0 else 0.0)
+    stored = seat * (seat * give + _seated(rig, seat)) if seat > 0.0 else 0.0
+    return 0.5 * rig.M * speed * speed + seat * place, drive.work + stored
 
 
 def literal_motion(
@@ -166,26 +168,26 @@ def literal_motion(
     (n_times, 3) array
         Ball (m, from rest), its speed (m/s), tip (m, from rest).
     """
-    return motion_in(literal_world(theta, terms, constants), point, times, rtol=rtol, most_steps=most_steps)
+    return motion_in(reference_rig(theta, terms, constants), point, times, rtol=rtol, most_steps=most_steps)
 
 
 def motion_in(
-    world: World, point: Point, times: Sequence[float], *, rtol: float = 1e-12, most_steps: int = 400_000
+    rig: ReferenceRig, point: Point, times: Sequence[float], *, rtol: float = 1e-12, most_steps: int = 400_000
 ) -> FloatArray:
-    """Follow a given `World`: see `literal_motion`."""
-    world.frequency, world.amplitude = point.frequency, point.amplitude
-    drive = _Drive(world, point, rtol, most_steps, times=times)
+    """Follow a given `ReferenceRig`: see `literal_motion`."""
+    rig.frequency, rig.amplitude = point.frequency, point.amplitude
+    drive = _Drive(rig, point, rtol, most_steps, times=times)
     launch = drive.run()
     drive.leave_tip_alone()
     if launch is not None:
         when, speed, place = launch
         flown = [t for t in times if t > when]
-        drive.seen[len(times) - len(flown) :, :2] = _flight(world, speed, place, [t - when for t in flown], rtol)
+        drive.seen[len(times) - len(flown) :, :2] = _flight(rig, speed, place, [t - when for t in flown], rtol)
     return drive.seen
 
 
 def launch_in(
-    world: World,
+    rig: ReferenceRig,
     point: Point,
     *,
     group: int = 0,
@@ -193,20 +195,20 @@ def launch_in(
     most_steps: int = 400_000,
     forces: bool = False,
 ) -> LiteralLaunch:
-    """Integrate a given `World`: contact, swing, reading; see `literal_launch`."""
-    world.frequency, world.amplitude = point.frequency, point.amplitude
-    drive = _Drive(world, point, rtol, most_steps)
+    """Integrate a given `ReferenceRig`: contact, swing, reading; see `literal_launch`."""
+    rig.frequency, rig.amplitude = point.frequency, point.amplitude
+    drive = _Drive(rig, point, rtol, most_steps)
     if forces:
         drive.clock.watch = drive.look_for_peak
     separation = drive.run()
     if separation is None:
-        share = 1.0 if world.lean > 0.0 else math.sqrt(world.offset_weight)
-        reading = float(world.reading(share * drive.highest, group))
+        share = 1.0 if rig.lean > 0.0 else math.sqrt(rig.offset_weight)
+        reading = float(rig.reading(share * drive.highest, group))
         return LiteralLaunch(reading, math.nan, math.nan, drive.highest, "no launch")
     when, speed, place = separation
-    reach = swing(world, speed, place, rtol=rtol)
+    reach = swing(rig, speed, place, rtol=rtol)
     peak = drive.peak_until_launch if forces else math.nan
-    return LiteralLaunch(float(world.reading(reach, group)), when, speed, place, "launched", peak)
+    return LiteralLaunch(float(rig.reading(reach, group)), when, speed, place, "launched", peak)
 
 
 # --- the drive --------------------------------------------------------------------------------------
@@ -219,11 +221,11 @@ class _Command:
     its rate are monotonic.
     """
 
-    def __init__(self, point: Point, world: World) -> None:
+    def __init__(self, point: Point, rig: ReferenceRig) -> None:
         drive = Drive.of(point.drive)
         table = drive.table
-        self.idle, self.bias = drive.idle_v + (0.0 if drive.recorded else world.idle), drive.bias_v
-        self.volt, self.frequency = world.scale * point.amplitude, point.frequency
+        self.idle, self.bias = drive.idle_v + (0.0 if drive.recorded else rig.idle), drive.bias_v
+        self.volt, self.frequency = rig.scale * point.amplitude, point.frequency
         self.omega = 2.0 * math.pi * point.frequency
         self.rest, self.length, self.period, self.end = self.idle, 0.0, 1.0, drive.cycles / point.frequency
         self.pace = point.frequency  # phases per second
@@ -231,7 +233,7 @@ class _Command:
         if table is None:
             form = WAVEFORMS[drive.waveform]
             self.corners, self.shape, self.slope = list(form.corners), form.value, form.rate
-            turn += world.phase / (2.0 * math.pi) if form.shifts else 0.0
+            turn += rig.phase / (2.0 * math.pi) if form.shifts else 0.0
         else:
             rows = list(zip(table.at.tolist(), table.value.tolist(), strict=True))
             if table.recorded and rows[0][0] > 0.0:
@@ -246,7 +248,7 @@ class _Command:
                 self.rest = rows[-1][1]
         self.per_period = len(self.corners)
         turn %= 1.0
-        if min(turn, 1.0 - turn) <= 4 * EPS * max(1.0, abs(world.phase)):
+        if min(turn, 1.0 - turn) <= 4 * EPS * max(1.0, abs(rig.phase)):
             turn = 0.0
         near = [k for k, corner in enumerate(self.corners) if abs(turn - corner) <= 4 * EPS]
         turn = self.corners[near[0]] if near else turn
@@ -372,7 +374,7 @@ class _Drive:
 
     def __init__(
         self,
-        world: World,
+        rig: ReferenceRig,
         point: Point,
         rtol: float,
         most_steps: int,
@@ -380,26 +382,26 @@ class _Drive:
         counts_work: bool = False,
         times: Sequence[float] = (),
     ) -> None:
-        self.world, self.counts_work = world, counts_work
+        self.rig, self.counts_work = rig, counts_work
         self.times, self.seen = times, np.zeros((len(times), 3))
         self.work = 0.0  # until the launch
         self.peak = self.peak_until_launch = 0.0
-        self.command = _Command(point, world)
-        self.seat = world.M * world.g * world.lean / world.l
-        self.grip = world.M * world.grip
+        self.command = _Command(point, rig)
+        self.seat = rig.M * rig.g * rig.lean / rig.l
+        self.grip = rig.M * rig.grip
         # Held by friction, or sliding this way.
         self.held, self.way = self.grip > 0.0, 0.0
         self.rest = self.highest = 0.0
-        self.counts = world.lean > 0.0 or world.offset_weight > 0.0
+        self.counts = rig.lean > 0.0 or rig.offset_weight > 0.0
         self.launched, self.rising = False, True
-        self.threshold = -world.bond / world.k_c
-        volt, q = self.command.size, world.q
+        self.threshold = -rig.bond / rig.k_c
+        volt, q = self.command.size, rig.q
         self.volt = volt
         self.settled = 0.0
         # A state z = 0 stays 0 where its rate is 0 whatever the voltage does: then it need not be carried.
         self.memories = [
             rate
-            for rate in world.memories
+            for rate in rig.memories
             if any(
                 rate(0.0, share * volt, way * volt) != 0.0
                 for share in (-1.0, -0.6, -0.1, 0.0, 0.1, 0.6, 1.0)
@@ -408,23 +410,21 @@ class _Drive:
         ]
         # Less c_c d/M, the ball's speed gains digits where the damping force is c_c d', and costs some otherwise.
         plain = all(
-            world.damping(d, w) == world.c_c * w
-            for d in (-1e-7, -1e-9, 0.0, 1e-9, 3e-7, 1e-5)
-            for w in (-1.0, 1e-3, 0.1)
+            rig.damping(d, w) == rig.c_c * w for d in (-1e-7, -1e-9, 0.0, 1e-9, 3e-7, 1e-5) for w in (-1.0, 1e-3, 0.1)
         )
-        self.damper = world.c_c if plain else 0.0
+        self.damper = rig.c_c if plain else 0.0
         self.contact = self.relaxed = self.below = False
         self.amplifier: _Amplifier = "follow"
-        damped = (world.c_s + world.c_c) / world.m
-        swift = [math.sqrt((world.k_s + world.k_c) / world.m), damped, self.command.omega]
-        if world.lag > 0.0:
-            swift.append(1.0 / world.lag)
+        damped = (rig.c_s + rig.c_c) / rig.m
+        swift = [math.sqrt((rig.k_s + rig.k_c) / rig.m), damped, self.command.omega]
+        if rig.lag > 0.0:
+            swift.append(1.0 / rig.lag)
         self.first_step = 0.1 / max(swift)
-        self.stack_rate = math.sqrt(world.k_s / world.m) + world.c_s / world.m
+        self.stack_rate = math.sqrt(rig.k_s / rig.m) + rig.c_s / rig.m
         size = np.zeros(_Z + len(self.memories))
         size[_U] = volt
         self.clock = Clock(self.first_step, size, rtol, most_steps=most_steps)
-        self.reach = max(abs(world.stroke(volt)), abs(world.stroke(-volt)), q * volt)
+        self.reach = max(abs(rig.stroke(volt)), abs(rig.stroke(-volt)), q * volt)
         self.active = []
 
     # the equations of a piece
@@ -434,49 +434,49 @@ class _Drive:
         if self.amplifier == "follow":
             return self.command.value(tau), self.command.rate(tau)
         if self.amplifier == "lag":
-            return u, (self.command.value(tau) - u) / self.world.lag
-        return u, self.world.slew if self.amplifier == "up" else -self.world.slew
+            return u, (self.command.value(tau) - u) / self.rig.lag
+        return u, self.rig.slew if self.amplifier == "up" else -self.rig.slew
 
     def raw_force(self, d: float, w: float) -> float:
-        return self.world.elastic(d, w) + self.world.damping(d, w)
+        return self.rig.elastic(d, w) + self.rig.damping(d, w)
 
     def bent_force(self, d: float, w: float) -> float:
         """What the contact force has in addition to ``k_c d + c_c d'``: nothing, to the last bit, where it is that."""
-        return (self.world.elastic(d, w) - self.world.k_c * d) + (self.world.damping(d, w) - self.world.c_c * w)
+        return (self.rig.elastic(d, w) - self.rig.k_c * d) + (self.rig.damping(d, w) - self.rig.c_c * w)
 
     def field(self, tau: float, y: list[float]) -> list[float]:
-        world = self.world
+        rig = self.rig
         x1, v1, d, w, _, u, _, xw, vw, *states = y
         u, du = self.voltage(tau, u)
         if not self.contact:
             force, effort = 0.0, 0.0
         elif self.relaxed:
-            force = world.pull * self.raw_force(d, w)
+            force = rig.pull * self.raw_force(d, w)
             effort = force - self.damper * w
         else:
-            elastic, damping = world.elastic(d, w), world.damping(d, w)
+            elastic, damping = rig.elastic(d, w), rig.damping(d, w)
             force = elastic + damping
             effort = elastic + (damping - self.damper * w)  # exactly the elastic force where the damping is c_c d'
-        free = world.stroke(u) - sum(states) - self.settled
-        power = world.k_s * free * (v1 - vw) if self.counts_work else 0.0
-        reaction = world.k_s * (free - (x1 - xw)) - world.c_s * (v1 - vw)
-        a1 = (reaction - force) / world.m
+        free = rig.stroke(u) - sum(states) - self.settled
+        power = rig.k_s * free * (v1 - vw) if self.counts_work else 0.0
+        reaction = rig.k_s * (free - (x1 - xw)) - rig.c_s * (v1 - vw)
+        a1 = (reaction - force) / rig.m
         wall = [0.0, 0.0]
-        if world.wall_mass > 0.0:
-            wall = [vw, -(world.wall_stiffness * xw + world.wall_damping * vw + reaction) / world.wall_mass]
+        if rig.wall_mass > 0.0:
+            wall = [vw, -(rig.wall_stiffness * xw + rig.wall_damping * vw + reaction) / rig.wall_mass]
         rates = [rate(z, u, du) for rate, z in zip(self.memories, states, strict=True)]
         if self.held:
-            return [v1, a1, w, a1, (effort - force) / world.M, du, power, *wall, *rates]
+            return [v1, a1, w, a1, (effort - force) / rig.M, du, power, *wall, *rates]
         against = self.seat + self.way * self.grip
-        return [v1, a1, w, a1 - (force - against) / world.M, (effort - against) / world.M, du, power, *wall, *rates]
+        return [v1, a1, w, a1 - (force - against) / rig.M, (effort - against) / rig.M, du, power, *wall, *rates]
 
     def speed(self, y: Sequence[float] | FloatArray) -> float:
         """The ball's."""
-        return float(y[_P] + (self.damper * y[_D] / self.world.M if self.contact else 0.0))
+        return float(y[_P] + (self.damper * y[_D] / self.rig.M if self.contact else 0.0))
 
     def contact_force(self, y: Sequence[float] | FloatArray) -> float:
         force = self.raw_force(float(y[_D]), float(y[_W])) if self.contact else 0.0
-        return self.world.pull * force if self.relaxed else force
+        return self.rig.pull * force if self.relaxed else force
 
     def push(self, y: Sequence[float] | FloatArray) -> float:
         """Force on the ball but friction."""
@@ -502,7 +502,7 @@ class _Drive:
             theta = (t - begin) / step.h
             if abs(theta - 0.5) <= 0.5 + 1e-9:  # a sum of times may end a rounding before a sample
                 y = step.at(min(max(theta, 0.0), 1.0))
-                ball = y[_X1] - y[_D] - self.world.gap - self.rest
+                ball = y[_X1] - y[_D] - self.rig.gap - self.rest
                 self.seen[k] = ball, self.speed(y), y[_X1] - self.tip_rest
 
     def leave_tip_alone(self) -> None:
@@ -515,9 +515,9 @@ class _Drive:
             quarter = command.remaining()
             end = min(quarter, self.times[-1] - command.time)
             if self.amplifier == "follow":
-                end = min(end, command.until_rate(self.world.slew), command.until_zero())
+                end = min(end, command.until_rate(self.rig.slew), command.until_zero())
             self.active = [_X1, _V1, *([] if self.amplifier == "follow" else [_U])]
-            self.active += [_XW, _VW] if self.world.wall_mass > 0.0 else []
+            self.active += [_XW, _VW] if self.rig.wall_mass > 0.0 else []
             self.active += range(_Z, y.size)
             own = [m for m in self.monitors() if m.name not in ("touch", "rest", "apex")]
             tau, y, event = advance(self, y, end, clock, own)
@@ -533,21 +533,21 @@ class _Drive:
             self.bend(y, event, jumped)
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
-        world, size = self.world, self.clock.size
+        rig, size = self.rig, self.clock.size
         _, v1, d, w, _, u, _, _, vw, *states = y
         by_d = by_w = 0.0
         if self.contact:
             e = max(1e-6 * abs(d), 1e-9 * float(size[_D]), 1e-60)
-            by_d = world.k_c + (self.bent_force(d + e, w) - self.bent_force(d - e, w)) / (2.0 * e)
+            by_d = rig.k_c + (self.bent_force(d + e, w) - self.bent_force(d - e, w)) / (2.0 * e)
             e = max(1e-6 * abs(w), 1e-9 * float(size[_W]), 1e-60)
-            by_w = world.c_c + (self.bent_force(d, w + e) - self.bent_force(d, w - e)) / (2.0 * e)
+            by_w = rig.c_c + (self.bent_force(d, w + e) - self.bent_force(d, w - e)) / (2.0 * e)
             if self.relaxed:
-                by_d, by_w = world.pull * by_d, world.pull * by_w
+                by_d, by_w = rig.pull * by_d, rig.pull * by_w
         by_u = lag = 0.0
         if self.amplifier != "follow":
             e = 1e-6 * self.volt
-            by_u = world.k_s * (world.stroke(u + e) - world.stroke(u - e)) / (2.0 * e)
-            lag = -1.0 / world.lag if self.amplifier == "lag" else 0.0
+            by_u = rig.k_s * (rig.stroke(u + e) - rig.stroke(u - e)) / (2.0 * e)
+            lag = -1.0 / rig.lag if self.amplifier == "lag" else 0.0
         n = len(states)
         memory = []
         for k, (rate, z) in enumerate(zip(self.memories, states, strict=True)):
@@ -560,19 +560,19 @@ class _Drive:
                 ahead, behind = rate(z, *self.voltage(tau, u + e)), rate(z, *self.voltage(tau, u - e))
                 row[_U] = (ahead - behind) / (2.0 * e)
             memory.append(row)
-        m, ball = world.m, math.inf if self.held else world.M
+        m, ball = rig.m, math.inf if self.held else rig.M
         by_p = (0.0 if self.held else by_w) - self.damper if self.contact else 0.0
-        force = world.k_s * (world.stroke(self.voltage(tau, u)[0]) - sum(states) - self.settled)
-        stiff, damp = world.k_s / m, world.c_s / m
+        force = rig.k_s * (rig.stroke(self.voltage(tau, u)[0]) - sum(states) - self.settled)
+        stiff, damp = rig.k_s / m, rig.c_s / m
         still, by_z = [0.0] * n, [-stiff] * n
         wall = [[0.0] * (_Z + n), [0.0] * (_Z + n)]
-        if world.wall_mass > 0.0:
-            share = m / world.wall_mass
-            own = (world.wall_stiffness / world.wall_mass, world.wall_damping / world.wall_mass)
+        if rig.wall_mass > 0.0:
+            share = m / rig.wall_mass
+            own = (rig.wall_stiffness / rig.wall_mass, rig.wall_damping / rig.wall_mass)
             wall = [
                 [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, *still],
                 [
-                    stiff * share, damp * share, 0.0, 0.0, 0.0, -by_u / world.wall_mass, 0.0,
+                    stiff * share, damp * share, 0.0, 0.0, 0.0, -by_u / rig.wall_mass, 0.0,
                     -own[0] - stiff * share, -own[1] - damp * share, *(-b * share for b in by_z),
                 ],
             ]  # fmt: skip
@@ -581,7 +581,7 @@ class _Drive:
             [-stiff, -damp, -by_d / m, -by_w / m, 0.0, by_u / m, 0.0, stiff, damp, *by_z],
             [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
             [-stiff, -damp, -by_d / m - by_d / ball, -by_w / m - by_w / ball, 0.0, by_u / m, 0.0, stiff, damp, *by_z],
-            [0.0, 0.0, by_d / ball, by_p / world.M, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
+            [0.0, 0.0, by_d / ball, by_p / rig.M, 0.0, 0.0, 0.0, 0.0, 0.0, *still],
             [0.0, 0.0, 0.0, 0.0, 0.0, lag, 0.0, 0.0, 0.0, *still],
             [0.0, force, 0.0, 0.0, 0.0, by_u * (v1 - vw), 0.0, 0.0, -force, *(m * (v1 - vw) * b for b in by_z)],
             *wall,
@@ -589,10 +589,10 @@ class _Drive:
         ]  # fmt: skip
 
     def noise(self, size: FloatArray, h: float) -> FloatArray:
-        world = self.world
+        rig = self.rig
         far = max(float(size[_X1]), self.reach)
-        pushes = world.k_s * far + world.c_s * size[_V1] + world.k_c * size[_D] + world.c_c * size[_W]
-        kick = pushes / world.m * h / (1.0 + h * self.stack_rate)
+        pushes = rig.k_s * far + rig.c_s * size[_V1] + rig.k_c * size[_D] + rig.c_c * size[_W]
+        kick = pushes / rig.m * h / (1.0 + h * self.stack_rate)
         # P is a quadrature over the others, as accurate as they are.
         near = min(far, kick * h)
         wall = [near, kick]
@@ -602,15 +602,15 @@ class _Drive:
     # what ends a piece
 
     def monitors(self) -> list[Monitor]:
-        world, command = self.world, self.command
+        rig, command = self.rig, self.command
         found = []
         if not self.contact:
             found.append(Monitor("touch", lambda tau, y: y[_D], -1))
         else:
             found.append(Monitor("end", lambda tau, y: y[_D] - self.threshold, 1))
-            if world.bond > 0.0:
+            if rig.bond > 0.0:
                 found.append(Monitor("zero", lambda tau, y: y[_D], -1 if self.below else 1))
-            if world.pull != 1.0 and not self.below:
+            if rig.pull != 1.0 and not self.below:
                 found.append(Monitor("pull", lambda tau, y: self.raw_force(y[_D], y[_W]), -1 if self.relaxed else 1))
         if self.held and self.contact:
             found.append(Monitor("forth", lambda tau, y: self.grip - self.push(y), 1))
@@ -621,7 +621,7 @@ class _Drive:
             found.append(Monitor("apex", lambda tau, y: y[_P], 1))
         elif self.contact and self.counts and not self.launched:
             # A turn is where the place is flattest: a little noise in the speed moves it by the square of that.
-            noise = 1e-9 * self.reach * command.omega + 1e-12 * self.damper * float(self.clock.size[_D]) / world.M
+            noise = 1e-9 * self.reach * command.omega + 1e-12 * self.damper * float(self.clock.size[_D]) / rig.M
             found.append(Monitor("top", lambda tau, y: self.speed(y), 1 if self.rising else -1, noise))
         for k in range(len(self.memories)):
             at = _Z + k
@@ -633,45 +633,45 @@ class _Drive:
         found.append(Monitor("voltage", lambda tau, y: y[_U], 0, noise, True))
         if self.amplifier == "lag":
             found.append(Monitor("turning", lambda tau, y: command.value(tau) - y[_U], 0, noise, True))
-            if math.isfinite(world.slew):
-                limit = world.slew * world.lag
+            if math.isfinite(rig.slew):
+                limit = rig.slew * rig.lag
                 found.append(Monitor("limit", lambda tau, y: limit - abs(command.value(tau) - y[_U]), 1, 0.0, True))
             return found
         way = 1 if self.amplifier == "up" else -1
-        behind = world.slew * world.lag
+        behind = rig.slew * rig.lag
         found.append(Monitor("limit", lambda tau, y: way * (command.value(tau) - y[_U]) - behind, 1, 0.0, True))
         return found
 
     def set_amplifier(self, u: float, *, met: bool = False) -> None:
         """What the amplifier does from here on; `met`: the voltage has just met the command."""
-        world, command = self.world, self.command
+        rig, command = self.rig, self.command
         ahead = 0.0 if met else command.value(0.0) - u
-        if world.lag > 0.0:
-            limited = abs(ahead) > world.slew * world.lag
+        if rig.lag > 0.0:
+            limited = abs(ahead) > rig.slew * rig.lag
             self.amplifier = "lag" if not limited else "up" if ahead > 0.0 else "down"
             return
-        if not math.isfinite(world.slew):
+        if not math.isfinite(rig.slew):
             self.amplifier = "follow"
             return
         if abs(ahead) <= 4 * EPS * self.volt:
             # On the command. Its rate just after: half way to where that passes the limit, or in the quarter's middle.
-            soon = 0.5 * min(command.remaining(), command.until_rate(world.slew))
+            soon = 0.5 * min(command.remaining(), command.until_rate(rig.slew))
             ahead = command.rate(soon)
-            if abs(ahead) <= world.slew:
+            if abs(ahead) <= rig.slew:
                 self.amplifier = "follow"
                 return
         self.amplifier = "up" if ahead > 0.0 else "down"
 
     def start(self) -> FloatArray:
         """Rest in static equilibrium under the idle voltage, reached from 0 V; sets whether the ball is in contact."""
-        world, command = self.world, self.command
+        rig, command = self.rig, self.command
         y = np.zeros(_Z + len(self.memories))
         idle = command.idle
         while command.resting() and not command.done:
             command.turn()
         for k, rate in enumerate(self.memories, start=_Z):
-            y[k] = jump(rate, world.q, 0.0, 0.0, idle, self.clock.rtol) if idle else 0.0
-        self.settled = world.stroke(idle) - float(y[_Z:].sum())
+            y[k] = jump(rate, rig.q, 0.0, 0.0, idle, self.clock.rtol) if idle else 0.0
+        self.settled = rig.stroke(idle) - float(y[_Z:].sum())
         y[_U] = idle
         first = command.value(0.0) - idle
         ahead = first if abs(first) > 64 * EPS * self.volt else 0.0
@@ -679,15 +679,15 @@ class _Drive:
             ahead or command.rate(0.0) or command.value(min(0.5 * command.remaining(), 1.0 / command.frequency)) - idle
         )
         if self.seat > 0.0:
-            y[_XW] = -self.seat / world.wall_stiffness if world.wall_mass > 0.0 else 0.0
-            y[_X1] = y[_XW] - self.seat / world.k_s
-            y[_D] = _seated(world, self.seat)
+            y[_XW] = -self.seat / rig.wall_stiffness if rig.wall_mass > 0.0 else 0.0
+            y[_X1] = y[_XW] - self.seat / rig.k_s
+            y[_D] = _seated(rig, self.seat)
             self.contact = True
         else:
-            y[_D] = -world.gap
-            self.contact = world.gap == 0.0 and (world.stroke(self.volt) > 0.0) == (ahead > 0.0)
-        self.rest = float(y[_X1] - y[_D]) - world.gap
-        y[_P] = -self.damper * y[_D] / world.M if self.contact else 0.0
+            y[_D] = -rig.gap
+            self.contact = rig.gap == 0.0 and (rig.stroke(self.volt) > 0.0) == (ahead > 0.0)
+        self.rest = float(y[_X1] - y[_D]) - rig.gap
+        y[_P] = -self.damper * y[_D] / rig.M if self.contact else 0.0
         self.clock.size = np.maximum(self.clock.size, np.abs(y))
         self.set_amplifier(idle)
         if self.amplifier == "follow":
@@ -699,7 +699,7 @@ class _Drive:
         u = self.command.value(tau)
         if tau == 0.0 and abs(u - y[_U]) > 4 * EPS * self.volt:
             for k, rate in enumerate(self.memories, start=_Z):
-                y[k] = jump(rate, self.world.q, float(y[k]), float(y[_U]), u, self.clock.rtol)
+                y[k] = jump(rate, self.rig.q, float(y[k]), float(y[_U]), u, self.clock.rtol)
         y[_U] = u
 
     def run(self, periods: float = 3.0) -> tuple[float, float, float] | None:  # noqa: C901, PLR0915
@@ -707,7 +707,7 @@ class _Drive:
 
         The drive is followed for so many of its periods beyond its end.
         """
-        world, command, clock = self.world, self.command, self.clock
+        rig, command, clock = self.rig, self.command, self.clock
         if command.span == 0.0:
             return None
         y = self.start()
@@ -716,8 +716,8 @@ class _Drive:
             clock.watch = self.see
         patience = max([command.length + periods / command.frequency, *self.times[-1:]])
         # A soft contact lasts many periods of a fast drive.
-        hold = max(patience, min(4 * math.pi * math.sqrt(world.M / world.k_c), 100.0))
-        horizon = world.cycles / command.frequency
+        hold = max(patience, min(4 * math.pi * math.sqrt(rig.M / rig.k_c), 100.0))
+        horizon = rig.cycles / command.frequency
         launch: tuple[float, float, float] | None = None
         before: tuple[FloatArray, object] | None = None
         idle = 0
@@ -730,12 +730,12 @@ class _Drive:
             if waiting:
                 end = min(end, horizon - command.time)
             if self.amplifier == "follow":
-                end = min(end, command.until_rate(world.slew), command.until_zero())
+                end = min(end, command.until_rate(rig.slew), command.until_zero())
             self.active = [_X1, _V1, _D, _W, _P]
             if self.amplifier != "follow":
                 self.active.append(_U)
             self.active += [_E] if self.counts_work else []
-            self.active += [_XW, _VW] if world.wall_mass > 0.0 else []
+            self.active += [_XW, _VW] if rig.wall_mass > 0.0 else []
             self.active += range(_Z, y.size)
             tau, y, event = advance(self, y, end, clock, self.monitors())
             idle = idle + 1 if tau == 0.0 else 0
@@ -759,13 +759,13 @@ class _Drive:
                 if event == "end":
                     speed = float(y[_P])
                     if speed > 0.0:
-                        launch = command.time, speed, float(y[_X1] - y[_D]) - world.gap - self.rest
+                        launch = command.time, speed, float(y[_X1] - y[_D]) - rig.gap - self.rest
                         self.launched, self.work = True, float(y[_E])
                         self.peak_until_launch = self.peak
                         if command.time >= horizon:
                             break
             if event in ("top", "rest"):
-                self.highest = max(self.highest, float(y[_X1] - y[_D]) - world.gap - self.rest)
+                self.highest = max(self.highest, float(y[_X1] - y[_D]) - rig.gap - self.rest)
             self.bend(y, event, jumped)
             if edge and not command.done and launch is None and command.index % command.per_period == 0:
                 mode = (self.contact, self.relaxed, self.below, self.amplifier, self.held, self.way)
@@ -780,10 +780,10 @@ class _Drive:
 
     def switch(self, y: FloatArray) -> None:
         """Begin or end a contact."""
-        world, size = self.world, self.clock.size
+        rig, size = self.rig, self.clock.size
         self.relaxed = self.below = False
         if self.contact:
-            y[_P] += self.damper * self.threshold / world.M
+            y[_P] += self.damper * self.threshold / rig.M
             y[_D] = self.threshold
         else:
             y[_D] = 0.0
@@ -796,7 +796,7 @@ class _Drive:
         if event == "zero":
             y[_D] = 0.0
             self.below = not self.below
-            self.relaxed = not self.below and self.world.pull != 1.0 and self.raw_force(0.0, float(y[_W])) < 0.0
+            self.relaxed = not self.below and self.rig.pull != 1.0 and self.raw_force(0.0, float(y[_W])) < 0.0
         elif event == "rest":
             y[_P] -= self.speed(y)
             y[_W] = y[_V1]
@@ -813,7 +813,7 @@ class _Drive:
         elif event == "voltage":
             y[_U] = 0.0
         elif event == "limit":
-            if self.world.lag > 0.0:
+            if self.rig.lag > 0.0:
                 if self.amplifier == "lag":
                     self.amplifier = "up" if self.command.value(0.0) > y[_U] else "down"
                 else:
@@ -830,17 +830,17 @@ class _Drive:
             self.set_amplifier(float(y[_U]), met=True)
 
 
-def _seated(world: World, seat: float) -> float:
+def _seated(rig: ReferenceRig, seat: float) -> float:
     """Indentation at which the elastic force alone carries the ball's push."""
-    high = seat / world.k_c
-    while world.elastic(high, 0.0) < seat:
+    high = seat / rig.k_c
+    while rig.elastic(high, 0.0) < seat:
         high *= 2.0
     low = high
-    while world.elastic(low, 0.0) > seat:
+    while rig.elastic(low, 0.0) > seat:
         low *= 0.5
     if low == high:
         return high
-    return float(brentq(lambda d: world.elastic(d, 0.0) - seat, low, high, xtol=1e-30, rtol=4 * EPS))
+    return float(brentq(lambda d: rig.elastic(d, 0.0) - seat, low, high, xtol=1e-30, rtol=4 * EPS))
 
 
 # --- the swing ----------------------------------------------------------------------------------------
@@ -851,27 +851,27 @@ class _Swing:
 
     active: list[int]
 
-    def __init__(self, world: World, start: float) -> None:
-        self.world, self.start = world, start
+    def __init__(self, rig: ReferenceRig, start: float) -> None:
+        self.rig, self.start = rig, start
         self.active = [0, 1]
 
     def field(self, tau: float, y: list[float]) -> list[float]:
-        world = self.world
-        return [y[1], -world.g * math.sin(self.start + y[0] / world.l) - world.rub - world.deceleration(y[0], y[1])]
+        rig = self.rig
+        return [y[1], -rig.g * math.sin(self.start + y[0] / rig.l) - rig.rub - rig.deceleration(y[0], y[1])]
 
     def jacobian(self, tau: float, y: list[float]) -> list[list[float]]:
-        world, (x, v) = self.world, y
+        rig, (x, v) = self.rig, y
         e = max(1e-6 * abs(x), 1e-20)
-        by_x = (world.deceleration(x + e, v) - world.deceleration(x - e, v)) / (2.0 * e)
+        by_x = (rig.deceleration(x + e, v) - rig.deceleration(x - e, v)) / (2.0 * e)
         e = max(1e-6 * abs(v), 1e-20)
-        by_v = (world.deceleration(x, v + e) - world.deceleration(x, v - e)) / (2.0 * e)
-        return [[0.0, 1.0], [-world.g / world.l * math.cos(self.start + x / world.l) - by_x, -by_v]]
+        by_v = (rig.deceleration(x, v + e) - rig.deceleration(x, v - e)) / (2.0 * e)
+        return [[0.0, 1.0], [-rig.g / rig.l * math.cos(self.start + x / rig.l) - by_x, -by_v]]
 
     def noise(self, size: FloatArray, h: float) -> FloatArray:
         return 4 * EPS * size
 
 
-def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> float:
+def swing(rig: ReferenceRig, speed: float, place: float, *, rtol: float = 1e-12) -> float:
     r"""Launch range, m, of a ball that leaves at `speed` from `place`.
 
     Without a deceleration the energy gives it. With :math:`\theta_0 = \arcsin(x_0/l)` and the start at
@@ -883,11 +883,11 @@ def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> f
 
     in which a microscopic swing keeps its digits.
     """
-    length, lean = world.l, world.lean
-    offset = place if lean > 0.0 else math.sqrt(world.offset_weight) * place if world.offset_weight > 0.0 else 0.0
+    length, lean = rig.l, rig.lean
+    offset = place if lean > 0.0 else math.sqrt(rig.offset_weight) * place if rig.offset_weight > 0.0 else 0.0
     rest, start = lean / length, max(-1.0, min(1.0, (lean + offset) / length))
     cos_rest, cos_start = math.sqrt((1.0 - rest) * (1.0 + rest)), math.sqrt((1.0 - start) * (1.0 + start))
-    drop = offset * (2.0 * lean + offset) / length**2 / (cos_rest + cos_start) + speed**2 / (2.0 * world.g * length)
+    drop = offset * (2.0 * lean + offset) / length**2 / (cos_rest + cos_start) + speed**2 / (2.0 * rig.g * length)
     cos_top = cos_rest - drop
     if cos_top <= 0.0:
         free = length - lean
@@ -896,14 +896,14 @@ def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> f
         free = length * drop * (cos_rest + cos_top) / (sin_top + rest) if sin_top + rest > 0.0 else 0.0
     far = max(abs(free), abs(offset))
     if all(
-        world.rub + world.deceleration(share * far, pace * speed) == 0.0
+        rig.rub + rig.deceleration(share * far, pace * speed) == 0.0
         for share in (0.0, 1e-3, 0.1, 0.3, 0.7, 1.0)
         for pace in (1.0, 0.7, 0.3, 0.1, 1e-3)
     ):
         return free
     angle = math.asin(start)
-    system = _Swing(world, angle)
-    brake = world.g * abs(start) + world.rub + abs(world.deceleration(0.0, speed)) + speed * math.sqrt(world.g / length)
+    system = _Swing(rig, angle)
+    brake = rig.g * abs(start) + rig.rub + abs(rig.deceleration(0.0, speed)) + speed * math.sqrt(rig.g / length)
     clock = Clock(0.1 * speed / brake, np.array([0.0, speed]), rtol)
     monitors = [
         Monitor("top", lambda tau, y: y[1], 1, 0.0),
@@ -911,7 +911,7 @@ def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> f
     ]
     y = np.array([0.0, speed])
     while True:
-        _, y, event = advance(system, y, 1e3 * math.sqrt(length / world.g), clock, monitors)
+        _, y, event = advance(system, y, 1e3 * math.sqrt(length / rig.g), clock, monitors)
         if event:
             break
         if y[1] <= 1e-14 * speed:  # a creeping end
@@ -922,20 +922,20 @@ def swing(world: World, speed: float, place: float, *, rtol: float = 1e-12) -> f
     return offset - 2.0 * (lean + offset) * math.sin(0.5 * turn) ** 2 + length * cos_start * math.sin(turn)
 
 
-def _flight(world: World, speed: float, place: float, times: Sequence[float], rtol: float) -> FloatArray:
+def _flight(rig: ReferenceRig, speed: float, place: float, times: Sequence[float], rtol: float) -> FloatArray:
     """Place from rest and speed, (n_times, 2), of a ball that flies, at times after it left at `speed` from `place`.
 
     Losses oppose the motion. A cause's count the way from the launch, or from where the ball last turned.
     """
     found = np.empty((len(times), 2))
-    angle, side, begin, held = math.asin((world.lean + place) / world.l), 1.0, 0.0, False
-    y, brake = np.array([0.0, speed]), world.g / world.l
+    angle, side, begin, held = math.asin((rig.lean + place) / rig.l), 1.0, 0.0, False
+    y, brake = np.array([0.0, speed]), rig.g / rig.l
     clock = Clock(1e-3 / math.sqrt(brake), np.array([speed / math.sqrt(brake), speed]), rtol)
     top = [Monitor("top", lambda tau, row: row[1], 1, 0.0)]
-    lossy = world.rub + world.deceleration(speed / math.sqrt(brake), speed) != 0.0
+    lossy = rig.rub + rig.deceleration(speed / math.sqrt(brake), speed) != 0.0
     for k, t in enumerate(times):
         while begin < t and not held:
-            system = _Swing(world, angle)
+            system = _Swing(rig, angle)
             if not lossy:  # the equation has no kink where the ball turns
                 _, y, _ = advance(system, y, t - begin, clock, [])
                 begin = t
@@ -943,9 +943,9 @@ def _flight(world: World, speed: float, place: float, times: Sequence[float], rt
             gone, y, event = advance(system, y, t - begin, clock, top)
             begin += gone
             if event:
-                angle, side = -(angle + float(y[0]) / world.l), -side
+                angle, side = -(angle + float(y[0]) / rig.l), -side
                 y = np.zeros(2)
-                held = _Swing(world, angle).field(0.0, [0.0, 0.0])[1] <= 0.0
-        now = angle + float(y[0]) / world.l
-        found[k] = side * world.l * math.sin(now) - world.lean, side * float(y[1]) * math.cos(now)
+                held = _Swing(rig, angle).field(0.0, [0.0, 0.0])[1] <= 0.0
+        now = angle + float(y[0]) / rig.l
+        found[k] = side * rig.l * math.sin(now) - rig.lean, side * float(y[1]) * math.cos(now)
     return found

@@ -1,4 +1,4 @@
-r"""What a cause does to the launch range, and which causes are confounded once the baseline has been refitted.
+r"""What a cause does to the launch range.
 
 Effects are finite and one-sided: from the neutral value to a plausible strength, not a slope at the neutral value,
 which is zero for some causes (:math:`\sqrt{L^2 + b^2}` at :math:`b = 0`) and infinite for others (`preload`).
@@ -14,7 +14,7 @@ any size, zero included.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -31,7 +31,6 @@ from psafit.physics.term import Term, Trend
 from psafit.simulate.batch import readings, simulate
 from psafit.simulate.design import Design
 
-Status = Literal["visible", "absorbed", "idle"]
 Side = Literal[-1, 1]
 
 RIGS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
@@ -226,162 +225,19 @@ def sets_with(term: Term, design: Design, theta: ArrayLike, values: ArrayLike, s
 def reading_slopes(design: Design, theta: ArrayLike, *, step: float = 1e-4, tolerance: float = 1e-9) -> FloatArray:
     """Slopes of all readings by the sampling coordinate of the baseline's parameters, (3, n_points).
 
-    Central differences, in the readings' units; see `derivatives`.
+    In the readings' units. Central differences, one-sided at a bound, by a `step` whose digits the stepper's
+    `tolerance` leaves.
     """
-    sets, widths = _moved(theta, (), (), step)
-    found = readings(design, sets, tolerance=tolerance)
-    return np.asarray((found[2::2] - found[1::2]) / widths[:, None])
-
-
-def derivatives(
-    design: Design, theta: ArrayLike = REFERENCE, terms: Sequence[Term] = (), values: Sequence[ArrayLike] = ()
-) -> FloatArray:
-    r"""Slopes of ``ln L`` by the sampling coordinate of every parameter, at one parameter set.
-
-    Central differences; one-sided at a bound.
-
-    Parameters
-    ----------
-    design : Design
-    theta : (3,) array
-        The baseline's parameters.
-    terms : sequence of Term
-        Causes without a latent parameter.
-    values : sequence of arrays
-        The parameters of each; those of `plausible` by default.
-
-    Returns
-    -------
-    (n_parameters, n_points) array
-        Rows as `columns` names them; zero where nothing is launched.
-    """
-    return _slopes(design, theta, terms, values, logarithmic=True)
-
-
-def _slopes(
-    design: Design,
-    theta: ArrayLike,
-    terms: Sequence[Term],
-    values: Sequence[ArrayLike],
-    logarithmic: bool,
-    step: float = 1e-4,
-    tolerance: float = 1e-9,
-) -> FloatArray:
-    """Central differences by a `step` of the sampling coordinate, whose digits the stepper's `tolerance` leaves."""
-    sets, widths = _moved(theta, terms, values, step)
-    found = simulate(design, sets, terms, tolerance=tolerance).launch_range
-    slope = (found[2::2] - found[1::2]) / widths[:, None]
-    size = found[0] if logarithmic else np.hypot(UsualScatter.absolute_m, UsualScatter.relative * found[0])
-    return np.divide(slope, size, out=np.zeros_like(slope), where=size > 0)
-
-
-def _moved(
-    theta: ArrayLike, terms: Sequence[Term], values: Sequence[ArrayLike], step: float
-) -> tuple[FloatArray, FloatArray]:
-    """A parameter set, then for each parameter one below and one above; and how far those two are apart."""
-    for term in terms:
-        if term.latent:
-            raise ValueError(f"{term.id} has a parameter for every session: take its effect instead")
-    parameters = [*baseline.PARAMETERS, *(p for term in terms for p in term.parameters)]
-    own = [np.asarray(v, dtype=float) for v in values] or [plausible(t) for t in terms]
-    x = np.concatenate([np.asarray(theta, dtype=float), *own])
-    if len(x) != len(parameters):
-        raise ValueError(f"{len(x)} values for {len(parameters)} parameters: {', '.join(p.name for p in parameters)}")
-    sets, widths = [x], []
-    for i, p in enumerate(parameters):
-        u = float(p.to_sampling(x[i]))
-        ends = max(u - step, p.sampling_bounds.lower), min(u + step, p.sampling_bounds.upper)
+    sets, widths = [], []
+    for i, p in enumerate(baseline.PARAMETERS):
+        moved = np.repeat(np.asarray(theta, dtype=float)[None], 2, axis=0)
+        u, bounds = float(p.to_sampling(moved[0, i])), p.sampling_bounds
+        ends = np.array([max(u - step, bounds.lower), min(u + step, bounds.upper)])
+        moved[:, i] = p.to_physical(ends)
+        sets.append(moved)
         widths.append(ends[1] - ends[0])
-        for end in ends:
-            moved = x.copy()
-            moved[i] = p.to_physical(end)
-            sets.append(moved)
-    return np.array(sets), np.array(widths)
-
-
-@dataclass(frozen=True)
-class Confounding:
-    """Which causes are confounded.
-
-    Parameters
-    ----------
-    ids : tuple of str
-        Causes, in the order given.
-    angle : (n, n) array, degrees
-        Between what is left of two effects after the refit: 0 where one can be had for the other, 90 where they have
-        nothing in common; NaN where one of them leaves nothing. The sign of an effect does not count. Where a cause
-        has several directions (one a session) it is the smallest angle they allow.
-    before, after : (n,) array
-        Size of an effect in standard deviations of the scatter, the root of the summed squares over all points and
-        directions: as it is, and what the refit leaves of it.
-    status : tuple of str
-        "visible"; "absorbed" where the refit leaves less than one standard deviation; "idle" where there was no more
-        than that before.
-    """
-
-    ids: tuple[str, ...]
-    angle: FloatArray
-    before: FloatArray
-    after: FloatArray
-    status: tuple[Status, ...]
-
-
-def confounding(
-    terms: Iterable[Term],
-    design: Design,
-    theta: ArrayLike = REFERENCE,
-    *,
-    share: float = 0.5,
-    gain: bool = False,
-) -> Confounding:
-    """Compare causes by what a refit of the baseline cannot imitate.
-
-    The refit is linear: the baseline's slopes at `theta` are projected out of every effect. A cause strong enough to
-    bend them is judged by its direction alone.
-
-    Parameters
-    ----------
-    terms : iterable of Term
-    design : Design
-        The readings one has, or may take.
-    theta : (3,) array
-        The baseline's parameters.
-    share : float
-        Strength of the causes; see `plausible`.
-    gain : bool
-        Whether one factor on all readings is free too.
-    """
-    chosen = tuple(terms)
-    fitted = _slopes(design, theta, (), (), logarithmic=False)
-    if gain:
-        size = simulate(design, theta).launch_range
-        fitted = np.vstack([fitted, size / np.hypot(UsualScatter.absolute_m, UsualScatter.relative * size)])
-    known = _basis(fitted, 1e-9)
-    before, after, status, left = np.empty(len(chosen)), np.empty(len(chosen)), [], []
-    for i, term in enumerate(chosen):
-        shift = effect(term, design, theta, plausible(term, share)).deviation
-        rest = shift - (shift @ known.T) @ known
-        before[i], after[i] = np.linalg.norm(shift), np.linalg.norm(rest)
-        kind: Status = "idle" if before[i] < 1.0 else "absorbed" if after[i] < 1.0 else "visible"
-        status.append(kind)
-        # A direction is one only if the scatter leaves it visible.
-        left.append(_basis(rest, 1.0, absolute=True) if kind == "visible" else np.empty((0, design.n_points)))
-    angle = np.full((len(chosen), len(chosen)), np.nan)
-    for i, one in enumerate(left):
-        for j, other in enumerate(left):
-            if len(one) and len(other):
-                # The sine keeps small angles' digits, the cosine those near 90 degrees.
-                a, b = (one, other) if len(one) <= len(other) else (other, one)
-                u, c, _ = np.linalg.svd(a @ b.T)
-                nearest = u[:, 0] @ a
-                angle[i, j] = np.degrees(np.arctan2(np.linalg.norm(nearest - (nearest @ b.T) @ b), c[0]))
-    return Confounding(tuple(t.id for t in chosen), angle, before, after, tuple(status))
-
-
-def _basis(rows: FloatArray, floor: float, absolute: bool = False) -> FloatArray:
-    """Orthonormal rows that span the given ones, those smaller than `floor` (times the largest) left out."""
-    _, size, directions = np.linalg.svd(rows, full_matrices=False)
-    return directions[size > (floor if absolute else floor * size.max(initial=0.0))]
+    found = readings(design, np.concatenate(sets), tolerance=tolerance)
+    return np.asarray((found[1::2] - found[::2]) / np.array(widths)[:, None])
 
 
 # --- symptoms ---------------------------------------------------------------------------------------
@@ -518,7 +374,6 @@ def _trend(e: FloatArray, how: SymptomSettings) -> Trend:
 
 
 __all__ = [
-    "REFERENCE", "RIGS", "Confounding", "Effect", "ObservedSymptom", "Side", "SymptomSettings", "UsualScatter",
-    "confounding", "derivatives", "effect", "in_scatter", "observe", "plausible", "reading_slopes", "sets_with",
-    "share_above", "share_of",
+    "REFERENCE", "RIGS", "Effect", "ObservedSymptom", "Side", "SymptomSettings", "UsualScatter", "effect", "in_scatter",
+    "observe", "plausible", "reading_slopes", "sets_with", "share_above", "share_of",
 ]  # fmt: skip

@@ -533,17 +533,21 @@ def _judged(r, F, kappa, beta, V1, S, at, h, found, stuck, opposed, v2, ball, to
 
 
 @compiled(inside=True)
+def _integrals(cut):  # type: ignore[no-untyped-def]
+    """Where a step ends, its end or a place before, and the weights of the nodes in the two integrals up to there."""
+    if cut > 1.0:
+        return 1.0, load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
+    _, once = basis(cut)
+    return cut, once, times(A, 0, once)
+
+
+@compiled(inside=True)
 def _wall_moved(wall, back, acceleration, cut, at, h):  # type: ignore[no-untyped-def]
     """Place and speed of the wall at the end of a step, or where it is cut."""
     mass, _, _, xw, vw, answers = wall
     if mass == 0.0:
         return xw, vw
-    if cut > 1.0:
-        cut = 1.0
-        once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
-    else:
-        _, once = basis(cut)
-        twice = times(A, 0, once)
+    cut, once, twice = _integrals(cut)
     own = times(answers, at, back + times(answers, 2 * _LEVELS * NODES * NODES + at, acceleration))
     return xw + h * (cut * vw + h * total(twice * own)), vw + h * total(once * own)
 
@@ -551,12 +555,7 @@ def _wall_moved(wall, back, acceleration, cut, at, h):  # type: ignore[no-untype
 @compiled(inside=True)
 def _moved(x1, v1, x2, v2, lost_v2, d, lost_d, acceleration, push, w_node, cut, h, ball):  # type: ignore[no-untyped-def]
     """Places, speeds and indentation at the end of a step, or where it is cut."""
-    if cut > 1.0:
-        cut = 1.0
-        once, twice = load(A, (NODES - 1) * NODES), load(A2, (NODES - 1) * NODES)
-    else:
-        _, once = basis(cut)
-        twice = times(A, 0, once)
+    cut, once, twice = _integrals(cut)
     x1 += h * (cut * v1 + h * total(twice * acceleration))
     x2 += h * (cut * v2 + h * total(twice * push) / ball)
     v1 += h * total(once * acceleration)
@@ -751,7 +750,8 @@ def _ready(level, rig, cache):  # type: ignore[no-untyped-def]
     S, T1, T2, U1, U2, _, made, _, answers = cache
     if not made[level]:
         _make_level(
-            level, rig[3], rig[4], rig[1], rig[5], rig[21], rig[23], rig[22], S, T1, T2, U1, U2, answers
+            level, rig.m, rig.M, rig.c_s, rig.k_s, rig.wall_mass, rig.wall_damping, rig.wall_stiffness, S, T1, T2, U1,
+            U2, answers,
         )  # fmt: skip
         made[level] = True
 
@@ -767,10 +767,10 @@ def _passed(rig, theta_at, rows, point, calls, work):  # type: ignore[no-untyped
     """Go on to the drive's next piece; the time at which it begins."""
     piece, _, _, _, mem_z, mem_u = work
     now = _drive.voltage(piece, piece[_drive.END])
-    _remember(now, rig[6], theta_at, calls, mem_z, mem_u)
+    _remember(now, rig.q, theta_at, calls, mem_z, mem_u)
     t = piece[_drive.END]
     split = len(calls[2]) > 0 or len(calls[4]) > 0
-    _drive.next_piece(piece, now, rows, point, rig[9], rig[10], rig[11], split)
+    _drive.next_piece(piece, now, rows, point, rig.phase, rig.lag, rig.inverse_slew, split)
     return t
 
 
@@ -780,8 +780,8 @@ def _tip_alone(rig, theta_at, rows, point, calls, cache, work, tolerance, how, r
     moments, tipped, seen = trace
     if not tipped:
         return
-    c_s, k_s, q = rig[1], rig[5], rig[6]
-    wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
+    c_s, k_s, q = rig.c_s, rig.k_s, rig.q
+    wall_mass, wall_k, wall_c = rig.wall_mass, rig.wall_stiffness, rig.wall_damping
     S, T1, T2, _, _, _, _, _, answers = cache
     piece, nodes, _, _, mem_z, mem_u = work
     t, x1, v1, xw, vw, tip_rest, level, watched, new_piece = tip
@@ -829,10 +829,10 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
     Returns (outcome, time, speed of the ball, its place, highest force until then, steps taken); the place is the
     highest where it is not launched.
     """
-    k_c, c_s, c_c, m, ball, k_s, q = rig[0], rig[1], rig[2], rig[3], rig[4], rig[5], rig[6]
-    length, g, phase, lag, inverse_slew = rig[7], rig[8], rig[9], rig[10], rig[11]
-    gap, lean, bond, pull, cycles, hold = rig[12], rig[13], rig[14], rig[15], rig[16], rig[17]
-    wall_mass, wall_k, wall_c = rig[21], rig[22], rig[23]
+    k_c, c_s, c_c, m, ball, k_s, q = rig.k_c, rig.c_s, rig.c_c, rig.m, rig.M, rig.k_s, rig.q
+    length, g, phase, lag, inverse_slew = rig.l, rig.g, rig.phase, rig.lag, rig.inverse_slew
+    gap, lean, bond, pull, cycles, hold = rig.gap, rig.lean, rig.bond, rig.pull, rig.cycles, rig.grip
+    wall_mass, wall_k, wall_c = rig.wall_mass, rig.wall_stiffness, rig.wall_damping
     S, T1, T2, U1, U2, _, _, _, answers = cache
     piece, nodes, bern, stack, mem_z, mem_u = work
     law = (k_c, c_c, calls[0], calls[1], theta_at, nodes[0], nodes[0].ctypes.data)
@@ -976,7 +976,7 @@ def _fly(rig, theta_at, rows, point, calls, cache, work, tolerance, how, referen
 @compiled(borrows=True)
 def _usual_speed(rig, theta_at, point, calls, out):  # type: ignore[no-untyped-def]
     """About the speed of the ball that one period of a simple contact, as stiff as the stroke makes it, launches."""
-    k_c, c_c, ball, k_s, q = rig[0], rig[2], rig[4], rig[5], rig[6]
+    k_c, c_c, ball, k_s, q = rig.k_c, rig.c_c, rig.M, rig.k_s, rig.q
     f, volt = point[FREQUENCY], point[REACH]
     force, _, _ = _force(q * volt, 0.0, (k_c, c_c, calls[0], calls[1], theta_at, out, out.ctypes.data))
     stiffness = max(force / (q * volt), 1e-12 * k_c)
@@ -996,7 +996,7 @@ def _one_set(  # type: ignore[no-untyped-def]
     cache = (
         np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)), np.empty((_LEVELS, n, n)),
         np.empty((_LEVELS, n, n)), np.empty((4, _LEVELS, n, n)), np.zeros(_LEVELS, np.bool_),
-        np.zeros((4, _LEVELS), np.bool_), np.empty((3 if rig[21] > 0.0 else 0, _LEVELS, n, n)),
+        np.zeros((4, _LEVELS), np.bool_), np.empty((3 if rig.wall_mass > 0.0 else 0, _LEVELS, n, n)),
     )  # fmt: skip
     nodes = (np.empty(6), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     work = (
@@ -1005,7 +1005,7 @@ def _one_set(  # type: ignore[no-untyped-def]
     )  # fmt: skip
     point = np.empty(COMMAND)
     for j in range(len(points)):
-        driven(points[j], rig[19], rig[20], point)
+        driven(points[j], rig.scale, rig.idle, point)
         if point[REACH] == 0.0 or not wanted[j]:
             when[j], speed[j], place[j], status[j], peak[j], steps[j] = 0.0, 0.0, 0.0, AT_REST, math.nan, 0
             seen[j] = 0.0
@@ -1021,7 +1021,7 @@ def _one_set(  # type: ignore[no-untyped-def]
             total_steps += count
             if outcome != _TOO_SLOW:
                 break
-            reference = max(v, how.rounding * rig[6] * point[REACH] * point[FREQUENCY] / tolerance)
+            reference = max(v, how.rounding * rig.q * point[REACH] * point[FREQUENCY] / tolerance)
         when[j], speed[j], place[j], status[j], peak[j], steps[j] = t, v, x, outcome, top, total_steps
 
 
@@ -1038,8 +1038,8 @@ def _all_sets(  # type: ignore[no-untyped-def]
         )  # fmt: skip
 
 
-_serial = compiled(_all_sets)
-_parallel = compiled(_all_sets, parallel=True)
+serial = compiled(_all_sets)
+parallel = compiled(_all_sets, parallel=True)
 
 
 @dataclass(frozen=True)
@@ -1105,9 +1105,9 @@ def separation(
         raise ValueError(f"{len(calls.branch)} causes with a memory; at most {_MOST_BRANCHES}")
     moments = np.empty((design.n_points, 0)) if seen is None else design.moments
     watched = np.empty((*shape, 0, 3)) if seen is None else seen
-    run = _parallel if len(theta) > 1 and found[0].size > threads_from else _serial
+    run = parallel if len(theta) > 1 and found[0].size > threads_from else serial
     run(
-        rig.stack(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
+        rig.records(), np.ascontiguousarray(theta), np.ones(shape, bool) if wanted is None else wanted,
         *design.commands, calls.arrays(), tolerance, settings or StepSettings(), forced, moments,
         tipped, *found, watched,
     )  # fmt: skip

@@ -13,13 +13,14 @@ from outside import OUTSIDE, parts
 from rigs import measure
 
 from psafit.challenge import hide
-from psafit.challenge.answer import sizes, standardised, unseal
+from psafit.challenge.answer import by_reading, standardised, unseal
 from psafit.challenge.conditions import ConditionSettings, drawn
 from psafit.challenge.hide import HideSettings, Outside, make, simulate_literally
 from psafit.challenge.oracle import consult
 from psafit.drives import Drive, Table
 from psafit.errors import InputError
 from psafit.experiment import Experiment, Group, read_experiment, write_experiment
+from psafit.inference import noise
 from psafit.inference.problem import Problem
 from psafit.observables import LAUNCH_RANGE, OBSERVABLES, OF_LAUNCHES, TIP_DISPLACEMENT, VELOCITY
 from psafit.physics import TERMS, term, terms
@@ -108,15 +109,15 @@ def test_a_weak_truth_that_hardly_launches_is_tried_once(
     """The strongest of those tried gives way to the next."""
     nats = iter(range(99, 0, -1))
 
-    def weak(*drawn: Any) -> hide._Truth:
+    def weak(*drawn: Any) -> hide.Truth:
         gain = float(next(nats))
         values = {"k_c": gain, "c_s": 9e3, "c_c": 60.0, "swing_drag_coefficient": 1e-3}
-        return hide._Truth(values, {"swing_drag": gain}, {"swing_drag": 0.9}, reached=False)
+        return hide.Truth(values, {"swing_drag": gain}, {"swing_drag": 0.9}, reached=False)
 
     def ranges(design: Design, parameters: dict[str, float], *rest: Any, jobs: int) -> Any:
         return np.full(design.n_points, 0.0 if parameters["k_c"] == 99.0 else 10.0)
 
-    monkeypatch.setattr(hide, "_draw", weak)
+    monkeypatch.setattr(hide, "draw_challenge", weak)
     monkeypatch.setattr(hide, "simulate_literally", ranges)
     answer = make(
         1, tmp_path / "a", design_of=known, terms=["swing_drag"], strength=500.0, settings=HideSettings(patience=3)
@@ -188,7 +189,7 @@ def test_any_drive_and_observable_holds_what_the_reference_makes_of_it(tmp_path:
     design = Design.of(experiment.constants, experiment.groups)
     theta = [answer.parameters[name] for name in ("k_c", "c_s", "c_c")]
     assert answer.true_readings == pytest.approx(readings(design, theta)[0], rel=1e-6)
-    relative, absolute = sizes(answer.scatter, design.measured)
+    relative, absolute, _ = noise.columns(by_reading(answer.scatter, design))
     read = np.concatenate([g.reading for g in experiment.groups])
     z = (read - np.array(answer.true_readings)) / np.hypot(relative * np.array(answer.true_readings), absolute)
     assert np.abs(z).max() < 5.0 and made.experiment.fingerprint == experiment.fingerprint
@@ -270,7 +271,8 @@ def test_scatter_along_a_trace_is_correlated_and_whitening_undoes_that() -> None
     scatter = {p.name: p.prior_median for o in OBSERVABLES for p in o.scatter} | {"tau_velocity": 50.0}
     one = design.measured == OBSERVABLES.index(VELOCITY)
     read = np.array([
-        hide._read(design, np.ones(design.n_points), scatter, np.random.default_rng(seed), 4)[one] for seed in range(60)
+        hide.read_off(design, np.ones(design.n_points), scatter, np.random.default_rng(seed), 4)[one]
+        for seed in range(60)
     ]) - 1.0  # fmt: skip
     step = 700.0 / 400
     lag = np.mean(read[:, 10:] * read[:, :-10]) / np.mean(read**2)
@@ -297,7 +299,7 @@ def test_a_drive_that_launches_nothing_is_reported(known: Experiment, tmp_path: 
 @pytest.mark.slow
 def test_the_least_weak_of_few_truths_will_do(known: Experiment, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     """Where most rigs launch nothing, and none shows a cause as strongly as was asked."""
-    drawn = hide._draw
+    drawn = hide.draw_challenge
     calls: list[None] = []
 
     def rarely(*words: Any) -> Any:
@@ -305,7 +307,7 @@ def test_the_least_weak_of_few_truths_will_do(known: Experiment, tmp_path: Path,
         truth = drawn(*words) if len(calls) == 2 else None
         return truth and replace(truth, reached=False)
 
-    monkeypatch.setattr(hide, "_draw", rarely)
+    monkeypatch.setattr(hide, "draw_challenge", rarely)
     made = make(5, tmp_path, design_of=known, terms=["gap"], strength=20.0, settings=HideSettings(redraws=7))
     assert made.answer.terms == ["gap"] and not made.answer.reached and len(calls) == 7
 

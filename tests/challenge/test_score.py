@@ -11,7 +11,7 @@ from campaigns import result
 
 from psafit.challenge.answer import Place
 from psafit.challenge.campaign import PRIOR, Result
-from psafit.challenge.score import SHOWING_NATS, _clustered, located, rate, reported_set, score
+from psafit.challenge.score import SHOWING_NATS, clustered, located, rate, reported_set, score
 from psafit.model_search import SearchSettings
 
 
@@ -155,15 +155,15 @@ def test_recovery_looks_at_what_was_named_right() -> None:
 
 def test_intervals_of_one_posterior_count_as_what_they_show() -> None:
     """Nine of ten hits, one by one or five at a time that hit or miss together; and all of them."""
-    alone = _clustered([[k % 10 > 0] for k in range(100)])
+    alone = clustered([[k % 10 > 0] for k in range(100)])
     exact = rate(k % 10 > 0 for k in range(100))
     assert (alone.k, alone.n) == (exact.k, exact.n)
     assert [alone.lower, alone.upper] == pytest.approx([exact.lower, exact.upper], abs=0.01)
-    fives = _clustered([[k % 10 > 0] * 5 for k in range(100)])
+    fives = clustered([[k % 10 > 0] * 5 for k in range(100)])
     assert (fives.k, fives.n) == (450, 500)
     assert [fives.lower, fives.upper] == pytest.approx([exact.lower, exact.upper], abs=0.01)
-    assert _clustered([[True] * 5] * 20).lower == rate([True] * 20).lower
-    assert _clustered([[]]) == rate([])
+    assert clustered([[True] * 5] * 20).lower == rate([True] * 20).lower
+    assert clustered([[]]) == rate([])
 
 
 def test_time_is_reported() -> None:

@@ -140,7 +140,7 @@ def test_too_little_memory_is_one_line(known_folder: Path, monkeypatch, capsys) 
     def greedy(*args: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("psafit.inference.scale.read", greedy)
+    monkeypatch.setattr("psafit.prior_check.read", greedy)
     assert run(monkeypatch, "check", known_folder) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "memory" in said and "Traceback" not in said

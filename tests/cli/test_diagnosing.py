@@ -11,7 +11,7 @@ from commands import run
 from diagnoses_by_hand import make_experiment, make_record, parameters
 
 import psafit.diagnose
-from psafit.cli.diagnosing import _say_diagnosis
+from psafit.cli.diagnosing import say_diagnosis
 from psafit.errors import InputError
 
 
@@ -64,7 +64,7 @@ def test_the_terminal_lists_models_by_their_probability(capsys):
     named, other, nothing = record.causes
     rival = replace(other, terms=["gap"], probability=0.02, parameters=parameters("k_c", "hysteresis_strength"))
     causes = [replace(named, probability=0.1), nothing, rival]
-    _say_diagnosis(replace(record, alternatives=[["gap"]], causes=causes, unnamed=0.3))
+    say_diagnosis(replace(record, alternatives=[["gap"]], causes=causes, unnamed=0.3))
     lines = capsys.readouterr().out.splitlines()
     searched = "164 sets of causes were fitted on all readings, 13 of them sampled"
     assert sum(line.startswith(f"  {searched}; the others have 0.4 % of the probability") for line in lines) == 1

@@ -213,4 +213,4 @@ def test_a_proposal_becomes_a_plan(diagnosis: tuple[Path, Experiment], tmp_path:
         assert run(monkeypatch, "plan", *words) == 2
         error = capsys.readouterr().err
         assert reported in error and error.count("\n") == 1 and not (tmp_path / "x").exists()
-    assert [of_rigs._unused(ids) for ids in ((1, 2), (1, 3), ("a", 1), ("next1",))] == [3, 4, "next1", "next2"]
+    assert [of_rigs.unused_ids(ids) for ids in ((1, 2), (1, 3), ("a", 1), ("next1",))] == [3, 4, "next1", "next2"]

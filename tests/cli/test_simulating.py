@@ -41,7 +41,7 @@ def test_names_of_a_sessions_own_hold_its_id(known: Experiment) -> None:
     assert both.names[-5:-3] == ("reading_gain_z_x_2", "reading_gain_z_7")
     values = both.to_physical(both.prior_transform(np.linspace(0.3, 0.7, both.n_dim))).tolist()
     given = dict(zip(both.names, values, strict=True))
-    theta = simulating._completed(Plan(known.constants, experiment.groups, ()), both.terms, given, {})
+    theta = simulating.completed(Plan(known.constants, experiment.groups, ()), both.terms, given, {})
     gains = {name: z for name, z in theta.items() if "_z_" in name}
     assert list(gains) == ["reading_gain_z_7", late, "reading_gain_z_x_2"]
     assert list(gains.values()) == [given["reading_gain_z_7"], 0.0, given["reading_gain_z_x_2"]]
@@ -89,7 +89,7 @@ def test_a_session_to_come_has_no_gain_of_the_runs(known: Experiment, capsys) ->
     planned = Conditions(own.id, own.waveform, own.file, own.frequency_hz, own.amplitude_v)
     for group, kept in ((own, True), (read_again, False), (planned, False)):
         plan = Plan(known.constants, (group,), ())
-        found = simulating._of_sessions(plan, (gain,), medians, [own], False)
+        found = simulating.of_sessions(plan, (gain,), medians, [own], False)
         assert found == (medians if kept else {k: v for k, v in medians.items() if k != name})
         assert capsys.readouterr().err == ("" if kept else f"sessions to come, not those of the run: {name} = 0\n")
 

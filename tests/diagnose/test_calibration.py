@@ -96,7 +96,7 @@ def test_a_calibration_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
     both = run(2)
     assert both[:1] == one and seen[-1] == (2, 2)
     assert all(t.intervals >= 3 and 0 <= t.held <= t.intervals for t in both)
-    monkeypatch.setattr(calibration, "_tried", None)  # nothing is worked out again
+    monkeypatch.setattr(calibration, "tried", None)  # nothing is worked out again
     assert run(2) == both
 
 

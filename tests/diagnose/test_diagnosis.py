@@ -20,8 +20,8 @@ from psafit.diagnose.settings import Settings as Effort
 from psafit.diagnose.significance import lead
 from psafit.errors import InputError
 from psafit.experiment import fingerprint
+from psafit.forecast import Silent
 from psafit.inference.problem import Problem
-from psafit.inference.run import Silent
 from psafit.inference.run import fit as run_fit
 from psafit.inference.run_folder import load
 from psafit.inference.samplers.emcee import Settings
@@ -39,8 +39,8 @@ def test_no_protocol_sees_what_it_scores(tmp_path):
     for name, data in (("as read", e), ("changed", replace(e, groups=groups, fingerprint=fingerprint(RIG, groups)))):
         folder = tmp_path / name
         folder.mkdir()
-        work = diagnosis._Work(data, ("a",), folder, 1, FEW[:1], 1, Silent(), ())
-        measured = work._gains(work._search(data.ids))
+        work = diagnosis.Work(data, ("a",), folder, 1, FEW[:1], 1, Silent(), ())
+        measured = work.gains_of(work.search(data.ids))
         for scored in measured.values():
             assert all(not set(entry.saw) & set(entry.scored_on) for entry in scored.ledger)
         for protocol in ("strict", "nested"):
@@ -69,7 +69,7 @@ def test_the_order_in_which_groups_are_named_does_not_matter(tmp_path, monkeypat
     e = experiment(n=8)
     first = diagnose(e, ["c", "a"], tmp_path, quick=True, catalogue=FEW[:1])
     assert first.training == ["a", "c"]
-    monkeypatch.delattr(diagnosis._Work, "all")
+    monkeypatch.delattr(diagnosis.Work, "all")
     assert diagnose(e, ["a", "c"], tmp_path, quick=True, catalogue=FEW[:1]).identity == first.identity
 
 
@@ -152,7 +152,7 @@ def test_diagnosis_from_beginning_to_end(groups, causes, searches, steps, jobs, 
     assert quick.gain == {} and quick.extension == {} and quick.misfit.search == result.misfit.search
     # A whole answer is read back; what has lost a part is worked out.
     with monkeypatch.context() as m:
-        m.delattr(diagnosis._Work, "all")
+        m.delattr(diagnosis.Work, "all")
         assert diagnose(e, ["a"], tmp_path / "two", **asked).causes == result.causes
         for change in ({"seed": 2}, {"catalogue": FEW[1:2]}, {"quick": False}, {"settings": None}):
             with pytest.raises(AttributeError):
@@ -208,7 +208,7 @@ def test_a_late_kill_does_not_draw_an_extension_on(tmp_path, monkeypatch):
     first = again()
     assert not first.converged and "after 60 steps" in first.message
     with monkeypatch.context() as m:  # the command that draws on is broken off: what there was stays
-        m.setattr(diagnosis._Work, "_extend", interrupted)
+        m.setattr(diagnosis.Work, "extend", interrupted)
         with pytest.raises(KeyboardInterrupt):
             again()
     assert (tmp_path / "diagnosis.json").exists()

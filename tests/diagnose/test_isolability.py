@@ -11,7 +11,7 @@ import pytest
 from scripts import loaded
 from truths import experiment
 
-from psafit.diagnose.isolability import IsolabilitySettings, _Effects, isolability
+from psafit.diagnose.isolability import Effects, IsolabilitySettings, isolability
 from psafit.diagnose.next_experiment import proposed
 from psafit.diagnose.possible import proposals
 from psafit.drives import Drive, Table
@@ -55,7 +55,7 @@ def test_a_sweep_is_offered_for_causes_that_are_confounded(found):
 def test_nats_are_half_the_least_squares_that_the_rival_leaves():
     """By ordinary least squares on all columns at once, in the place of projections one after the other."""
     e, settings = experiment(), IsolabilitySettings(imitating=(0.5,))
-    raw = _Effects.at(Design.of(e.constants, e.groups), np.array(RIGS["damped"]), FEW, settings)
+    raw = Effects.at(Design.of(e.constants, e.groups), np.array(RIGS["damped"]), FEW, settings)
     made = raw.rows["amplifier_lag", 0.5][0]
     columns = np.vstack([raw.slopes, raw.rows["indentation_damping", 0.5]]).T
     left = made - columns @ np.linalg.lstsq(columns, made, rcond=None)[0]
@@ -67,10 +67,8 @@ def test_a_part_of_a_session_to_come_is_as_in_the_whole_design():
     """Of a cause by session too: what it does to the others it does to that one, at its usual value."""
     e, settings = experiment(), IsolabilitySettings()
     theta, by_session = np.array(RIGS["damped"]), terms(["session_lean", "reading_gain"])
-    parts = [
-        _Effects.at(Design.of(e.constants, g), theta, by_session, settings) for g in (e.groups[:-1], e.groups[-1:])
-    ]
-    whole = _Effects.at(Design.of(e.constants, e.groups), theta, by_session, settings)
+    parts = [Effects.at(Design.of(e.constants, g), theta, by_session, settings) for g in (e.groups[:-1], e.groups[-1:])]
+    whole = Effects.at(Design.of(e.constants, e.groups), theta, by_session, settings)
     joined = parts[0].with_part(parts[1], np.arange(e.groups[-1].n_points))
     for key, rows in whole.rows.items():
         assert np.allclose(joined.rows[key], rows, rtol=1e-6, atol=1e-9), key
@@ -192,9 +190,9 @@ def test_samples_of_a_trace_count_as_their_covariance_says(monkeypatch):
     e, settings = experiment(n=6), IsolabilitySettings(imitating=(0.5,))
     trace, theta, pair = traced(VELOCITY, 24), np.array(RIGS["study"]), terms(["idle_level", "indentation_damping"])
     design = Design.of(e.constants, [*e.groups, trace])
-    reported = _Effects.at(design, theta, pair, settings).refitted().against(["idle_level"], [pair[1].id], settings)
+    reported = Effects.at(design, theta, pair, settings).refitted().against(["idle_level"], [pair[1].id], settings)
     monkeypatch.setattr("psafit.inference.noise.whitened", lambda deviation, noise: deviation)
-    raw = _Effects.at(design, theta, pair, settings)
+    raw = Effects.at(design, theta, pair, settings)
     tau = VELOCITY.scatter[3].prior_median
     assert trace.time_us is not None
     correlation = np.eye(design.n_points)
@@ -211,7 +209,7 @@ def test_more_samples_of_one_motion_say_little_more():
     said = []
     for n in (64, 256):
         design = Design.of(e.constants, [*e.groups, traced(DISPLACEMENT, n)])
-        effects = _Effects.at(design, np.array(RIGS["study"]), pair, settings).refitted()
+        effects = Effects.at(design, np.array(RIGS["study"]), pair, settings).refitted()
         said.append(effects.against(["preload"], ["soft_layer"], settings))
     assert said[0] <= said[1] < 1.2 * said[0]
 
@@ -223,7 +221,7 @@ def test_refits_lose_by_a_trace_what_is_said_of_it():
     e, pair, settings = experiment(n=16), ("idle_level", "indentation_damping"), IsolabilitySettings()
     groups = (*e.groups, traced(VELOCITY, 48))
     both = replace(e, groups=read_as(groups, np.ones(sum(g.n_points for g in groups))))
-    linear = _Effects.at(Design.of(e.constants, groups), np.array(RIGS["study"]), terms(pair), settings).refitted()
+    linear = Effects.at(Design.of(e.constants, groups), np.array(RIGS["study"]), terms(pair), settings).refitted()
     ranges, refitted, reported = [], [], []
     for truth, rival in (pair, pair[::-1]):
         made, wrong = (Problem(both, both.ids, terms([id])) for id in (truth, rival))

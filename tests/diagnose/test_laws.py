@@ -68,9 +68,9 @@ def test_a_ball_cannot_gain_more_than_the_drive_gives() -> None:
         out[4] = -out[4] * p[0]
         out[5] = -out[5] * p[0]
 
-    def literal(world: Any, p: Any) -> None:
-        damping = world.damping
-        world.damping = lambda d, rate: -p[0] * damping(d, rate)
+    def literal(rig: Any, p: Any) -> None:
+        damping = rig.damping
+        rig.damping = lambda d, rate: -p[0] * damping(d, rate)
 
     cause = replace(term("hunt_crossley"), id="perpetual", law=law, literal=literal)
     values = {"k_c": 1e6, "c_s": 300.0, "c_c": 200.0, "hunt_crossley_lambda": 1.0}

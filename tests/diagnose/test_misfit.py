@@ -10,7 +10,7 @@ from rigs import RIG
 from truths import FEW, TRUTH, bump, experiment, few, narrow, problem, slip, unit
 
 from psafit.diagnose.discrepancy import discrepancy
-from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, _character, _together, examine
+from psafit.diagnose.misfit import ALPHA, Coincidence, Statistic, character_of, examine, oddness
 from psafit.diagnose.residuals import both, shared
 from psafit.experiment import Group, fingerprint
 from psafit.inference.candidate import fit
@@ -71,7 +71,7 @@ def test_what_is_spoilt_is_found_where_it_is(spoil, characters, group):
 def test_the_kind_of_what_is_wrong_is_that_of_what_stands_out(sound, kinds, odd, character):
     beyond = [Statistic(kind, kind, None, 9.0, 3.0, 0.001, True) for kind in kinds]
     within = Statistic("mean", "mean", None, 1.0, 0.5, 0.3, False)
-    assert _character(sound, FEW, [*beyond, within], 1, odd, None) == (character, ())
+    assert character_of(sound, FEW, [*beyond, within], 1, odd, None) == (character, ())
 
 
 def test_readings_of_two_sweeps_that_are_odd_at_one_frequency_are_seen():
@@ -129,10 +129,10 @@ def test_many_statistics_that_are_a_little_odd_are_odd_together():
     rng = np.random.default_rng(1)
     table = rng.standard_normal((40, 500))
     table[:, 0] = 1.3  # each at its upper tenth, none remarkable
-    together = _together(table)
+    together = oddness(table)
     assert together[0] > together[1:].max()
     table[:, 0] = rng.standard_normal(40)
-    assert 0.01 < np.mean(_together(table)[1:] >= _together(table)[0]) < 0.99
+    assert 0.01 < np.mean(oddness(table)[1:] >= oddness(table)[0]) < 0.99
 
 
 def test_a_few_readings_do_not_clear_the_rest():

@@ -52,9 +52,9 @@ def test_next_experiment_narrows_what_it_can(sound, monkeypatch):
 
     def falls(reported, u):
         n = len(reported)
-        return next_experiment._narrowing(next_experiment._Forecast(reported, np.zeros((n, 3)), np.full(n, 1 / n)), u)[
-            0
-        ]
+        return next_experiment.narrowing(
+            next_experiment.PredictedReadings(reported, np.zeros((n, 3)), np.full(n, 1 / n)), u
+        )[0]
 
     # Sixteen readings of unit scatter of a quantity of unit variance leave 1/17 of it.
     x = rng.normal(size=(400, 1))
@@ -71,7 +71,7 @@ def test_nothing_is_built_for_hardly_more():
         a = next_experiment.Proposal("as it is", "sine", [1.0], [1.0], {}, here, None, error)
         b = replace(a, text="changed", constants={"l": 0.2}, separation=changed)
         c = replace(b, text="less", separation=0.5 * changed)
-        found = next_experiment._worth_building([b, c, a], ProposalSettings.changed_rig)
+        found = next_experiment.worth_building([b, c, a], ProposalSettings.changed_rig)
         assert sorted(p.text for p in found) == ["as it is", "changed", "less"]
         return found[0].text
 
@@ -82,7 +82,7 @@ def test_nothing_is_built_for_hardly_more():
 def test_luck_puts_a_measurement_first_but_is_not_reported(sound, monkeypatch):
     """Where nothing but chance distinguishes proposals, the first of twelve promises no more than any other."""
     rng = np.random.default_rng(1)
-    monkeypatch.setattr(next_experiment, "_narrowing", lambda reported, u: rng.normal(size=(2, u.shape[1])))
+    monkeypatch.setattr(next_experiment, "narrowing", lambda reported, u: rng.normal(size=(2, u.shape[1])))
     draws = importance_sample(sound, seed=1)
     first = [determine(sound, draws, seed=1)[1][0].separation for _ in range(5)]
     assert abs(np.mean(first)) < 2 / np.sqrt(5)  # two standard errors; the best of twelve has 1.6
@@ -105,14 +105,14 @@ def test_copies_of_a_draw_do_not_judge_what_it_made():
     rng = np.random.default_rng(1)
     few = np.repeat(rng.normal(100.0, 30.0, size=(12, 1)), 16, axis=1)
     weight = rng.dirichlet(np.ones(12))
-    twin = next_experiment._Forecast(few, np.tile([0.05, 0.1, 30.0], (12, 1)), weight)
-    (separation, success, error), _ = next_experiment._apart([twin, replace(twin)], rng, ProposalSettings())
+    twin = next_experiment.PredictedReadings(few, np.tile([0.05, 0.1, 30.0], (12, 1)), weight)
+    (separation, success, error), _ = next_experiment.separation_of([twin, replace(twin)], rng, ProposalSettings())
     assert separation < 2 * error and success < 0.1
     # What readings state for themselves is part of their scatter.
     known = replace(twin, known=np.array([200.0]))
     other = replace(known, ranges=few + 20.0)
-    clear, _ = next_experiment._apart([twin, replace(other, known=None)], rng, ProposalSettings())
-    assert next_experiment._apart([known, other], rng, ProposalSettings())[0][0] < 0.5 < clear[0]
+    clear, _ = next_experiment.separation_of([twin, replace(other, known=None)], rng, ProposalSettings())
+    assert next_experiment.separation_of([known, other], rng, ProposalSettings())[0][0] < 0.5 < clear[0]
 
 
 def test_a_measurement_that_settles_one_question_of_two_is_reported_so():
@@ -120,8 +120,10 @@ def test_a_measurement_that_settles_one_question_of_two_is_reported_so():
     rng = np.random.default_rng(1)
     near = np.repeat(rng.normal(100.0, 1.0, size=(40, 1)), 16, axis=1)
     scatter, weight = np.tile([0.05, 0.1, 30.0], (40, 1)), np.full(40, 1 / 40)
-    one, far = (next_experiment._Forecast(x, scatter, weight) for x in (near, near + 100.0))
-    (separation, success, error), pairs = next_experiment._apart([one, replace(one), far], rng, ProposalSettings())
+    one, far = (next_experiment.PredictedReadings(x, scatter, weight) for x in (near, near + 100.0))
+    (separation, success, error), pairs = next_experiment.separation_of(
+        [one, replace(one), far], rng, ProposalSettings()
+    )
     assert separation == pytest.approx(np.log(2), abs=3 * error + 0.02) and success < 0.1
     assert abs(pairs[0, 1]) < 0.1 and pairs[0, 2] > 40 and pairs[1, 2] > 40 and (pairs == pairs.T).all()
 
@@ -151,7 +153,7 @@ def test_one_proposal_leaves_the_rig_as_it_is(sound):
     rng = np.random.default_rng(1)
     e = sound.problem.experiment
     possible = proposals(e.constants, e.groups, e.limits)
-    kept = next_experiment._best(
+    kept = next_experiment.best_of(
         possible, [bool(p.changed) + rng.random() / 2 for p in possible], ProposalSettings.closer
     )
     assert [not possible[k].changed for k in kept] == [False] * 11 + [True]
@@ -164,11 +166,11 @@ def test_another_observable_must_do_markedly_more():
     for separation, first in ((1.05, "ranges"), (1.3, "times")):
         other = replace(one, text="times", observable="contact_time", separation=separation)
         assert not other.as_it_is
-        assert next_experiment._worth_building([other, one], 0.1)[0].text == first
+        assert next_experiment.worth_building([other, one], 0.1)[0].text == first
 
 
 def test_each_observable_is_tried_on_the_rig_as_it_is(sound):
-    possible = next_experiment._possible(sound, TraceSettings())
+    possible = next_experiment.possible_measurements(sound, TraceSettings())
     others = [p for p in possible if p.other]
     assert {OBSERVABLES[p.design.measured[0]].name for p in others} == {
         "launch_speed", "contact_time", "peak_force", "displacement", "velocity", "tip_displacement",
@@ -179,11 +181,13 @@ def test_each_observable_is_tried_on_the_rig_as_it_is(sound):
 
 def test_no_contact_time_is_expected_of_a_launch_that_fails(sound):
     """A cell is left empty there: whether it is says nothing."""
-    reported = next_experiment._Forecast(np.array([[0.0, 3.0, 2.0], [1.0, 3.0, 2.0]]), np.ones((2, 3)), np.full(2, 0.5))
-    possible = next_experiment._possible(sound, TraceSettings())
+    reported = next_experiment.PredictedReadings(
+        np.array([[0.0, 3.0, 2.0], [1.0, 3.0, 2.0]]), np.ones((2, 3)), np.full(2, 0.5)
+    )
+    possible = next_experiment.possible_measurements(sound, TraceSettings())
     times = next(p for p in possible if p.other and OBSERVABLES[p.design.measured[0]].blank)
-    assert next_experiment._legible([reported, reported], times)[1].ranges.tolist() == [[3.0, 2.0], [3.0, 2.0]]
-    assert next_experiment._legible([reported], possible[0])[0].ranges.shape == (2, 3)
+    assert next_experiment.legible([reported, reported], times)[1].ranges.tolist() == [[3.0, 2.0], [3.0, 2.0]]
+    assert next_experiment.legible([reported], possible[0])[0].ranges.shape == (2, 3)
 
 
 def test_a_planned_contact_time_waits_for_its_column(sound):
@@ -201,7 +205,9 @@ def test_a_planned_contact_time_waits_for_its_column(sound):
 
 def test_a_trace_is_proposed_with_its_launch_its_length_and_its_samples(sound, tmp_path):
     """Over twice the contact of the best model; the plan waits for its readings, and a simulation knows its times."""
-    possible = [p for p in next_experiment._possible(sound, TraceSettings(samples=20)) if p.design.traced.any()]
+    possible = [
+        p for p in next_experiment.possible_measurements(sound, TraceSettings(samples=20)) if p.design.traced.any()
+    ]
     assert len({p.text for p in possible}) == len(possible) and all(p.other for p in possible)
     one = next(p for p in possible if p.text.startswith("a trace of the ball's velocity, square, "))
     time = one.design.time
@@ -209,7 +215,7 @@ def test_a_trace_is_proposed_with_its_launch_its_length_and_its_samples(sound, t
     d, theta = one.design, sound.values[None, :3]
     lasts = simulate(Design.sweep(RIG, "square", d.frequency[0], d.amplitude[0]), theta).separation_time[0, 0]
     assert time[-1] == pytest.approx(2 * lasts, rel=0.06)
-    proposal = next_experiment._judged(one, (1.0, None, 0.1))
+    proposal = next_experiment.proposal_of(one, (1.0, None, 0.1))
     assert (proposal.frequency_hz, proposal.n_readings) == ([d.frequency[0]], 20) and not proposal.as_it_is
     sweep = next_experiment.planned(proposal, "next", sound.problem.experiment)
     write_experiment(sound.problem.experiment, tmp_path / "planned", [sweep])
@@ -227,13 +233,13 @@ def test_samples_of_a_proposed_trace_count_with_their_correlation():
         motion = 5.0 * (time / time[-1]) ** 2
         shifted = motion + 0.05 * time / time[-1]
         one, other = (
-            next_experiment._Forecast(np.tile(x, (5, 1)), scatter, np.full(5, 0.2), None, -np.inf)
+            next_experiment.PredictedReadings(np.tile(x, (5, 1)), scatter, np.full(5, 0.2), None, -np.inf)
             for x in (motion, shifted)
         )
         rows = motion + 0.05 * rng.standard_normal((3, n))
         exact = [noise.log_density(row, one.ranges, scatter, None).sum(axis=1).mean() for row in rows]
         assert one.log_density(rows) == pytest.approx(exact)
-        separation.append(next_experiment._apart([one, other], rng, settings)[0][0])
+        separation.append(next_experiment.separation_of([one, other], rng, settings)[0][0])
     assert separation[0] > 0.3 and separation[1] < 1.5 * separation[0]
 
 
@@ -255,7 +261,7 @@ def test_a_rig_that_has_tables_only_is_offered_them(recorded, tmp_path):
     assert possible and all(p.design.used == (measured.groups[0].drive,) for p in possible)
     assert recorded == all(np.ptp(p.design.frequency) == np.ptp(p.design.amplitude) == 0.0 for p in possible)
     assert {bool(p.changed) for p in possible} == {True, False}
-    sweep = planned(next_experiment._judged(possible[0], (1.0, None, 0.1)), "next", measured)
+    sweep = planned(next_experiment.proposal_of(possible[0], (1.0, None, 0.1)), "next", measured)
     write_experiment(measured, tmp_path / "plan", [sweep])
     assert read_plan(tmp_path / "plan").groups[-1].drive == measured.groups[0].drive
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psafit.diagnose.next_experiment import Proposal, separating
-from psafit.diagnose.rehearsal import NEW, _measured, rehearse, repeat
+from psafit.diagnose.rehearsal import NEW, readings_to_come, rehearse, repeat
 from psafit.inference.evidence import importance_sample
 
 
@@ -14,7 +14,7 @@ def test_a_trace_is_rehearsed_with_its_correlated_scatter(sound):
     """Samples of either sign, which errors join that last longer than a sample."""
     times = [float(t) for t in range(1, 121)]
     trace = Proposal("", "sine", [1200.0], [20.0], {}, 1.0, None, 0.1, observable="tip_displacement", time_us=times)
-    new = [_measured(sound.problem, sound.modes[:1], trace, np.random.default_rng(seed)) for seed in range(40)]
+    new = [readings_to_come(sound.problem, sound.modes[:1], trace, np.random.default_rng(seed)) for seed in range(40)]
     assert all((g.id, g.n_points) == (NEW, 120) and g.time_us.tolist() == times for g in new)
     first = np.array([g.reading for g in new])[:, :12]  # while the tip hardly moves
     off = first - first.mean(axis=0)

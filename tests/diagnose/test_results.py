@@ -11,7 +11,7 @@ from truths import FEW, experiment, narrow, problem
 from psafit.diagnose.discrepancy import discrepancy
 from psafit.diagnose.misfit import examine
 from psafit.diagnose.record import NEAREST, NOT_EXCLUDED, UNSEEN
-from psafit.diagnose.results import _cause, _word, misfit_of
+from psafit.diagnose.results import cause_result, misfit_of, word_for
 from psafit.diagnose.room import Room
 from psafit.diagnose.screening import VISIBLE, screen
 from psafit.inference.sample import sample
@@ -27,16 +27,16 @@ def test_the_word_for_a_cause(hidden):
     calm = SimpleNamespace(verdict="explained", named=("gap",), alternatives=(), inclusion={"flight_friction": 0.1})
     weak, strong = SimpleNamespace(gain=lambda ids: 0.5), SimpleNamespace(gain=lambda ids: 9.0)
     little, much = (Room(0.01, size) for size in (0.9 * VISIBLE, 1.1 * VISIBLE))
-    assert _word(seen, weak, calm, little) == "not present"
-    assert _word(seen, weak, calm, much) == _word(seen, weak, calm, None) == NOT_EXCLUDED
-    assert _word(unseen, weak, calm, little) == UNSEEN
-    assert _word(unseen, strong, calm, little) == "explains part alone"
+    assert word_for(seen, weak, calm, little) == "not present"
+    assert word_for(seen, weak, calm, much) == word_for(seen, weak, calm, None) == NOT_EXCLUDED
+    assert word_for(unseen, weak, calm, little) == UNSEEN
+    assert word_for(unseen, strong, calm, little) == "explains part alone"
     tied = SimpleNamespace(**vars(calm) | {"alternatives": (("flight_friction", "gap"),)})
-    assert _word(unseen, weak, tied, little) == "as good"
+    assert word_for(unseen, weak, tied, little) == "as good"
     named = SimpleNamespace(**vars(calm) | {"inclusion": {"flight_friction": 0.9}})
-    assert _word(unseen, weak, named, None) == "present"
+    assert word_for(unseen, weak, named, None) == "present"
     named.verdict = "unexplained"
-    assert _word(unseen, weak, named, None) == NEAREST
+    assert word_for(unseen, weak, named, None) == NEAREST
 
 
 @pytest.mark.slow
@@ -49,7 +49,7 @@ def test_values_that_nobody_expects_are_flagged():
         one = problem(replace(e, beliefs=beliefs))
         lag = replace(one, terms=terms(["amplifier_lag"])).terms
         model_set = search_models(one, lag, seed=1)
-        cause = _cause(model_set, verdict, model_set.of(("amplifier_lag",)))
+        cause = cause_result(model_set, verdict, model_set.of(("amplifier_lag",)))
         assert cause.implausible == flagged
     widths = cause.evidence.prior_width
     assert widths["twice"] > 1 > 0 > widths["half"]
@@ -68,5 +68,5 @@ def test_the_readings_furthest_from_what_is_adopted_are_always_reported():
     assert [r.frequency_hz for r in misfit.baseline.furthest].count(hz) == 2
     assert [w.group for w in misfit.where[:2]] == ["a", "c"] and misfit.where[0].together == ["c"]
     assert "as there in group c" in misfit.where[0].text
-    cause = _cause(model_set, SimpleNamespace(named=(), probability={(): 1.0}), model_set.baseline)
+    cause = cause_result(model_set, SimpleNamespace(named=(), probability={(): 1.0}), model_set.baseline)
     assert cause.parameters["nu"].upper < 10.0

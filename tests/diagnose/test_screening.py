@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from truths import FEW, experiment, problem
 
-from psafit.diagnose.screening import PRESENT, VISIBLE, ScreenSettings, _luck, _unclear, _with_neutral, screen
+from psafit.diagnose.screening import (
+    PRESENT,
+    VISIBLE,
+    ScreenSettings,
+    gains_by_luck,
+    screen,
+    unclear_strengths,
+    with_neutral,
+)
 from psafit.inference.candidate import candidate_of, fit
 from psafit.inference.optimiser import maximise
 from psafit.physics import terms
@@ -55,29 +63,30 @@ def test_what_luck_gains_has_the_known_laws():
     nothing = np.random.default_rng(1).standard_normal((20000, 5))
     one_sided = np.linspace(0, 6, 121)[:, None] * np.eye(5)[2]
     found = [
-        np.quantile(_luck(effects, [], nothing), 0.95) for effects in (one_sided, np.vstack([one_sided, -one_sided]))
+        np.quantile(gains_by_luck(effects, [], nothing), 0.95)
+        for effects in (one_sided, np.vstack([one_sided, -one_sided]))
     ]
     assert found == pytest.approx([0.5 * 1.645**2, 0.5 * 1.960**2], rel=0.05)
-    drawn = _luck(np.zeros((1, 5)), [3.0 * np.eye(5)[[1]]], nothing)
+    drawn = gains_by_luck(np.zeros((1, 5)), [3.0 * np.eye(5)[[1]]], nothing)
     assert drawn == pytest.approx(0.5 * 0.9 * nothing[:, 1] ** 2)
 
 
 def test_screening_looks_between_where_gains_are_steep():
     """A cause that acts by thresholds helps in a narrow range, next to which it harms."""
     q = np.array([0.1, 0.3, 0.5, 0.9])
-    assert _unclear(q, np.array([0.0, 0.0, -30.0, -31.0]), ScreenSettings()) == pytest.approx([0.4])
-    assert _unclear(q, np.array([0.0, 1.0, 2.0, 1.0]), ScreenSettings()).size == 0
+    assert unclear_strengths(q, np.array([0.0, 0.0, -30.0, -31.0]), ScreenSettings()) == pytest.approx([0.4])
+    assert unclear_strengths(q, np.array([0.0, 1.0, 2.0, 1.0]), ScreenSettings()).size == 0
     # Far below the best nothing is worth a look.
-    assert _unclear(q, np.array([40.0, 39.0, 0.0, -30.0]), ScreenSettings()) == pytest.approx([0.4])
+    assert unclear_strengths(q, np.array([40.0, 39.0, 0.0, -30.0]), ScreenSettings()) == pytest.approx([0.4])
 
 
 def test_a_stronger_effect_than_any_tried_is_looked_for_towards_neutral():
     """Where the weakest strength of the prior's quantiles is far too much, what helps lies below it."""
     lag = terms(["amplifier_lag"])[0].strength
-    q, gain = _with_neutral(lag, np.array([0.02, 0.1]), np.array([-50.0, -90.0]))
-    assert (q[0], gain[0]) == (0.0, 0.0) and _unclear(q, gain, ScreenSettings()) == pytest.approx([0.01])
+    q, gain = with_neutral(lag, np.array([0.02, 0.1]), np.array([-50.0, -90.0]))
+    assert (q[0], gain[0]) == (0.0, 0.0) and unclear_strengths(q, gain, ScreenSettings()) == pytest.approx([0.01])
     ratio = terms(["stroke_tolerance"])[0].strength  # neutral in the middle
-    q, gain = _with_neutral(ratio, np.array([0.1, 0.9]), np.array([5.0, -9.0]))
+    q, gain = with_neutral(ratio, np.array([0.1, 0.9]), np.array([5.0, -9.0]))
     assert q[1] == pytest.approx(ratio.prior_share(ratio.neutral)) and gain.tolist() == [5.0, 0.0, -9.0]
     # A layer of a hundredth of what is plausible shows where ranges are small.
     layer = terms(["soft_layer"])

@@ -13,7 +13,7 @@ from folders import CSV, HEADER, SIGMA, TOML, refusal, write
 from psafit.errors import Faults, InputError, InputErrors
 from psafit.experiment import read_experiment, read_plan, write_experiment
 from psafit.inference import noise
-from psafit.inference.scale import read
+from psafit.prior_check import read
 
 
 def refusals(folder: Path) -> list[str]:

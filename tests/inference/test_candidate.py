@@ -15,12 +15,11 @@ from psafit.experiment import read_experiment
 from psafit.inference.candidate import (
     Candidate,
     FitSettings,
-    _across_steps,
+    across_steps,
     built_up,
     candidate_at,
     fit,
     separate_modes,
-    thinned,
 )
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
@@ -40,7 +39,7 @@ def test_what_acts_by_steps_is_found_a_step_away():
     away[0, whole.names.index("repeat_cycles")] = 1.3
     stuck = maximise(whole, away)
     assert stuck.u[0, whole.names.index("repeat_cycles")] == 1.3 and stuck.log_posterior[0] < best.log_posterior[0] - 10
-    assert _across_steps(whole, stuck, FitSettings()).log_posterior.max() > best.log_posterior[0] - 1
+    assert across_steps(whole, stuck, FitSettings()).log_posterior.max() > best.log_posterior[0] - 1
 
 
 @pytest.mark.slow
@@ -124,5 +123,5 @@ def test_a_model_of_many_causes_is_built_up():
 
 def test_thinning_keeps_small_groups():
     e = experiment(n=24)
-    assert [g.n_points for g in thinned(e, 3).groups] == [8, 8, 8]
-    assert [g.n_points for g in thinned(experiment(n=6), 3).groups] == [6, 6, 6]
+    assert [g.n_points for g in e.thinned(3).groups] == [8, 8, 8]
+    assert [g.n_points for g in experiment(n=6).thinned(3).groups] == [6, 6, 6]

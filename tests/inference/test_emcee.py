@@ -23,7 +23,7 @@ from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import emcee as ensembles
-from psafit.inference.samplers.emcee import SAMPLER, History, Proposal, Settings
+from psafit.inference.samplers.emcee import SAMPLER, History, IndependenceProposal, Settings
 from psafit.inference.sampling import Chain, Target
 from psafit.physics import terms
 
@@ -142,13 +142,13 @@ class TwoModes:
         modes = np.logaddexp(np.log(self.masses) - 0.5 * squares, (-21.0 - lost)[:, None])
         return np.logaddexp(*modes.T) + self.log_prior(u)
 
-    def proposal(self, *shares: float) -> Proposal:
+    def proposal(self, *shares: float) -> IndependenceProposal:
         parts = [(c, np.eye(2), s) for c, s in zip(self.centres, shares, strict=True)]
-        return Proposal(self, StudentMixture.of(parts))  # type: ignore[arg-type]
+        return IndependenceProposal(self, StudentMixture.of(parts))  # type: ignore[arg-type]
 
     def run(self, path: Path, settings: Settings, *shares: float, begin: np.ndarray | None = None) -> Chain:
         """Ensembles that move by differential evolution and independent draws."""
-        moves = [(emcee.moves.DEMove(), 0.7), (ensembles._move(self.proposal(*(shares or (0.7, 0.3))).move), 0.3)]
+        moves = [(emcee.moves.DEMove(), 0.7), (ensembles.move_of(self.proposal(*(shares or (0.7, 0.3))).move), 0.3)]
         start = self.proposal(1.0, 1.0).draw(settings.n_walkers, np.random.default_rng(0)) if begin is None else begin
         return ensembles.run(
             self.log_posterior, lambda random: start, lambda steps: moves, n_dim=2, seed=1, path=path, identity="x",

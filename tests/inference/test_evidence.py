@@ -18,10 +18,10 @@ from psafit.inference.evidence import (
     ImportanceSample,
     Pool,
     RoundSettings,
-    _drawn_inside,
-    _sample,
+    drawn_inside,
     importance_sample,
     laplace_mixture,
+    sample_in_rounds,
 )
 from psafit.inference.mixture import StudentMixture
 from psafit.inference.optimiser import Effort, Optima
@@ -108,13 +108,13 @@ def test_evidence_of_a_corner():
         return last.mixture.around(found.u, found.weights, width)
 
     assert (first.draw(256, np.random.default_rng(3)).min(axis=1) > 0).sum() < 4
-    found = _sample(
+    found = sample_in_rounds(
         log_posterior, bounds, first, adapted, np.random.default_rng(3), RoundSettings(effective=1e9)
     ).sample()
     assert found.log_evidence == pytest.approx(np.log1p(-np.exp(-rate)).sum(), abs=0.5)
     assert found.effective > 60
     with pytest.raises(ConvergenceError, match="within the bounds"):
-        _drawn_inside(first, bounds + 100.0, 256, np.random.default_rng(0))
+        drawn_inside(first, bounds + 100.0, 256, np.random.default_rng(0))
 
 
 def test_resampling_keeps_the_weighted_mean(sound):

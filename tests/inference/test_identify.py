@@ -15,6 +15,7 @@ from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.physics import terms
 from psafit.records import ProfilePoint
+from psafit.text import resolved
 
 
 def test_profile_of_a_determined_and_an_open_parameter(finished: Run) -> None:
@@ -95,10 +96,10 @@ def test_words_for_each_verdict() -> None:
     assert "at least 1.7 (95 %)" in identify.describe("c_c", "1", 5.0, (1.0, 9.0), below, "bounded below")
     assert identify.describe("c_c", "1", 5.0, (1.0, 9.0), flat, "not determined").endswith("of its profile closes")
     assert identify.describe("nu", "1", 5.0, (1.0, 9.0), [], "not determined").endswith("narrower than the prior's")
-    assert identify.significant(142537.0, 812.0) == "1.4254e5"
-    assert identify.significant(3219876.0, 526000.0) == "3.22e6"
-    assert identify.significant(99999.0, 99999.0) == "1.0e5"
-    assert identify.significant(0.2523, 0.05) == "0.252"
+    assert resolved(142537.0, 812.0) == "1.4254e5"
+    assert resolved(3219876.0, 526000.0) == "3.22e6"
+    assert resolved(99999.0, 99999.0) == "1.0e5"
+    assert resolved(0.2523, 0.05) == "0.252"
 
 
 @pytest.mark.parametrize(
@@ -124,4 +125,4 @@ def test_what_has_no_profile_is_judged_by_what_the_readings_say(name, likelihood
     if word == "bounded below":
         low, high = parameter.to_physical(np.quantile(draws, [0.05, 0.95]))
         text = identify.describe(name, "1", 0.5 * (low + high), (low, high), [], word)
-        assert text == f"{name} at least {identify.significant(low, low)} (95 %); these readings give no upper limit"
+        assert text == f"{name} at least {resolved(low, low)} (95 %); these readings give no upper limit"

@@ -58,7 +58,7 @@ def test_a_model_held_below_its_top_rises_from_where_a_neighbour_is(hidden: Mode
 
 def test_what_a_neighbour_lacks_stays_where_a_model_has_it(hidden: ModelSet) -> None:
     pair, lag = hidden.of(("amplifier_lag", "flight_friction")), hidden.of(("amplifier_lag",))
-    start = pair.problem.to_physical(fitting._merged(pair.problem, pair, lag)[None])[0]
+    start = pair.problem.to_physical(fitting.merged(pair.problem, pair, lag)[None])[0]
     friction = len(lag.problem.names) - 3  # after the lag, before the scatter
     assert start[friction] == pytest.approx(pair.values[friction], abs=1e-3)
     assert start[0] == pytest.approx(lag.values[0], rel=0.01)
@@ -141,7 +141,7 @@ def test_idle_processes_work_ahead_and_what_is_not_needed_yet_may_fail(
 
     def eagerly(jobs: int, work: Any, calls: Any, *, waiting: int = 1) -> Any:
         """Processes that take all there is before the first result."""
-        for task, needed in list(calls) if work is fitting._worked else ():
+        for task, needed in list(calls) if work is fitting.worked else ():
             made.append((task.key.partition("-")[0], needed))
             yield work(task, needed)
 
@@ -160,10 +160,10 @@ def test_idle_processes_work_ahead_and_what_is_not_needed_yet_may_fail(
     def fails(problem: Any) -> Any:
         raise ConvergenceError("an optimisation", reached=0, required=1)
 
-    task = fitting._Task("key", one, fails, ())
-    assert fitting._worked(task, False) == ("key", None)
+    task = fitting.Task("key", one, fails, ())
+    assert fitting.worked(task, False) == ("key", None)
     with pytest.raises(ConvergenceError):
-        fitting._worked(task, True)
+        fitting.worked(task, True)
 
 
 def killing(memory: Memory, pids: Callable[[], Sequence[int]], dead: list[int]) -> threading.Thread:

@@ -71,6 +71,17 @@ def test_causes_that_add_up_are_all_found() -> None:
     assert best.ids == ("b", "e", "g") and best.sampled and best.ids in found.expanded
 
 
+def test_many_causes_that_do_as_well_as_many_others_are_found() -> None:
+    """What leads from the first step on is no part of what leads in the end."""
+    families = ({"a": 60.0, "b": 20.0, "c": 15.0}, {"d": 50.0, "e": 15.0, "f": 15.0, "g": 30.0})
+    evidence: Evidence = lambda ids: max(additive(gains)(ids) for gains in families)  # noqa: E731
+    fake = Fake(evidence)
+    found = search(CATALOGUE, fake, flat)
+    assert found.models["d", "e", "f", "g"].sampled and ("d", "e", "f", "g") in found.expanded
+    small = SearchSettings(from_prior=3)
+    assert ("d", "e", "f", "g") not in search(CATALOGUE, Fake(evidence), flat, small).models
+
+
 def test_what_is_left_behind_on_the_way_up_is_not_sampled() -> None:
     fake = Fake(additive({"b": 40.0, "e": 30.0, "g": 25.0, "h": 20.0}))
     search(CATALOGUE, fake, flat)
@@ -273,4 +284,5 @@ def test_what_is_foreseen_is_what_follows() -> None:
     reported.clear()
     search(CATALOGUE, fake, flat)
     of = {ids: sets for ids, _, sets in reported}
-    assert list(of) == [("a",), ("a", "b"), ("a", "b", "c")] and of["a", "b", "c"] == fake.carried_over
+    assert list(of) == [("a",), ("a", "b"), ("a", "b", "c")] and of["a", "b", "c"]
+    assert fake.carried_over[: len(of["a", "b", "c"])] == of["a", "b", "c"]

@@ -17,7 +17,7 @@ from psafit.drives import Drive, Table
 from psafit.experiment import Constants, read_experiment
 from psafit.parameters import Bounds, Normal, Parameter
 from psafit.physics import TERMS, baseline, term
-from psafit.physics.term import Check, Symptom, Term, World
+from psafit.physics.term import Check, ReferenceRig, Symptom, Term
 from psafit.simulate import Design, columns, contract, path_of, simulate
 from psafit.simulate.contract import Draw, Outcome, draw, edges
 from psafit.simulate.literal import literal_launch
@@ -211,18 +211,18 @@ def _harden(d: float, rate: float, p: Any, out: Any) -> None:
     out[2] *= factor
 
 
-def _harden_literal(world: World, p: Sequence[float]) -> None:
-    elastic, strength = world.elastic, p[0]
-    world.elastic = lambda d, rate: elastic(d, rate) * (1 + strength * (d / 1e-6) ** 2)
+def _harden_literal(rig: ReferenceRig, p: Sequence[float]) -> None:
+    elastic, strength = rig.elastic, p[0]
+    rig.elastic = lambda d, rate: elastic(d, rate) * (1 + strength * (d / 1e-6) ** 2)
 
 
 def _compress(L: Any, p: Any, group: Any) -> Any:
     return L / (1.0 + p[:, :1] * L * group)
 
 
-def _compress_literal(world: World, p: Sequence[float]) -> None:
-    before, strength = world.reading, p[0]
-    world.reading = lambda L, group: before(L, group) / (1 + strength * before(L, group) * group)
+def _compress_literal(rig: ReferenceRig, p: Sequence[float]) -> None:
+    before, strength = rig.reading, p[0]
+    rig.reading = lambda L, group: before(L, group) / (1 + strength * before(L, group) * group)
 
 
 def _new(id: str, unit: str, scale: float, slot: Any, **faces: Any) -> Term:

@@ -131,7 +131,7 @@ def test_installed_packages_announce_causes(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setenv(plugins.VARIABLE, str(tmp_path / "their_sensor.py"))
     ((file, term),) = plugin.discover()  # the same file three times
     assert file.name == "their_sensor.py" and term.plugin == plugin.read(file).plugin
-    assert "sensor_compression" in [t.id for t in physics._with_plugins(TERMS)]
+    assert "sensor_compression" in [t.id for t in physics.with_plugins(TERMS)]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from reader import HOSTILE, Reader
 from sides import made
 
 from psafit.compare import compare
-from psafit.report.comparison import _what_differs, write_comparison
+from psafit.report.comparison import what_differs, write_comparison
 
 
 def test_hostile_names_are_escaped(tmp_path: Path) -> None:
@@ -28,5 +28,5 @@ def test_an_interval_of_no_width_does_not_count_as_apart() -> None:
     one, other = made("one", 1.0, spread=0.0), made("other", 2.0)
     found = compare(one, other)
     assert math.isnan(found.parameters[0].overlap or 0.0)
-    assert "share less" not in _what_differs(found) and "1 parameter in both" in _what_differs(found)
-    assert "share less" in _what_differs(compare(made("one", 1.0), other))
+    assert "share less" not in what_differs(found) and "1 parameter in both" in what_differs(found)
+    assert "share less" in what_differs(compare(made("one", 1.0), other))

@@ -15,7 +15,7 @@ from psafit.inference.run_folder import Run
 from psafit.records import plain
 from psafit.report import figures, fit, wording
 from psafit.report.fit import write_report
-from psafit.report.fit_pictures import _middle
+from psafit.report.fit_pictures import middle_words
 from psafit.validate import score, verdict
 
 
@@ -139,7 +139,7 @@ def test_first_screen_says_what_it_must(page):
 
 
 def test_the_group_that_stands_for_the_unseen_is_described_by_its_rank():
-    words = [_middle(n) for n in (1, 2, 3, 4)]
+    words = [middle_words(n) for n in (1, 2, 3, 4)]
     assert words[:2] == ["the one the fit never saw", "of the two the fit never saw, the worse"]
     assert words[2].endswith("the one of median score") and words[3].endswith("the worse of the two of middle score")
 
@@ -179,7 +179,7 @@ def test_unconverged_numerics_are_a_warning(tmp_path):
 def test_causes_are_named(page):
     run = replace(page.run, fit=replace(page.run.fit, terms=["hysteresis"]))
     fitted = [fit.Shown(score(p), p, figures.sweep_of(p.group)) for p in make_predictions(run)]
-    assert "extended by hysteresis" in fit._what_was_fitted(run, fitted)
+    assert "extended by hysteresis" in fit.what_was_fitted(run, fitted)
 
 
 def test_thresholds_are_those_of_the_verdict():
@@ -194,12 +194,12 @@ def test_a_fit_that_is_too_sure_does_not_predict(tmp_path):
     validation = make_validation(run, make_predictions(run))
     near = [replace(s, log_rmse=0.1, coverage_90=0.75, n_points=77, drift_p_value=0.5) for s in validation.groups]
     narrow = replace(validation, groups=near, holdout_log_rmse=0.1)
-    assert fit._verdict(narrow) == {"text": "comes near, too sure", "kind": "warn"}
-    text = fit._what_it_predicts(narrow)
+    assert fit.verdict_of(narrow) == {"text": "comes near, too sure", "kind": "warn"}
+    text = fit.what_it_predicts(narrow)
     assert "Does it predict what it has not seen?" in text and "surer than it may be" in text and "dequate" not in text
     honest = replace(narrow, groups=[replace(s, coverage_90=0.9) for s in near])
-    assert fit._verdict(honest) == {"text": "predicts", "kind": "good"}
-    kinds = [[row[4]["kind"] for row in fit._parameter_rows(run, doubted)] for doubted in (False, True)]
+    assert fit.verdict_of(honest) == {"text": "predicts", "kind": "good"}
+    kinds = [[row[4]["kind"] for row in fit.parameter_rows(run, doubted)] for doubted in (False, True)]
     assert "good" in kinds[0] and "good" not in kinds[1]
 
 
@@ -207,12 +207,12 @@ def test_groups_that_cannot_show_it_are_not_reported(tmp_path):
     loud, silent = sweep_groups()[0], make_group("off", [100.0, 300.0, 900.0], 0.0, [0.0, 0.1, 0.0])
     run = make_run(tmp_path, (loud, silent, replace(loud, id=3)))
     validation = make_validation(run, make_predictions(run))
-    assert "predicts group 3: typically" in fit._what_it_predicts(validation)
+    assert "predicts group 3: typically" in fit.what_it_predicts(validation)
     run = make_run(tmp_path, (loud, silent))
     validation = make_validation(run, make_predictions(run))
     assert validation.holdout_log_rmse is None
-    assert "no group that could show it, so nothing is left" in fit._what_it_predicts(validation)
-    assert len(fit._tiles(validation)) == 2
+    assert "no group that could show it, so nothing is left" in fit.what_it_predicts(validation)
+    assert len(fit.tiles_of(validation)) == 2
 
 
 def test_very_many_groups(tmp_path):
@@ -223,7 +223,7 @@ def test_very_many_groups(tmp_path):
     shown = [fit.Shown(s, p, figures.sweep_of(p.group)) for s, p in zip(scores, predictions, strict=True)]
     kept = fit.fit_pictures.pictured(shown)
     assert len(kept) <= 25 and any(g.score.role == "fit" for g in kept)
-    assert "the 57 other groups: typically" in fit._what_it_predicts(make_validation(run, predictions))
+    assert "the 57 other groups: typically" in fit.what_it_predicts(make_validation(run, predictions))
 
 
 def test_the_page_compares_the_sampler_with_importance_draws(tmp_path):

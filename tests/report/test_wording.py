@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from psafit.challenge.score import percent
-from psafit.cli.diagnosing import _share
+from psafit.cli.diagnosing import share_text
 from psafit.diagnose.next_experiment import NextExperiment, Proposal, Purpose
 from psafit.report import wording
 from psafit.report.diagnosis import words
@@ -49,7 +49,7 @@ def test_plain_text_is_typeset():
 
 def test_the_same_probability_reads_the_same_everywhere():
     assert wording.p_value(0.925) == "0.93" and plain_spaces(wording.percent(0.925)) == "93 %"
-    assert _share(0.925) == "92.5" and _share(0.0125) == "1.3" and percent(0.925) == "93 %"
+    assert share_text(0.925) == "92.5" and share_text(0.0125) == "1.3" and percent(0.925) == "93 %"
 
 
 def test_nothing_is_narrower_by_minus_zero():

@@ -13,16 +13,16 @@ from scipy.optimize import brentq
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.experiment import Constants
-from psafit.physics.term import World
-from psafit.simulate.literal import jump, launch_in, literal_launch, literal_world, swing
+from psafit.physics.term import ReferenceRig
+from psafit.simulate.literal import jump, launch_in, literal_launch, reference_rig, swing
 from psafit.simulate.reference import ContactParameters, Point, mp_launch, pendulum_range, tight_launch
 
 RIG = Constants(M=0.027, m=0.005, q=1.2e-7, l=0.09, k_s=4.89e7, g=9.81)
 THETA = (4e5, 9e3, 60.0)
 
 
-def world(theta: tuple[float, float, float] = THETA, rig: Constants = RIG) -> World:
-    return literal_world(theta, [], rig)
+def given(theta: tuple[float, float, float] = THETA, rig: Constants = RIG) -> ReferenceRig:
+    return reference_rig(theta, [], rig)
 
 
 def draw(rng: np.random.Generator) -> tuple[Point, ContactParameters]:
@@ -66,7 +66,7 @@ def test_an_integration_that_does_not_end_is_reported() -> None:
 
 
 def test_no_voltage_reads_as_a_range_of_zero() -> None:
-    w = world()
+    w = given()
     w.reading = lambda L, group: L + 1e-6 * group
     found = launch_in(w, Point("sine", 1000.0, 0.0), group=3)
     assert (found.outcome, found.launch_range) == ("no launch", 3e-6)
@@ -75,7 +75,7 @@ def test_no_voltage_reads_as_a_range_of_zero() -> None:
 
 @pytest.mark.parametrize("waveform", ["sine", "square"])
 def test_tighter_tolerance_changes_nothing(waveform: str) -> None:
-    w = world((3e5, 2e3, 30.0))
+    w = given((3e5, 2e3, 30.0))
     w.lag, w.slew, w.gap, w.lean, w.bond, w.pull, w.cycles = 1e-5, 4e5, 2e-7, 0.0, 0.01, 0.4, 2.0
     w.elastic = lambda d, rate: w.k_c * d * abs(d / 1e-6) ** 0.37 * (1 + 3 * rate)
     w.memories = [lambda z, u, du: 0.3 * w.q * du - abs(du) * z / 7.0]
@@ -91,7 +91,7 @@ def test_tighter_tolerance_changes_nothing(waveform: str) -> None:
 # --- the drive ------------------------------------------------------------------------------------
 
 
-def tip_meets_ball(w: World, point: Point) -> tuple[float, float]:
+def tip_meets_ball(w: ReferenceRig, point: Point) -> tuple[float, float]:
     """Time and tip's speed at the first contact over a gap: the launch of a ball so soft that it stays where it is.
 
     With a contact a millionth as stiff as the stack and no damping, the tip does not feel the ball.
@@ -101,7 +101,7 @@ def tip_meets_ball(w: World, point: Point) -> tuple[float, float]:
     return found.separation_time, found.velocity
 
 
-def impulse(w: World, tip: Callable[[float], float], start: float, end: float) -> float:
+def impulse(w: ReferenceRig, tip: Callable[[float], float], start: float, end: float) -> float:
     """Speed of a ball that a tip, moving on its own, indents by ``x1 - gap`` with the stiffness k_c."""
     total, _ = quad(lambda t: tip(t) - w.gap, start, end, epsabs=0.0, epsrel=1e-13, limit=200)
     return w.k_c * total / w.M
@@ -110,7 +110,7 @@ def impulse(w: World, tip: Callable[[float], float], start: float, end: float) -
 SOFT = (1e-9, 9e3, 0.0)  # the stack does not notice this contact
 
 
-def lagging_tip(w: World, frequency: float, volt: float, lag: float) -> Callable[[float], float]:
+def lagging_tip(w: ReferenceRig, frequency: float, volt: float, lag: float) -> Callable[[float], float]:
     """Tip without a ball: ``x1'' = -c_s/m x1' - k_s/m x1 + k_s q u/m`` under the response of a lag to a sine."""
     omega = 2 * math.pi * frequency
     steady = volt / (1 + 1j * omega * lag)  # u = Im(steady exp(i w t)) + free exp(-t/lag)
@@ -129,7 +129,7 @@ def lagging_tip(w: World, frequency: float, volt: float, lag: float) -> Callable
 
 @pytest.mark.parametrize(("lag", "gap"), [(0.0, 0.0), (4e-5, 0.0), (0.0, 1.1e-6), (4e-5, 0.9e-6)])
 def test_free_tip_under_a_lagging_sine(lag: float, gap: float) -> None:
-    w = world(SOFT)
+    w = given(SOFT)
     w.lag, w.gap = lag, gap
     tip = lagging_tip(w, 700.0, 12.0, lag)
     grid = np.linspace(1e-7, 1.4e-3, 4000)
@@ -148,7 +148,7 @@ def test_slew_limited_sine_is_a_sawtooth_that_meets_its_command() -> None:
     # A stack without inertia to speak of (k_s/m = 1e15 1/s^2, critically damped) shows the voltage itself. V w = 4 S:
     # u rises as S t until it meets the falling sine, then falls at S: zero at twice that time.
     rig = Constants(M=0.027, m=1e-12, q=1.2e-7, l=0.09, k_s=1e3, g=9.81)
-    w = world((1e-9, 2 * math.sqrt(1e3 * 1e-12), 0.0), rig)
+    w = given((1e-9, 2 * math.sqrt(1e3 * 1e-12), 0.0), rig)
     point = Point("sine", 100.0, 10.0)
     omega = 2 * math.pi * point.frequency
     w.slew = point.amplitude * omega / 4
@@ -164,7 +164,7 @@ def test_slew_limited_sine_is_a_sawtooth_that_meets_its_command() -> None:
 def test_slew_limit_and_lag_rise_on_a_ramp_then_exponentially() -> None:
     # Square command: u' = S until V - u = S lag, then u = V - S lag exp(-(t - t1)/lag).
     rig = Constants(M=0.027, m=1e-12, q=1.2e-7, l=0.09, k_s=1e3, g=9.81)
-    w = world((1e-9, 2 * math.sqrt(1e3 * 1e-12), 0.0), rig)
+    w = given((1e-9, 2 * math.sqrt(1e3 * 1e-12), 0.0), rig)
     point = Point("square", 100.0, 10.0)
     w.slew, w.lag = 1e4, 4e-4
     knee = 10.0 / w.slew - w.lag
@@ -181,23 +181,23 @@ def test_slew_limit_and_lag_rise_on_a_ramp_then_exponentially() -> None:
 
 
 def test_a_phase_of_a_half_turn_starts_away_from_the_ball() -> None:
-    w = world()
+    w = given()
     w.phase = math.pi
     late = launch_in(w, Point("sine", 1000.0, 10.0))
     assert late.separation_time > 0.5e-3
     w.phase = 2 * math.pi
-    assert launch_in(w, Point("sine", 1000.0, 10.0)) == launch_in(world(), Point("sine", 1000.0, 10.0))
+    assert launch_in(w, Point("sine", 1000.0, 10.0)) == launch_in(given(), Point("sine", 1000.0, 10.0))
 
 
 # --- the stack ------------------------------------------------------------------------------------
 
 
-def bouc_wen(w: World, strength: float, scale: float) -> None:
+def bouc_wen(w: ReferenceRig, strength: float, scale: float) -> None:
     w.memories = [lambda z, u, du: strength * w.q * du - abs(du) * z / scale]
 
 
 def test_hysteresis_state_after_jumps() -> None:
-    w = world()
+    w = given()
     bouc_wen(w, 0.4, 6.0)
     up = jump(w.memories[0], w.q, 0.0, 0.0, 15.0)
     assert up == pytest.approx(0.4 * w.q * 6.0 * (1 - math.exp(-15.0 / 6.0)), rel=1e-12)
@@ -213,7 +213,7 @@ def test_hysteresis_follows_its_branches_under_a_sine(lag: float) -> None:
     # A quasi-static stack: the tip is at q u - z. It crosses zero on the way down before the voltage does, where
     # q u = z on the downward branch z = -L + (z_top + L) exp(-(V - u)/U), L = s q U.
     rig = Constants(M=0.027, m=1e-12, q=1.2e-7, l=0.09, k_s=1e3, g=9.81)
-    w = world((1e-9, 2 * math.sqrt(1e3 * 1e-12), 0.0), rig)
+    w = given((1e-9, 2 * math.sqrt(1e3 * 1e-12), 0.0), rig)
     strength, scale, volt, frequency = 0.5, 5.0, 12.0, 50.0
     bouc_wen(w, strength, scale)
     w.lag = lag
@@ -231,11 +231,11 @@ def test_hysteresis_follows_its_branches_under_a_sine(lag: float) -> None:
 
 
 def test_stroke_that_bends_at_zero_volts() -> None:
-    w = world()
+    w = given()
     w.stroke = lambda u: w.q * u * (1 + 0.03 * abs(u))
     # Square: the voltage's size is constant until the edge, where the ball may be gone: a rig with a longer stroke.
     point = Point("square", 2000.0, 10.0)
-    longer = literal_world(THETA, [], Constants(**{**vars(RIG), "q": RIG.q * 1.3}))
+    longer = given(THETA, Constants(**{**vars(RIG), "q": RIG.q * 1.3}))
     assert launch_in(w, point).launch_range == pytest.approx(launch_in(longer, point).launch_range, rel=1e-13)
 
 
@@ -271,7 +271,7 @@ def test_preload_superposes_its_statics_on_the_motion(lean: float, theta: tuple[
     # to minus the static one.
     point = Point("sine", 700.0, 10.0)
     motion = linear_motion(theta, point)
-    w = world(theta)
+    w = given(theta)
     w.lean = lean
     push = w.M * w.g * lean / w.l
     when = first_fall(motion, -push / w.k_c, 2e-3)
@@ -283,7 +283,7 @@ def test_preload_superposes_its_statics_on_the_motion(lean: float, theta: tuple[
 
 
 def test_too_slow_a_drive_never_throws_a_leaning_ball() -> None:
-    w = world((1e6, 9e3, 300.0))
+    w = given((1e6, 9e3, 300.0))
     w.lean = 1e-3
     frequency = math.sqrt(0.5 * w.g * w.lean / w.l / (w.q * 10.0)) / (2 * math.pi)
     assert launch_in(w, Point("sine", frequency, 10.0)).outcome == "no launch"
@@ -293,7 +293,7 @@ def test_too_slow_a_drive_never_throws_a_leaning_ball() -> None:
 def test_bond_stretches_the_contact(bond: float) -> None:
     theta, point = (4e5, 9e3, 20.0), Point("sine", 900.0, 10.0)
     motion = linear_motion(theta, point)
-    w = world(theta)
+    w = given(theta)
     w.bond = bond
     when = first_fall(motion, -bond / w.k_c, 1e-3)
     found = launch_in(w, point)
@@ -304,7 +304,7 @@ def test_bond_stretches_the_contact(bond: float) -> None:
 
 def test_preload_indents_a_hertzian_contact_statically() -> None:
     # Under a microscopic voltage the ball rests throughout: the force of the start is that of the equilibrium.
-    w = world()
+    w = given()
     w.lean = 2e-3
     w.elastic = lambda d, rate: w.k_c * d * abs(d / 1e-6) ** 0.5
     found = launch_in(w, Point("square", 5e3, 1e-9))
@@ -314,10 +314,10 @@ def test_preload_indents_a_hertzian_contact_statically() -> None:
 def test_contact_that_cannot_pull_frees_the_ball_at_no_force() -> None:
     # With pull = 0 the last stage of the contact adds no impulse: the ball leaves with the speed it had at F = 0,
     # which is the largest of the whole contact.
-    w = world((4e5, 9e3, 200.0))
+    w = given((4e5, 9e3, 200.0))
     w.pull = 0.0
     point = Point("sine", 1500.0, 10.0)
-    found, whole = launch_in(w, point), launch_in(world((4e5, 9e3, 200.0)), point)
+    found, whole = launch_in(w, point), launch_in(given((4e5, 9e3, 200.0)), point)
     assert found.velocity > whole.velocity
     w.pull = 1.0 - 1e-12
     assert launch_in(w, point).launch_range == pytest.approx(whole.launch_range, rel=1e-10)
@@ -328,7 +328,7 @@ def test_power_law_contact_bounces_in_its_closed_form_time() -> None:
     # keeps it: Hertz's F = K d^(3/2) throws the ball at twice that speed, after
     # 2.9432 (5 M/(4 K))^(2/5) / V^(1/5) of contact (Hertz 1882).
     rig = Constants(M=0.027, m=1e6, q=1.0, l=0.09, k_s=1e-9, g=9.81)
-    w = world((1e6, 0.0, 0.0), rig)
+    w = given((1e6, 0.0, 0.0), rig)
     w.gap = 1.0
     w.elastic = lambda d, rate: w.k_c * d * abs(d / 1e-6) ** 0.5
     point = Point("square", 1e-6, 1e12)  # a force of 1 kN: 1e-3 m/s^2 for a metre
@@ -348,7 +348,7 @@ def test_repeated_impacts_count_within_their_cycles() -> None:
     point = Point("square", 1314.0, 13.1)
     speeds, times = [], []
     for cycles in (0.0, 0.9, 1.3, 3.8):
-        w = world(theta)
+        w = given(theta)
         w.cycles = cycles
         found = launch_in(w, point)
         speeds.append(found.velocity)
@@ -363,13 +363,13 @@ def test_repeated_impacts_count_within_their_cycles() -> None:
 
 @pytest.mark.parametrize("speed", [1e-9, 1e-3, 0.3, 1.0, 2.0])
 def test_swing_of_the_baseline(speed: float) -> None:
-    assert swing(world(), speed, 1e-6) == pytest.approx(pendulum_range(speed, RIG), rel=1e-14)
+    assert swing(given(), speed, 1e-6) == pytest.approx(pendulum_range(speed, RIG), rel=1e-14)
 
 
 @pytest.mark.parametrize("speed", [1e-7, 1e-4, 0.3])
 def test_a_vanishing_deceleration_integrates_to_the_closed_form(speed: float) -> None:
     for lean, weight in ((0.0, 0.0), (1e-4, 0.0), (0.0, 0.7)):
-        w = world()
+        w = given()
         w.lean, w.offset_weight = lean, weight
         closed = swing(w, speed, 1e-8)
         w.deceleration = lambda x, v: 1e-300
@@ -378,7 +378,7 @@ def test_a_vanishing_deceleration_integrates_to_the_closed_form(speed: float) ->
 
 def test_swing_with_dry_friction() -> None:
     # Small swings: energy v^2/2 = g x^2/(2 l) + a x.
-    w = world()
+    w = given()
     a, v = 0.03, 1e-3
     w.deceleration = lambda x, v: a
     exact = w.l / w.g * (-a + math.sqrt(a * a + v * v * w.g / w.l))
@@ -389,7 +389,7 @@ def test_swing_with_dry_friction() -> None:
 @pytest.mark.parametrize("rate", [0.5, 20.0, 50.0])
 def test_swing_with_linear_drag(rate: float) -> None:
     # x'' + c x' + w0^2 x = 0 from x = 0: largest where x' = 0.
-    w = world()
+    w = given()
     v, omega2 = 1e-4, w.g / w.l
     w.deceleration = lambda x, v: rate * v
     disc = omega2 - rate * rate / 4
@@ -406,7 +406,7 @@ def test_swing_with_linear_drag(rate: float) -> None:
 
 def test_swing_from_behind_the_equilibrium() -> None:
     # L = sqrt((x_0 + x_2)^2 + v^2 l/g) - x_0 for small angles.
-    w = world()
+    w = given()
     w.lean, x2, v = 3e-5, 4e-7, 2e-4
     small = math.sqrt((w.lean + x2) ** 2 + v * v * w.l / w.g) - w.lean
     assert swing(w, v, x2) == pytest.approx(small, rel=1e-6)
@@ -415,7 +415,7 @@ def test_swing_from_behind_the_equilibrium() -> None:
 
 
 def test_swing_over_the_horizontal() -> None:
-    w = world()
+    w = given()
     w.lean = 0.01
     assert swing(w, 3.0, 0.0) == pytest.approx(w.l - 0.01)
     w.deceleration = lambda x, v: 0.1 * v

@@ -175,10 +175,10 @@ def test_neither_batch_nor_threads_change_a_bit() -> None:
 
 def test_choosing_causes_compiles_nothing() -> None:
     simulate(sweeps(), [*PUBLISHED, 1.5], terms(["hertz_exponent"]))
-    before = [len(f.signatures) for f in (stepper._serial, stepper._parallel)]
+    before = [len(f.signatures) for f in (stepper.serial, stepper.parallel)]
     simulate(sweeps(), [*PUBLISHED, 20.0, 1e-7], terms(["gap", "hunt_crossley"]))
     simulate(sweeps(), [*PUBLISHED, 0.01], terms(["field_dependent_d33"]))
-    assert [len(f.signatures) for f in (stepper._serial, stepper._parallel)] == before
+    assert [len(f.signatures) for f in (stepper.serial, stepper.parallel)] == before
 
 
 def test_neutral_sets_of_a_batch_take_the_closed_form() -> None:

@@ -119,7 +119,7 @@ class DiscrepancyResult:
 
 @dataclass(frozen=True)
 class MisfitResult:
-    """What is wrong.
+    """Where and how the baseline fails, by the tests and by what is left of the readings.
 
     Parameters
     ----------

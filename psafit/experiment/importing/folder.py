@@ -105,7 +105,7 @@ def _column_text(column: Understood) -> str:
 
 
 def less(column: Understood) -> str:
-    """What was subtracted, behind what else is said of a column."""
+    """``, less 0.3 um``, as a message appends it where a zero was subtracted; else nothing."""
     return f", less {column.zero:.10g} {COLUMNS[column.column].unit}" if column.zero else ""
 
 

@@ -8,7 +8,7 @@ what an undisturbed one would have drawn.
 Walkers begin at importance draws. emcee's ensemble moves cannot carry a lone walker out of a mode that no other walker
 shares, and creep along bent ridges. So most moves are strides through the emulated posterior
 (`psafit.inference.surrogate.Surrogate.wander`), and some are independent draws from a fixed density that reaches
-everywhere: see `Proposal`.
+everywhere: see `IndependenceProposal`.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Settings(SamplerSettings):
 
 
 @dataclass(frozen=True, eq=False)
-class Proposal:
+class IndependenceProposal:
     r"""A density near the posterior that reaches every mode from anywhere.
 
     .. math:: g(u) = s\, \pi(u) + (1 - s) \sum_k w_k\, t(u \mid u_k, C_k),
@@ -151,12 +151,12 @@ def moves(problem: Problem, surrogate: Surrogate, settings: Settings) -> list[tu
         (emcee.moves.DEMove(), 0.6 * own),
         (emcee.moves.DEMove(gamma0=1.0), 0.1 * own),
         (emcee.moves.DESnookerMove(), 0.3 * own),
-        (_move(Proposal(problem, surrogate.mixture).move), settings.independent),
-        (_move(surrogate.wander), settings.strides),
+        (move_of(IndependenceProposal(problem, surrogate.mixture).move), settings.independent),
+        (move_of(surrogate.wander), settings.strides),
     ]
 
 
-def _move(propose: Callable[[FloatArray, np.random.Generator], tuple[FloatArray, FloatArray]]) -> emcee.moves.MHMove:
+def move_of(propose: Callable[[FloatArray, np.random.Generator], tuple[FloatArray, FloatArray]]) -> emcee.moves.MHMove:
     """A move of emcee's that draws from a modern generator."""
 
     def move(u: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:

@@ -18,7 +18,6 @@ from psafit.report.diagnosis import words
 from psafit.report.diagnosis.shown import Shown
 from psafit.report.wording import (
     NBSP,
-    count,
     factor,
     groups,
     interval,
@@ -30,6 +29,7 @@ from psafit.report.wording import (
     typeset,
     with_unit,
 )
+from psafit.text import count
 
 _KINDS: Final = {"adequate": "good", "explained": "good", "ambiguous": "warn", "unexplained": "bad"}
 _QUESTIONS: Final[dict[Topic, str]] = {

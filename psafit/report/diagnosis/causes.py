@@ -25,8 +25,8 @@ from psafit.report.figures.axes import label, scale_axis
 from psafit.report.figures.influence import influence_figure
 from psafit.report.page import Picture, figure_data_uri
 from psafit.report.style import PALETTE, figure_style, new_figure
-from psafit.report.wording import NBSP, count, interval, noted, number, typeset, with_unit
-from psafit.text import fixed, significant
+from psafit.report.wording import NBSP, interval, noted, number, typeset, with_unit
+from psafit.text import count, fixed, significant
 
 _SCREENED: Final = {
     "present": "bad",

@@ -26,8 +26,8 @@ from psafit.report.figures.groups import title
 from psafit.report.figures.sweep import AXIS, SWEPT, UNITS
 from psafit.report.page import Picture, first
 from psafit.report.style import BAND, MEASURED, PALETTE, figure_style, new_figure
-from psafit.report.wording import count, exact, factor, interval, number, percent, with_unit
-from psafit.text import fixed
+from psafit.report.wording import exact, factor, interval, number, percent, with_unit
+from psafit.text import count, fixed
 
 _BASELINE: Final[dict[str, Any]] = {"color": PALETTE["grey"], "linestyle": DASHES, "linewidth": 1.6, "zorder": 2}
 

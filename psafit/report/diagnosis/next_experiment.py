@@ -16,7 +16,8 @@ from psafit.observables import OBSERVABLES
 from psafit.report.catalogue import model
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.answer import PAGE
-from psafit.report.wording import count, listed, number, percent, symbol_html, with_unit
+from psafit.report.wording import listed, number, percent, symbol_html, with_unit
+from psafit.text import count
 
 
 def content(result: Diagnosis) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import pytest
 
 from psafit.experiment import Experiment, Group, GroupId, read_experiment
 from psafit.inference.problem import Problem
-from psafit.inference.scale import with_scale
+from psafit.prior_check import with_scale
 
 STUDY = read_experiment("experiments/psa")
 

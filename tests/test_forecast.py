@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from psafit import forecast
 from psafit.errors import InputError
-from psafit.inference import forecast
-from psafit.inference.forecast import Forecast, Reporter, Silent, progress_of, reporting
+from psafit.forecast import Forecast, Reporter, Silent, progress_of, reporting
 
 PLAN = {"search": 1.0, "sample": 4.0, "profile": 2.0}
 

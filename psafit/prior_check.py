@@ -15,15 +15,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import qmc
 
 from psafit.arrays import FloatArray
 from psafit.errors import Faults
 from psafit.experiment import Experiment, Group, read_experiment
 from psafit.experiment.text import one_line
-from psafit.inference.candidate import thinned
-from psafit.inference.problem import Problem
 from psafit.observables import OBSERVABLES, Observable
 from psafit.physics import informed
+from psafit.simulate import Design, readings
 
 
 def read(folder: str | Path) -> Experiment:
@@ -86,11 +86,14 @@ def _off_scale(
     nearly_all, far = settings.nearly_all, math.log(settings.factor)
     read, other_units = observable.titles, observable.mistaken
     every = -(-sum(g.n_points for g in moving) // settings.readings)
-    problem = Problem(thinned(replace(experiment, groups=moving), every), tuple(g.id for g in moving))
-    quantiles = np.random.default_rng(0).random((settings.draws, problem.n_dim))
-    predicted = np.log(np.maximum(np.abs(problem.predict(problem.prior_transform(quantiles))), 1e-12))
-    ratio = np.log(np.abs(problem.observed)) - predicted
-    of_group = np.array([np.median(ratio[:, problem.design.group == k], axis=1) for k in range(len(moving))])
+    groups = replace(experiment, groups=moving).thinned(every).groups
+    design = Design.of(experiment.constants, groups)
+    parameters, _ = informed(experiment.beliefs, ())
+    quantiles = qmc.Sobol(len(parameters), rng=0).random(settings.draws)
+    rigs = [p.to_physical(p.prior_quantile(q)) for p, q in zip(parameters, quantiles.T, strict=True)]
+    predicted = np.abs(readings(design, np.stack(rigs, axis=1)))
+    ratio = np.log(np.abs(np.concatenate([g.reading for g in groups]))) - np.log(np.maximum(predicted, 1e-12))
+    of_group = np.array([np.median(ratio[:, design.group == k], axis=1) for k in range(len(groups))])
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
     off = of_group - middle
     found = []
