@@ -41,8 +41,8 @@ class Options:
     ----------
     columns : tuple of Mapping
     values : tuple of (str, float or tuple of float)
-        Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. `idle_v` is
-        what a recorded drive rested at.
+        Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. Another is
+        `idle_v`, what a recorded drive rested at.
     waveforms : tuple of str
         One for all tables, or one for each; empty where a column says it.
     volts : {"peak", "pp", "rms"} or None
