@@ -388,7 +388,7 @@ def test_imported_traces_with_their_drives_are_fitted_and_diagnosed(
     ]  # fmt: skip
     assert run(monkeypatch, "check", "rig") == 0
     assert run(monkeypatch, "fit", "rig", "--group", "1", "--out", "fit", "--quiet", "--no-report") == 0
-    assert json.loads(Path("fit/validation.json").read_text("utf-8"))
+    assert run(monkeypatch, "validate", "fit", "--quiet") == 0
     assert run(monkeypatch, "diagnose", "rig", "--quick", "--out", "found", "--quiet", "--no-report") == 0
     assert json.loads(Path("found/diagnosis.json").read_text("utf-8"))["verdict"] == "adequate"
 
