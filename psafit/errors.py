@@ -72,7 +72,7 @@ class InputErrors(InputError):
 
 
 class Faults:
-    """Collects faults that do not depend on each other, to raise them together.
+    """Collects faults that do not depend on each other, to raise them together; the same one twice counts once.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Faults:
 
     def __init__(self, most: int = 10) -> None:
         self.most = most
-        self._found: list[InputError] = []
+        self._found: dict[str, InputError] = {}
         self._more = 0
 
     def __len__(self) -> int:
@@ -90,7 +90,7 @@ class Faults:
 
     def add(self, fault: InputError, more: int = 0) -> None:
         """Keep a fault, or those that it consists of; `more` were found in addition."""
-        self._found += fault.faults
+        self._found |= {str(one): one for one in fault.faults}
         self._more += more + (fault.more if isinstance(fault, InputErrors) else 0)
 
     @contextmanager
@@ -105,8 +105,8 @@ class Faults:
         """Raise what was kept, if anything, in the order of the lines of each file."""
         if not self._found:
             return
-        files = list(dict.fromkeys(fault.file for fault in self._found))
-        found = sorted(self._found, key=lambda fault: (files.index(fault.file), fault.line or 0))
+        files = list(dict.fromkeys(fault.file for fault in self._found.values()))
+        found = sorted(self._found.values(), key=lambda fault: (files.index(fault.file), fault.line or 0))
         if len(self) == 1:
             raise found[0]
         raise InputErrors(found[: self.most], len(self) - len(found[: self.most]))

@@ -364,9 +364,6 @@ class Parameter:
         middle = prior.median if isinstance(prior, LogNormal) else prior.mean
         if not self.bounds.lower <= middle <= self.bounds.upper:
             raise ValueError(f"has its middle within {self.bounds.lower:g} to {self.bounds.upper:g} {self.unit}")
-        if belief.derived:  # what a handbook says has its tails
-            tailed = replace(self.prior, core=prior) if isinstance(self.prior, Tailed) else prior
-            return replace(self, prior=tailed, source=belief.source)
         width = math.log(prior.factor) if isinstance(prior, LogNormal) else prior.sd
         own = self.core
         usual = math.log(own.factor) if isinstance(own, LogNormal) else self.scale
@@ -374,6 +371,9 @@ class Parameter:
             ends = [narrowest * usual, widest * usual]
             ends, word = ([math.exp(x) for x in ends], "factor") if prior.coordinate == "log" else (ends, "sd")
             raise ValueError(f"has a {word} from {ends[0]:.6g} to {ends[1]:.6g}")
+        if belief.derived:  # what a handbook says has its tails
+            tailed = replace(self.prior, core=prior) if isinstance(self.prior, Tailed) else prior
+            return replace(self, prior=tailed, source=belief.source)
         return replace(self, prior=prior, source=belief.source)
 
     @property

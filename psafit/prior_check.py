@@ -92,8 +92,14 @@ def _off_scale(
     quantiles = qmc.Sobol(len(parameters), rng=0).random(settings.draws)
     rigs = [p.to_physical(p.prior_quantile(q)) for p, q in zip(parameters, quantiles.T, strict=True)]
     predicted = np.abs(readings(design, np.stack(rigs, axis=1)))
+    rows = [design.group == k for k in range(len(moving))]
+    still = [np.mean(np.median(predicted[:, mine], axis=1) == 0) > nearly_all for mine in rows]
+    if any(still):
+        driven = tuple(g for g, rests in zip(moving, still, strict=True) if not rests)
+        found = [_undriven(g, nearly_all) for g, rests in zip(moving, still, strict=True) if rests]
+        return found + (_off_scale(experiment, driven, observable, settings) if driven else [])
     ratio = np.log(np.abs(np.concatenate([g.reading for g in groups]))) - np.log(np.maximum(predicted, 1e-12))
-    of_group = np.array([np.median(ratio[:, design.group == k], axis=1) for k in range(len(groups))])
+    of_group = np.array([np.median(ratio[:, mine], axis=1) for mine in rows])
     middle = of_group[::-1] if len(moving) == 2 else np.broadcast_to(np.median(of_group, axis=0), of_group.shape)
     off = of_group - middle
     found = []
@@ -119,6 +125,15 @@ def _off_scale(
             f" {_factor(off[0])} that hardly any rig explains; is one of them given in another unit?"
         )
     return found
+
+
+def _undriven(group: Group, nearly_all: float) -> str:
+    """What is suspicious of a group of which the simulation never launches the ball."""
+    return (
+        f"{group.file}: group {group.id}: this drive launches no ball in {100 * nearly_all:.0f} % of the rigs that the"
+        " prior holds, but the readings are above zero; is the sign of the voltage right, and waveform, bias_v, idle_v"
+        " and drive?"
+    )
 
 
 def _moving(group: Group) -> Group | None:

@@ -143,7 +143,8 @@ def is_right(answer: Answer, diagnosis: dict[str, Any]) -> bool:
     if len(members) > MOST_MEMBERS:
         return False
     inside = truth in members if answer.kind == "one" else any(truth <= member for member in members)
-    return verdict in ("explained", "ambiguous") and inside
+    # Strengths are chosen by what they gain, and may be implausible.
+    return inside and (verdict in ("explained", "ambiguous") or diagnosis.get("unexplained_by") == "values")
 
 
 def answer_to(hidden: Hidden, folder: Path, asked: Asked) -> dict[str, Any]:

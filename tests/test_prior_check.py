@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from psafit.drives import Drive
 from psafit.experiment import Experiment, Group, GroupId, read_experiment
 from psafit.inference.problem import Problem
 from psafit.prior_check import with_scale
@@ -83,3 +84,10 @@ def test_true_rigs_are_hardly_ever_warned_of() -> None:
 def test_nothing_launched_says_nothing() -> None:
     silent = STUDY.with_readings(np.zeros(sum(g.n_points for g in STUDY.groups)))
     assert with_scale(silent) is silent
+
+
+def test_a_drive_that_launches_no_ball_is_named_as_that() -> None:
+    """A bias of the wrong sign draws the tip back: no unit of the readings explains that."""
+    drawn_back = replace(STUDY.groups[1], drive=Drive("sine", bias_v=-500.0))
+    (warning,) = with_scale(replace(STUDY, groups=(STUDY.groups[0], drawn_back))).warnings
+    assert "group 2: this drive launches no ball" in warning and "sign of the voltage" in warning

@@ -169,8 +169,8 @@ def say_diagnosis(result: Diagnosis) -> None:
     for statement in answer(result):
         if not isinstance(statement, Sizes):  # they stand in the table
             click.echo(f"  {statement.say(PLAIN)}")
-    unnamed = result.mostly_unnamed
-    if unnamed or result.verdict == "unexplained":
+    given_named = result.mostly_unnamed or result.verdict == "unexplained"
+    if given_named:
         click.echo("  if a model of the catalogue had to do:")
     rows: list[tuple[float, list[str]]] = []
     for cause in result.causes[:5]:
@@ -178,8 +178,8 @@ def say_diagnosis(result: Diagnosis) -> None:
         head = f"{words}, log likelihood {fixed(cause.evidence.gain, 1, sign=True)} nats over the baseline's"
         reported = cause.terms == result.named or cause.terms in result.alternatives
         sizes = _sizes(cause, whole=cause.terms == result.named) if reported else ()
-        rows.append((cause.evidence.share if unnamed else cause.probability, [head, *sizes]))
-    if not unnamed and result.reports_unnamed:
+        rows.append((cause.evidence.share if given_named else cause.probability, [head, *sizes]))
+    if not given_named and result.reports_unnamed:
         rows.append((result.unnamed, ["a discrepancy without a name"]))
     # What is named stands first, whatever its share.
     rows[1:] = sorted(rows[1:], key=lambda row: -row[0])

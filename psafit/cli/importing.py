@@ -45,9 +45,19 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
 @click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark; detected by default.")
 @click.option("--separator", type=click.Choice(list(_SEPARATORS)), help="Between cells; detected by default.")
 @click.option("--encoding", metavar="NAME", help="Of text, such as cp850; detected by default.")
-@click.option("--start", metavar="TIME[:UNIT]", help="When the drive starts, on a trace's clock: 1.5:ms; 0 by default.")
+@click.option(
+    "--start", metavar="TIME[:UNIT]", help="When the drive starts, on the clock of a trace or of --drive: 1.5:ms."
+)
 @click.option("--from-rest", is_flag=True, help="Count a trace from the mean of its samples before the start.")
-@click.option("--every", metavar="N", type=click.IntRange(1), default=1, help="Keep one sample of a trace in N.")
+@click.option(
+    "--every",
+    metavar="N",
+    type=click.IntRange(1),
+    default=1,
+    help="Keep one sample of a trace in N, and of a drive means of N.",
+)
+@click.option("--drive", type=Place("input"), metavar="FILE", help="A recorded voltage over time, which is the drive.")
+@click.option("--period", metavar="TIME[:UNIT]", help="Of that voltage: 1:ms; without it the drive is as recorded.")
 @click.option("--sheet", "sheets", multiple=True, metavar="NAME", help="Sheet of a workbook, a group each; repeat.")
 @QUIET
 @JSON
@@ -65,6 +75,8 @@ def import_files(
     start: str | None,
     from_rest: bool,
     every: int,
+    drive: Path | None,
+    period: str | None,
     sheets: tuple[str, ...],
     quiet: bool,
     json_file: Path | None,
@@ -97,6 +109,8 @@ def import_files(
         start_us=None if start is None else moment(start, f"--start {shown(start)}"),
         from_rest=from_rest,
         every=every,
+        drive_file=drive,
+        period_us=None if period is None else moment(period, f"--period {shown(period)}"),
     )
     imported = _on_rig(read_files(files, options), constants, rig)
     with filling(out):
@@ -126,12 +140,12 @@ def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | No
 
 def _mapping(text: str) -> Mapping:
     """What a ``--column`` says."""
-    from psafit.experiment.drive_table import RECORDED
     from psafit.experiment.importing import COLUMN_NAMES, Mapping
+    from psafit.experiment.importing.chosen import SIGNALS
+    from psafit.experiment.importing.quantities import COLUMNS
     from psafit.experiment.importing.units import scaled
     from psafit.experiment.importing.units import unit as parsed
     from psafit.experiment.text import did_you_mean, shown
-    from psafit.experiment.trace_table import TRACES
 
     heading, equals, rest = text.rpartition("=")
     column, colon, unit = (part.strip() for part in rest.partition(":"))
@@ -141,10 +155,10 @@ def _mapping(text: str) -> Mapping:
         )
     if column not in COLUMN_NAMES:
         raise InputError(f"--column {shown(text)}: {shown(column)} is no column", did_you_mean(column, COLUMN_NAMES))
-    over_time = (*TRACES, *RECORDED)
-    said = parsed(unit) or (scaled(unit) if column in over_time else None) if colon else None
+    signal = column in COLUMNS and COLUMNS[column].role in (*SIGNALS, "recording")
+    said = parsed(unit) or (scaled(unit) if signal else None) if colon else None
     if colon and said is None:
-        usual = "um, or what a volt is, 5mm/s/V, 2um/V or 20V/V" if column in over_time else "kHz, mV, Vpp or um"
+        usual = "um, or what a volt is, 5mm/s/V, 2um/V or 20V/V" if signal else "kHz, mV, Vpp or um"
         raise InputError(f"--column {shown(text)}: {shown(unit)} is no unit", f"write for example {usual}")
     return Mapping(heading.strip(), column, said)
 
@@ -178,6 +192,7 @@ def _columns_text(table: Table) -> list[str]:
     """What was understood of a table, as lines."""
     from psafit.experiment.importing.folder import less
     from psafit.experiment.importing.quantities import COLUMNS, SEPARATORS, VOLTS
+    from psafit.experiment.importing.recorded import reach
 
     form = [f"headings in line {table.header_line}"] if table.header_line else ["no headings"]
     if not table.sheet:
@@ -210,9 +225,9 @@ def _columns_text(table: Table) -> list[str]:
         read = count(g.n_points, "reading")
         if g.time_us is not None:
             read = f"{count(g.n_points, 'sample')} of the {g.observable.title}"
-        if g.drive.table is not None:
-            read = f"{read}, drive in {g.drive.file} from {g.drive.idle_v:.4g} V"
-        lines.append(f"  group {g.id}: {g.waveform}, {read}, {g.file}")
+        drive = f"drive of {reach(g.drive.table)}" if g.drive.table else g.waveform
+        at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
+        lines.append(f"  group {g.id}: {drive}{at_rest}, {read}, {g.file}")
     return lines
 
 

@@ -47,6 +47,13 @@ class Table:
             raise ValueError("a recording has no length")
 
     @property
+    def span(self) -> tuple[float, float]:
+        """The lowest and the highest voltage per volt of amplitude, which of a recording is its largest voltage."""
+        largest = float(np.abs(self.value).max()) if self.recorded else 1.0
+        low, high = float(self.value.min()), float(self.value.max())
+        return (low / largest, high / largest) if largest else (0.0, 1.0)
+
+    @property
     def key(self) -> tuple[bool, bytes, bytes]:
         """What distinguishes it from others."""
         return self.recorded, self.at.tobytes(), self.value.tobytes()

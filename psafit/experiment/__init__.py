@@ -14,6 +14,7 @@ from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.experiment.definition import DeclaredGroup, Definition
 from psafit.experiment.plausible import (
+    copied_groups,
     disagreeing_groups,
     left_from_example,
     suspicious_constants,
@@ -105,6 +106,7 @@ def read_experiment(folder: str | Path) -> Experiment:
             *dict.fromkeys(line for rig in rigs for line in suspicious_constants(rig)),
             *(suspicious_facts(plan.rig, constants) if plan.rig else ()),
             *(line for group in groups for line in suspicious_readings(group, group.rig(constants))),
+            *copied_groups(groups),
             *disagreeing_groups(groups),
         ),
     )

@@ -35,6 +35,15 @@ LIMITS = {
     "k_s": (1e-3, 1e15),
     "g": (1e-3, 1e6),
 }
+# The same of what a rig is made of.
+FACT_LIMITS = {
+    "ball_radius": (1e-6, 10.0),
+    "source_resistance": (1e-6, 1e9),
+    "capacity": (1e-15, 1e3),
+    "rated_voltage": (1e-3, 1e6),
+    "rated_stroke": (1e-12, 1.0),
+    "layer_thickness": (1e-9, 1.0),
+}
 # Hard limits of what is said of a drive.
 DRIVE_LIMITS = {"bias_v": (-1e5, 1e5), "idle_v": (-1e5, 1e5), "phase_deg": (-360.0, 360.0), "cycles": (1e-3, 1e9)}
 _DRIVE_REMEDY = {
@@ -305,6 +314,9 @@ class Definition:
         number = _number(value)
         if number is None or not 0 < number < math.inf:
             raise self.error(f"{name} is not a positive number", _FACT, "rig", name)
+        low, high = FACT_LIMITS[name]
+        if not low <= number <= high:
+            raise self.error(f"{name} = {number:g} is beyond the limits {low:g} to {high:g}", _FACT, "rig", name)
         return number
 
     def beliefs(self) -> tuple[Belief, ...]:

@@ -38,7 +38,8 @@ def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, mo
     line, header, rows = headed(file, most_bytes, _HEADER)
     names = tuple(map(str.lower, header))
     if names not in (PERIOD, RECORDED):
-        raise InputError(f"columns {listed(map(shown, names))} are not those of a drive", _HEADER, file=file, line=line)
+        what = f"columns {listed(map(shown, names))} are not those of a drive"
+        raise InputError(what, f"{_HEADER}; psafit import --drive reads other forms", file=file, line=line)
     faults = RowFaults(file)
     found: list[tuple[float, float]] = []
     for line, two in pairs(rows, faults, most_rows, "rows", "record fewer samples, or fewer periods"):

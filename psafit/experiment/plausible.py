@@ -111,20 +111,16 @@ def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
     if f_max > 1e6:
         found.append(f"frequencies reach {f_max:g} Hz, above 1 MHz; given in mHz?")
     v_max = float(group.amplitude_v.max())
-    if v_max == 0:
-        found.append("every amplitude is zero: nothing drives the ball")
-    elif v_max < 0.1:
-        found.append(f"every amplitude is below 0.1 V (greatest {v_max:g}); given in kV?")
-    if v_max > 1000:
-        found.append(f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?")
-    found += _suspicious_recording(group, v_max)
+    if not group.drive.recorded:
+        found += _suspicious_volts(v_max)
+    found += [*_suspicious_recording(group), *_unreached(group, v_max)]
     for part in group.parts:
         found += _suspicious_part(part, constants, v_max)
-    found += _suspicious_pairs(group, constants)
+    found += [*_suspicious_pairs(group, constants), *_copied_rows(group)]
     return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]
 
 
-def _suspicious_recording(group: Group, v_max: float, reach: float = 0.8) -> list[str]:
+def _unreached(group: Group, v_max: float, reach: float = 0.8) -> list[str]:
     """What a recorded voltage says against the amplitude that is stated.
 
     Parameters
@@ -148,6 +144,44 @@ def _suspicious_recording(group: Group, v_max: float, reach: float = 0.8) -> lis
     if reach * (high - low) > 2 * v_max:
         return [f"{said}, beyond amplitude_v = {v_max:g}; is that another quantity, or in another unit?"]
     return []
+
+
+def _suspicious_volts(v_max: float) -> list[str]:
+    """What the greatest amplitude says."""
+    if v_max == 0:
+        return ["every amplitude is zero: nothing drives the ball"]
+    if v_max < 0.1:
+        return [f"every amplitude is below 0.1 V (greatest {v_max:g}); given in kV?"]
+    return [f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?"] if v_max > 1000 else []
+
+
+def _suspicious_recording(group: Group, shortest_us: float = 1.0) -> list[str]:
+    """What a recorded drive says, and the times of a trace.
+
+    Parameters
+    ----------
+    group : Group
+    shortest_us : float
+        No drive of a stack, and no contact, is over sooner.
+    """
+    found = []
+    if group.time_us is not None and group.time_us[-1] < shortest_us:
+        found.append(f"the trace ends after {group.time_us[-1]:g} us; is its time given in s or ms?")
+    table = group.drive.table
+    if table is None or not table.recorded:
+        return found
+    lasts_us, most_v = 1e6 * float(table.at[-1]), float(np.abs(table.value).max())
+    if lasts_us < shortest_us:
+        found.append(f"the drive in {group.drive.file} ends after {lasts_us:g} us; is its time given in s or ms?")
+    if most_v > 1000:
+        found.append(f"the drive in {group.drive.file} reaches {most_v:g} V, above 1 kV; given in mV?")
+    if group.varied:
+        what = " and ".join(group.varied)
+        found.append(
+            f"the {what} varies, but a recorded voltage is taken as it is: the simulation is the same for every row;"
+            " give each condition a group and a recording of its own"
+        )
+    return found
 
 
 def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> list[str]:
@@ -225,6 +259,47 @@ def _suspicious_pairs(group: Group, constants: Constants | None, most: float = 3
         f"launch ranges are {ratio:.3g} times what a ball of the launch speeds swings; is one of them another quantity,"
         " or in another unit?"
     ]
+
+
+def _copied_rows(group: Group, least: int = 5) -> list[str]:
+    """Name repetitions that all equal the first reading: rows that were copied, or a mean that was entered each time.
+
+    Parameters
+    ----------
+    group : Group
+    least : int
+        Of fewer repetitions, rounded as instruments do, all may be equal by chance.
+    """
+    repeated = group.n_points - np.unique(group.conditions, axis=0).shape[0]
+    copied = group.n_points - np.unique(_rows(group), axis=0).shape[0]
+    if repeated < least or copied < repeated or not group.reading.any():
+        return []
+    return [f"all {repeated} repeated readings equal the first to the last digit; were rows copied? Each is a reading"]
+
+
+def copied_groups(groups: Sequence[Group], least: int = 5) -> list[str]:
+    """One line for each two groups of the same readings at the same conditions: those of a copied file count twice.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    least : int
+        Groups of fewer readings may be the same by chance.
+    """
+    found = []
+    for first, second in itertools.combinations(groups, 2):
+        if first.n_points < least or first.n_points != second.n_points or not first.reading.any():
+            continue
+        one, other = (np.unique(_rows(g), axis=0) for g in (first, second))
+        if np.array_equal(one, other):
+            text = f"readings and conditions are those of group {first.id} to the last digit; was its file copied?"
+            found.append(one_line(f"{second.file}: group {second.id}: {text} They count twice"))
+    return found
+
+
+def _rows(group: Group) -> FloatArray:
+    """Conditions with their readings, (n_points, 4), of a trace (n_points, 5)."""
+    return np.column_stack([group.conditions, group.reading])
 
 
 def disagreeing_groups(groups: Sequence[Group], least: float = 1.4, scatter_um: float = 1.0) -> list[str]:

@@ -164,6 +164,12 @@ class Conditions:
         return int(self.frequency_hz.size)
 
     @property
+    def conditions(self) -> FloatArray:
+        """Frequency, amplitude and observable of each point, (n_points, 3); of a trace its time, too, (n_points, 4)."""
+        own: list[NDArray[Any]] = [self.frequency_hz, self.amplitude_v, self.measured]
+        return np.column_stack(own if self.time_us is None else [*own, self.time_us])
+
+    @property
     def swept(self) -> Swept:
         """The variable that a sweep varies: the one that spans the larger ratio; along a trace, time."""
         if self.time_us is not None:
@@ -415,8 +421,6 @@ def _lone(group: Group) -> str:
 
 
 def _describe_group(group: Group) -> dict[str, Any]:
-    own: list[NDArray[Any]] = [group.frequency_hz, group.amplitude_v, group.measured]
-    conditions = np.column_stack(own if group.time_us is None else [*own, group.time_us])
     names = CONDITION_COLUMNS if group.time_us is None else (*CONDITION_COLUMNS, "time_us")
     spans = {name: getattr(group, name) for name in names}
     spans |= {part.observable.column: part.reading for part in group.parts}
@@ -429,6 +433,6 @@ def _describe_group(group: Group) -> dict[str, Any]:
         "constants": dict(group.changed),
         **{name: [float(column.min()), float(column.max())] for name, column in spans.items()},
         "zeros": int(np.count_nonzero(group.reading == 0)),
-        "replicates": group.n_points - len(np.unique(conditions, axis=0)),
+        "replicates": group.n_points - len(np.unique(group.conditions, axis=0)),
         "has_sigma": group.sigma is not None,
     }

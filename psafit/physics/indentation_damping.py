@@ -3,8 +3,8 @@ r"""A damper that grows with the indentation.
 .. math:: F = k_c d + c_c \dot d \left(\frac{|d|}{d_0}\right)^{p}, \qquad d_0 = 1\ \mu\mathrm m.
 
 The contact area, and with it the material that dissipates, grows with the indentation: :math:`p = 1/4` keeps the
-restitution of a Hertzian contact constant (Tsuji et al.), :math:`p = 1/2` follows from the viscoelasticity of the
-solid (Kuwabara and Kono), :math:`p = 1` and :math:`3/2` are Hunt and Crossley's for a linear and a Hertzian contact.
+restitution of a Hertzian contact constant (Tsuji et al.). :math:`p = 1/2` follows from the viscoelasticity of the
+solid (Kuwabara and Kono). :math:`p = 1` and :math:`3/2` are Hunt and Crossley's for a linear and a Hertzian contact.
 The force starts at zero instead of with the jump :math:`c_c \dot d` at first touch. `c_c` keeps its unit: it holds at
 1 um.
 """

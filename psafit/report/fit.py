@@ -172,10 +172,10 @@ def what_it_predicts(validation: Validation) -> Markup:
         else ""
     )
     return Markup(
-        "<strong>Does it predict what it has not seen?</strong> {} {}: typically a factor of {} off{}, where the fitted"
-        " readings themselves are off by ×{}; {} of the {} unseen readings lie in the 90 % predictive band."
+        "<strong>Does it predict what it has not seen?</strong> {} {}: typically a factor of {} off{}. The fitted"
+        " readings themselves are off by ×{}. Of the {} unseen readings, {} lie in the 90 % predictive band."
     ).format(
-        how, which, factor(mean), spread, factor(_mean_log_rmse(seen)), percent(coverage(unseen)), readings
+        how, which, factor(mean), spread, factor(_mean_log_rmse(seen)), readings, percent(coverage(unseen))
     )  # fmt: skip
 
 

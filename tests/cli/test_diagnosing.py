@@ -71,3 +71,13 @@ def test_the_terminal_lists_models_by_their_probability(capsys):
     shares = [line.split(" %  ")[0].strip() for line in lines if " %  " in line]
     assert shares == ["10.0", "30.0", "2.0", "<0.1"]
     assert sum("k_c = " in line for line in lines) == 1 and sum("hysteresis_strength = " in line for line in lines) == 1
+
+
+def test_what_had_to_do_is_compared_among_models_of_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+    """A discrepancy is none of them, however little of the probability it takes."""
+    record = replace(make_record(make_experiment()), verdict="unexplained", named=[], alternatives=[], unnamed=0.09)
+    say_diagnosis(record)
+    _, rows = capsys.readouterr().out.split("  if a model of the catalogue had to do:\n")
+    shares = [float(row.split("%")[0].strip(" <>")) for row in rows.splitlines() if " %  " in row]
+    assert "a discrepancy without a name" not in rows
+    assert shares[0] == pytest.approx(100 * record.causes[0].evidence.share, abs=0.06)

@@ -153,3 +153,29 @@ def test_how_many_sets_were_looked_at_is_said(looked_at: LookedAt, reported: str
         Searched(looked_at, 0.03).say(PLAIN)
         == f"{reported} The probabilities allow for a chance of 3 % that a better set was missed."
     )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "named", "said"),
+    [
+        (
+            "adequate",
+            [],
+            "Added to the baseline and refitted, no cause that could be bounded changes a reading by more than 7.5 %",
+        ),
+        (
+            "explained",
+            ["gap"],
+            "Added to gap and refitted, no cause that could be bounded changes a reading by more than 7.5 %",
+        ),
+        ("unexplained", [], None),
+    ],
+)
+def test_what_a_cause_may_change_is_said_of_what_was_bounded(verdict: str, named: list[str], said: str | None) -> None:
+    """Given a model that does not explain the readings, no bound means anything."""
+    record = make_record(make_experiment())
+    shown, other = record.screening[:2]
+    bounded = [replace(shown, room=0.075), replace(other, room=None)]
+    texts = sentences(replace(record, verdict=verdict, named=named, screening=bounded))
+    found = [text for text in texts if "changes a reading" in text]
+    assert [text.partition(" (")[0] for text in found] == ([said] if said else [])

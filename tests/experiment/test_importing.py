@@ -162,7 +162,7 @@ ASKED: dict[str, tuple[Any, str, int | None]] = {
     "a cell between blanks": ("f_Hz Vpp R_um\n1200 40 76\n1300 76\n", "2 cells in the row, 3 headings", 3),
     "numbers without a name": ("f (Hz);Vpp;Range (um);\n1;2;3;4\n", "headings give each column a heading", 2),
     "no heading known": ("a;b;c\n1;2;3\n", "no column is recognised --column", 1),
-    "no table": ("", "no column is recognised", 1),
+    "nothing": (" \n\n", "the file is empty", 1),
     "a reading below zero": (HEAD + "1200;20;76\n1300;20;-0.02\n", "is negative, by no more than scatter enter 0", 3),
     "binary": (b"\x00\x01\x02\xff" * 50, "", 1),
     "a broken workbook": (b"PK\x03\x04" + b"x" * 200, "no workbook save it anew", None),
@@ -240,6 +240,11 @@ def test_a_drive_that_is_not_known_is_not_called_another(tmp_path: Path) -> None
     error = refused(tmp_path, GERMAN, Options(waveforms=("sawtooth",)))
     assert "'sawtooth'" in str(error) and "for any other voltage" in str(error)
     assert "--waveform sine" in str(refused(tmp_path, GERMAN, Options()))
+
+
+def test_a_table_is_no_waveform_to_import(tmp_path: Path) -> None:
+    error = refused(tmp_path, HEAD + "1200;20;76\n", Options(waveforms=("table",)))
+    assert "has its voltage in a file of its own" in str(error) and "did you mean" not in str(error)
 
 
 def test_sheets(tmp_path: Path) -> None:

@@ -180,7 +180,7 @@ def test_drawn_traces_are_read_right_or_asked_about(
         (("--start", "1:V"), "'1:V' is no time"),
         (("--every", "0"), "'--every'"),
         (("--column", "Velocity=velocity_mm_s:5"), "what a volt is, 5mm/s/V"),
-        (("--column", "Velocity=launch_speed_mm_s:5mm/s/V"), "is no unit"),
+        (("--column", "Velocity=amplitude_v:5mm/s/V"), "is no unit"),
     ],
 )
 def test_bad_options_of_traces(

@@ -75,3 +75,45 @@ def test_groups_that_share_a_condition_and_differ_are_named(tmp_path: Path, fact
 def test_a_stack_of_three_kilograms_is_named(tmp_path: Path) -> None:
     (warning,) = read_experiment(write(tmp_path, TOML.replace("m = 0.005", "m = 3"))).warnings
     assert "constant m = 3 kg is outside" in warning
+
+
+SWEEP = HEADER + "".join(
+    f"{f},20,{r}\n" for f, r in zip((800, 1200, 1700, 2400, 3500), (60, 76, 55, 41, 29), strict=True)
+)
+
+
+def test_a_copied_file_is_named(tmp_path: Path) -> None:
+    """Its readings would count twice, and predict themselves."""
+    warnings = read_experiment(write(tmp_path, a=SWEEP, b=SWEEP)).warnings
+    assert len(warnings) == 1 and "those of group 1 to the last digit; was its file copied?" in warnings[0]
+    measured_again = SWEEP.replace(",29", ",29.4")
+    assert not read_experiment(write(tmp_path, a=SWEEP, b=measured_again)).warnings
+
+
+def test_copied_rows_are_named(tmp_path: Path) -> None:
+    rows = SWEEP.removeprefix(HEADER)
+    warnings = read_experiment(write(tmp_path, a=SWEEP + rows)).warnings
+    assert len(warnings) == 1 and "all 5 repeated readings equal the first" in warnings[0]
+    assert not read_experiment(write(tmp_path, a=SWEEP + rows.replace(",29", ",30"))).warnings
+
+
+@pytest.mark.parametrize(
+    ("drive", "a", "said"),
+    [
+        ("".join(f"{i}e-5,{i}\n" for i in range(12)), HEADER + "1200,20,76\n" * 2, "ends after 0.00011 us"),
+        ("".join(f"{10 * i},{1000 * i}\n" for i in range(12)), HEADER + "1200,20,76\n" * 2, "reaches 11000 V"),
+        ("".join(f"{10 * i},{i}\n" for i in range(12)), SWEEP, "the frequency varies, but a recorded voltage"),
+    ],
+)
+def test_a_recorded_drive_that_cannot_be_is_named(tmp_path: Path, drive: str, a: str, said: str) -> None:
+    toml = TOML.replace('waveform = "sine"', 'waveform = "table"\ndrive = "drive.csv"')
+    (tmp_path / "drive.csv").write_text("time_us,voltage_v\n" + drive)
+    warnings = read_experiment(write(tmp_path, toml, a=a)).warnings
+    assert len(warnings) == 1 and said in warnings[0]
+
+
+def test_a_trace_in_seconds_is_named(tmp_path: Path) -> None:
+    toml = TOML.replace('file = "a.csv"', 'trace = "a.csv"\nfrequency_hz = 1200\namplitude_v = 20')
+    trace = "time_us,displacement_um\n" + "".join(f"{i}e-5,{i * i / 100}\n" for i in range(12))
+    (said,) = read_experiment(write(tmp_path, toml, a=trace)).warnings
+    assert "the trace ends after 0.00011 us; is its time given in s or ms?" in said

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from folders import TOML, write
+from folders import TOML, refusal, write
 
 from psafit.errors import InputError
 from psafit.experiment import read_experiment, read_plan, write_experiment
@@ -90,3 +90,23 @@ def test_facts_that_follow_to_what_cannot_be_are_refused_where_they_stand(tmp_pa
         Problem(experiment, experiment.ids)
     assert found.value.file == place / "experiment.toml"
     assert text.splitlines()[(found.value.line or 0) - 1] == "[rig]"
+
+
+@pytest.mark.parametrize(
+    "fact", ["ball_radius = 1e300", "source_resistance = 1e-300", "rated_voltage = 1e-320", "layer_thickness = 1e300"]
+)
+def test_facts_beyond_any_rig_are_refused(tmp_path: Path, fact: str) -> None:
+    """Their products and powers are beyond what a number holds."""
+    name = fact.partition(" ")[0]
+    lines = [fact if line.startswith(f"{name} =") else line for line in (TOML + FACTS).split("\n")]
+    error = refusal(write(tmp_path, "\n".join(lines)))
+    assert error.what.startswith(f"{name} = ") and "is beyond the limits" in error.what
+    assert error.line == lines.index(fact) + 1
+
+
+def test_a_lag_of_nothing_follows_from_no_rig(tmp_path: Path) -> None:
+    """Fifty ohm that were given in kilo-ohms would all but forbid the lag that there is."""
+    place = write(tmp_path, TOML + FACTS.replace("source_resistance = 50", "source_resistance = 0.05"))
+    experiment = read_experiment(place)
+    with pytest.raises(InputError, match=r"0.05 ohm into 1.5e-06 F: 7.5e-08 s; correct the fact .* has a sd from"):
+        Problem(experiment, experiment.ids)

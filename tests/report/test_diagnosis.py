@@ -105,7 +105,9 @@ def test_first_screen_answers(page):
     assert "90 % interval: hysteresis of the stack s = 4.10 × 10⁵ (3.80 to 4.40) × 10⁵ and" in text  # sizes
     assert "Values that would surprise whoever knows such rigs: U of hysteresis of the stack." in text
     assert "without a name keeps" not in text
-    odd = "group 1, 200 Hz, 20 V (reads 100 µm for 140 µm). 1 reading is off by more than four standard deviations."
+    odd = (
+        "group 1, 200 Hz, 20 V (100 µm read, 140 µm predicted). 1 reading is off by more than four standard deviations."
+    )
     assert f"Furthest from hysteresis of the stack: {odd}" in text
     assert "goes from a factor of 2.49 to 1.29" in text
     assert "Baseline off by ×" in page.text and "extended model off by ×" in page.text
@@ -178,8 +180,12 @@ def test_page_stands_alone(page):
         ),
         (
             adequate,
-            ["Is the baseline adequate? Yes", "No extension was adopted", "No other set"],
-            ["No cause of the", "Nor can they exclude"],
+            [
+                "Is the baseline adequate? Yes",
+                "No extension was adopted",
+                "No cause is needed. What the readings leave",
+            ],
+            ["No cause of the", "Nor can they exclude", "No other set"],
         ),
         (
             doubtful,
@@ -196,7 +202,7 @@ def test_page_stands_alone(page):
                 "narrower by 78 %",
                 "Narrowing",
             ],
-            ["Success", "Extended"],
+            ["Success", "Extended", "No other set", "changes a reading by"],
         ),
         (
             unnamed,
@@ -270,6 +276,9 @@ def test_only_what_was_looked_at_is_said_to_do_less_well(undrawn, tmp_path):
     text = " ".join(build(doubtful, experiment, tmp_path / "part").text.split())
     assert "no other set that was sampled does as well" in text
     assert "No other set of causes that was sampled does as well." in text
+    few = replace(alone, left_out=["gap"])
+    text = " ".join(build(few, experiment, tmp_path / "few").text.split())
+    assert "no other set of these causes does as well" in text and "No other set of these causes does as well." in text
 
 
 def test_how_alternatives_were_judged() -> None:

@@ -174,9 +174,10 @@ def _unseen(d: Diagnosis) -> Iterator[Statement]:
         yield Furthest(terms, adopted.furthest, len(adopted.odd_points), _tails(d, terms))
     if unseen := [s.id for s in d.screening if s.verdict == UNSEEN]:
         yield Unseen(unseen, len(d.screening))
-    if left := {s.id: s.room for s in d.screening if s.room is not None}:
+    left = {s.id: s.room for s in d.screening if s.room is not None}
+    if left and d.verdict != "unexplained":  # given a model that is wrong it bounds nothing
         widest = max(left, key=lambda id: left[id])
-        yield Room(widest, left[widest])
+        yield Room(d.named, widest, left[widest])
 
 
 def _tails(d: Diagnosis, terms: list[str]) -> tuple[float, float] | None:

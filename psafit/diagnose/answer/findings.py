@@ -270,7 +270,7 @@ class Furthest(Statement):
     def say(self, words: Words) -> str:
         far = (
             words.put(
-                "{}, {} (reads {} for {})", words.groups([r.group]),
+                "{}, {} ({} read, {} predicted)", words.groups([r.group]),
                 words.number(f"{r.frequency_hz:.6g} Hz, {r.amplitude_v:.4g} V"),
                 words.number(f"{significant(r.reading_um)} {r.unit}"),
                 words.number(f"{significant(r.predicted_um)} {r.unit}"),
@@ -298,21 +298,28 @@ class Unseen(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Of {} candidate causes, {} could not have been seen in these readings: {}.",
-            self.of, len(self.causes), words.joined(", ", map(words.cause, self.causes)),
+            "Of {} candidate cause{}, {} could not have been seen in these readings: {}.",
+            self.of, "" if self.of == 1 else "s", len(self.causes), words.joined(", ", map(words.cause, self.causes)),
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Room(Statement):
-    """The largest change of a reading that the readings leave a cause which is not named (95 %)."""
+    """The largest change of a reading that the readings leave a cause added to what is adopted (95 %).
+
+    It holds of those causes alone whose effect could be bounded, only if what is adopted is right, and of what no other
+    parameter could do in the cause's place. Less than `least` is not worth a number.
+    """
 
     topic = "wrong"
+    adopted: list[str]
     cause: str
     share: float
+    least: float = 0.001
 
     def say(self, words: Words) -> str:
         return words.put(
-            "A cause that is not named changes a reading by at most {} ({}; 95 %).",
-            words.fraction(self.share), words.cause(self.cause),
+            "Added to {} and refitted, no cause that could be bounded changes a reading by more than {}, with 95 %"
+            " probability ({}).",
+            words.causes(self.adopted), words.fraction(max(self.share, self.least)), words.cause(self.cause),
         )  # fmt: skip

@@ -27,9 +27,11 @@ class OneGroup(Statement):
 
     def say(self, words: Words) -> str:
         return words.put(
-            "Of their gain of {} {} gives {}{}.", words.nats(self.gain), words.groups([self.group]),
+            "Of the gain of what is named, {}, {} gives {}{}.", words.nats(self.gain), words.groups([self.group]),
             words.nats(self.most),
-            "" if self.without is None else words.put("; without it they gain {}", words.nats(self.without)),
+            ""
+            if self.without is None
+            else words.put("; fitted to the other groups alone, it gains {}", words.nats(self.without)),
         )  # fmt: skip
 
 

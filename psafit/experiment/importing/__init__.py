@@ -8,12 +8,12 @@ calamine; units are pint's.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from psafit.drives import NAMES, TABLE, Drive
+from psafit.drives import NAMES, TABLE
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.chosen import HELD, IDLE, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose
@@ -21,12 +21,14 @@ from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, grids
 from psafit.experiment.importing.layout import Head, body, find_head, names
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
+from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
 from psafit.experiment.importing.traces import from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
 from psafit.experiment.records import CONDITION_COLUMNS, Group
 from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
+from psafit.files import read_bytes
 
 SETTABLE = (*HELD, IDLE)
 """What may be given for a whole table."""
@@ -63,7 +65,10 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
         with faults.kept():
             found += _tables(file, options)
     faults.end()
-    _check_mappings([tries[0] for tries in found], options)
+    driven = [tries[0] for tries in _tables(options.drive_file, options)] if options.drive_file else []
+    _check_mappings([*(tries[0] for tries in found), *driven], options)
+    if driven:
+        options = replace(options, drive=recorded(*driven[0], options))
     shapes = _waveforms([tries[0] for tries in found], options)
     tables: list[Table] = []
     for number, (tries, shape) in enumerate(zip(found, shapes, strict=True)):
@@ -97,7 +102,12 @@ def _check_used(tables: Sequence[Table], options: Options) -> None:
             file, line = (place.file, place.header_line or 1) if place else (None, None)
             faults.add(InputError(what, remedy, file=file, line=line))
     given = {"--start": options.start_us is not None, "--from-rest": options.from_rest, "--every": options.every != 1}
-    if not any(group.time_us is not None for table in tables for group in table.groups):
+    groups = [group for table in tables for group in table.groups]
+    if options.drive and not any(group.drive.table for group in groups):
+        faults.add(InputError("--drive is given, and no table has it", f"say --waveform {TABLE}, or leave it out"))
+    if options.period_us is not None and not options.drive:
+        faults.add(InputError("--period is of a recorded drive, and there is none", "give it with --drive FILE"))
+    if not options.drive and not any(group.time_us is not None for group in groups):
         for name in (name for name, is_given in given.items() if is_given):
             faults.add(InputError(f"{name} is of traces, and no table is one", "leave it out"))
     faults.end()
@@ -111,6 +121,8 @@ def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
     tries = [(grid, head) for grid, head in tries if _is_filled(grid, head)] or tries
     most = max((head.known for _, head in tries), default=0)
     best = [(grid, head) for grid, head in tries if head.known == most]
+    if not best and not read_bytes(file, "give another file").strip():
+        raise InputError("the file is empty", "give one that holds readings below headings", file=file, line=1)
     if not best:
         raise InputError(
             "no column is recognised",
@@ -187,7 +199,7 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
     for name in (name for name in given if name != TABLE):
         with faults.kept():
             try:
-                known_waveform(name)
+                known_waveform(name, options)
             except CellFault as fault:
                 raise InputError(f"--waveform {fault.what}", fault.remedy) from fault
     shapes = []
@@ -195,6 +207,8 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
         mapped = {place: m.column for m in options.columns for place in names(m, head.headings)}
         said = any(mapped.get(p, WAVEFORM if h.is_waveform else "") == WAVEFORM for p, h in enumerate(head.headings))
         shape = "" if not given else given[0] if len(given) == 1 else given[number]
+        if options.drive and not said and not shape:
+            shape = TABLE
         if said and shape:
             faults.add(
                 InputError("a column gives the waveform", "leave out --waveform", file=grid.file, line=head.line)
@@ -207,7 +221,7 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
 def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_id: int, examples: int) -> Table:
     """A table, read to its last cell."""
     chosen = choose(grid, head, options)
-    shape = _shape(grid, head, chosen, waveform)
+    shape = _shape(grid, head, chosen, waveform, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options.most_rows)
     read, decimal = readings(grid, head, chosen, rows, options, shape)
     sampled = from_start(grid, read, options) if chosen.traced else None
@@ -239,7 +253,7 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
     )
 
 
-def _shape(grid: Grid, head: Head, chosen: Chosen, given: str) -> str:
+def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options) -> str:
     """The waveform of a table's rows; empty where a column says it.
 
     Raises
@@ -255,8 +269,8 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str) -> str:
         remedy = f"say --waveform {TABLE} for this table" if not column else f"say {option(column[0].option, IGNORED)}"
         remedy = f"{remedy}, or {option(recorded[0].option, IGNORED)} to leave out the recording"
         raise InputError(what, remedy, file=grid.file, line=line)
-    if given == TABLE and not recorded:
-        what, remedy = "no column is a recorded drive", f"say {option('CH1', VOLTAGE, 'V')}, or another --waveform"
+    if given == TABLE and not recorded and not options.drive:
+        what, remedy = "no column is a recorded drive", f"say --drive FILE, or of a trace {option('CH1', VOLTAGE, 'V')}"
         raise InputError(what, remedy, file=grid.file, line=line)
     if not (recorded or column or given):
         remedy = f"say --waveform NAME, of {listed(NAMES)}; of several tables --waveform sine,square"
@@ -292,4 +306,4 @@ def _group(number: int, part: Sequence[Reading]) -> Group:
     """Readings as a group of its own."""
     names = dict.fromkeys(name for reading in part for name, _ in reading.values)
     columns = {name: np.array([dict(reading.values).get(name, np.nan) for reading in part]) for name in names}
-    return Group(number, Drive(part[0].waveform), f"group{number}.csv", changed=(), **readings_of(columns))
+    return Group(number, part[0].drive, f"group{number}.csv", changed=(), **readings_of(columns))

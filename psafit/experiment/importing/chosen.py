@@ -16,9 +16,12 @@ from psafit.experiment.importing.records import Options
 from psafit.experiment.importing.units import Unit
 from psafit.experiment.records import CONDITION_COLUMNS
 from psafit.experiment.text import listed, shown
+from psafit.observables import OF_LAUNCHES
 
 WAVEFORM = "waveform"
-HELD = (*CONDITION_COLUMNS, "sigma_um")
+ERROR_OF = {o.sigma_column: o.column for o in OF_LAUNCHES}
+"""Column of the reading that each known error is of."""
+HELD = (*CONDITION_COLUMNS, *ERROR_OF)
 """What may be held, in the place of a column."""
 IDLE = "idle_v"
 VOLTAGE = RECORDED[1]
@@ -27,6 +30,8 @@ EXAMPLES = {"frequency_hz": ("kHz", "1.2"), "amplitude_v": ("Vpp", "40")}
 """Unit and number of a condition, as an example."""
 READ = ("reading", "trace")
 """Roles of what is read."""
+SIGNALS = (*READ, "error")
+"""Roles of what a sensor's volts may be."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,7 @@ class Chosen:
     def held(self, options: Options) -> dict[str, float]:
         """Conditions that were held, of those that such a table takes and has no column of."""
         here = {c.column for c in self.columns}
-        takes = CONDITION_COLUMNS if self.traced else HELD
+        takes = (*CONDITION_COLUMNS, *(e for e, reading in ERROR_OF.items() if reading in here))
         return {name: value for name, value in options.held.items() if name in takes and name not in here}
 
     def of(self, column: str) -> list[Column]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from psafit.errors import Faults
 from psafit.experiment.importing.chosen import (
+    ERROR_OF,
     EXAMPLES,
     READ,
     VOLTAGE,
@@ -54,7 +55,8 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
         _check_unnamed(grid, head, found, faults)
     faults.end()
     said = {c.column for c in found if c.mapped}
-    used = [c for c in found if c.column not in ("", IGNORED) and (c.mapped or c.column not in said)]
+    given = (VOLTAGE,) if options.drive else ()  # in a file of its own
+    used = [c for c in found if c.column not in ("", IGNORED, *given) and (c.mapped or c.column not in said)]
     roles = ("condition", "time", "trace", "recording") if traced else ("condition", "reading", "error")
     usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, GROUPS}
     kept = [c for c in used if c.column in usable and role(c.column) in (*roles, "")]
@@ -97,6 +99,10 @@ def _mapped(grid: Grid, head: Head, options: Options, faults: Faults) -> dict[in
 def _recognised(head: Head, mapped: dict[int, Column], *, traced: bool) -> list[Column]:
     """Each column with what it is: empty for unknown, or `"ignore"`."""
     other = ("reading", "error") if traced else ("trace",)
+    could = [
+        [q for q in over_time(h, u) if q.role not in other] for h, u in zip(head.headings, head.units, strict=True)
+    ]
+    sure = {some[0].column for some in could if len(some) == 1} | {c.column for c in mapped.values()}
     found = []
     for place, heading in enumerate(head.headings):
         if place in mapped:
@@ -104,11 +110,10 @@ def _recognised(head: Head, mapped: dict[int, Column], *, traced: bool) -> list[
         elif heading.is_waveform:
             found.append(Column(place, heading, WAVEFORM))
         else:
-            could = [q for q in over_time(heading, head.units[place]) if traced or q.role != "trace"]
-            could = [q for q in could if q.role not in other]
-            if len(could) == 1 and not heading.quantities(head.units[place]):
+            of_these = [q for q in could[place] if ERROR_OF.get(q.column, q.column) in sure or q.role != "error"]
+            if len(of_these) == 1 and not heading.quantities(head.units[place]):
                 heading = heading.without_conditions
-            found.append(Column(place, heading, could[0].column if len(could) == 1 else ""))
+            found.append(Column(place, heading, of_these[0].column if len(of_these) == 1 else ""))
     return found
 
 
@@ -177,6 +182,11 @@ def _check_missing(grid: Grid, head: Head, chosen: Chosen, options: Options, fau
     if not chosen.readings:
         near = nearest(chosen.unused, head, "launch_range_um")
         what, remedy = f"no launch_range_um among {known}", f"say {option(near or 'NAME', 'launch_range_um')}"
+        if not near:
+            remedy = f"{remedy}, or as one of {listed(ERROR_OF.values())}"
+            volts = [c.option for c in chosen.unused if in_volts(c, head)]
+            scale = option(volts[0] if volts else "NAME", "launch_speed_mm_s", "5mm/s/V")
+            remedy = f"{remedy}; a sensor's volts with their scale, {scale}"
         if times:
             remedy = f"{remedy}; of traces, sort the rows by trace and time: each has {options.least_samples} or more"
         if chosen.not_yet:

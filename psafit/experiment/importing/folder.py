@@ -91,8 +91,8 @@ def write_import(imported: Imported, folder: Path) -> None:
         for group in table.groups:
             parts.append(group_text(group, group.file).lstrip("\n"))
             write_atomically(folder / group.file, table_text(group).encode())
-        for name, text in drive_files(table.groups).items():
-            write_atomically(folder / name, text.encode())
+    for name, text in drive_files([group for table in imported.tables for group in table.groups]).items():
+        write_atomically(folder / name, text.encode())
     write_atomically(folder / DEFINITION, "".join(parts).encode())
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from psafit.experiment import drive_table, table, trace_table
+from psafit.observables import OF_LAUNCHES
 
 Volts = Literal["peak", "pp", "rms"]
 
@@ -58,14 +59,26 @@ _TENSIONS = (
     "amplitude", "ampl", "amp", "voltage", "voltage amplitude", "amplitude voltage", "spannung", "spannungsamplitude",
     "antriebsspannung", "tension", "v", "u", "volt", "volts", "",
 )  # fmt: skip
-QUANTITIES = (
-    Quantity("frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition"),
-    Quantity("amplitude_v", "V", _TENSIONS, "condition"),
+_ERRORS = ("sigma", "standard uncertainty", "standardunsicherheit")
+_READINGS = (
     Quantity("launch_range_um", "um", _RANGES, "reading"),
     Quantity("launch_speed_mm_s", "mm/s", _SPEEDS, "reading"),
     Quantity("contact_time_us", "us", ("contact time", "contact duration", "kontaktzeit", "kontaktdauer"), "reading"),
     Quantity("peak_force_n", "N", ("peak force", "contact force", "force", "kraft", "kontaktkraft"), "reading"),
-    Quantity("sigma_um", "um", ("sigma", "standard uncertainty", "standardunsicherheit"), "error"),
+)
+_SIGMA = {o.column: o.sigma_column for o in OF_LAUNCHES}
+
+
+def _of(names: tuple[str, ...]) -> tuple[str, ...]:
+    """What the known error of a reading with these names is called: ``sigma range``."""
+    return tuple(f"{error} {name}" for error in _ERRORS for name in names)
+
+
+QUANTITIES = (
+    Quantity("frequency_hz", "Hz", ("frequency", "freq", "f", "frequenz", "frequence", "fréquence", ""), "condition"),
+    Quantity("amplitude_v", "V", _TENSIONS, "condition"),
+    *_READINGS,
+    *(Quantity(_SIGMA[r.column], r.unit, (*_ERRORS, *_of(r.names)), "error") for r in _READINGS),
     Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
     Quantity("idle_v", "V", ("idle", "idle voltage", "rest voltage", "ruhespannung"), "drive"),
     Quantity("voltage_v", "V", (), "recording"),  # `Heading.drives` says which column is one

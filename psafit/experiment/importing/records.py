@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from psafit.drives import TABLE, Drive
+from psafit.drives import Table as Rows
 from psafit.errors import InputError
 from psafit.experiment.importing.quantities import Volts
 from psafit.experiment.importing.units import Unit
@@ -60,7 +62,13 @@ class Options:
     from_rest : bool
         Whether a trace counts from the mean of its samples before the start.
     every : int
-        One sample of a trace in so many is kept.
+        One sample of a trace in so many is kept; of a recorded drive the means of so many.
+    drive_file : Path or None
+        A voltage over time, which is the drive of the waveform `"table"`.
+    period_us : float or None
+        How long one period of it lasts; None for a voltage that is taken as it is.
+    drive : psafit.drives.Table or None
+        That voltage, once it is read.
     least_samples, most_samples : int
         Of a trace, those that are kept: what `psafit.experiment.trace_table.read_trace` takes. Of a recorded drive all.
     most_at_rest : float
@@ -80,6 +88,9 @@ class Options:
     start_us: float | None = None
     from_rest: bool = False
     every: int = 1
+    drive_file: Path | None = None
+    period_us: float | None = None
+    drive: Rows | None = None
     least_samples: int = 10
     most_samples: int = 100_000
     most_at_rest: float = 0.1
@@ -90,6 +101,10 @@ class Options:
     def held(self) -> dict[str, float]:
         """Conditions that were held, of options of one table."""
         return {name: value for name, value in self.values if not isinstance(value, tuple)}
+
+    def drive_of(self, waveform: str, file: str = "drive.csv") -> Drive:
+        """The drive of a waveform; `file` is to hold that of `"table"`."""
+        return Drive(TABLE, table=self.drive, file=file) if waveform == TABLE else Drive(waveform)
 
     def of_table(self, number: int, n_tables: int) -> Options:
         """The options of one of several tables, counted from 0.

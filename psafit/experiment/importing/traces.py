@@ -100,7 +100,7 @@ def _apart(grid: Grid, found: Sequence[Reading]) -> list[list[Reading]]:
     apart: list[list[Reading]] = []
     for samples in columns.values():
         values = [dict(r.values) for r in samples]
-        keys = [(r.waveform, r.group, *(v[n] for n in CONDITION_COLUMNS)) for r, v in zip(samples, values, strict=True)]
+        keys = [(r.drive, r.group, *(v[n] for n in CONDITION_COLUMNS)) for r, v in zip(samples, values, strict=True)]
         times = [v[TIME] for v in values]
         parts = blocks(keys, times)
         if (at := runs_on(parts, times)) is not None:
@@ -168,7 +168,7 @@ def _drive(grid: Grid, rows: Sequence[Reading], options: Options) -> Drive:
         Where what it rested at is not known, or it did not rest.
     """
     if VOLTAGE not in dict(rows[0].values):
-        return Drive(rows[0].waveform)
+        return rows[0].drive
     time, volts = np.array([[dict(r.values)[name] for name in (TIME, VOLTAGE)] for r in rows]).T
     before = time < 0.0
     least = options.most_at_rest * float(np.ptp(volts))
@@ -208,7 +208,7 @@ def trace_of(number: int, trace: Trace) -> Group:
     drive = trace.drive
     return Group(
         number,
-        replace(drive, file=f"drive{number}.csv") if drive.recorded else drive,
+        replace(drive, file=f"drive{number}.csv") if drive.recorded and not drive.file else drive,
         f"group{number}.csv",
         values["frequency_hz"],
         values["amplitude_v"],

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from decimal import Decimal
 from itertools import zip_longest
 
-from psafit.drives import TABLE, WAVEFORMS, instead
+from psafit.drives import TABLE, WAVEFORMS, Drive, instead
 from psafit.errors import InputError
 from psafit.experiment.drive_table import level
-from psafit.experiment.importing.chosen import READ, VOLTAGE, WAVEFORM, Chosen, Column, option
+from psafit.experiment.importing.chosen import ERROR_OF, SIGNALS, VOLTAGE, WAVEFORM, Chosen, Column, option
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
@@ -27,7 +27,7 @@ class Reading:
     """One reading: where it stands, which group it is of, and the values of psafit's columns; of a trace its column."""
 
     line: int
-    waveform: str
+    drive: Drive
     group: str
     values: tuple[tuple[str, float], ...]
     place: int = 0
@@ -61,7 +61,7 @@ def readings(
         On every cell that cannot be read or is impossible, and on numbers that can be read in two ways.
     """
     quantities = [c for c in chosen.columns if c.column in COLUMNS]
-    notation = _notation(grid, body, quantities, options)
+    notation = notation_of(grid, body, quantities, options)
     if grid.separator == ",":
         _check_decimals(grid, body, chosen)
     faults = RowFaults(grid.file)
@@ -69,20 +69,23 @@ def readings(
     found = []
     for row in body.rows:
         before = faults.count
-        shape = _waveform(row, chosen, waveform, faults)
-        values = {c: _value(row, c, notation, shape, faults) for c in quantities}
+        drive = options.drive_of(_waveform(row, chosen, waveform, options, faults))
+        values = {c: _value(row, c, notation, drive, faults) for c in quantities}
         label = " ".join(text_of(_cell(row, c)) for c in chosen.of(GROUPS))
         repetitions = _repetitions(values, chosen)
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
             faults.add(chosen.readings[0], what, remedy, row.line)
         others = {c.column: v for c, v in values.items() if c.column not in chosen.readings and v is not None}
+        for c in values:
+            if c.column not in others and ERROR_OF.get(c.column) in {r.column for read in repetitions for r in read}:
+                faults.add(c.column, "is empty", "enter the known error of the reading, or ignore the column", row.line)
         for read in repetitions if faults.count == before else ():
             known = held | others | {c.column: v for c, v in read.items()}
             first = next(iter(read))
             if chosen.traced:
-                known = _named(grid, head, first, shape, options) | known
-            found.append(Reading(row.line, shape, label, tuple(known.items()), first.place if chosen.traced else 0))
+                known = _named(grid, head, first, drive, options) | known
+            found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
                 if v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
@@ -90,7 +93,7 @@ def readings(
     return found, notation.decimal
 
 
-def _named(grid: Grid, head: Head, column: Column, waveform: str, options: Options) -> dict[str, float]:
+def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Options) -> dict[str, float]:
     """The conditions that the heading of a trace names.
 
     Raises
@@ -102,7 +105,7 @@ def _named(grid: Grid, head: Head, column: Column, waveform: str, options: Optio
     try:
         for a in column.at:
             volts = (a.volts or options.volts or "peak") if a.column == "amplitude_v" else "peak"
-            found[a.column] = within(float(a.value * peak(volts, waveform)), a.column, column.option)
+            found[a.column] = within(float(a.value * peak(volts, drive)), a.column, column.option)
     except CellFault as fault:
         raise InputError(f"heading {fault.what}", fault.remedy, file=grid.file, line=head.line or 1) from fault
     return found
@@ -121,7 +124,7 @@ def _cell(row: Row, column: Column) -> Cell:
     return row.cells[column.place] if column.place < len(row.cells) else ""
 
 
-def _notation(grid: Grid, body: Body, columns: Sequence[Column], options: Options) -> Notation:
+def notation_of(grid: Grid, body: Body, columns: Sequence[Column], options: Options) -> Notation:
     """How numbers are written in the whole file; asked for where that makes a difference and cannot be known."""
     if options.decimal:
         return NOTATIONS[options.decimal]
@@ -147,38 +150,42 @@ def _check_decimals(grid: Grid, body: Body, chosen: Chosen) -> None:
             raise InputError(what, remedy, file=grid.file, line=body.rows[0].line)
 
 
-def _waveform(row: Row, chosen: Chosen, given: str, faults: RowFaults) -> str:
+def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: RowFaults) -> str:
     """The waveform of a row."""
     column = next(iter(chosen.of(WAVEFORM)), None)
     text = given if column is None else text_of(_cell(row, column))
     if column is None and given == TABLE:
         return TABLE
     try:
-        return known_waveform(text)
+        return known_waveform(text, options)
     except CellFault as fault:
         faults.add(WAVEFORM, fault.what, fault.remedy, row.line)
         return next(iter(WAVEFORMS))
 
 
-def known_waveform(text: str) -> str:
-    """Psafit's waveform of this name, or a `CellFault`."""
+def known_waveform(text: str, options: Options) -> str:
+    """Psafit's waveform of this name, or that of a file of its own; a `CellFault` for any other."""
     for form in WAVEFORMS.values():
         if words(text) in (words(name) for name in (form.id, *form.names)):
             return form.id
+    if words(text) == TABLE and options.drive is None:
+        raise CellFault(f"{shown(text)} needs a voltage over time", "give it with --drive FILE")
+    if words(text) == TABLE:
+        return TABLE
     raise CellFault(f"{shown(text)} is no waveform that psafit knows", instead(text))
 
 
-def _value(row: Row, column: Column, notation: Notation, waveform: str, faults: RowFaults) -> float | None:
+def _value(row: Row, column: Column, notation: Notation, drive: Drive, faults: RowFaults) -> float | None:
     """The value of a cell; None where it is empty, and may be, or where there is a fault."""
     cell = _cell(row, column)
     text = text_of(cell)
-    if not text and COLUMNS[column.column].role in READ:
+    if not text and COLUMNS[column.column].role in SIGNALS:
         return None  # a repetition that was left out
     try:
         number = notation.number(cell)
         if number is None:
             raise CellFault(*_no_number(cell, text, notation))
-        value = float(number.value * _factor(number, column, waveform, text))
+        value = float(number.value * _factor(number, column, drive, text))
         if column.column == TIME:  # on the clock of the instrument
             return value
         check = level if column.column == VOLTAGE else possible if column.column in TRACES else within
@@ -205,7 +212,7 @@ def _no_number(cell: Cell, text: str, notation: Notation) -> tuple[str, str]:
     return f"{shown(text)} is not a number", remedy
 
 
-def _factor(number: Number, column: Column, waveform: str, text: str) -> Decimal:
+def _factor(number: Number, column: Column, drive: Drive, text: str) -> Decimal:
     """Number that turns a value into psafit's unit."""
     target = COLUMNS[column.column].unit
     unit = number.unit or column.unit
@@ -226,28 +233,27 @@ def _factor(number: Number, column: Column, waveform: str, text: str) -> Decimal
         raise CellFault(what, "count all volts of the column in one way")
     if volts is None:
         raise CellFault(f"{shown(text)} may be zero to peak, peak to peak, or RMS", "say --volts peak, pp or rms")
-    return factor * peak(volts, waveform)
+    return factor * peak(volts, drive)
 
 
-def peak(volts: Volts, waveform: str) -> Decimal:
+def peak(volts: Volts, drive: Drive) -> Decimal:
     """Peak of a voltage that is 1 as it is counted."""
-    form = WAVEFORMS.get(waveform)
-    if form is None and volts != "rms":  # of a recorded drive, from its least to its greatest voltage
-        return Decimal(1) if volts == "peak" else Decimal("0.5")
-    if form and volts != "rms":
-        low, high = form.span  # an amplitude is counted from zero, of a unipolar waveform, too
+    form = WAVEFORMS.get(drive.waveform)
+    if volts != "rms":
+        # An amplitude is counted from zero, of a unipolar waveform, too; of a drive recorded next to a trace half.
+        low, high = form.span if form else drive.table.span if drive.table else (-1.0, 1.0)
         return 1 / Decimal(high - low) if volts == "pp" else Decimal(1)
     if form is None or form.crest_squared is None:
-        raise CellFault(f"volts are RMS, and the peak of {waveform} does not follow", "give them zero to peak")
+        raise CellFault(f"volts are RMS, and the peak of {drive.waveform} does not follow", "give them zero to peak")
     return Decimal(form.crest_squared).sqrt()
 
 
-def groups_of(found: Sequence[Reading]) -> dict[tuple[str, str], list[Reading]]:
+def groups_of(found: Sequence[Reading]) -> dict[tuple[Drive, str], list[Reading]]:
     """Readings by waveform and label, in the order of the file."""
-    parts: dict[tuple[str, str], list[Reading]] = {}
+    parts: dict[tuple[Drive, str], list[Reading]] = {}
     for reading in found:
-        parts.setdefault((reading.waveform, reading.group), []).append(reading)
+        parts.setdefault((reading.drive, reading.group), []).append(reading)
     return parts
 
 
-__all__ = ["Reading", "groups_of", "known_waveform", "peak", "readings"]
+__all__ = ["Reading", "groups_of", "known_waveform", "notation_of", "peak", "readings"]

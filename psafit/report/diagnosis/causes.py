@@ -95,7 +95,10 @@ def model_rows(result: Diagnosis) -> list[list[Any]]:
     if rows:
         listed_ones = sum(known(c.probability) for c in result.causes)
         others = max(1 - listed_ones - known(result.unnamed), 0.0)
-        for name, share in (("all other sets of causes", others), ("a discrepancy without a name", result.unnamed)):
+        for name, share in (
+            ("all other sets of causes, missed ones too", others),
+            ("a discrepancy without a name", result.unnamed),
+        ):
             rows.append([Markup("<em>{}</em>").format(name), words.share(share), *["–"] * 5])
     return rows
 
@@ -263,8 +266,10 @@ def _bars(
     stub: float = 0.02,
 ) -> Figure:  # fmt: skip
     with figure_style():
-        figure, axes = new_figure(height=1.45 + 0.235 * len(names))
-        at = np.arange(len(names))[::-1]
+        wrapped = [textwrap.fill(n, 31, max_lines=2, placeholder="…", break_on_hyphens=False) for n in names]
+        rooms = np.array([1.0 + 0.5 * n.count("\n") for n in wrapped])  # a name of two lines takes more
+        figure, axes = new_figure(height=1.45 + 0.235 * float(rooms.sum()))
+        at = rooms.sum() - np.cumsum(rooms) + rooms / 2
         lengths = np.nan_to_num(np.asarray(values, dtype=float))
         low, high = limits or (min(0.0, float(lengths.min())), max(float(lengths.max()), 1.0))
         span = high - low
@@ -282,8 +287,7 @@ def _bars(
                 va="center", fontsize=8.5, color=PALETTE["ink"],
             )  # fmt: skip
         scale_axis(axes, "x", low, high + 0.22 * span, log=False, few=True)
-        axes.set_ylim(-0.7, len(names) - 0.3)
-        wrapped = [textwrap.fill(n, 31, max_lines=2, placeholder="…", break_on_hyphens=False) for n in names]
+        axes.set_ylim(-0.2, rooms.sum() + 0.2)
         axes.set_yticks(at, [label(n, 64) for n in wrapped], fontsize=8.5, linespacing=0.9)
         for tick, s in zip(axes.get_yticklabels(), screening, strict=True):
             tick.set_fontweight("bold" if s.id in adopted else "normal")
@@ -319,6 +323,16 @@ def alternatives(result: Diagnosis, most: int = 12) -> dict[str, Any]:
         "rows": rows,
         "more": max(0, len(result.alternatives) - most),
     }
+
+
+def no_alternative(result: Diagnosis) -> str:
+    """What is said where no set is tied with what is named; of other sets it claims no more than was looked at."""
+    if result.verdict == "adequate":
+        return "No cause is needed. What the readings leave the other sets stands in the table of models."
+    if not result.named:
+        return "No set of causes that was fitted does better than the baseline, which does not explain the readings."
+    what = "set of these causes" if result.left_out else "set of causes"
+    return f"{result.looked_at.no_other(what).capitalize()} does as well."
 
 
 def confounded(pairs: Sequence[Confounded], most: int = 12) -> list[list[Any]]:

@@ -16,7 +16,7 @@ from psafit.observables import OBSERVABLES
 from psafit.report.catalogue import model
 from psafit.report.diagnosis import words
 from psafit.report.diagnosis.answer import PAGE
-from psafit.report.wording import listed, number, percent, symbol_html, with_unit
+from psafit.report.wording import NBSP, listed, number, percent, symbol_html, with_unit
 from psafit.text import count
 
 
@@ -62,7 +62,7 @@ def _readings(proposal: Proposal) -> str:
     """How many they are, of launches or along a trace."""
     if proposal.time_us is None:
         return count(proposal.n_readings, "reading")
-    return f"{count(proposal.n_readings, 'sample')} over {proposal.time_us[-1]:g} us"
+    return f"{count(proposal.n_readings, 'sample')} over {proposal.time_us[-1]:g}{NBSP}µs"
 
 
 def _read_as(proposal: Proposal) -> str:

@@ -49,7 +49,7 @@ def write_diagnosis(result: Diagnosis, experiment: Experiment, folder: Path) -> 
         "sentences": answer.first_screen(result),
         "own_sentences": result.sentences,
         "searched": Searched(result.looked_at, result.settings.search.missed).say(PLAIN),
-        "no_other": result.looked_at.no_other("set of causes").capitalize(),
+        "no_alternative": causes.no_alternative(result),
         "tiles": answer.tiles(result, shown),
         "extended": "extended" in result.show,
         "all_groups": ",".join(str(g) for g in result.groups),

@@ -68,7 +68,8 @@ def scale_axis(
         axis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
         axis.set_minor_locator(NullLocator())
     elif shown < (2.0 if few else 2.6):
-        axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if shown < 1.6 else (1.0, 3.0), numticks=20))
+        close = shown < (1.2 if few else 1.6)
+        axis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if close else (1.0, 3.0), numticks=20))
         axis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=20))
     else:
         # Where there is little room, every other of many decades.

@@ -39,8 +39,8 @@ def isolability_figure(found: Isolability, *, most: float = 30.0) -> Figure:
         axes.set_yticks(range(n), seen, fontsize=8)
         axes.grid(visible=False)
         axes.tick_params(length=0)
-        axes.set_xlabel("taken for")
-        axes.set_ylabel("what made the readings")
+        axes.set_xlabel("Cause by which they are explained")
+        axes.set_ylabel("Cause that made the readings")
         bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02)
-        bar.set_label(f"nats against it; {limit:g} separate, {most:g} and more are white")
+        bar.set_label(f"Nats against the column's cause (numbers: below {limit:g}, hardly distinguished)")
     return figure

@@ -1,0 +1,140 @@
+"""Recorded voltages as drives, and readings in a sensor's volts: read right, or asked about in one clear line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import run
+
+from psafit.errors import Faults, InputError
+from psafit.experiment import Group, read_experiment
+from psafit.experiment.importing import Mapping, Options, read_files
+from psafit.experiment.importing.units import Unit, scaled
+
+RIG = [w for name in ("M=0.02", "m=0.008", "q=1.5e-7", "l=0.2", "k_s=3.5e7", "g=9.81") for w in ("--set", name)]
+SWEEP = "f (kHz);Vpp;Range (um)\n1,2;40;76,5\n1,3;40;75\n"
+CORNERS, VOLTS = [0.0, 100.0, 500.0, 600.0, 1000.0], [0.0, 60.0, 60.0, 0.0, 0.0]  # us, V: a trapezoid
+
+
+def scope(head: str = "Model;DSO\nTime (ms);CH1 (V)\n", step: float = 5.0, factor: float = 1.0) -> str:
+    """What an oscilloscope shows of the trapezoid, which starts at 0.2 ms on its clock."""
+    times = np.arange(0.0, 1400.0 + step / 2, step)
+    volts = np.interp(times - 200.0, CORNERS, VOLTS) / factor
+    rows = (f"{t / 1000:.9g};{u:.9g}\n" for t, u in zip(times, volts, strict=True))
+    return head + "".join(rows).replace(".", ",")
+
+
+def options(folder: Path, text: str, **said: Any) -> Options:
+    file = folder / "scope.csv"
+    file.write_text(text, encoding="utf-8")
+    return Options(**({"drive_file": file, "start_us": 200.0} | said))
+
+
+def read(folder: Path, text: str, **said: Any) -> Group:
+    sweep = folder / "sweep.csv"
+    sweep.write_text(SWEEP, encoding="utf-8")
+    (table,) = read_files([sweep], options(folder, text, **said))
+    (group,) = table.groups
+    return group
+
+
+def test_a_recording_is_the_drive_as_it_is(tmp_path: Path) -> None:
+    table = read(tmp_path, scope()).drive.table
+    assert table is not None and table.recorded
+    assert (table.at[0], table.at[-1]) == (0.0, pytest.approx(1.2e-3))
+    corners = [0.0, 1e-4, 5e-4, 6e-4, 1e-3]
+    np.testing.assert_allclose(np.interp(corners, table.at, table.value), VOLTS, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (scope(), {}),
+        (scope(step=0.5), {"every": 10}),
+        (scope("x;y\nms;mV\n", factor=1e-3), {}),
+        (scope("Time (ms);monitor (V)\n", factor=20.0), {"columns": (Mapping("monitor", "voltage_v", scaled("20V")),)}),
+        (scope("Time (ms);m (mV)\n", factor=20e-3), {"columns": (Mapping("m", "voltage_v", scaled("20V")),)}),
+    ],
+)
+def test_a_period_is_scaled_to_its_largest_voltage(text: str, said: dict[str, Any], tmp_path: Path) -> None:
+    group = read(tmp_path, text, period_us=1000.0, **said)
+    table = group.drive.table
+    assert table is not None and not table.recorded
+    phases = [0.0, 0.05, 0.1, 0.3, 0.5, 0.55, 0.6, 1.0]
+    levels = [0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0]
+    np.testing.assert_allclose(np.interp(phases, table.at, table.value), levels, atol=0.03)  # means round the corners
+    assert group.amplitude_v.tolist() == [40.0, 40.0]  # of a drive from 0 V, peak to peak is the peak
+
+
+REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
+    "before the start": (scope().replace("\n0;", "\n-0,1;"), {"start_us": None}, "--start 0"),
+    "too short": (scope(), {"period_us": 2000.0}, "correct --start or --period, or record longer"),
+    "too coarse": (scope(step=50.0), {"every": 9, "period_us": 1000.0}, "a smaller --every"),
+    "no voltage": (scope("Time (ms);CH1 (N)\n"), {}, "no voltage_v of the drive"),
+    "two voltages": (
+        scope("Time (ms);CH1 (V);CH2 (V)\n").replace("\n0,", "\n0;0,"), {}, "--column 'CH1 (V)=voltage_v'",
+    ),
+    "out of order": (scope() + "0,1;0\n", {}, "100 comes after 1400"),
+    "a word": (scope() + "1,5;over\n", {}, "is not a number"),
+    "another waveform": (scope(), {"waveforms": ("sine",)}, "--drive is given, and no table has it"),
+    "RMS": (scope(), {"columns": (Mapping("Vpp", "amplitude_v", Unit("V", "rms")),)}, "the peak of table does not"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "said", "message"), REFUSED.values(), ids=REFUSED.keys())
+def test_a_recording_that_is_none_is_refused(text: str, said: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text, **said)
+    assert message in str(caught.value)
+
+
+def test_the_command_writes_the_drive_and_check_reads_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.csv").write_text(SWEEP, encoding="utf-8")
+    Path("scope.csv").write_text(scope(), encoding="utf-8")
+    assert run(monkeypatch, "import", "sweep.csv", "--waveform", "table", "--out", "rig") == 2
+    assert "--drive FILE" in capsys.readouterr().err
+    words = ["import", "sweep.csv", "--drive", "scope.csv", "--start", "0.2:ms", *RIG]
+    assert run(monkeypatch, *words, "--period", "1:ms", "--out", "rig") == 0
+    assert run(monkeypatch, "import", "sweep.csv", "--period", "1:ms", "--waveform", "sine", "--out", "no") == 2
+    said = capsys.readouterr()
+    assert "--period is of a recorded drive" in said.err
+    assert "drive of 201 rows, 0 to 1 per volt of amplitude_v" in said.out
+    assert run(monkeypatch, *words, "--out", "once") == 0
+    assert "0 to 60 V" in capsys.readouterr().out
+    assert read_experiment("rig").warnings == ()
+    (warning,) = read_experiment("once").warnings
+    assert "a recorded drive is the same at each frequency" in warning
+
+
+def test_readings_in_a_sensors_volts_have_their_known_errors(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("f (Hz);Vp;Launch (mV);Sigma (mV);Range (um);Sigma range (nm)\n1;20;3000;10;;\n2;20;;;76;2000\n")
+    columns = tuple(
+        Mapping(heading, name, scaled("5mm/s/V"))
+        for heading, name in (("Launch", "launch_speed_mm_s"), ("Sigma (mV)", "sigma_mm_s"))
+    )
+    asked = Options(columns=columns, waveforms=("square",))
+    (table,) = read_files([file], asked)
+    (group,) = table.groups
+    assert group.reading.tolist() == [76.0, 15.0] and group.sigma is not None
+    assert group.sigma.tolist() == [2.0, 0.05]
+    file.write_text(file.read_text().replace(";10;", ";;"))
+    with pytest.raises(InputError, match=r"a\.csv:2: sigma_mm_s is empty; enter the known error"):
+        read_files([file], asked)
+    with pytest.raises(InputError, match="sigma_n is given, and no table takes it"):
+        read_files([file], replace(asked, columns=columns[:1], values=(("sigma_n", 1.0),)))
+
+
+def test_a_fault_that_two_groups_share_is_named_once() -> None:
+    faults = Faults()
+    for _ in range(2):
+        faults.add(InputError("what", "remedy", file="drive.csv"))
+    with pytest.raises(InputError, match=r"^drive\.csv: what; remedy$"):
+        faults.end()
