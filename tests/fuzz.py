@@ -74,6 +74,8 @@ class Late(BaseException):
 CAUSES = ("reading_offset", "stack_stiffness")
 # What the diagnosis that is taken up again found undisturbed.
 UNDISTURBED = "undisturbed.json"
+# What the two columns of a recorded drive are called among readings.
+DRIVEN = ("drive_us", "voltage_v")
 # What an imported file holds, or a folder with many keys, where it was not spoilt.
 TRUTH = "truth.pickle"
 # Cases that need nothing of what `prepare` makes.
@@ -327,9 +329,9 @@ def set_up(kind: str, rng: random.Random, known: dict[str, list[str]], folder: P
 
 def import_words(rng: random.Random, folder: Path) -> list[str]:
     """A file as instruments write it, half of them spoilt, and the command that imports it."""
-    from foreign import draw, draw_trace
+    from foreign import draw, draw_trace, draw_traces
 
-    made = (draw_trace if rng.random() < 0.25 else draw)(rng, folder)
+    made = rng.choices([draw, draw_trace, draw_traces], [3, 1, 1])[0](rng, folder)
     if rng.random() < 0.5:
         spoil(made.file, rng)
     else:
@@ -504,7 +506,11 @@ def misread(folder: Path) -> str:
     truth = folder / TRUTH
     if not truth.exists() or not (folder / "new").exists():
         return ""
-    found = [(g.waveform, *cell[:4]) for g in read_plainly(folder / "new") for cell in g.cells]
+    found = []
+    for g in read_plainly(folder / "new"):
+        found += [(g.waveform, *cell[:4]) for cell in g.cells]
+        for row in g.rows:
+            found += [(g.waveform, *g.cells[0][:2], name, x) for name, x in zip(DRIVEN, row, strict=True)]
     return "" if sorted(found) == pickle.loads(truth.read_bytes()) else "other readings than in the file"
 
 

@@ -31,7 +31,7 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
     "columns",
     multiple=True,
     metavar="HEADING=COLUMN[:UNIT]",
-    help="What a column holds: 'Freq=frequency_hz:kHz', 'Note=ignore', '3=launch_range_um:um'; repeat.",
+    help="What a column holds: 'Freq=frequency_hz:kHz', 'Note=ignore', 'CH1=voltage_v:20V/V'; repeat.",
 )
 @click.option(
     "--set",
@@ -84,8 +84,9 @@ def import_files(
     """Make an experiment folder of what instruments and spreadsheets write.
 
     FILE is text with any separator, or a workbook (.xlsx, .xls, .ods). Each is a group; columns are recognised by
-    name and unit. Time and displacement or velocity are a trace, whose drive --set gives. What was understood is
-    printed. What may be understood in two ways is asked for.
+    name and unit. Time and displacement or velocity are a trace. Its conditions stand in columns or headings, or --set
+    gives them; a voltage recorded with it is its drive. What was understood is printed. What may be understood in two
+    ways is asked for.
     """
     from psafit.experiment import read_experiment
     from psafit.experiment.importing import Options, read_files, write_import
@@ -140,7 +141,7 @@ def _on_rig(tables: Sequence[Table], constants: dict[str, float], rig: Path | No
 def _mapping(text: str) -> Mapping:
     """What a ``--column`` says."""
     from psafit.experiment.importing import COLUMN_NAMES, Mapping
-    from psafit.experiment.importing.columns import SIGNALS
+    from psafit.experiment.importing.chosen import SIGNALS
     from psafit.experiment.importing.quantities import COLUMNS
     from psafit.experiment.importing.units import scaled
     from psafit.experiment.importing.units import unit as parsed
@@ -154,10 +155,10 @@ def _mapping(text: str) -> Mapping:
         )
     if column not in COLUMN_NAMES:
         raise InputError(f"--column {shown(text)}: {shown(column)} is no column", did_you_mean(column, COLUMN_NAMES))
-    signal = column in COLUMNS and COLUMNS[column].role in SIGNALS
+    signal = column in COLUMNS and COLUMNS[column].role in (*SIGNALS, "recording")
     said = parsed(unit) or (scaled(unit) if signal else None) if colon else None
     if colon and said is None:
-        usual = "um, or what a volt is, 5mm/s/V or 2um/V" if signal else "kHz, mV, Vpp or um"
+        usual = "um, or what a volt is, 5mm/s/V, 2um/V or 20V/V" if signal else "kHz, mV, Vpp or um"
         raise InputError(f"--column {shown(text)}: {shown(unit)} is no unit", f"write for example {usual}")
     return Mapping(heading.strip(), column, said)
 
@@ -165,13 +166,13 @@ def _mapping(text: str) -> Mapping:
 def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, float | tuple[float, ...]], ...]]:
     """Constants and conditions that ``--set`` gives, in SI and psafit's units; of several tables a condition each."""
     from psafit.experiment import CONSTANT_UNITS
-    from psafit.experiment.importing.columns import HELD
+    from psafit.experiment.importing import SETTABLE
     from psafit.experiment.importing.given import value
     from psafit.experiment.text import did_you_mean, listed, shown
 
     constants: dict[str, float] = {}
     held: dict[str, float | tuple[float, ...]] = {}
-    known = (*CONSTANT_UNITS, *HELD)
+    known = (*CONSTANT_UNITS, *SETTABLE)
     for text in given:
         name, _, number = (part.strip() for part in text.partition("="))
         if name not in known:
@@ -225,7 +226,8 @@ def _columns_text(table: Table) -> list[str]:
         if g.time_us is not None:
             read = f"{count(g.n_points, 'sample')} of the {g.observable.title}"
         drive = f"drive of {reach(g.drive.table)}" if g.drive.table else g.waveform
-        lines.append(f"  group {g.id}: {drive}, {read}, {g.file}")
+        at_rest = f" from {g.drive.idle_v:.4g} V" if g.drive.idle_v else ""
+        lines.append(f"  group {g.id}: {drive}{at_rest}, {read}, {g.file}")
     return lines
 
 
@@ -279,7 +281,10 @@ def _table_result(table: Table) -> dict[str, Any]:
         "not_used": list(table.unused),
         "not_yet": [{"heading": heading, "column": column} for heading, column in table.not_yet],
         "left_out": [{"line": line, "text": text} for line, text in table.left_out],
-        "groups": [{"id": g.id, "waveform": g.waveform, "file": g.file, "n_points": g.n_points} for g in table.groups],
+        "groups": [
+            {"id": g.id, "waveform": g.waveform, "file": g.file, "n_points": g.n_points, "drive": g.drive.file}
+            for g in table.groups
+        ],
     }
 
 

@@ -14,8 +14,8 @@ from psafit.experiment.text import listed, shown
 
 PERIOD, RECORDED = ("phase", "level"), ("time_us", "voltage_v")
 _HEADER = f"the first line must read {','.join(PERIOD)} (one period) or {','.join(RECORDED)} (a recording)"
-# Hard limits of each column, far beyond any rig.
-_LIMITS = {"phase": (0.0, 1.0), "level": (-1e3, 1e3), "time_us": (0.0, 1e12), "voltage_v": (-1e6, 1e6)}
+LIMITS = {"phase": (0.0, 1.0), "level": (-1e3, 1e3), "time_us": (0.0, 1e12), "voltage_v": (-1e6, 1e6)}
+"""Hard limits of each column, far beyond any rig."""
 
 
 def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, most_bytes: int = 2**24) -> Table:
@@ -57,14 +57,18 @@ def read_drive(file: Path, *, least_rows: int = 10, most_rows: int = 100_000, mo
     return Table(at * 1e-6 if recorded else at, value, recorded)
 
 
+def level(number: float, name: str, cell: str) -> float:
+    """A value within the limits of its column, or a `CellFault`; `cell` is what stands in the file."""
+    low, high = LIMITS[name]
+    if low <= number <= high:
+        return number + 0.0
+    remedy = "begin at 0, the start of the drive" if number < 0.0 == low else "correct the value or its unit"
+    raise CellFault(f"{shown(cell)} is not between {low:g} and {high:g}", remedy)
+
+
 def _value(name: str, cell: str, faults: RowFaults, line: int) -> float:
-    low, high = _LIMITS[name]
     try:
-        number = plain(cell)
-        if low <= number <= high:
-            return number + 0.0
-        remedy = "begin at 0, the start of the drive" if number < 0.0 == low else "correct the value or its unit"
-        raise CellFault(f"{shown(cell)} is not between {low:g} and {high:g}", remedy)
+        return level(plain(cell), name, cell)
     except CellFault as fault:
         faults.add(name, fault.what, fault.remedy, line)
         return math.nan

@@ -113,11 +113,37 @@ def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
     v_max = float(group.amplitude_v.max())
     if not group.drive.recorded:
         found += _suspicious_volts(v_max)
-    found += _suspicious_recording(group)
+    found += [*_suspicious_recording(group), *_unreached(group, v_max)]
     for part in group.parts:
         found += _suspicious_part(part, constants, v_max)
     found += [*_suspicious_pairs(group, constants), *_copied_rows(group)]
     return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]
+
+
+def _unreached(group: Group, v_max: float, reach: float = 0.8) -> list[str]:
+    """What a recorded voltage says against the amplitude that is stated.
+
+    Parameters
+    ----------
+    group : Group
+    v_max : float
+        The amplitude, V.
+    reach : float
+        A recording spans the amplitude, or twice that if it has either sign, to within this factor.
+    """
+    table = group.drive.table
+    if table is None or not table.recorded or v_max == 0:
+        return []
+    low, high = (float(end(table.value)) for end in (np.min, np.max))
+    low, high = min(low, group.drive.idle_v), max(high, group.drive.idle_v)
+    said = f"the recorded drive goes from {low:.4g} to {high:.4g} V"
+    if high - low < reach * v_max:
+        return [
+            f"{said} and never reaches amplitude_v = {v_max:g}; is the factor of a divider or an amplifier missing?"
+        ]
+    if reach * (high - low) > 2 * v_max:
+        return [f"{said}, beyond amplitude_v = {v_max:g}; is that another quantity, or in another unit?"]
+    return []
 
 
 def _suspicious_volts(v_max: float) -> list[str]:

@@ -87,9 +87,9 @@ def drive_files(groups: Sequence[Conditions]) -> dict[str, str]:
     for drive in (g.drive for g in groups if g.drive.table):
         table = drive.table
         assert table is not None
-        names, unit = (RECORDED, 1e-6) if table.recorded else (PERIOD, 1.0)
-        rows = zip((table.at / unit).tolist(), table.value.tolist(), strict=True)
-        lines = [",".join(names), *(",".join(map(number_text, row)) for row in rows)]
+        names, place = (RECORDED, _microseconds) if table.recorded else (PERIOD, number_text)
+        rows = zip(table.at.tolist(), table.value.tolist(), strict=True)
+        lines = [",".join(names), *(f"{place(at)},{number_text(value)}" for at, value in rows)]
         found[drive.file] = "\n".join(lines) + "\n"
     return found
 
@@ -208,6 +208,12 @@ def _condition(group: Conditions) -> tuple[float, float] | None:
 def number_text(value: float) -> str:
     """A number as people write it: whole ones without a point."""
     return repr(float(value)).removesuffix(".0")
+
+
+def _microseconds(seconds: float) -> str:
+    """A time as the shortest number of microseconds that is read as the same."""
+    texts = (f"{seconds / 1e-6:.{digits}g}" for digits in range(6, 18))
+    return number_text(next((float(text) for text in texts if float(text) * 1e-6 == seconds), seconds / 1e-6))
 
 
 def _quoted(text: str) -> str:

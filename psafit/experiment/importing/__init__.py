@@ -13,26 +13,29 @@ from pathlib import Path
 
 import numpy as np
 
-from psafit.drives import TABLE, WAVEFORMS
+from psafit.drives import NAMES, TABLE
 from psafit.errors import Faults, InputError
-from psafit.experiment.importing.columns import VOLTAGE, WAVEFORM, choose, option
+from psafit.experiment.importing.chosen import HELD, IDLE, VOLTAGE, WAVEFORM, Chosen, option
+from psafit.experiment.importing.columns import choose
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, grids
 from psafit.experiment.importing.layout import Head, body, find_head, names
 from psafit.experiment.importing.quantities import BLANKS, COLUMNS, SEPARATORS
 from psafit.experiment.importing.recorded import recorded
 from psafit.experiment.importing.records import GROUPS, IGNORED, Example, Mapping, Options, Table, Understood
-from psafit.experiment.importing.traces import Sampled, from_start, trace_of
+from psafit.experiment.importing.traces import from_start, trace_of
 from psafit.experiment.importing.values import Reading, groups_of, known_waveform, readings
-from psafit.experiment.records import Group
+from psafit.experiment.records import CONDITION_COLUMNS, Group
 from psafit.experiment.table import CellFault, readings_of
 from psafit.experiment.text import did_you_mean, listed, shown
 from psafit.files import read_bytes
 
-COLUMN_NAMES = (*COLUMNS, VOLTAGE, WAVEFORM, GROUPS, IGNORED)
+SETTABLE = (*HELD, IDLE)
+"""What may be given for a whole table."""
+COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
 
-__all__ = ["COLUMN_NAMES", "Imported", "Mapping", "Options", "Table", "read_files", "write_import"]
+__all__ = ["COLUMN_NAMES", "SETTABLE", "Imported", "Mapping", "Options", "Table", "read_files", "write_import"]
 
 
 def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> list[Table]:
@@ -171,8 +174,8 @@ def _readable(
 
 def _content(table: Table) -> tuple[object, ...]:
     """What was read, to be compared."""
-    arrays = [(g.waveform, getattr(g, f.name)) for g in table.groups for f in fields(g)]
-    return tuple((shape, array.tobytes()) for shape, array in arrays if isinstance(array, np.ndarray))
+    arrays = [(g.drive, getattr(g, f.name)) for g in table.groups for f in fields(g)]
+    return tuple((drive, array.tobytes()) for drive, array in arrays if isinstance(array, np.ndarray))
 
 
 def _check_mappings(found: Sequence[tuple[Grid, Head]], options: Options) -> None:
@@ -188,12 +191,12 @@ def _check_mappings(found: Sequence[tuple[Grid, Head]], options: Options) -> Non
 
 
 def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str]:
-    """The waveform of each table; empty where a column says it."""
+    """The waveform of each table; empty where it is not given."""
     faults = Faults()
     given = options.waveforms
     if len(given) > 1 and len(given) != len(found):
         raise InputError(f"{len(given)} waveforms for {len(found)} tables", "give one, or one for each")
-    for name in given:
+    for name in (name for name in given if name != TABLE):
         with faults.kept():
             try:
                 known_waveform(name, options)
@@ -210,9 +213,6 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
             faults.add(
                 InputError("a column gives the waveform", "leave out --waveform", file=grid.file, line=head.line)
             )
-        if not said and not shape:
-            remedy = f"say --waveform NAME, of {listed(WAVEFORMS)}; of several tables --waveform sine,square"
-            faults.add(InputError("nothing says which waveform of the drive", remedy, file=grid.file))
         shapes.append(shape)
     faults.end()
     return shapes
@@ -221,23 +221,22 @@ def _waveforms(found: Sequence[tuple[Grid, Head]], options: Options) -> list[str
 def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_id: int, examples: int) -> Table:
     """A table, read to its last cell."""
     chosen = choose(grid, head, options)
+    shape = _shape(grid, head, chosen, waveform, options)
     rows = body(grid, head, [c.place for c in chosen.columns], options.most_rows)
-    read, decimal = readings(grid, head, chosen, rows, options, waveform)
-    sampled = from_start(grid, read, options) if chosen.traced else Sampled(tuple(read), frozenset(), {})
-    columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name in chosen.held(options)]
-    for name in dict.fromkeys(c.column for c in chosen.columns if c.column in COLUMNS):
-        same = chosen.of(name)
-        units = {c.unit.said: c.unit.factor(COLUMNS[name].unit) for c in same if c.unit}
-        factor = float(next(iter(units.values())) or 1) if len(units) == 1 else 1.0
-        zero = sampled.zeros.get(name, 0.0)
-        columns.append(Understood(name, tuple(c.option for c in same), ", ".join(units), factor, same[0].volts, zero))
+    read, decimal = readings(grid, head, chosen, rows, options, shape)
+    sampled = from_start(grid, read, options) if chosen.traced else None
+    found = [r for t in sampled.traces for r in t.samples] if sampled else read
+    columns = _columns(chosen, options, sampled.zeros if sampled else {})
     order = list(COLUMNS)
-    columns.sort(key=lambda c: order.index(c.column))
     cells = {row.line: row.texts for row in rows.rows}
-    first = list(dict.fromkeys(r.line for r in sampled.found[: 100 * examples]))[:examples]
-    shown_rows = [Example(line, cells[line], tuple(_values(sampled.found, line, order))) for line in first]
-    parts = enumerate(groups_of(sampled.found).values(), first_id)
-    early = ((line, " ".join(filter(None, cells[line]))) for line in sorted(sampled.before))
+    first = list(dict.fromkeys(r.line for r in found[: 100 * examples]))[:examples]
+    shown_rows = [Example(line, cells[line], tuple(_values(found, line, order))) for line in first]
+    early = ((line, " ".join(filter(None, cells[line]))) for line in sorted(sampled.before if sampled else ()))
+    groups = (
+        [trace_of(k, trace) for k, trace in enumerate(sampled.traces, first_id)]
+        if sampled
+        else [_group(k, part) for k, part in enumerate(groups_of(read).values(), first_id)]
+    )
     return Table(
         file=grid.file,
         sheet=grid.sheet,
@@ -250,8 +249,51 @@ def _understood(grid: Grid, head: Head, options: Options, waveform: str, first_i
         unused=tuple(c.option for c in chosen.unused if c.heading.text),
         not_yet=tuple((c.option, c.column) for c in chosen.not_yet),
         left_out=(*rows.left_out, *early),
-        groups=tuple((trace_of if chosen.traced else _group)(number, part) for number, part in parts),
+        groups=tuple(groups),
     )
+
+
+def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options) -> str:
+    """The waveform of a table's rows; empty where a column says it.
+
+    Raises
+    ------
+    InputError
+        Where nothing says it, or a recorded drive is said to be another.
+    """
+    recorded, column = chosen.of(VOLTAGE), chosen.of(WAVEFORM)
+    line = head.line or 1
+    if recorded and (column or given not in ("", TABLE)):
+        said = f"column {column[0].name}" if column else f"--waveform {given}"
+        what = f"column {recorded[0].name} is the recorded drive, and {said} gives it a waveform"
+        remedy = f"say --waveform {TABLE} for this table" if not column else f"say {option(column[0].option, IGNORED)}"
+        remedy = f"{remedy}, or {option(recorded[0].option, IGNORED)} to leave out the recording"
+        raise InputError(what, remedy, file=grid.file, line=line)
+    if given == TABLE and not recorded and not options.drive:
+        what, remedy = "no column is a recorded drive", f"say --drive FILE, or of a trace {option('CH1', VOLTAGE, 'V')}"
+        raise InputError(what, remedy, file=grid.file, line=line)
+    if not (recorded or column or given):
+        remedy = f"say --waveform NAME, of {listed(NAMES)}; of several tables --waveform sine,square"
+        raise InputError("nothing says which waveform of the drive", remedy, file=grid.file)
+    return TABLE if recorded else given
+
+
+def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[Understood]:
+    """How psafit's columns came from those of the file, in psafit's order."""
+    held = [*chosen.held(options), *([IDLE] if IDLE in options.held and chosen.of(VOLTAGE) else [])]
+    columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name in held]
+    named = (
+        (n, tuple(c.option for c in chosen.columns if any(a.column == n for a in c.at))) for n in CONDITION_COLUMNS
+    )
+    columns += [Understood(name, headings, COLUMNS[name].unit, 1.0) for name, headings in named if headings]
+    for name in dict.fromkeys(c.column for c in chosen.columns if c.column in COLUMNS):
+        same = chosen.of(name)
+        units = {c.unit.said: c.unit.factor(COLUMNS[name].unit) for c in same if c.unit}
+        factor = float(next(iter(units.values())) or 1) if len(units) == 1 else 1.0
+        zero = zeros.get(name, 0.0)
+        columns.append(Understood(name, tuple(c.option for c in same), ", ".join(units), factor, same[0].volts, zero))
+    order = list(COLUMNS)
+    return sorted(columns, key=lambda c: order.index(c.column))
 
 
 def _values(found: Sequence[Reading], line: int, order: Sequence[str]) -> Iterator[tuple[tuple[str, float], ...]]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from decimal import Decimal
 
 from psafit.errors import InputError
+from psafit.experiment.definition import DRIVE_LIMITS
 from psafit.experiment.definition import LIMITS as CONSTANT_LIMITS
-from psafit.experiment.importing.columns import HELD
+from psafit.experiment.importing.chosen import HELD
 from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import COLUMNS
 from psafit.experiment.importing.units import factor_of, unit
@@ -45,7 +46,7 @@ def value(name: str, text: str, place: str) -> float:
             return within(result, name, text)
         except CellFault as fault:
             raise InputError(f"{place}: {fault.what}", fault.remedy) from fault
-    low, high = CONSTANT_LIMITS[name]
+    low, high = {**CONSTANT_LIMITS, **DRIVE_LIMITS}[name]
     if not low <= result <= high:
         raise InputError(f"{place} is beyond the limits {low:g} to {high:g} {target}", f"give it in {target}")
     return result
@@ -65,6 +66,7 @@ def _factor(name: str, said: str, target: str) -> Decimal | None:
         return factor_of(said, target)
     found = unit(said)
     factor = found.factor(target) if found else None
-    if found is None or factor is None or found.volts == "rms":
+    counted = found.volts if found else None
+    if factor is None or counted == "rms" or (counted and name != "amplitude_v"):
         return None
-    return factor / 2 if found.volts == "pp" else factor
+    return factor / 2 if counted == "pp" else factor

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from decimal import Decimal
 from functools import lru_cache
 
+from psafit.experiment.importing.numerals import NOTATIONS
 from psafit.experiment.importing.quantities import (
+    CHANNELS,
     COLUMNS,
     COUNTED,
+    DRIVING,
     GENERIC,
     NEUTRAL,
     QUANTITIES,
@@ -21,7 +25,18 @@ from psafit.experiment.importing.units import Unit, counted, unit
 
 _BRACKETS = re.compile(r"[(\[<{]([^()\[\]<>{}]*)[)\]>}]")
 _BETWEEN = re.compile(r"\s+in\s+|\s*[/,_:]\s*|\s+")
+# A number with its unit; a unit of many, such as 2 V/div, is none.
+_AT = re.compile(r"(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)\s*([A-Za-zµμ]+(?:-[a-z]+)?)(?![A-Za-z0-9/])")
 _GLUED = re.compile(r"([vu])(pp|pkpk|ss|rms|eff|pk|p)")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition that a heading names: its column, its value in the unit of that, and how its volts are counted."""
+
+    column: str
+    value: Decimal
+    volts: Volts | None
 
 
 @dataclass(frozen=True)
@@ -41,6 +56,10 @@ class Heading:
         Which repetition.
     own : str
         psafit's column of this very name.
+    at : tuple of Condition
+        Those that it names, such as ``Displacement 1.2 kHz, 20 Vp (um)``; they are in its name, too.
+    bare : str
+        Its text without them.
     """
 
     text: str
@@ -49,11 +68,24 @@ class Heading:
     volts: Volts | None
     number: int | None
     own: str = ""
+    at: tuple[Condition, ...] = ()
+    bare: str = ""
+
+    @property
+    def without_conditions(self) -> Heading:
+        """The heading of what was read at the conditions that it names."""
+        return replace(heading(self.bare), text=self.text, at=self.at, bare=self.bare) if self.at else self
 
     @property
     def is_waveform(self) -> bool:
         """Whether waveforms stand in the column."""
         return self.name in WAVEFORM_NAMES and self.unit is None
+
+    @property
+    def drives(self) -> bool:
+        """Whether its words are those of the drive's voltage and of nothing else, such as ``CH1 (V) drive``."""
+        said = {word.rstrip("0123456789") for word in self.name.split()} - {""}
+        return self.volts is None and not said.isdisjoint(DRIVING) and said <= DRIVING | CHANNELS | NEUTRAL
 
     def quantities(self, below: Unit | None = None) -> list[Quantity]:
         """What the column may hold; `below` is the unit in a row of its own, where the heading has none."""
@@ -88,7 +120,8 @@ def heading(text: str) -> Heading:
     text = " ".join(text.split())
     if text in COLUMNS:  # to the letter: "Amplitude_V" is somebody else's
         own = COLUMNS[text]
-        return Heading(text, words(text), Unit(own.unit), "peak" if own.unit == "V" else None, None, own.column)
+        volts: Volts | None = "peak" if own.column == "amplitude_v" else None
+        return Heading(text, words(text), Unit(own.unit), volts, None, own.column)
     if len(text) > 200 or not text.isprintable():  # prose, or damaged
         return Heading(text, words(text), None, None, None)
     rest, found = text, None
@@ -100,7 +133,23 @@ def heading(text: str) -> Heading:
         found, rest = _at_the_end(rest)
     name, number = _numbered(rest)
     name, volts = _counted(name, found)
-    return Heading(text, name, found, volts, number)
+    return Heading(text, name, found, volts, number, "", *_conditions(text))
+
+
+def _conditions(text: str) -> tuple[tuple[Condition, ...], str]:
+    """Frequency and amplitude that a heading names, each once, and its text without them."""
+    found: dict[str, Condition] = {}
+    rest = text
+    for number in _AT.finditer(text):
+        said = unit(number[2])
+        column = {"Hz": "frequency_hz", "V": "amplitude_v"}.get(said.kind if said else "", "")
+        values = {value for n in NOTATIONS.values() if (value := n.value(number[1])) is not None}
+        factor = said.factor(COLUMNS[column].unit) if said and column else None
+        if factor is None or column in found or len(values) != 1:
+            continue
+        found[column] = Condition(column, values.pop() * factor, said.volts if said else None)
+        rest = rest.replace(number[0], " ")
+    return tuple(found.values()), " ".join(rest.split()) if found else ""
 
 
 def _at_the_end(text: str) -> tuple[Unit | None, str]:

@@ -49,6 +49,7 @@ def names(mapping: Mapping, headings: Sequence[Heading]) -> list[int]:
     for same in (
         lambda h: h.text.casefold() == text,
         lambda h: words(h.text) == words(text) != "",
+        lambda h: h.number is not None and f"{h.name}{h.number}".replace(" ", "") == words(text).replace(" ", ""),
         lambda h: h.name == words(text) != "",
     ):
         if found := [place for place, h in enumerate(headings) if same(h)]:

@@ -1,7 +1,8 @@
 """What a column may hold, how instruments and spreadsheets call it, and in which unit psafit keeps it.
 
 Another observable is one line in `QUANTITIES`. Whether psafit can use a quantity is not said here: it can, once its
-column is one of those that `psafit.experiment.table` or `psafit.experiment.trace_table` reads.
+column is one of those that `psafit.experiment.table`, `psafit.experiment.trace_table` or
+`psafit.experiment.drive_table` reads.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from psafit.experiment import table, trace_table
+from psafit.experiment import drive_table, table, trace_table
 from psafit.observables import OF_LAUNCHES
 
 Volts = Literal["peak", "pp", "rms"]
@@ -28,19 +29,20 @@ class Quantity:
         Unit in which psafit keeps it.
     names : tuple of str
         What it is called, in words of small letters.
-    role : {"condition", "reading", "error", "drive", "time", "trace"}
-        What of an experiment it is; `"error"` is the known error of a reading, `"trace"` what is read over `"time"`.
+    role : {"condition", "reading", "error", "drive", "time", "trace", "recording"}
+        What of an experiment it is; `"error"` is the known error of a reading, `"trace"` what is read over `"time"`,
+        `"recording"` the drive that was recorded next to it.
     """
 
     column: str
     unit: str
     names: tuple[str, ...]
-    role: Literal["condition", "reading", "error", "drive", "time", "trace"]
+    role: Literal["condition", "reading", "error", "drive", "time", "trace", "recording"]
 
     @property
     def usable(self) -> bool:
         """Whether psafit can use it."""
-        return self.column in table.LIMITS or self.column in trace_table.LIMITS
+        return any(self.column in held.LIMITS for held in (table, trace_table, drive_table))
 
 
 _RANGES = (
@@ -78,6 +80,8 @@ QUANTITIES = (
     *_READINGS,
     *(Quantity(_SIGMA[r.column], r.unit, (*_ERRORS, *_of(r.names)), "error") for r in _READINGS),
     Quantity("bias_v", "V", ("bias", "offset", "dc offset", "dc bias", "offset voltage", "bias voltage"), "drive"),
+    Quantity("idle_v", "V", ("idle", "idle voltage", "rest voltage", "ruhespannung"), "drive"),
+    Quantity("voltage_v", "V", (), "recording"),  # `Heading.drives` says which column is one
     Quantity("time_us", "us", ("time", "t", "zeit", "temps", "x axis"), "time"),
     Quantity("displacement_um", "um", _PLACES, "trace"),
     Quantity("velocity_mm_s", "mm/s", _VELOCITIES, "trace"),
@@ -90,6 +94,12 @@ UNITS = tuple(dict.fromkeys(quantity.unit for quantity in QUANTITIES))
 
 # Words that say nothing of what is measured. "Generator", "input" and "monitor" are none: an amplifier lies between.
 NEUTRAL = {"measured", "drive", "driving", "excitation", "ball", "stack", "piezo", "applied", "the"}
+# Words of the drive's voltage itself, and those that name where it was recorded.
+DRIVING = {"drive", "driving", "excitation", "stack", "piezo", "applied", "antrieb", "antriebsspannung", "ansteuerung"}
+CHANNELS = {
+    "ch", "chan", "channel", "kanal", "voie", "a", "b", "c", "d", "recorded", "voltage", "spannung", "tension", "u",
+    "v", "volt", "volts", "signal",
+}  # fmt: skip
 # A reading that is called no more than that is the one psafit knows in the unit of its column.
 GENERIC = {
     "reading", "measurement", "trial", "shot", "run", "rep", "repeat", "replicate", "r", "messung", "messwert", "wurf",

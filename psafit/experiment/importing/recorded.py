@@ -9,7 +9,7 @@ import numpy as np
 
 from psafit.drives import Table
 from psafit.errors import Faults, InputError
-from psafit.experiment.importing.columns import VOLTAGE, Column, option
+from psafit.experiment.importing.chosen import VOLTAGE, Column, option
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.layout import Head, body, names
 from psafit.experiment.importing.records import Options

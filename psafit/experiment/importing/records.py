@@ -43,7 +43,8 @@ class Options:
     ----------
     columns : tuple of Mapping
     values : tuple of (str, float or tuple of float)
-        Conditions that were held: psafit's column, and its value in the unit of that; or one for each table.
+        Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. Another is
+        `idle_v`, what a recorded drive rested at.
     waveforms : tuple of str
         One for all tables, or one for each; empty where a column says it.
     volts : {"peak", "pp", "rms"} or None
@@ -69,7 +70,9 @@ class Options:
     drive : psafit.drives.Table or None
         That voltage, once it is read.
     least_samples, most_samples : int
-        Of a trace, those that are kept: what `psafit.experiment.trace_table.read_trace` takes.
+        Of a trace, those that are kept: what `psafit.experiment.trace_table.read_trace` takes. Of a recorded drive all.
+    most_at_rest : float
+        A recorded drive rests before its start, where its voltage varies by no more than this part of its whole span.
     most_bytes, most_rows : int
         A larger file is refused: it is no sweep of launches.
     """
@@ -90,6 +93,7 @@ class Options:
     drive: Rows | None = None
     least_samples: int = 10
     most_samples: int = 100_000
+    most_at_rest: float = 0.1
     most_bytes: int = 2**27
     most_rows: int = 1_000_000
 

@@ -9,20 +9,31 @@ from statistics import mean
 
 import numpy as np
 
+from psafit.drives import TABLE, Drive, Table
 from psafit.errors import Faults, InputError
+from psafit.experiment.importing.blocks import blocks, runs_on
+from psafit.experiment.importing.chosen import IDLE, VOLTAGE
 from psafit.experiment.importing.grid import Grid
 from psafit.experiment.importing.records import Options
-from psafit.experiment.importing.values import Reading, groups_of
-from psafit.experiment.records import Group
+from psafit.experiment.importing.values import Reading
+from psafit.experiment.records import CONDITION_COLUMNS, Group
 from psafit.experiment.table import CellFault, RowFaults
 from psafit.experiment.trace_table import TIME, TRACES, out_of_order, possible
 
 
 @dataclass(frozen=True)
-class Sampled:
-    """Samples that are used, the lines of those before the start, and what was subtracted, by psafit's columns."""
+class Trace:
+    """The samples of one trace that are used, and its drive."""
 
-    found: tuple[Reading, ...]
+    samples: tuple[Reading, ...]
+    drive: Drive
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Traces, the lines of samples before the start, and what was subtracted, by psafit's columns."""
+
+    traces: tuple[Trace, ...]
     before: frozenset[int]
     zeros: dict[str, float]
 
@@ -40,71 +51,164 @@ def from_start(grid: Grid, found: Sequence[Reading], options: Options) -> Sample
     Raises
     ------
     InputError
-        Where times lie before 0 and no start is given, or are out of order; where samples are too few or too many.
+        Where times lie before 0 and no start is given, are out of order or run on from trace to trace; where samples
+        are too few or too many.
     """
-    faults, kept, lines = Faults(), [], set()
+    faults, traces, lines = Faults(), [], set()
     start = options.start_us or 0.0
     zeros = {TIME: start} if start else {}
-    for part in groups_of(found).values():
+    parts = _apart(grid, found)
+    short = [part for part in parts if _n_kept(part, start, options) < options.least_samples]
+    for part in parts:
         before = [r for r in part if dict(r.values)[TIME] < start]
         lines |= {r.line for r in before}
         if before and options.start_us is None:
             what = f"{TIME} begins at {dict(before[0].values)[TIME]:g}, before the start of the drive"
             remedy = "say --start 0 where that is at 0, or when it is: --start 1.5:ms; what lies before is left out"
-            faults.add(InputError(what, remedy, file=grid.file, line=before[0].line))
-            continue
+            raise InputError(what, remedy, file=grid.file, line=before[0].line)
         (column,) = TRACES.keys() & dict(part[0].values).keys()
         zero = 0.0
         if options.from_rest and not before:
             what, remedy = "no sample lies before the start of the drive", "leave out --from-rest, or say --start"
-            faults.add(InputError(what, remedy, file=grid.file, line=part[0].line))
-        elif options.from_rest:
-            zero = zeros[column] = float(mean(Decimal(repr(dict(r.values)[column])) for r in before))
+            raise InputError(what, remedy, file=grid.file, line=part[0].line)
+        if options.from_rest:
+            zero = float(mean(Decimal(repr(dict(r.values)[column])) for r in before))
+            if sum(column in dict(p[0].values) for p in parts) == 1:
+                zeros[column] = zero
         with faults.kept():
-            rows = part[len(before) :: options.every]
-            kept += _shifted(grid, rows, {TIME: start, column: zero}, options)
+            rows = [_less(reading, {TIME: start, column: zero}) for reading in part]
+            samples = rows[len(before) :: options.every]
+            _check(grid, samples, len(rows) - len(before), options)
+            traces.append(Trace(tuple(samples), _drive(grid, rows, options)))
+    if short and not len(faults):
+        faults.add(_too_few(grid, short, len(parts), start, options))
     faults.end()
-    return Sampled(tuple(kept), frozenset(lines), zeros)
+    return Sampled(tuple(traces), frozenset(lines), zeros)
 
 
-def _shifted(grid: Grid, part: Sequence[Reading], zeros: dict[str, float], options: Options) -> list[Reading]:
-    """The samples of one trace, less what is to be subtracted; checked."""
-    rows, faults = [], RowFaults(grid.file)
-    last = -1.0
-    for reading in part:
-        values = {name: _less(value, zeros.get(name, 0.0)) for name, value in reading.values}
-        rows.append(replace(reading, values=tuple(values.items())))
+def _apart(grid: Grid, found: Sequence[Reading]) -> list[list[Reading]]:
+    """The samples of each trace, in the order of their first rows.
+
+    Raises
+    ------
+    InputError
+        Where a time goes on from one condition to the next.
+    """
+    columns: dict[int, list[Reading]] = {}
+    for reading in found:
+        columns.setdefault(reading.place, []).append(reading)
+    apart: list[list[Reading]] = []
+    for samples in columns.values():
+        values = [dict(r.values) for r in samples]
+        keys = [(r.drive, r.group, *(v[n] for n in CONDITION_COLUMNS)) for r, v in zip(samples, values, strict=True)]
+        times = [v[TIME] for v in values]
+        parts = blocks(keys, times)
+        if (at := runs_on(parts, times)) is not None:
+            what = f"{TIME} goes on to {times[at]:g} where another trace begins, and its drive starts at a time unknown"
+            remedy = "count the time of each trace from the start of its own drive"
+            raise InputError(what, remedy, file=grid.file, line=samples[at].line)
+        apart += [[samples[k] for k in part] for part in parts]
+    return sorted(apart, key=lambda part: (part[0].line, part[0].place))
+
+
+def _n_kept(part: Sequence[Reading], start: float, options: Options) -> int:
+    return -(-sum(dict(r.values)[TIME] >= start for r in part) // options.every)
+
+
+def _too_few(
+    grid: Grid, short: Sequence[Sequence[Reading]], n_traces: int, start: float, options: Options
+) -> InputError:
+    n = _n_kept(short[0], start, options)
+    what = f"{n} sample{'s' * (n != 1)} after the start of the drive; a trace has at least {options.least_samples}"
+    remedy = "record more, or keep more of them"
+    if n_traces > 1:
+        what = f"{what}, and {len(short)} of {n_traces} traces have fewer"
+        remedy = (
+            f"{remedy}; sort the rows by trace and time; a column that changes within a trace is no condition of it"
+        )
+    return InputError(what, remedy, file=grid.file, line=short[0][0].line)
+
+
+def _check(grid: Grid, samples: Sequence[Reading], n_after: int, options: Options) -> None:
+    """The samples of one trace are possible, in order, and not too many, nor are those of a drive next to them."""
+    faults, last = RowFaults(grid.file), -1.0
+    for reading in samples:
+        time = dict(reading.values)[TIME]
         try:
-            possible(values[TIME], TIME, f"{values[TIME]:g} us")
-            if values[TIME] <= last:
-                raise CellFault(*out_of_order(last, values[TIME]))
+            possible(time, TIME, f"{time:g} us")
+            if time <= last:
+                raise CellFault(*out_of_order(last, time))
         except CellFault as fault:
             faults.add(TIME, fault.what, fault.remedy, reading.line)
-        last = values[TIME]
-    faults.end(len(part))
-    few, many = len(part) < options.least_samples, len(part) > options.most_samples
-    if few or many:
-        limit = f"at least {options.least_samples}" if few else f"at most {options.most_samples}"
-        remedy = (
-            f"keep one in so many: --every {-(-len(part) // 1000)}" if many else "record more, or keep more of them"
-        )
-        what = f"{len(part)} samples after the start of the drive; a trace has {limit}"
-        raise InputError(what, remedy, file=grid.file, line=part[0].line if part else None)
-    return rows
+        last = time
+    faults.end(len(samples))
+    recorded = bool(samples) and VOLTAGE in dict(samples[0].values)
+    n = n_after if recorded else len(samples)
+    if n > options.most_samples:
+        remedy = "leave out the end of the record" if recorded else f"keep one in so many: --every {-(-n // 1000)}"
+        what = f"{n} samples after the start of the drive; a trace has at most {options.most_samples}"
+        raise InputError(what, remedy, file=grid.file, line=samples[0].line)
 
 
-def _less(value: float, zero: float) -> float:
-    """A difference in decimal digits, as people would write it."""
-    return float(Decimal(repr(value)) - Decimal(repr(zero))) if zero else value
+def _less(reading: Reading, zeros: dict[str, float]) -> Reading:
+    """A sample less what is to be subtracted, in decimal digits, as people would write it."""
+    differences = (
+        (name, float(Decimal(repr(value)) - Decimal(repr(zero))) if (zero := zeros.get(name, 0.0)) else value)
+        for name, value in reading.values
+    )
+    return replace(reading, values=tuple(differences))
 
 
-def trace_of(number: int, part: Sequence[Reading]) -> Group:
+def _drive(grid: Grid, rows: Sequence[Reading], options: Options) -> Drive:
+    """The drive of a trace: as it was recorded, from its start, at rest before that at the mean of what was recorded.
+
+    Raises
+    ------
+    InputError
+        Where what it rested at is not known, or it did not rest.
+    """
+    if VOLTAGE not in dict(rows[0].values):
+        return rows[0].drive
+    time, volts = np.array([[dict(r.values)[name] for name in (TIME, VOLTAGE)] for r in rows]).T
+    before = time < 0.0
+    least = options.most_at_rest * float(np.ptp(volts))
+
+    def error(what: str, remedy: str, line: int) -> InputError:
+        return InputError(what, remedy, file=grid.file, line=line)
+
+    if before.all():
+        raise error("no sample lies after the start of the drive", "correct --start", rows[-1].line)
+    if falls := np.flatnonzero(np.diff(time) < 0.0).tolist():
+        what, remedy = out_of_order(time[falls[0]], time[falls[0] + 1])
+        raise error(f"{TIME} {what}", remedy, rows[falls[0] + 1].line)
+    idle = options.held.get(IDLE)
+    first = float(volts[~before][0])
+    if idle is None and before.any():
+        idle = float(mean(Decimal(repr(v)) for v in volts[before].tolist()))
+        if np.ptp(volts[before]) > least:
+            low, high = volts[before].min(), volts[before].max()
+            what = f"{VOLTAGE} goes from {low:g} to {high:g} V before the start of the drive, where it should rest"
+            raise error(what, f"say with --start when it begins, or what it rests at: --set {IDLE}=0", rows[0].line)
+    elif idle is None:
+        idle = 0.0
+        if abs(first) > least:
+            what = f"{VOLTAGE} begins at {first:g} V, and nothing says what the drive rested at before"
+            raise error(what, f"say --set {IDLE}=0 or --set {IDLE}={first:g}", rows[0].line)
+    at, value = time[~before], volts[~before]
+    if before.any() and at[0] > 0.0:  # linear between the samples on either side
+        at, value = np.append(0.0, at), np.append(np.interp(0.0, time, volts), value)
+    return Drive(TABLE, idle_v=idle, table=Table(at * 1e-6, value, recorded=True), file="")
+
+
+def trace_of(number: int, trace: Trace) -> Group:
     """The samples of one trace as a group."""
+    part = trace.samples
     values = {name: np.array([dict(r.values)[name] for r in part]) for name, _ in part[0].values}
     (column,) = TRACES.keys() & values.keys()
+    drive = trace.drive
     return Group(
         number,
-        part[0].drive,
+        replace(drive, file=f"drive{number}.csv") if drive.recorded and not drive.file else drive,
         f"group{number}.csv",
         values["frequency_hz"],
         values["amplitude_v"],

@@ -41,8 +41,14 @@ class Unit:
         """Number that a value in this unit is multiplied with to be one in `target`; None where it is another kind."""
         if self.scale is None:
             return factor_of(self.text, target)
-        factor = factor_of(self.text, f"{target}/V") or factor_of(self.text, target)
+        factor = self.per_volt(target) or factor_of(self.text, target)
         return None if factor is None else factor * self.scale * self.step
+
+    def per_volt(self, target: str) -> Decimal | None:
+        """The same of a unit for each volt, such as ``mm/s/V`` or ``V/mV``; None where it is none."""
+        above, _, below = self.text.rpartition("/")
+        factor, volts = factor_of(above, target), factor_of(below, "V")
+        return None if factor is None or volts is None else factor / volts
 
     @property
     def said(self) -> str:
@@ -76,7 +82,10 @@ def unit(text: str) -> Unit | None:
 
 
 def scaled(text: str) -> Unit | None:
-    """How a sensor's volts are a motion, such as ``5 mm/s/V`` or ``-1um`` (the other way), if the text says so."""
+    """How volts that were recorded are a motion or the drive, if the text says so.
+
+    Such as ``5 mm/s/V``, ``-1um`` (the other way), or ``20V/V`` behind an amplifier.
+    """
     found = _SCALED.fullmatch(text.strip())
     scale = Decimal(found[1]) if found else Decimal(0)
     unit = Unit(found[2], scale=scale) if found and scale else None

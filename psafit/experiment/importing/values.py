@@ -10,7 +10,8 @@ from itertools import zip_longest
 
 from psafit.drives import TABLE, WAVEFORMS, Drive, instead
 from psafit.errors import InputError
-from psafit.experiment.importing.columns import ERROR_OF, SIGNALS, WAVEFORM, Chosen, Column, option
+from psafit.experiment.drive_table import level
+from psafit.experiment.importing.chosen import ERROR_OF, SIGNALS, VOLTAGE, WAVEFORM, Chosen, Column, option
 from psafit.experiment.importing.grid import Cell, Grid, Row, text_of
 from psafit.experiment.importing.layout import Body, Head
 from psafit.experiment.importing.numerals import NOTATIONS, Notation, Number, ambiguous, likeliest
@@ -23,12 +24,13 @@ from psafit.experiment.trace_table import TIME, TRACES, possible
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading: where it stands, which group it is of, and the values of psafit's columns."""
+    """One reading: where it stands, which group it is of, and the values of psafit's columns; of a trace its column."""
 
     line: int
     drive: Drive
     group: str
     values: tuple[tuple[str, float], ...]
+    place: int = 0
 
 
 def readings(
@@ -80,13 +82,33 @@ def readings(
                 faults.add(c.column, "is empty", "enter the known error of the reading, or ignore the column", row.line)
         for read in repetitions if faults.count == before else ():
             known = held | others | {c.column: v for c, v in read.items()}
-            group = f"{label} {next(iter(read)).place}" if chosen.traced else label
-            found.append(Reading(row.line, drive, group, tuple(known.items())))
+            first = next(iter(read))
+            if chosen.traced:
+                known = _named(grid, head, first, drive, options) | known
+            found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
                 if v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
     faults.end(len(body.rows))
     return found, notation.decimal
+
+
+def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Options) -> dict[str, float]:
+    """The conditions that the heading of a trace names.
+
+    Raises
+    ------
+    InputError
+        Where one is impossible.
+    """
+    found = {}
+    try:
+        for a in column.at:
+            volts = (a.volts or options.volts or "peak") if a.column == "amplitude_v" else "peak"
+            found[a.column] = within(float(a.value * peak(volts, drive)), a.column, column.option)
+    except CellFault as fault:
+        raise InputError(f"heading {fault.what}", fault.remedy, file=grid.file, line=head.line or 1) from fault
+    return found
 
 
 def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float]]:
@@ -132,6 +154,8 @@ def _waveform(row: Row, chosen: Chosen, given: str, options: Options, faults: Ro
     """The waveform of a row."""
     column = next(iter(chosen.of(WAVEFORM)), None)
     text = given if column is None else text_of(_cell(row, column))
+    if column is None and given == TABLE:
+        return TABLE
     try:
         return known_waveform(text, options)
     except CellFault as fault:
@@ -164,7 +188,8 @@ def _value(row: Row, column: Column, notation: Notation, drive: Drive, faults: R
         value = float(number.value * _factor(number, column, drive, text))
         if column.column == TIME:  # on the clock of the instrument
             return value
-        return (possible if column.column in TRACES else within)(value, column.column, text)
+        check = level if column.column == VOLTAGE else possible if column.column in TRACES else within
+        return check(value, column.column, text)
     except CellFault as fault:
         faults.add(column.column, fault.what, fault.remedy, row.line)
         return None
@@ -200,7 +225,7 @@ def _factor(number: Number, column: Column, drive: Drive, text: str) -> Decimal:
     if number.unit and column.unit and column.unit.factor(target) != factor:
         what = f"{shown(text)} has another unit than its column, {column.unit.text}"
         raise CellFault(what, "give it in the unit of the column")
-    if target != "V":
+    if column.column != "amplitude_v":
         return factor
     volts = number.unit.volts if number.unit and number.unit.volts else column.volts
     if volts and column.volts and volts != column.volts:
@@ -215,8 +240,8 @@ def peak(volts: Volts, drive: Drive) -> Decimal:
     """Peak of a voltage that is 1 as it is counted."""
     form = WAVEFORMS.get(drive.waveform)
     if volts != "rms":
-        # An amplitude is counted from zero, of a unipolar waveform, too.
-        low, high = form.span if form else drive.table.span if drive.table else (0.0, 1.0)
+        # An amplitude is counted from zero, of a unipolar waveform, too; of a drive recorded next to a trace half.
+        low, high = form.span if form else drive.table.span if drive.table else (-1.0, 1.0)
         return 1 / Decimal(high - low) if volts == "pp" else Decimal(1)
     if form is None or form.crest_squared is None:
         raise CellFault(f"volts are RMS, and the peak of {drive.waveform} does not follow", "give them zero to peak")

@@ -1,0 +1,210 @@
+"""Which tables are traces, and what their columns of volts are: amplitudes, or the drive over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from psafit.errors import Faults
+from psafit.experiment.importing.blocks import blocks, rising, runs_on
+from psafit.experiment.importing.chosen import (
+    VOLTAGE,
+    WAVEFORM,
+    Chosen,
+    Column,
+    all_headings,
+    example,
+    fault,
+    in_volts,
+    nearest,
+    option,
+    role,
+)
+from psafit.experiment.importing.grid import Grid, Row
+from psafit.experiment.importing.headings import Heading
+from psafit.experiment.importing.layout import Head
+from psafit.experiment.importing.numerals import Number, likeliest
+from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Quantity
+from psafit.experiment.importing.records import GROUPS, IGNORED, Options
+from psafit.experiment.importing.units import Unit
+from psafit.experiment.records import CONDITION_COLUMNS
+from psafit.experiment.trace_table import TIME, TRACES
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """Rows with a time, in any unit."""
+
+    rows: tuple[Row, ...]
+    times: tuple[float, ...]
+
+    def parts(self, places: Iterable[int]) -> list[list[int]]:
+        """The rows of each trace, whose conditions stand in these columns."""
+        return blocks([tuple(self.text(k, place) for place in places) for k in range(len(self.rows))], self.times)
+
+    def text(self, k: int, place: int) -> str:
+        """What stands in a column of a row."""
+        texts = self.rows[k].texts
+        return texts[place] if place < len(texts) else ""
+
+
+def is_trace(grid: Grid, head: Head, mapped: Mapping[int, Column], options: Options, faults: Faults) -> bool:
+    """Whether a table is motion over time, in the place of launches.
+
+    A column that can only be a motion is one where conditions are constant over as many samples as a trace has. A
+    velocity may be that of launches, and the time a clock: it is a trace where the time, unlike a clock, falls to where
+    it starts again.
+    """
+    said = {c.column for c in mapped.values()}
+    if not said.isdisjoint(TRACES):
+        return True
+    could = {k: over_time(h, head.units[k]) for k, h in enumerate(head.headings) if k not in mapped}
+    columns = said | {q.column for each in could.values() for q in each}
+    motions = [place for place, each in could.items() if any(q.role == "trace" for q in each)]
+    if not motions or TIME not in columns:
+        return False
+    if "frequency_hz" not in columns:
+        return True
+    if any(_launched(each) for each in could.values()) or any(_launched([COLUMNS[c]]) for c in said if c in COLUMNS):
+        return False
+    if TIME in said:
+        return True
+    timed = _timed(grid, head, next(place for place, each in could.items() if any(q.column == TIME for q in each)))
+    parts = timed.parts(_conditions(head, mapped, could))
+    n_long = sum(len(part) >= options.least_samples for part in parts)
+    if not n_long or any(all(q.role == "trace" for q in could[place]) for place in motions):
+        return n_long > 0
+    if runs_on(parts, timed.times) is not None:
+        return False
+    if n_long < len(parts) or not any(b < a for a, b in pairwise(timed.times)):
+        column = Column(motions[0], head.headings[motions[0]], "")
+        other = next((q.column for q in could[motions[0]] if q.role == "reading"), IGNORED)
+        motion = next(q.column for q in could[motions[0]] if q.role == "trace")
+        what = f"column {column.name} may be a trace over time, or read of launches, and the time a clock"
+        faults.add(fault(grid, head, what, f"say {option(column.option, motion)} or {option(column.option, other)}"))
+    return True
+
+
+def over_time(named: Heading, below: Unit | None) -> list[Quantity]:
+    """What a column may hold; a heading that names conditions may be that of a motion at these."""
+    found = named.quantities(below)
+    if found or not named.at:
+        return found
+    return [q for q in named.without_conditions.quantities(below) if q.role == "trace"]
+
+
+def _launched(each: Sequence[Quantity]) -> bool:
+    return bool(each) and all(q.role == "reading" for q in each)
+
+
+def _conditions(head: Head, mapped: Mapping[int, Column], could: Mapping[int, Sequence[Quantity]]) -> list[int]:
+    """Columns that hold conditions for sure: volts that are not counted may be the drive over time."""
+    found = [place for place, c in mapped.items() if c.column in (*CONDITION_COLUMNS, WAVEFORM, GROUPS)]
+    for place, each in could.items():
+        heading, below = head.headings[place], head.units[place]
+        counted = heading.volts or (below.volts if below else None)
+        names = [q.column for q in each]
+        if heading.is_waveform or names == ["frequency_hz"] or (names == ["amplitude_v"] and counted):
+            found.append(place)
+    return found
+
+
+def _timed(grid: Grid, head: Head, place: int) -> _Timed:
+    """The rows of a table that have a time in this column."""
+    rows = [row for row in grid.rows[head.first :] if place < len(row.cells) and row.texts[place]]
+    notation = likeliest([row.cells[place] for row in rows])
+    numbers = [(row, number) for row in rows if (number := notation.number(row.cells[place])) is not None]
+    return _Timed(tuple(row for row, _ in numbers), tuple(_microseconds(number) for _, number in numbers))
+
+
+def _microseconds(number: Number) -> float:
+    factor = number.unit.factor(COLUMNS[TIME].unit) if number.unit else None
+    return float(number.value if factor is None else number.value * factor)
+
+
+def voltages(grid: Grid, head: Head, found: Sequence[Column], faults: Faults) -> list[Column]:
+    """Columns of a trace in which those of volts are `amplitude_v` where constant along each trace, else `voltage_v`.
+
+    That volts over time are those of the drive must be said, by heading or by the user: it may be a sensor.
+    """
+    times = [c for c in found if c.column == TIME]
+    unclear = [c for c in found if not c.mapped and _may_be_drive(c, head)]
+    if not times or not unclear:
+        return list(found)
+    timed = _timed(grid, head, times[0].place)
+    fixed = ["frequency_hz", WAVEFORM, GROUPS]
+    held = [c.place for c in found if c.column in fixed or (c.mapped and c.column == "amplitude_v")]
+    is_said = any(c.column == VOLTAGE for c in found)
+    known: dict[int, Column] = {}
+    for column in unclear:
+        if _is_constant(timed, held, column.place):
+            known[column.place] = replace(column, column="amplitude_v")
+        elif column.heading.drives:
+            known[column.place] = replace(column, column=VOLTAGE)
+        else:
+            known[column.place] = replace(column, column="")
+            what = f"column {column.name} changes along a trace: it may be the drive over time, or another signal"
+            remedy = f"say {option(column.option, VOLTAGE, 'V')} or {option(column.option, IGNORED)}"
+            remedy = f"{remedy}; of launches, {option(times[0].option, IGNORED)}"
+            if not is_said:
+                faults.add(fault(grid, head, what, remedy))
+    return [known.get(c.place, c) for c in found]
+
+
+def _may_be_drive(column: Column, head: Head) -> bool:
+    return column.column == "amplitude_v" or (not column.column and column.heading.drives and in_volts(column, head))
+
+
+def _is_constant(timed: _Timed, held: Sequence[int], place: int) -> bool:
+    """Whether a column is constant along each trace; where traces cannot be found without it, it is a condition."""
+    parts = timed.parts(held)
+    if all(len({timed.text(k, place) for k in part}) == 1 for part in parts):
+        return True
+    if rising(parts, timed.times) and runs_on(parts, timed.times) is None:
+        return False
+    parts = timed.parts([*held, place])
+    return rising(parts, timed.times) and runs_on(parts, timed.times) is None
+
+
+def check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:
+    """A trace has a time, a frequency and an amplitude: in columns, or given."""
+    if not chosen.of(TIME):
+        near = nearest(chosen.unused, head, TIME)
+        what = f"a trace, and no {TIME} among {all_headings(head)}"
+        faults.add(fault(grid, head, what, f"say {option(near or 'NAME', TIME, '' if near else 'ms')}"))
+    missing = []
+    for name in CONDITION_COLUMNS:
+        columns = chosen.of(name)
+        motions = [c for c in chosen.columns if role(c.column) == "trace"]
+        at = [c for c in motions if any(a.column == name for a in c.at)]
+        if (columns or at) and name in options.held:
+            column = (columns or at)[0]
+            what = f"{name} is given, and {'column' if columns else 'heading'} {column.name} holds it"
+            faults.add(fault(grid, head, what, f"leave out --set, or say {option(column.option, IGNORED)}"))
+        elif columns and at:
+            what = f"column {columns[0].name} and heading {at[0].name} both hold {name}"
+            faults.add(
+                fault(grid, head, what, f"say {option(columns[0].option, IGNORED)}, or give the heading without it")
+            )
+        elif at and len(at) < len(motions):
+            other = next(c for c in motions if c not in at)
+            what = f"heading {at[0].name} holds {name}, and heading {other.name} does not"
+            faults.add(fault(grid, head, what, f"write it into each heading, or say {option(other.option, IGNORED)}"))
+        elif not columns and not at and name not in options.held:
+            missing.append(name)
+        if name == "amplitude_v" and at:
+            _check_volts(grid, head, at[0], options, faults)
+    if missing:
+        what = f"a trace over time, and nothing says {' and '.join(missing)} of its drive"
+        faults.add(fault(grid, head, what, f"say {' '.join(f'--set {example(n)}' for n in missing)}"))
+
+
+def _check_volts(grid: Grid, head: Head, column: Column, options: Options, faults: Faults) -> None:
+    """It is said how the volts in a heading are counted."""
+    if any(a.column == "amplitude_v" and not (a.volts or options.volts) for a in column.at):
+        what = f"heading {column.name}: whether volts are zero to peak, peak to peak or RMS is not said"
+        faults.add(fault(grid, head, what, f"say --volts {', --volts '.join(VOLTS)}, or write Vpp"))
+
+
+__all__ = ["check_trace", "is_trace", "over_time", "voltages"]
