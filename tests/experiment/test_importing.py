@@ -244,7 +244,7 @@ def test_a_drive_that_is_not_known_is_not_called_another(tmp_path: Path) -> None
 
 def test_a_table_is_no_waveform_to_import(tmp_path: Path) -> None:
     error = refused(tmp_path, HEAD + "1200;20;76\n", Options(waveforms=("table",)))
-    assert "give it with --drive FILE" in str(error) and "did you mean" not in str(error)
+    assert "say --drive FILE" in str(error) and "did you mean" not in str(error)
 
 
 def test_sheets(tmp_path: Path) -> None:

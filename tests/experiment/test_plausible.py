@@ -109,7 +109,8 @@ def test_a_recorded_drive_that_cannot_be_is_named(tmp_path: Path, drive: str, a:
     toml = TOML.replace('waveform = "sine"', 'waveform = "table"\ndrive = "drive.csv"')
     (tmp_path / "drive.csv").write_text("time_us,voltage_v\n" + drive)
     warnings = read_experiment(write(tmp_path, toml, a=a)).warnings
-    assert len(warnings) == 1 and said in warnings[0]
+    # The voltages of these recordings are not those of the readings either.
+    assert sum(said in text for text in warnings) == 1
 
 
 def test_a_trace_in_seconds_is_named(tmp_path: Path) -> None:
