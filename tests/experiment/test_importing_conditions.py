@@ -380,7 +380,7 @@ def test_imported_traces_with_their_drives_are_fitted_and_diagnosed(
     words = ["import", "scope.csv", "--set", "amplitude_v=20", "--out", "rig", "--json", "import.json", *RIG]
     assert run(monkeypatch, *words) == 0
     out = capsys.readouterr().out
-    assert "group 2: table, 13 samples of the velocity, drive in drive2.csv from 0 V, group2.csv" in out
+    assert "group 2: drive of 13 rows, 300 us, 0 to 19.96 V, 13 samples of the velocity, group2.csv" in out
     groups = json.loads(Path("import.json").read_text("utf-8"))["tables"][0]["groups"]
     assert [g["drive"] for g in groups] == ["drive1.csv", "drive2.csv"]
     assert sorted(p.name for p in Path("rig").iterdir()) == [
