@@ -83,7 +83,8 @@ def offsets(groups: Iterable[Group]) -> str:
 
 def symbol_html(latex: str) -> Markup:
     """LaTeX symbol as HTML: Greek letters, sub- and superscripts; braces vanish, everything else is escaped."""
-    text = re.sub(r"\\(?:mathrm|text|mathit)\{([^{}]*)\}", r"\1", latex).replace("\\ ", " ")
+    roman = r"\\(?:mathrm|text|mathit)\{([^{}]*)\}"
+    text = re.sub(roman, r"\1", re.sub(rf"(?<=[_^]){roman}", r"{\1}", latex)).replace("\\ ", " ")
     text = re.sub(r"\\([A-Za-z]+) ?", lambda m: _GREEK.get(m[1], m[1]), text)
     html = str(escape(text))
     for mark, tag in (("_", "sub"), (r"\^", "sup")):

@@ -36,6 +36,7 @@ def test_symbols_and_lists_are_escaped():
     own = wording.symbol_html(r"\sigma_{rel,\mathrm{launch\ speed}}")
     assert own == "<i>σ<sub>rel,launch speed</sub></i>"
     assert wording.symbol_html("k_c") == "<i>k<sub>c</sub></i>"
+    assert wording.symbol_html(r"N_\mathrm{cyc}") == "<i>N<sub>cyc</sub></i>"
     assert "<b>" not in wording.symbol_html("<b>") and "<b>" not in wording.listed(["<b>", "<b>"])
     assert wording.listed(["a", "b", "c"]) == "a, b and c"
     assert wording.listed(range(20)).endswith("and 12 more")
