@@ -209,12 +209,17 @@ class _Known(Generic[Content]):
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
         origin_shows = self.shows(model)
         if neighbours is exchanged or not origin_shows:
-            found = self.fitter.carried(new, self.models)
             best = max(self.value(m) for m in self.models.values() if self.shows(m))
             least = best - self.settings.window - 2.0 * self.settings.short_by
-            new = [m.ids for m in found if self.value(m) >= least and (origin_shows or self.shows(m))]
-            self.keep(found)
+            near = [m for m in self.carry(new) if self.value(m) >= least]
+            new = [m.ids for m in near if origin_shows or self.shows(m)]
         self.keep(self.fitter.short(new, self.models))
+
+    def carry(self, wanted: Sequence[Ids]) -> list[Model[Content]]:
+        """Fit those that are not known from where others have their optima, and keep them."""
+        found = self.fitter.carried([ids for ids in wanted if ids not in self.models], self.models)
+        self.keep(found)
+        return found
 
     def detour(self, best: Model[Content]) -> bool:
         """Go a step up from the best model without a cause of the best of all; False where each way has ended."""
@@ -230,8 +235,7 @@ class _Known(Generic[Content]):
         needed, origin, taken = min(left, key=lambda way: self.value(way[1]))
         self.detoured[needed, origin.ids] = taken + 1
         wanted = self.kinds[taken](origin.ids, [id for id in self.catalogue if id != needed], most)
-        found = self.fitter.carried([ids for ids in wanted if ids not in self.models], self.models)
-        self.keep(found)
+        found = self.carry(wanted)
         highest = max(map(self.value, [origin, *found]))
         near = [m.ids for m in found if self.value(m) >= highest - self.settings.short_by]
         self.keep(self.fitter.short(near, self.models))
