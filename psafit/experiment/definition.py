@@ -244,9 +244,8 @@ class Definition:
             raise error("is not a number", f"write {name} = a number, without quotes or unit")
         if not (math.isfinite(number) and number > 0):
             raise error(f"= {number:g} is not positive and finite", "give its value in SI units")
-        low, high = LIMITS[name]
-        if not low <= number <= high:
-            raise error(f"= {number:g} is beyond the limits {low:g} to {high:g}", "give its value in SI units")
+        if said := _beyond(number, LIMITS[name]):
+            raise error(said, "give its value in SI units")
         return number
 
     def limits(self) -> tuple[tuple[str, tuple[float, float]], ...]:
@@ -314,9 +313,8 @@ class Definition:
         number = _number(value)
         if number is None or not 0 < number < math.inf:
             raise self.error(f"{name} is not a positive number", _FACT, "rig", name)
-        low, high = FACT_LIMITS[name]
-        if not low <= number <= high:
-            raise self.error(f"{name} = {number:g} is beyond the limits {low:g} to {high:g}", _FACT, "rig", name)
+        if said := _beyond(number, FACT_LIMITS[name]):
+            raise self.error(f"{name} {said}", _FACT, "rig", name)
         return number
 
     def beliefs(self) -> tuple[Belief, ...]:
@@ -550,6 +548,12 @@ class Definition:
         if not is_file:
             raise error("is not a regular file", "name a CSV file")
         return file, path
+
+
+def _beyond(number: float, limits: tuple[float, float]) -> str:
+    """What is wrong with a number that lies beyond its hard limits; nothing of others."""
+    low, high = limits
+    return "" if low <= number <= high else f"= {number:g} is beyond the limits {low:g} to {high:g}"
 
 
 def _number(value: object) -> float | None:
