@@ -52,7 +52,7 @@ def judge(model_set: ModelSet, catalogue: Sequence[Term], settings: Settings, *,
     left = discrepancy(best_model)
     bare = discrepancy(model_set.baseline, stretch(best_model)) if best_model.terms else left
     laws, problem = broken(best_model, settings.laws), best_model.problem
-    medians = model_set.medians(best_model.ids)
+    (medians,) = model_set.quantiles(best_model.ids, (0.5,))
     strange = [name for name in problem.implausible(medians) if name in problem.names[: problem.n_physical]]
     verdict = conclude(model_set, before, after, left, bare, laws, strange)
     return Judgement(model_set, before, after, left, bare, verdict)

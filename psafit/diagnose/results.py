@@ -61,15 +61,10 @@ def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) ->
     problem = candidate.problem
     found = model_set.samples.get(candidate.ids)
     parameters: dict[str, ParameterResult] = {}
-    values = problem.to_physical(found.draws) if found else problem.to_physical(candidate.modes[:1])
-    quantiles = found.quantiles(values, (0.05, 0.5, 0.95)) if found else None
-    for i, p in enumerate(problem.parameters):
-        ends: list[float | None] = [None, None]  # of a model that was not sampled
-        median = float(values[0, i])
-        if quantiles is not None:
-            lower, median, upper = (float(q) for q in quantiles[:, i])
-            ends = [lower, upper]
-        parameters[p.name] = ParameterResult(median, ends[0], ends[1], p.unit, p.description, p.prior_share(median))
+    quantiles = model_set.quantiles(candidate.ids, (0.05, 0.5, 0.95))
+    for p, (lower, median, upper) in zip(problem.parameters, quantiles.T.tolist(), strict=True):
+        low, high = (lower, upper) if found else (None, None)
+        parameters[p.name] = ParameterResult(median, low, high, p.unit, p.description, p.prior_share(median))
     evidence = Evidence(
         log_evidence=model_set.log_evidence[candidate.ids],
         over_baseline=model_set.log_evidence[candidate.ids] - model_set.log_evidence[()],
@@ -84,10 +79,8 @@ def cause_result(model_set: ModelSet, verdict: Verdict, candidate: Candidate) ->
             prior_width=_sensitivity(candidate, found),
         )  # fmt: skip
     ids = verdict.named if set(candidate.ids) == set(verdict.named) else candidate.ids
-    medians = np.array([parameters[name].median for name in problem.names])
-    return CauseResult(
-        list(ids), verdict.probability[candidate.ids], parameters, evidence, problem.implausible(medians)
-    )
+    strange = problem.implausible(quantiles[1])
+    return CauseResult(list(ids), verdict.probability[candidate.ids], parameters, evidence, strange)
 
 
 def _sensitivity(candidate: Candidate, found: ImportanceSample) -> dict[str, float]:

@@ -152,12 +152,12 @@ class ModelSet:
         rivals = [c for c in self.candidates if c.ids != named and len(c.ids) <= len(named)]
         return {c.ids for c in rivals if self.probability[c.ids] > least and behind(c) < close}
 
-    def medians(self, ids: Ids) -> FloatArray:
-        """Posterior medians of a model's parameters, in their units; of one that was not sampled, its highest mode."""
+    def quantiles(self, ids: Ids, q: Sequence[float]) -> FloatArray:
+        """Quantiles of a model's parameters, (len(q), n_dim), in their units; its mode where it was not sampled."""
         problem, found = self.of(ids).problem, self.samples.get(ids)
         if found is None:
-            return problem.to_physical(self.of(ids).modes[0])
-        return found.quantiles(problem.to_physical(found.draws), (0.5,))[0]
+            return np.repeat(problem.to_physical(self.of(ids).modes[:1]), len(q), axis=0)
+        return found.quantiles(problem.to_physical(found.draws), q)
 
     def gain(self, ids: Ids) -> float:
         """Log likelihood of a model above the baseline's, both at their posteriors' tops, nats."""
