@@ -12,6 +12,7 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from psafit.arrays import FloatArray
+from psafit.drives import Drive
 from psafit.experiment.records import DEFINITION, Constants, Group
 from psafit.experiment.rig import MATERIALS, Rig
 from psafit.experiment.table import read_csv, readings_of
@@ -113,29 +114,29 @@ def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:
     v_max = float(group.amplitude_v.max())
     if not group.drive.recorded:
         found += _suspicious_volts(v_max)
-    found += [*_suspicious_recording(group), *_unreached(group, v_max)]
+    found += _suspicious_recording(group, v_max)
     for part in group.parts:
         found += _suspicious_part(part, constants, v_max)
     found += [*_suspicious_pairs(group, constants), *_copied_rows(group)]
     return [one_line(f"{group.file}: group {group.id}: {text}") for text in found]
 
 
-def _unreached(group: Group, v_max: float, reach: float = 0.8) -> list[str]:
+def _unreached(drive: Drive, volts: FloatArray, v_max: float, reach: float = 0.8) -> list[str]:
     """What a recorded voltage says against the amplitude that is stated.
 
     Parameters
     ----------
-    group : Group
+    drive : Drive
+    volts : (n,) array
+        As recorded.
     v_max : float
         The amplitude, V.
     reach : float
         A recording spans the amplitude, or twice that if it has either sign, to within this factor.
     """
-    table = group.drive.table
-    if table is None or not table.recorded or v_max == 0:
+    if v_max == 0:
         return []
-    low, high = (float(end(table.value)) for end in (np.min, np.max))
-    low, high = min(low, group.drive.idle_v), max(high, group.drive.idle_v)
+    low, high = min(float(volts.min()), drive.idle_v), max(float(volts.max()), drive.idle_v)
     said = f"the recorded drive goes from {low:.4g} to {high:.4g} V"
     if high - low < reach * v_max:
         return [
@@ -155,12 +156,14 @@ def _suspicious_volts(v_max: float) -> list[str]:
     return [f"amplitudes reach {v_max:g} V, above 1 kV; given in mV?"] if v_max > 1000 else []
 
 
-def _suspicious_recording(group: Group, shortest_us: float = 1.0) -> list[str]:
+def _suspicious_recording(group: Group, v_max: float, shortest_us: float = 1.0) -> list[str]:
     """What a recorded drive says, and the times of a trace.
 
     Parameters
     ----------
     group : Group
+    v_max : float
+        The amplitude, V.
     shortest_us : float
         No drive of a stack, and no contact, is over sooner.
     """
@@ -181,7 +184,7 @@ def _suspicious_recording(group: Group, shortest_us: float = 1.0) -> list[str]:
             f"the {what} varies, but a recorded voltage is taken as it is: the simulation is the same for every row;"
             " give each condition a group and a recording of its own"
         )
-    return found
+    return found + _unreached(group.drive, table.value, v_max)
 
 
 def _suspicious_part(part: Group, constants: Constants | None, v_max: float) -> list[str]:
