@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import random
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import run
-from foreign import draw_traces, held_by
 from keyed import CONSTANTS
 
 from psafit.errors import InputError
@@ -330,24 +328,6 @@ def test_a_recording_is_held_against_the_amplitude(volts: float, said: str, tmp_
 
 
 # --- the command ----------------------------------------------------------------------------------------------------
-
-
-def test_drawn_tables_are_read_right_or_asked_about(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    asked = 0
-    for number in range(60):
-        made = draw_traces(random.Random(f"traces-{number}"), tmp_path)
-        if run(monkeypatch, "import", made.file.name, "--out", f"rig{number}", *made.options, *RIG) == 2:
-            (line,) = capsys.readouterr().err.splitlines()
-            assert "--decimal" in line or "--column" in line, line
-            asked += 1
-            continue
-        held, true = held_by(read_experiment(Path(f"rig{number}")).groups), sorted(made.readings)
-        assert [h[:4] for h in held] == [t[:4] for t in true], number
-        np.testing.assert_allclose([h[4] for h in held], [t[4] for t in true], rtol=1e-12)
-    assert asked <= 6
 
 
 def _simulated(conditions: tuple[Row, ...], times: np.ndarray, scatter: float) -> list[Row]:

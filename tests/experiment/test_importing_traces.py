@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import random
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import run
-from foreign import draw_trace, held_by
+from foreign import Foreign, draw_trace, draw_traces, held_by
 
 from psafit.errors import InputError
 from psafit.experiment import Group, read_experiment
@@ -155,22 +156,34 @@ def test_columns_and_files_are_groups(
     assert [c["column"] for c in tables[1]["columns"]][2:] == ["time_us", "displacement_um", "velocity_mm_s"]
 
 
+@pytest.mark.parametrize(
+    ("draw", "seed", "n", "most"),
+    [(draw_trace, "trace", 100, 10), (draw_traces, "traces", 60, 6)],
+    ids=["one", "several"],
+)
 def test_drawn_traces_are_read_right_or_asked_about(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    draw: Callable[[random.Random, Path], Foreign],
+    seed: str,
+    n: int,
+    most: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    """Of one condition, and of several in one table."""
     monkeypatch.chdir(tmp_path)
     asked = 0
-    for number in range(100):
-        made = draw_trace(random.Random(f"trace-{number}"), tmp_path)
+    for number in range(n):
+        made = draw(random.Random(f"{seed}-{number}"), tmp_path)
         if run(monkeypatch, "import", made.file.name, "--out", f"rig{number}", *made.options, *RIG) == 2:
             (line,) = capsys.readouterr().err.splitlines()
             assert "--decimal" in line or "--column" in line, line
             asked += 1
             continue
         held, true = held_by(read_experiment(Path(f"rig{number}")).groups), sorted(made.readings)
-        assert [h[:4] for h in held] == [t[:4] for t in true]
+        assert [h[:4] for h in held] == [t[:4] for t in true], number
         np.testing.assert_allclose([h[4] for h in held], [t[4] for t in true], rtol=1e-12)
-    assert asked <= 10
+    assert asked <= most
 
 
 @pytest.mark.parametrize(
