@@ -322,6 +322,8 @@ def _request(
 
 @dataclass(frozen=True)
 class Truth:
+    """A true model that was drawn: its values, what each cause is expected to gain, and whether as much was reached."""
+
     parameters: dict[str, float]
     expected: dict[str, float]
     share: dict[str, float]

@@ -154,6 +154,7 @@ def signatures(ids: Iterable[str], versions: Mapping[str, str]) -> list[str]:
 
 
 def with_plugins(built_in: tuple[Term, ...]) -> tuple[Term, ...]:
+    """Return built-in causes, and those of installed plugins, which have other names."""
     known = built_in
     for file, found in plugin.discover():
         plugin.refuse_clash(file, found, known)
