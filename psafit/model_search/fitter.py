@@ -36,6 +36,8 @@ class Fitted:
     candidate : Candidate
     draws : ImportanceSample, optional
         Of its posterior, if it was sampled.
+    begun : Candidate, optional
+        The fit from which it was fitted in earnest.
     top : float
         The highest log posterior that was ever seen of it: what does not exceed that is no news.
     """
@@ -43,6 +45,7 @@ class Fitted:
     candidate: Candidate
     draws: ImportanceSample | None = None
     top: float = -math.inf
+    begun: Candidate | None = None
 
 
 Known = Model[Fitted]
@@ -98,6 +101,13 @@ class ProblemFitter:
                 risen.append(_estimated(candidate_at(before.problem, np.vstack([end["u"], before.modes])), model))
         return risen
 
+    def earnest(self, model: Known, foreseen: Foreseen[Fitted] | None = None) -> Known:
+        """Fit a model as one that is sampled."""
+        short, look = model.content.candidate, self._looks(model)[0]
+        (found,) = self._done([look], self._ahead(foreseen or _NOTHING))
+        estimated = _estimated(_candidate(look.problem, found), model)
+        return replace(estimated, earnest=True, content=replace(estimated.content, begun=short))
+
     def sample(self, model: Known, foreseen: Foreseen[Fitted] | None = None) -> Known:
         """Fit a model in earnest, look for other modes, and draw from its posterior.
 
@@ -105,7 +115,7 @@ class ProblemFitter:
         foreseen.
         """
         short, looks = model.content.candidate, self._looks(model)
-        problem, ahead = looks[0].problem, foreseen or Foreseen((), (), {})
+        problem, ahead = looks[0].problem, foreseen or _NOTHING
         # The look from the prior alone takes longest.
         other, one = (_candidate(problem, a) for a in self._done(looks[::-1], self._ahead(ahead)))
         (kept,) = self._done([self._joined(model, one, other)], self._ahead(ahead))
@@ -114,7 +124,7 @@ class ProblemFitter:
         draws, found = ImportanceSample(**values), candidate_at(problem, modes)
         top = max(model.content.top, short.log_posterior, found.log_posterior)
         off = found.laplace_apart - draws.log_evidence
-        return Model(short.ids, draws.log_evidence, found.log_posterior, True, Fitted(found, draws, top), off)
+        return Model(short.ids, draws.log_evidence, found.log_posterior, True, Fitted(found, draws, top), off, True)
 
     @cached_property
     def _starting(self) -> Iterator[None]:
@@ -166,7 +176,7 @@ class ProblemFitter:
 
     def _looks(self, model: Known) -> list[Task]:
         """Both looks for the modes of a model that is to be sampled."""
-        short, s = model.content.candidate, self.settings
+        short, s = model.content.begun or model.content.candidate, self.settings
         problem = replace(short.problem, tolerance=s.tolerance)
         # A look from the prior alone is the same whatever is known.
         known = {"first": short.modes.tolist(), "second": short.modes.tolist() if len(short.ids) > s.from_prior else []}
@@ -223,6 +233,8 @@ class Task:
     work: Callable[..., Arrays]
     rest: tuple[Any, ...]
 
+
+_NOTHING: Foreseen[Fitted] = Foreseen((), (), {})
 
 # Looks for the modes of a model, by the names of their results.
 _LOOKS = {"first": first, "second": second}

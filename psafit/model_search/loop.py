@@ -6,10 +6,10 @@ exchanged, are fitted. The search ends when no model that shows is left whose es
 best; a model shows that exceeds every part of itself.
 
 What costs much waits. The best of all models gets its neighbours before it is sampled, if it shows for certain: one of
-them may leave it behind. Exchanges are many; they wait until no model within the window lacks its neighbours of one
-cause more or less, and only models that come nearer to the best than most of the window get them. They are fitted from
-where others have their optima, which is good to a window: those that come within two of the best are fitted like all
-others.
+them may leave it behind. Exchanges wait until no model within the window lacks its neighbours of one cause more or
+less. Models of more causes than fits find from the prior, and exchanges, are fitted first from where others have their
+optima, which is good to a window: those that come within two of the best are fitted like all others. What comes within
+the window only if its fit falls short is fitted in earnest; it is sampled if it then comes within the window.
 
 What leads early on is a part of all that follows, and many causes may do as well as many others. So where the best has
 more causes than fits find from the prior, the search goes up again without each of them, as long as a step leads
@@ -58,6 +58,8 @@ class Model(Generic[Content]):
         The fit, for whoever made it.
     laplace_off : float, nats
         Of a sampled model: what Laplace's approximation at the same optima exceeds its evidence by.
+    earnest : bool
+        Whether it was fitted with the work that a model takes which is sampled.
     """
 
     ids: Ids
@@ -66,6 +68,7 @@ class Model(Generic[Content]):
     sampled: bool
     content: Content
     laplace_off: float = 0.0
+    earnest: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,9 @@ class Fitter(Protocol[Content]):
 
     def again(self, known: Sequence[Model[Content]], origin: Model[Content]) -> list[Model[Content]]:
         """Fit known models from where a neighbour has its optimum; only those that rise come back."""
+
+    def earnest(self, model: Model[Content], foreseen: Foreseen[Content] | None = None) -> Model[Content]:
+        """Fit a model as one that is sampled. The result does not depend on what is foreseen."""
 
     def sample(self, model: Model[Content], foreseen: Foreseen[Content] | None = None) -> Model[Content]:
         """Sample a model. The result does not depend on what is foreseen."""
@@ -191,8 +197,10 @@ class _Known(Generic[Content]):
         return self.value(model) < best - self.settings.window or self.done[model.ids] == len(self.kinds)
 
     def comes_near(self, model: Model[Content], best: float) -> bool:
-        """Whether it comes within the window of the best, if a short fit falls short by as much as it may."""
-        return self.value(model) >= best - self.settings.window - (0.0 if model.sampled else self.settings.short_by)
+        """Whether it comes within the window of the best, if its fit falls short by as much as it may."""
+        s = self.settings
+        slack = 0.0 if model.sampled else 2.0 * s.doubt if model.earnest else s.short_by
+        return self.value(model) >= best - s.window - slack
 
     def keep(self, found: Sequence[Model[Content]]) -> None:
         """Keep models that were fitted."""
@@ -207,13 +215,12 @@ class _Known(Generic[Content]):
         wanted = neighbours(model.ids, self.catalogue, self.settings.most_causes)
         new = [ids for ids in wanted if ids not in self.models]
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
-        origin_shows = self.shows(model)
-        if neighbours is exchanged or not origin_shows:
-            best = max(self.value(m) for m in self.models.values() if self.shows(m))
-            least = best - self.settings.window - 2.0 * self.settings.short_by
-            near = [m for m in self.carry(new) if self.value(m) >= least]
-            new = [m.ids for m in near if origin_shows or self.shows(m)]
-        self.keep(self.fitter.short(new, self.models))
+        origin_shows, s = self.shows(model), self.settings
+        small = [ids for ids in new if len(ids) <= s.from_prior and origin_shows and neighbours is resized]
+        carried = self.carry([ids for ids in new if ids not in small])
+        least = max(self.value(m) for m in self.models.values() if self.shows(m)) - s.window - 2.0 * s.short_by
+        near = [m.ids for m in carried if self.value(m) >= least and (origin_shows or self.shows(m))]
+        self.keep(self.fitter.short([*small, *near], self.models))
 
     def carry(self, wanted: Sequence[Ids]) -> list[Model[Content]]:
         """Fit those that are not known from where others have their optima, and keep them."""
@@ -241,14 +248,16 @@ class _Known(Generic[Content]):
         self.keep(self.fitter.short(near, self.models))
         return True
 
-    def sample(self, best: Model[Content], others: Sequence[Model[Content]]) -> None:
-        """Sample a model; the others are those of which that is foreseen."""
+    def sample(self, best: Model[Content], others: Sequence[Model[Content]], highest: float) -> None:
+        """Sample a model, or fit it in earnest; the others are those of which that is foreseen."""
+        within = self.value(best) >= highest - self.settings.window
         later = [m for m in (best, *others) if self.done[m.ids]]
         sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, self.catalogue, self.settings.most_causes))
         new = tuple(ids for ids in sets if ids not in self.models)
         foreseen = Foreseen(tuple(m for m in others if not m.sampled), new, self.models)
-        self.models[best.ids] = sampled = self.fitter.sample(best, foreseen)
-        if sampled.log_posterior > best.log_posterior + self.settings.better:
+        work = self.fitter.sample if best.earnest or within else self.fitter.earnest
+        self.models[best.ids] = found = work(best, foreseen)
+        if found.log_posterior > best.log_posterior + self.settings.better:
             self.done[best.ids] = 0
 
     def searched(self) -> Searched[Content]:
@@ -311,4 +320,4 @@ def search(
         if best.sampled or best not in near or (ahead and not known.done[best.ids]):
             known.expand(best)
         else:
-            known.sample(best, others)
+            known.sample(best, others, highest)

@@ -28,6 +28,7 @@ class Fake:
         self.evidence, self.error, self.carrying = evidence, error, carrying
         self.fitted: list[Ids] = []
         self.carried_over: list[Ids] = []
+        self.fitted_in_earnest: list[Ids] = []
         self.sampled: list[Ids] = []
 
     def short(self, wanted: Sequence[Ids], known: Mapping[Ids, Model[None]]) -> list[Model[None]]:
@@ -42,6 +43,11 @@ class Fake:
 
     def again(self, known: Sequence[Model[None]], origin: Model[None]) -> list[Model[None]]:
         return []
+
+    def earnest(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
+        assert not model.earnest
+        self.fitted_in_earnest.append(model.ids)
+        return replace(model, log_evidence=self.evidence(model.ids), earnest=True)
 
     def sample(self, model: Model[None], foreseen: Foreseen[None] | None = None) -> Model[None]:
         self.sampled.append(model.ids)
@@ -220,6 +226,22 @@ def test_the_order_of_the_catalogue_does_not_matter() -> None:
     assert run(CATALOGUE) == run(CATALOGUE[::-1]) == run(tuple(rng.permutation(CATALOGUE).tolist()))
 
 
+def test_what_comes_near_only_if_its_fit_falls_short_is_fitted_in_earnest() -> None:
+    """Two are estimated 8 nats below the best, beyond the window; of one the short fit had missed 6."""
+    gains = {"a": 30.0, "c": 22.0, "f": 28.0}
+    fake = Fake(lambda ids: max((gains.get(id, 0.0) for id in ids), default=0.0), lambda ids: -6.0 * ("f" in ids))
+    found = search(CATALOGUE, fake, flat)
+    assert fake.fitted_in_earnest == [("c",), ("f",)] and fake.sampled == [(), ("a",), ("f",)]
+    assert found.models["f",].log_evidence == 28.0 and ("c",) not in found.expanded
+
+
+def test_models_of_many_causes_are_fitted_shortly_where_they_come_near() -> None:
+    fake = Fake(additive({"a": 60.0, "b": 50.0, "c": 40.0}))
+    search(CATALOGUE, fake, flat)
+    assert all(len(ids) <= 2 or set(ids) >= {"a", "b", "c"} for ids in fake.fitted)
+    assert {ids for ids in every_set(3) if len(ids) == 3 and {"a", "b"} <= {*ids}} <= {*fake.carried_over}
+
+
 def test_errors_of_short_fits_within_the_window_do_no_harm() -> None:
     gains = {"b": 30.0, "e": 12.0, "g": 11.0}
     rng = np.random.default_rng(1)
@@ -285,4 +307,5 @@ def test_what_is_foreseen_is_what_follows() -> None:
     search(CATALOGUE, fake, flat)
     of = {ids: sets for ids, _, sets in reported}
     assert list(of) == [("a",), ("a", "b"), ("a", "b", "c")] and of["a", "b", "c"]
-    assert fake.carried_over[: len(of["a", "b", "c"])] == of["a", "b", "c"]
+    begun = fake.carried_over.index(of["a", "b", "c"][0])
+    assert fake.carried_over[begun : begun + len(of["a", "b", "c"])] == of["a", "b", "c"]
