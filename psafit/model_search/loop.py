@@ -7,9 +7,10 @@ best; a model shows that exceeds every part of itself.
 
 What costs much waits. The best of all models gets its neighbours before it is sampled, if it shows for certain: one of
 them may leave it behind. Exchanges wait until no model within the window lacks its neighbours of one cause more or
-less. Models of more causes than fits find from the prior, and exchanges, are fitted first from where others have their
-optima, which is good to a window: those that come within two of the best are fitted like all others. What comes within
-the window only if its fit falls short is fitted in earnest; it is sampled if it then comes within the window.
+less. They are fitted from where others have their optima, which is good to a window: those that come within two of the
+best are fitted like all others. So it is with models of more causes than fits find from the prior, but for neighbours
+of the best; there only those that show are fitted like others. What comes within the window only if its fit falls short
+is fitted in earnest; it is sampled if it then comes within the window.
 
 What leads early on is a part of all that follows, and many causes may do as well as many others. So where the best has
 more causes than fits find from the prior, the search goes up again without each of them, as long as a step leads
@@ -208,19 +209,20 @@ class _Known(Generic[Content]):
             self.models[model.ids] = model
             self.done[model.ids] = 0
 
-    def expand(self, model: Model[Content]) -> None:
-        """Fit the next kind of a model's neighbours."""
+    def expand(self, model: Model[Content], highest: float) -> None:
+        """Fit the next kind of a model's neighbours; of all models the best has the value `highest`."""
         neighbours = self.kinds[self.done[model.ids]]
         self.done[model.ids] += 1
         wanted = neighbours(model.ids, self.catalogue, self.settings.most_causes)
         new = [ids for ids in wanted if ids not in self.models]
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
-        origin_shows, s = self.shows(model), self.settings
-        small = [ids for ids in new if len(ids) <= s.from_prior and origin_shows and neighbours is resized]
-        carried = self.carry([ids for ids in new if ids not in small])
+        s, larger, leads = self.settings, neighbours is resized, self.value(model) >= highest
+        sound = self.shows(model)
+        fully = [ids for ids in new if larger and sound and (leads or len(ids) <= s.from_prior)]
+        carried = self.carry([ids for ids in new if ids not in fully])
         least = max(self.value(m) for m in self.models.values() if self.shows(m)) - s.window - 2.0 * s.short_by
-        near = [m.ids for m in carried if self.value(m) >= least and (origin_shows or self.shows(m))]
-        self.keep(self.fitter.short([*small, *near], self.models))
+        near = [m for m in carried if self.value(m) >= least and ((sound and not larger) or self.shows(m))]
+        self.keep(self.fitter.short([*fully, *(m.ids for m in near)], self.models))
 
     def carry(self, wanted: Sequence[Ids]) -> list[Model[Content]]:
         """Fit those that are not known from where others have their optima, and keep them."""
@@ -318,6 +320,6 @@ def search(
         progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
         ahead = best is best_model and known.shows(best, errors=0.0) and len(best.ids) > settings.from_prior
         if best.sampled or best not in near or (ahead and not known.done[best.ids]):
-            known.expand(best)
+            known.expand(best, highest)
         else:
             known.sample(best, others, highest)
