@@ -417,23 +417,23 @@ def simulate_literally(
         Without scatter, each in the unit of its observable; zero where a launch failed.
     """
     chosen = np.arange(design.n_points) if points is None else points
-    worlds = _Worlds(design, dict(parameters), tuple(terms), tuple(ids), edit, rtol)
+    rigs = _Rigs(design, dict(parameters), tuple(terms), tuple(ids), edit, rtol)
     plain, traced = np.flatnonzero(~design.traced[chosen]), np.flatnonzero(design.traced[chosen])
     read = np.empty(len(chosen))
     if plain.size:
-        read[plain] = _of_launches(worlds, chosen[plain], jobs, chunk)
+        read[plain] = _of_launches(rigs, chosen[plain], jobs, chunk)
     if traced.size:
-        read[traced] = _along_traces(worlds, chosen[traced], jobs)
+        read[traced] = _along_traces(rigs, chosen[traced], jobs)
     return read
 
 
-def _of_launches(worlds: _Worlds, chosen: NDArray[np.intp], jobs: int, chunk: int) -> FloatArray:
+def _of_launches(rigs: _Rigs, chosen: NDArray[np.intp], jobs: int, chunk: int) -> FloatArray:
     """Readings of launches as a whole."""
-    measured = worlds.design.measured[chosen]
-    first, back = worlds.launches(chosen)
+    measured = rigs.design.measured[chosen]
+    first, back = rigs.launches(chosen)
     forces = any(OBSERVABLES[k].force for k in np.unique(measured))
     parts = np.array_split(chosen[first], max(len(first) // chunk, 1))
-    rows = _shared(worlds.launched, [(p, forces) for p in parts], jobs)
+    rows = _shared(rigs.launched, [(p, forces) for p in parts], jobs)
     launches = _Launches(*np.concatenate(rows)[back].T)
     read = np.empty(len(chosen))
     for k in np.unique(measured):
@@ -441,12 +441,12 @@ def _of_launches(worlds: _Worlds, chosen: NDArray[np.intp], jobs: int, chunk: in
     return read
 
 
-def _along_traces(worlds: _Worlds, chosen: NDArray[np.intp], jobs: int) -> FloatArray:
+def _along_traces(rigs: _Rigs, chosen: NDArray[np.intp], jobs: int) -> FloatArray:
     """Samples of traces; those of one launch take one simulation."""
-    measured, time = worlds.design.measured[chosen], worlds.design.time[chosen]
-    first, back = worlds.launches(chosen)
+    measured, time = rigs.design.measured[chosen], rigs.design.time[chosen]
+    first, back = rigs.launches(chosen)
     times = [np.unique(time[back == k]) for k in range(first.size)]
-    followed = _shared(worlds.followed, list(zip(chosen[first], times, strict=True)), jobs)
+    followed = _shared(rigs.followed, list(zip(chosen[first], times, strict=True)), jobs)
     seen = np.empty((len(chosen), 3))
     for k, (own, motion) in enumerate(zip(times, followed, strict=True)):
         seen[back == k] = motion[np.searchsorted(own, time[back == k])]
@@ -480,7 +480,7 @@ def _shared(work: Callable[..., FloatArray], each: Sequence[tuple[Any, ...]], jo
 
 
 @dataclass(frozen=True, eq=False)
-class _Worlds:
+class _Rigs:
     """The true model at the conditions of a design; arguments as of `simulate_literally`."""
 
     design: Design

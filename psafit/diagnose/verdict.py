@@ -87,6 +87,9 @@ def conclude(
         Prior probability of a discrepancy added to any model.
     """
     added, instead = _odds(model_set, left, bare, prior_unnamed)
+    p_value = (after or before).p_value
+    if p_value < ALPHA:  # what the tests find need not be smooth
+        added = max(added, prior_unnamed / (1 - prior_unnamed) * odds_against(p_value))
     unnamed = (added + instead) / (1 + added + instead)
     probability = {ids: p * (1 - unnamed) * (1 - model_set.missed) for ids, p in model_set.probability.items()}
     inclusion: dict[str, float] = {}
@@ -109,6 +112,14 @@ def conclude(
         return Verdict("ambiguous", named, alternatives, probability, unnamed, inclusion)
     why = "law" if laws else "values" if strange else ""
     return Verdict("unexplained" if why else "explained", named, (), probability, unnamed, inclusion, why)
+
+
+def odds_against(p_value: float) -> float:
+    """Odds against a hypothesis that a p value stands for at most: ``-1/(e p ln p)``, below ``1/e``.
+
+    (T. Sellke, M. J. Bayarri and J. O. Berger, Am. Stat. 55 (2001) 62.)
+    """
+    return -1.0 / (math.e * p_value * math.log(p_value))
 
 
 def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability: float) -> tuple[float, float]:

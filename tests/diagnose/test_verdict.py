@@ -30,7 +30,12 @@ def test_verdicts(hidden, sound):
     assert found.inclusion["amplifier_lag"] > 0.95
     # The same model set whose best model leaves structure is not an explanation.
     spoilt = replace(after, p_value=ALPHA / 2)
-    assert conclude(hidden, before, spoilt, left, bare).verdict == "unexplained"
+    rejected = conclude(hidden, before, spoilt, replace(left, log_bayes=-9.0), replace(bare, log_evidence=-np.inf))
+    assert rejected.verdict == "unexplained"
+    # Nor are its causes as probable as a test that finds structure allows, be that structure smooth or not.
+    odds = 1 / 9 * -1 / (np.e * spoilt.p_value * np.log(spoilt.p_value))
+    assert rejected.unnamed == pytest.approx(odds / (1 + odds)) and 0.4 < rejected.unnamed < 0.5
+    assert sum(rejected.probability.values()) <= 1 - rejected.unnamed
     # A rival of equal probability makes a tie.
     p = hidden.probability[("amplifier_lag",)]
     tied = replace(hidden, probability=hidden.probability | {("amplifier_lag",): p / 2, ("flight_friction",): p / 2})
@@ -84,6 +89,9 @@ def test_verdicts(hidden, sound):
     quiet = replace(examine(plain.baseline, FEW, seed=1, n_simulated=199), coincidences=())
     nothing = discrepancy(sound)
     assert conclude(plain, quiet, None, nothing, nothing).verdict == "adequate"
+    # A baseline that the tests reject is not held for probable.
+    odd = conclude(plain, replace(quiet, p_value=0.005), None, replace(nothing, log_bayes=-9.0), nothing)
+    assert odd.verdict == "unexplained" and odd.unnamed > 0.6 and odd.probability[()] < 0.4
     # Nor is it adequate where readings stand out together, or only for heavy tails.
     pair = Coincidence("frequency", (("a", 1), ("c", 1)), 200.0, 200.0, 0.2, 3.0, 0.01)
     for change in ({"coincidences": (pair,)}, {"usual_tails": ALPHA / 2}):
