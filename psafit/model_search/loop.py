@@ -5,12 +5,12 @@ highest estimate that was not sampled yet is sampled, and its neighbours, which 
 exchanged, are fitted. The search ends when no model that shows is left whose estimate comes within the window of the
 best; a model shows that exceeds every part of itself.
 
-What costs much waits. The best of all models gets its neighbours before it is sampled, if it shows for certain: one of
-them may leave it behind. Exchanges wait until no model within the window lacks its neighbours of one cause more or
-less. They are fitted from where others have their optima, which is good to a window: those that come within two of the
-best are fitted like all others. So it is with models of more causes than fits find from the prior, but for neighbours
-of the best; there only those that show are fitted like others. What comes within the window only if its fit falls short
-is fitted in earnest; it is sampled if it then comes within the window.
+What costs much waits. Models that are no larger come first: another cause in the place of one may do more than one
+cause more. Exchanges are fitted from where others have their optima, which is good to a window: those that come within
+two of the best are fitted like all others. So it is with larger neighbours, if they have more causes than fits find
+from the prior and are none of the best; there only those that show are fitted like others. The best of all models gets
+its neighbours before it is sampled, if it shows for certain: one of them may leave it behind. What comes within the
+window only if its fit falls short is fitted in earnest; it is sampled if it then comes within the window.
 
 What leads early on is a part of all that follows, and many causes may do as well as many others. So where the best has
 more causes than fits find from the prior, the search goes up again without each of them, as long as a step leads
@@ -37,6 +37,8 @@ from typing import Generic, Protocol, TypeVar
 from psafit.model_search.settings import SearchSettings
 
 Ids = tuple[str, ...]
+# Kinds of neighbours: those no larger, and those larger.
+_KINDS = 2
 Content = TypeVar("Content")
 
 
@@ -126,16 +128,16 @@ class Searched(Generic[Content]):
     expanded: frozenset[Ids]
 
 
-def resized(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
-    """Return the sets with one cause more or one less, in the catalogue's order."""
-    more = [{*ids, other} for other in catalogue if other not in ids] if len(ids) < most else []
-    return _ordered([*more, *({*ids} - {less} for less in ids)], catalogue)
-
-
-def exchanged(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
-    """Return the sets with another cause in the place of one, in the catalogue's order."""
+def exchanged(ids: Ids, catalogue: Sequence[str]) -> list[Ids]:
+    """Return the sets with one cause less, and with another in its place, in the catalogue's order."""
     others = [id for id in catalogue if id not in ids]
-    return _ordered([{*ids} - {less} | {more} for less in ids for more in others], catalogue)
+    less = [{*ids} - {one} for one in ids]
+    return _ordered([*less, *(few | {more} for few in less for more in others)], catalogue)
+
+
+def enlarged(ids: Ids, catalogue: Sequence[str], most: int) -> list[Ids]:
+    """Return the sets with one cause more, in the catalogue's order."""
+    return _ordered([{*ids, id} for id in catalogue if id not in ids] if len(ids) < most else [], catalogue)
 
 
 def _ordered(sets: Sequence[set[str]], catalogue: Sequence[str]) -> list[Ids]:
@@ -155,11 +157,9 @@ class _Known(Generic[Content]):
     models : dict
         Every model fitted, by its causes.
     done : dict
-        How many of the kinds of its neighbours were fitted.
+        How many of the kinds of its neighbours were fitted: those no larger, and those larger.
     detoured : dict
-        The same of those without a cause that the best has.
-    kinds : tuple of callable
-        Those of one cause more or less first, then exchanged.
+        The same of those without a cause that the best has, the larger first.
     """
 
     catalogue: Sequence[str]
@@ -169,7 +169,6 @@ class _Known(Generic[Content]):
     models: dict[Ids, Model[Content]] = field(default_factory=dict)
     done: dict[Ids, int] = field(default_factory=dict)
     detoured: dict[tuple[str, Ids], int] = field(default_factory=dict)
-    kinds: tuple[Callable[[Ids, Sequence[str], int], list[Ids]], ...] = (resized, exchanged)
 
     def _parts(self, model: Model[Content]) -> list[Model[Content]]:
         subsets = (ids for n in range(len(model.ids)) for ids in itertools.combinations(model.ids, n))
@@ -195,7 +194,7 @@ class _Known(Generic[Content]):
 
     def complete(self, model: Model[Content], best: float) -> bool:
         """Whether all of its neighbours were fitted, or need not be, since it does not come near the best."""
-        return self.value(model) < best - self.settings.window or self.done[model.ids] == len(self.kinds)
+        return self.value(model) < best - self.settings.window or self.done[model.ids] == _KINDS
 
     def comes_near(self, model: Model[Content], best: float) -> bool:
         """Whether it comes within the window of the best, if its fit falls short by as much as it may."""
@@ -211,14 +210,13 @@ class _Known(Generic[Content]):
 
     def expand(self, model: Model[Content], highest: float) -> None:
         """Fit the next kind of a model's neighbours; of all models the best has the value `highest`."""
-        neighbours = self.kinds[self.done[model.ids]]
+        s, larger, sound = self.settings, self.done[model.ids] > 0, self.shows(model)
         self.done[model.ids] += 1
-        wanted = neighbours(model.ids, self.catalogue, self.settings.most_causes)
+        wanted = enlarged(model.ids, self.catalogue, s.most_causes) if larger else exchanged(model.ids, self.catalogue)
         new = [ids for ids in wanted if ids not in self.models]
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
-        s, larger, leads = self.settings, neighbours is resized, self.value(model) >= highest
-        sound = self.shows(model)
-        fully = [ids for ids in new if larger and sound and (leads or len(ids) <= s.from_prior)]
+        few = s.most_causes if self.value(model) >= highest else s.from_prior
+        fully = [ids for ids in new if (sound and len(ids) <= few if larger else len(ids) < len(model.ids))]
         carried = self.carry([ids for ids in new if ids not in fully])
         least = max(self.value(m) for m in self.models.values() if self.shows(m)) - s.window - 2.0 * s.short_by
         near = [m for m in carried if self.value(m) >= least and ((sound and not larger) or self.shows(m))]
@@ -238,13 +236,13 @@ class _Known(Generic[Content]):
         small = [m for m in self.models.values() if len(m.ids) <= most]
         without = {id: max((m for m in small if id not in m.ids), key=self.value) for id in best.ids}
         ways = [(id, m, self.detoured.get((id, m.ids), 0)) for id, m in without.items()]
-        left = [way for way in ways if way[2] < len(self.kinds)]
+        left = [way for way in ways if way[2] < _KINDS]
         if not left:
             return False
         needed, origin, taken = min(left, key=lambda way: self.value(way[1]))
         self.detoured[needed, origin.ids] = taken + 1
-        wanted = self.kinds[taken](origin.ids, [id for id in self.catalogue if id != needed], most)
-        found = self.carry(wanted)
+        others = [id for id in self.catalogue if id != needed]
+        found = self.carry(exchanged(origin.ids, others) if taken else enlarged(origin.ids, others, most))
         highest = max(map(self.value, [origin, *found]))
         near = [m.ids for m in found if self.value(m) >= highest - self.settings.short_by]
         self.keep(self.fitter.short(near, self.models))
@@ -253,8 +251,8 @@ class _Known(Generic[Content]):
     def sample(self, best: Model[Content], others: Sequence[Model[Content]], highest: float) -> None:
         """Sample a model, or fit it in earnest; the others are those of which that is foreseen."""
         within = self.value(best) >= highest - self.settings.window
-        later = [m for m in (best, *others) if self.done[m.ids]]
-        sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, self.catalogue, self.settings.most_causes))
+        later = [m for m in (best, *others) if not self.done[m.ids]]
+        sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, self.catalogue) if len(ids) == len(m.ids))
         new = tuple(ids for ids in sets if ids not in self.models)
         foreseen = Foreseen(tuple(m for m in others if not m.sampled), new, self.models)
         work = self.fitter.sample if best.earnest or within else self.fitter.earnest
@@ -265,7 +263,7 @@ class _Known(Generic[Content]):
     def searched(self) -> Searched[Content]:
         """What was looked at."""
         final = {ids: replace(m, log_evidence=self.evidence(m)) for ids, m in self.models.items()}
-        return Searched(final, frozenset(ids for ids, done in self.done.items() if done == len(self.kinds)))
+        return Searched(final, frozenset(ids for ids, done in self.done.items() if done == _KINDS))
 
 
 def search(
@@ -307,19 +305,22 @@ def search(
         highest = known.value(best_model)
         near = [m for m in shown if known.comes_near(m, highest)]
         left = [m for m in near if not m.sampled or not known.complete(m, highest)]
+        name = " + ".join(best_model.ids) or "the baseline"
+        progress(f"{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
+        sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
+        if sure and not known.complete(best_model, highest):
+            known.expand(best_model, highest)
+            continue
         if not left:
             single = [m for m in models.values() if len(m.ids) == 1 and known.comes_near(m, highest)]
-            single = [m for m in single if not known.done[m.ids]]
+            single = [m for m in single if known.done[m.ids] < _KINDS]
             if best_model.ids or not single or passes(best_model):
                 if known.detour(best_model):
                     continue
                 return known.searched()
             left = single
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
-        name = " + ".join(best.ids) or "the baseline"
-        progress(f"{name}; {len(models)} models fitted", len(near) - len(left), len(near))
-        ahead = best is best_model and known.shows(best, errors=0.0) and len(best.ids) > settings.from_prior
-        if best.sampled or best not in near or (ahead and not known.done[best.ids]):
+        if best.sampled or best not in near:
             known.expand(best, highest)
         else:
             known.sample(best, others, highest)

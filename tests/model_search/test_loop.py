@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psafit.model_search.loop import Foreseen, Ids, Model, exchanged, resized, search
+from psafit.model_search.loop import Foreseen, Ids, Model, enlarged, exchanged, search
 from psafit.model_search.settings import SearchSettings
 
 CATALOGUE = tuple("abcdefgh")
@@ -210,7 +210,7 @@ def test_all_that_comes_within_the_window_is_sampled_and_nothing_beyond(seed: in
     # The certificate: every neighbour of what is within the window was fitted.
     assert within <= found.expanded
     for ids in within:
-        assert {*resized(ids, CATALOGUE, 4), *exchanged(ids, CATALOGUE, 4)} <= found.models.keys()
+        assert {*enlarged(ids, CATALOGUE, 4), *exchanged(ids, CATALOGUE)} <= found.models.keys()
     assert max(map(len, found.models)) <= 4
     assert len(fake.sampled) == len(set(fake.sampled)) and len(fake.fitted) == len(set(fake.fitted))
 
@@ -233,6 +233,15 @@ def test_what_comes_near_only_if_its_fit_falls_short_is_fitted_in_earnest() -> N
     found = search(CATALOGUE, fake, flat)
     assert fake.fitted_in_earnest == [("c",), ("f",)] and fake.sampled == [(), ("a",), ("f",)]
     assert found.models["f",].log_evidence == 28.0 and ("c",) not in found.expanded
+
+
+def test_another_cause_in_the_place_of_one_is_looked_for_before_one_more() -> None:
+    """ "b" with "c" does more than "a" with "c", which leads first; nothing is added to the latter."""
+    worth = {("a",): 50.0, ("a", "c"): 60.0, ("b", "c"): 90.0}
+    fake = Fake(lambda ids: max(v for s, v in ({(): 0.0} | worth).items() if {*s} <= {*ids}))
+    found = search(CATALOGUE, fake, flat)
+    assert found.models["b", "c"].sampled
+    assert [ids for ids in found.models if len(ids) == 3 and {"a", "c"} < {*ids}] == [("a", "b", "c")]
 
 
 def test_large_neighbours_of_what_does_not_lead_are_fitted_in_full_where_they_show() -> None:
@@ -282,10 +291,9 @@ def test_starts_are_fitted_first() -> None:
 
 
 def test_neighbours() -> None:
-    assert resized(("b",), "abc", 3) == [("a", "b"), ("b", "c"), ()]
-    assert resized(("a", "b"), "abc", 2) == [("b",), ("a",)]
-    assert exchanged(("a", "b"), "abcd", 2) == [("b", "c"), ("b", "d"), ("a", "c"), ("a", "d")]
-    assert resized((), "ab", 6) == [("a",), ("b",)] and exchanged((), "ab", 6) == []
+    assert enlarged(("b",), "abc", 3) == [("a", "b"), ("b", "c")] and enlarged(("a", "b"), "abc", 2) == []
+    assert exchanged(("a", "b"), "abcd") == [("b",), ("a",), ("b", "c"), ("b", "d"), ("a", "c"), ("a", "d")]
+    assert enlarged((), "ab", 6) == [("a",), ("b",)] and exchanged((), "ab") == []
 
 
 def test_what_is_foreseen_is_what_follows() -> None:
@@ -308,6 +316,6 @@ def test_what_is_foreseen_is_what_follows() -> None:
     reported.clear()
     search(CATALOGUE, fake, flat)
     of = {ids: sets for ids, _, sets in reported}
-    assert list(of) == [("a",), ("a", "b"), ("a", "b", "c")] and of["a", "b", "c"]
-    begun = fake.carried_over.index(of["a", "b", "c"][0])
-    assert fake.carried_over[begun : begun + len(of["a", "b", "c"])] == of["a", "b", "c"]
+    assert list(of) == [("a",), ("a", "b"), ("a", "b", "c")] and of["a", "b"] and not of["a", "b", "c"]
+    exchanges = set(exchanged(("a", "b"), CATALOGUE)) & {*of["a", "b"]}
+    assert exchanges == {ids for ids in fake.carried_over if len(ids) == 2 and {"a", "b"} & {*ids}}
