@@ -78,3 +78,12 @@ def test_a_scan_finds_a_narrow_resonance_that_fits_worse_until_all_else_is_refit
     found = dict(zip(measured.names, measured.to_physical(end.u[0]), strict=True))
     assert found["frame_frequency"] == pytest.approx(frequency, rel=0.02)
     assert found["frame_compliance"] == pytest.approx(true["frame_compliance"], rel=0.3)
+
+
+def test_what_is_known_stays_where_it_is_and_what_is_new_has_a_slope(problem):
+    rig = replace(problem, terms=terms(["sliding_support", "adhesion"]))
+    known = {"k_c": 2e5, "c_s": 3e3, "c_c": 50.0, "sliding_support_a": 0.0}
+    at = dict(zip(rig.names, joined_values(rig, known), strict=True))
+    lower = dict(zip(rig.names, rig.bounds[:, 0], strict=True))
+    assert at["sliding_support_a"] == lower["sliding_support_a"]
+    assert at[terms(["adhesion"])[0].strength.name] > lower[terms(["adhesion"])[0].strength.name]
