@@ -84,7 +84,9 @@ def test_verdicts(hidden, sound):
     # What has no name and keeps a part next to an explanation is reported with it.
     doubted = conclude(hidden, before, after, replace(left, log_bayes=np.log(9 * 0.25)), hopeless)
     assert doubted.verdict == "explained" and doubted.unnamed == pytest.approx(0.2)
-    # Nothing hidden.
+
+
+def test_verdicts_where_nothing_is_hidden(sound):
     plain = search_models(sound.problem, FEW, seed=1)
     quiet = replace(examine(plain.baseline, FEW, seed=1, n_simulated=199), coincidences=())
     nothing = discrepancy(sound)
