@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
-from psafit.inference.evidence import TRUSTED, laplace_mixture, quantiles
+from psafit.arrays import FloatArray
+from psafit.inference.evidence import TRUSTED, RoundSettings, laplace_mixture, quantiles, sample_in_rounds
 from psafit.inference.optimiser import log_posteriors
-from psafit.inference.store import pareto_k
 from psafit.model_search import Ids, ModelSet
 from psafit.physics.term import Term
 
@@ -31,7 +30,7 @@ class Room:
 
 
 def room(
-    model_set: ModelSet, adopted: Ids, term: Term, *, seed: int, draws: int = 128, most: int = 1024, limit: float = 0.95
+    model_set: ModelSet, adopted: Ids, term: Term, *, seed: int, draws: int = 128, rounds: int = 8, limit: float = 0.95
 ) -> Room | None:
     """Return what a cause may do given what is adopted.
 
@@ -48,9 +47,9 @@ def room(
     term : Term
         A cause that is not among them.
     seed : int
-    draws, most : int
-        From Student densities at the modes, weighted by the posterior. While Pareto's k distrusts the weights, they are
-        doubled, up to `most`.
+    draws, rounds : int
+        Draws of a round, from Student densities at the modes, then about the draws before, weighted by the posterior;
+        and rounds at most, until as many count as the quantile needs: one beyond it.
     limit : float
         Quantile of the posterior.
 
@@ -65,17 +64,21 @@ def room(
     if fitted is None:
         return None
     problem, rng = fitted.problem, np.random.default_rng([seed, 31])
-    proposal = laplace_mixture(fitted)
-    predicted, log_weight = np.empty((0, problem.observed.size)), np.empty(0)
-    while log_weight.size < 2 or pareto_k(log_weight) > TRUSTED:
-        if draws > most:
-            return None
-        u = proposal.scatter(draws, rng)
-        u = u[((u >= problem.bounds[:, 0]) & (u <= problem.bounds[:, 1])).all(axis=1)]
-        predicted = problem.predict(u)
-        log_weight = log_posteriors(problem, u, predicted, problem.observed) - proposal.log_density(u)
-        draws *= 2
-    weights = np.exp(log_weight - logsumexp(log_weight))
+    simulated: list[FloatArray] = []
+
+    def log_posterior(u: FloatArray) -> FloatArray:
+        simulated.append(problem.predict(u))
+        return log_posteriors(problem, u, simulated[-1], problem.observed)
+
+    needed = RoundSettings(draws=draws, least=1, most=rounds, effective=1.0 / (1.0 - limit))
+    pool = sample_in_rounds(
+        log_posterior, problem.bounds, laplace_mixture(fitted),
+        lambda found, before: before.mixture.around(found.u, found.weights, problem.widths), rng, needed,
+    )  # fmt: skip
+    found = pool.sample()
+    if found.effective < needed.effective or found.pareto_k > TRUSTED:
+        return None
+    predicted, weights = np.concatenate(simulated), pool.weights
     plain = model_set.of(adopted)
     effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
