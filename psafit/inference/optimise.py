@@ -216,17 +216,14 @@ def joined_values(problem: Problem, values: Mapping[str, float]) -> FloatArray:
     Returns
     -------
     (n_dim,) array
-        Sampling coordinates. What is not known is at its neutral value, where it has any, else at its prior's median;
-        next to a bound there, where it has a slope. What is known stays where it is: a reading may change a hundredfold
-        over less.
+        Sampling coordinates. What is not known is at its neutral value, where it has any, else at its prior's median.
     """
     u = problem.prior_transform(np.full(problem.n_dim, 0.5))
-    known = np.zeros(problem.n_dim, bool)
     for i, p in enumerate(problem.parameters):
         value = values.get(p.name, p.neutral)
         if value is not None and p.bounds.lower <= value <= p.bounds.upper:
-            u[i], known[i] = p.to_sampling(value), p.name in values
-    return np.where(known, np.clip(u, *problem.bounds.T), _inside(problem, u, 1e-3))
+            u[i] = p.to_sampling(value)
+    return np.clip(u, *problem.bounds.T)
 
 
 def polish(problem: Problem, start: FloatArray) -> tuple[FloatArray, float, lmfit.minimizer.MinimizerResult]:

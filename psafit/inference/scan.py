@@ -42,6 +42,9 @@ class ScanSettings:
         Factor by which a strength is changed at most.
     least : float, nats
         What a place to begin from must promise.
+    off : float
+        How far off their bounds all that is new begins once more: at a neutral value some have no slope, and the known
+        point may be so narrow that it is lost there.
     """
 
     halvings: float = 24.0
@@ -51,6 +54,7 @@ class ScanSettings:
     alike: float = 0.95
     reach: float = 8.0
     least: float = 1e-3
+    off: float = 1e-3
 
 
 def halved(parameter: Parameter, halvings: FloatArray) -> FloatArray:
@@ -93,9 +97,9 @@ def widened(
     Returns
     -------
     (n, n_dim) array
-        The known point first. Then of each cause its priors' medians, from where it can go even if it moves nothing by
-        itself, as a gain does whose sessions are all at their mean; and places, best first, the known parameters
-        refitted linearly.
+        The known point first, and a little off it. Then of each cause its priors' medians, from where it can go even if
+        it moves nothing by itself, as a gain does whose sessions are all at their mean; and places, best first, the
+        known parameters refitted linearly.
     """
     s, rows = settings or ScanSettings(), [known[None]]
     if not new:
@@ -111,6 +115,9 @@ def widened(
         return in_scatter(problem.predict(places) - at_known)
 
     added = {p.name for term in new for p in term.parameters}
+    low, high = problem.bounds.T
+    off = np.clip(known, np.minimum(low + s.off, high), np.maximum(high - s.off, low))
+    rows.append(np.where([name in added for name in problem.names], off, known)[None])
     old = [i for i in range(problem.n_model) if problem.names[i] not in added]
     slope = in_scatter(slopes(problem, known[None], at_known)[0, old])
     residual = in_scatter(problem.observed - at_known)[0]

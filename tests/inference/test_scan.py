@@ -47,7 +47,7 @@ def test_a_scan_finds_strengths_of_any_size(problem, newtons):
     assert rows[0] == pytest.approx(known)
     nearest = np.abs(np.log2(larger.to_physical(rows)[1:, 3] / newtons)).min()
     assert nearest <= 1.0
-    assert len(rows) <= 2 + ScanSettings().starts
+    assert len(rows) <= 3 + ScanSettings().starts
 
 
 def test_a_scan_of_what_moves_nothing_by_itself_stays_small(problem):
@@ -56,8 +56,8 @@ def test_a_scan_of_what_moves_nothing_by_itself_stays_small(problem):
     known = larger.prior_transform(np.full(larger.n_dim, 0.5))
     rows = widened(larger, known, larger.terms)
     assert rows[0] == pytest.approx(known)
-    assert rows[1, larger.names.index(larger.terms[0].strength.name)] > 0.0
-    assert len(rows) == 2
+    assert rows[2, larger.names.index(larger.terms[0].strength.name)] > 0.01
+    assert len(rows) == 3
 
 
 @pytest.mark.parametrize("frequency", [700.0, 2300.0])
@@ -74,16 +74,17 @@ def test_a_scan_finds_a_narrow_resonance_that_fits_worse_until_all_else_is_refit
     best = maximise(plain, begin[None])
     known = joined_values(measured, dict(zip(plain.names, plain.to_physical(best.u[best.best]), strict=True)))
     rows = widened(measured, known, larger.terms)
-    end = maximise(measured, rows[2:], schedule=((30, 1),))
+    end = maximise(measured, rows[3:], schedule=((30, 1),))
     found = dict(zip(measured.names, measured.to_physical(end.u[0]), strict=True))
     assert found["frame_frequency"] == pytest.approx(frequency, rel=0.02)
     assert found["frame_compliance"] == pytest.approx(true["frame_compliance"], rel=0.3)
 
 
-def test_what_is_known_stays_where_it_is_and_what_is_new_has_a_slope(problem):
+def test_what_is_known_stays_where_it_is_and_what_is_new_begins_off_its_neutral_value_too(problem):
+    """A posterior may be narrower than any distance from a bound."""
     rig = replace(problem, terms=terms(["sliding_support", "adhesion"]))
     known = {"k_c": 2e5, "c_s": 3e3, "c_c": 50.0, "sliding_support_a": 0.0}
-    at = dict(zip(rig.names, joined_values(rig, known), strict=True))
-    lower = dict(zip(rig.names, rig.bounds[:, 0], strict=True))
-    assert at["sliding_support_a"] == lower["sliding_support_a"]
-    assert at[terms(["adhesion"])[0].strength.name] > lower[terms(["adhesion"])[0].strength.name]
+    begun = widened(rig, joined_values(rig, known), terms(["adhesion"]))
+    held, strength = (rig.names.index(name) for name in ("sliding_support_a", terms(["adhesion"])[0].strength.name))
+    assert (begun[:2, held] == rig.bounds[held, 0]).all()
+    assert begun[0, strength] == rig.bounds[strength, 0] and begun[1, strength] == rig.bounds[strength, 0] + 1e-3
