@@ -76,7 +76,7 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "too coarse": (scope(step=50.0), {"every": 9, "period_us": 1000.0}, "a smaller --every"),
     "no voltage": (scope("Time (ms);CH1 (N)\n"), {}, "no voltage_v of the drive"),
     "two voltages": (
-        scope("Time (ms);CH1 (V);CH2 (V)\n").replace("\n0,", "\n0;0,"), {}, "--column 'CH1 (V)=voltage_v'",
+        scope("Time (ms);CH1 (V);CH2 (V)\n").replace("\n0,", "\n0;0,"), {}, "could all be voltage_v; say which: --column 'CH2",
     ),
     "out of order": (scope() + "0,1;0\n", {}, "100 comes after 1400"),
     "a word": (scope() + "1,5;over\n", {}, "is not a number"),

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from psafit.drives import TABLE, Drive
-from psafit.drives import Table as Rows
 from psafit.errors import InputError
 from psafit.experiment.importing.quantities import Volts
 from psafit.experiment.importing.units import Unit
@@ -67,8 +66,8 @@ class Options:
         A voltage over time, which is the drive of the waveform `"table"`.
     period_us : float or None
         How long one period of it lasts; None for a voltage that is taken as it is.
-    drive : psafit.drives.Table or None
-        That voltage, once it is read.
+    drive : psafit.drives.Drive or None
+        Of that voltage, once it is read.
     least_samples, most_samples : int
         Of a trace, those that are kept: what `psafit.experiment.trace_table.read_trace` takes. Of a recorded drive all.
     most_at_rest : float
@@ -90,7 +89,7 @@ class Options:
     every: int = 1
     drive_file: Path | None = None
     period_us: float | None = None
-    drive: Rows | None = None
+    drive: Drive | None = None
     least_samples: int = 10
     most_samples: int = 100_000
     most_at_rest: float = 0.1
@@ -102,9 +101,11 @@ class Options:
         """Conditions that were held, of options of one table."""
         return {name: value for name, value in self.values if not isinstance(value, tuple)}
 
-    def drive_of(self, waveform: str, file: str = "drive.csv") -> Drive:
-        """The drive of a waveform; `file` is to hold that of `"table"`."""
-        return Drive(TABLE, table=self.drive, file=file) if waveform == TABLE else Drive(waveform)
+    def drive_of(self, waveform: str) -> Drive:
+        """The drive of a waveform; a recorded one rests at what is given, if it is."""
+        if self.drive is None or waveform != TABLE:
+            return Drive(waveform)
+        return replace(self.drive, idle_v=self.held.get("idle_v", self.drive.idle_v))
 
     def of_table(self, number: int, n_tables: int) -> Options:
         """The options of one of several tables, counted from 0.

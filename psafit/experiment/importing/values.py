@@ -65,7 +65,7 @@ def readings(
     if grid.separator == ",":
         _check_decimals(grid, body, chosen)
     faults = RowFaults(grid.file)
-    held = chosen.held(options)
+    held, read_columns = chosen.held(options), chosen.readings
     found = []
     for row in body.rows:
         before = faults.count
@@ -75,8 +75,8 @@ def readings(
         repetitions = _repetitions(values, chosen)
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
-            faults.add(chosen.readings[0], what, remedy, row.line)
-        others = {c.column: v for c, v in values.items() if c.column not in chosen.readings and v is not None}
+            faults.add(read_columns[0], what, remedy, row.line)
+        others = {c.column: v for c, v in values.items() if c.column not in read_columns and v is not None}
         for c in values:
             if c.column not in others and ERROR_OF.get(c.column) in {r.column for read in repetitions for r in read}:
                 faults.add(c.column, "is empty", "enter the known error of the reading, or ignore the column", row.line)
@@ -168,7 +168,7 @@ def known_waveform(text: str, options: Options) -> str:
     for form in WAVEFORMS.values():
         if words(text) in (words(name) for name in (form.id, *form.names)):
             return form.id
-    if words(text) == TABLE and options.drive is None:
+    if words(text) == TABLE and options.drive_file is None:
         raise CellFault(f"{shown(text)} needs a voltage over time", "give it with --drive FILE")
     if words(text) == TABLE:
         return TABLE
