@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from psafit.drives import NAMES, TABLE
 from psafit.errors import Faults, InputError
+from psafit.experiment.drive_table import RECORDED
 from psafit.experiment.importing.chosen import HELD, IDLE, VOLTAGE, WAVEFORM, Chosen, option
 from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
@@ -121,27 +123,26 @@ def _check_used(tables: Sequence[Table], options: Options) -> None:
     faults.end()
 
 
-def _heads(file: Path, options: Options) -> list[tuple[Grid, Head]]:
-    """The tables of a file with their headings; of a text under each separator that it may have."""
-    tries = [(grid, head) for grid in grids(file, options) if (head := find_head(grid, options))]
+def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()) -> list[tuple[Grid, Head]]:
+    """The tables of a file with their headings; of a text under each separator that it may have.
+
+    A column of these units is known by its unit alone.
+    """
+    tries = [(grid, head) for grid in grids(file, options) if (head := find_head(grid, options, units))]
     if any(head.known > 1 and grid.separator not in BLANKS for grid, head in tries):  # blanks are within headings
         tries = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]
     tries = [(grid, head) for grid, head in tries if _is_filled(grid, head)] or tries
     if not tries and not read_bytes(file, "give another file").strip():
         raise InputError("the file is empty", "give one that holds readings below headings", file=file, line=1)
     if not tries:
-        raise InputError(
-            "no column is recognised",
-            "name the columns: --column 'Freq=frequency_hz:kHz', or by number: --column 1=frequency_hz:kHz",
-            file=file,
-            line=1,
-        )
+        remedy = f"name the columns: --column 'NAME={example}', or by number: --column 1={example}"
+        raise InputError("no column is recognised", remedy, file=file, line=1)
     return tries
 
 
 def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
     """The tables of launches and traces of a file, each under the separators under which most is recognised."""
-    tries = _heads(file, options)
+    tries = _heads(file, options, "frequency_hz:kHz")
     best = [(grid, head) for grid, head in tries if head.known == max(head.known for _, head in tries)]
     if not best[0][0].sheet:
         return [best]
@@ -164,13 +165,14 @@ def _recordings(file: Path, options: Options) -> list[tuple[Grid, Head, Chosen]]
         Where there is none, or several sheets hold one.
     """
     found, faults = [], []
-    for grid, head in _heads(file, replace(options, sheets=())):
+    units = [COLUMNS[name].unit for name in RECORDED]
+    for grid, head in _heads(file, replace(options, sheets=()), "voltage_v:V", units):
         try:
             found.append((grid, head, choose_recording(grid, head, options)))
         except InputError as fault:
-            faults.append(fault)
+            faults.append((head.known, fault))
     if not found:
-        raise faults[0]
+        raise max(faults, key=itemgetter(0))[1]
     found = [one for one in found if one[0].sheet in options.sheets] or found
     if len(sheets := {grid.sheet for grid, *_ in found}) > 1:
         what = f"sheets {listed(sorted(sheets))} may hold the drive"

@@ -51,7 +51,7 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     traced = is_trace(grid, head, mapped, options, faults)
     found = _recognised(head, mapped, traced=traced)
     if traced and not len(faults):
-        found = voltages(grid, head, found, faults)
+        found = voltages(grid, head, found, options, faults)
     if not len(faults):
         _check_unnamed(grid, head, found, faults)
     faults.end()

@@ -44,6 +44,8 @@ class Options:
     values : tuple of (str, float or tuple of float)
         Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. Another is
         `idle_v`, what a recorded drive rested at.
+    counted : tuple of {"peak", "pp", "rms"}
+        How the volts of an amplitude that was held are counted; one, or one for each table. Empty for zero to peak.
     waveforms : tuple of str
         One for all tables, or one for each; empty where a column says it.
     volts : {"peak", "pp", "rms"} or None
@@ -78,6 +80,7 @@ class Options:
 
     columns: tuple[Mapping, ...] = ()
     values: tuple[tuple[str, float | tuple[float, ...]], ...] = ()
+    counted: tuple[Volts, ...] = ()
     waveforms: tuple[str, ...] = ()
     volts: Volts | None = None
     decimal: str | None = None
@@ -124,7 +127,8 @@ class Options:
                     "give one, or one for each; a comma is no decimal mark",
                 )
             own.append((name, each[number if len(each) > 1 else 0]))
-        return replace(self, values=tuple(own))
+        counted = self.counted[number : number + 1] if len(self.counted) > 1 else self.counted
+        return replace(self, values=tuple(own), counted=counted)
 
 
 @dataclass(frozen=True)

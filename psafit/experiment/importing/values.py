@@ -81,7 +81,7 @@ def readings(
             if c.column not in others and ERROR_OF.get(c.column) in {r.column for read in repetitions for r in read}:
                 faults.add(c.column, "is empty", "enter the known error of the reading, or ignore the column", row.line)
         for read in repetitions if faults.count == before else ():
-            known = held | others | {c.column: v for c, v in read.items()}
+            known = _held(held, drive, options) | others | {c.column: v for c, v in read.items()}
             first = next(iter(read))
             if chosen.traced:
                 known = _named(grid, head, first, drive, options) | known
@@ -91,6 +91,23 @@ def readings(
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
     faults.end(len(body.rows))
     return found, notation.decimal
+
+
+def _held(held: dict[str, float], drive: Drive, options: Options) -> dict[str, float]:
+    """Conditions that were held, the amplitude zero to peak.
+
+    Raises
+    ------
+    InputError
+        Where the peak of that drive does not follow.
+    """
+    volts = options.counted[0] if options.counted else "peak"
+    if "amplitude_v" not in held or volts == "peak":
+        return held
+    try:
+        return held | {"amplitude_v": float(Decimal(repr(held["amplitude_v"])) * peak(volts, drive))}
+    except CellFault as fault:
+        raise InputError(f"--set amplitude_v: {fault.what}", fault.remedy) from fault
 
 
 def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Options) -> dict[str, float]:
