@@ -118,6 +118,7 @@ def test_a_drive_in_another_sheet(tmp_path: Path) -> None:
     book.save(file)
     with pytest.raises(InputError, match="sheets again, scope may hold the drive; say which: --sheet NAME"):
         read_files([file], asked)
+    assert read_files([file], replace(asked, sheets=("sweep", "scope")))[0].groups[0].drive.table == drive
 
 
 @pytest.mark.parametrize(

@@ -72,6 +72,8 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
             found += _tables(file, options)
     faults.end()
     driven = _recordings(options.drive_file, options) if options.drive_file else []
+    sheets = {(grid.file, grid.sheet) for grid, *_ in driven}
+    found = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets] or found
     _check_mappings([*(tries[0] for tries in found), *((grid, head) for grid, head, _ in driven)], options)
     if driven:
         reads = [(grid, partial(recorded, grid, head, chosen, options)) for grid, head, chosen in driven]

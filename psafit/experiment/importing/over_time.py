@@ -40,9 +40,12 @@ class _Timed:
     times: tuple[float, ...]
 
     def sound(self, places: Sequence[int]) -> list[int]:
-        """The rows that hold numbers in these columns, where the first row does; the others are refused later."""
-        numbers = [place for place in places if self.rows and is_number(self.text(0, place))]
-        return [k for k in range(len(self.rows)) if all(is_number(self.text(k, place)) for place in numbers)]
+        """The rows that hold numbers in these columns, where most do; the others are refused later."""
+        rows = list(range(len(self.rows)))
+        for place in places:
+            numbers = [k for k in rows if is_number(self.text(k, place))]
+            rows = numbers if 2 * len(numbers) > len(rows) else rows
+        return rows
 
     def parts(self, places: Sequence[int]) -> list[list[int]]:
         """The rows of each trace, whose conditions stand in these columns."""
