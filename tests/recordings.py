@@ -108,8 +108,8 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0) -> Forei
     counted = "peak" if drive in ("own", "period") else rng.choice(list(counts))
     counted = counted if form != "wide" or counted != "rms" else "pp"
     volts = {t.amplitude: notation.text(float(Decimal(repr(t.amplitude)) / counts[counted])) for t in traces}
-    make = _wide if form == "wide" else _below
-    sheet = make(rng, notation, style, heads, times, traces, counted, {} if held else volts)
+    same = Form(notation, style, heads, times, traces, counted, {} if held else volts)
+    sheet = _wide(same) if form == "wide" else _below(rng, same)
     if form == "mixed":
         time = sheet.kinds.index("time")
         sheet.rows.sort(key=lambda row: notation.value(row[time]))
@@ -176,59 +176,56 @@ def _voltage(rng: random.Random, rest: float, early: int, n: int) -> list[float]
     return [*[rest] * early, *(round(rng.uniform(10, 40) * rng.choice([-1, 1]), 3) for _ in range(n - early))]
 
 
-def _below(
-    rng: random.Random,
-    notation: Notation,
-    style: str,
-    heads: tuple[str, str, str],
-    times: list[str],
-    traces: list[Trace],
-    counted: str,
-    volts: dict[float, str],
-) -> Sheet:
+@dataclass(frozen=True)
+class Form:
+    """What tables of the same traces share: notation, style, times; names of time and motion; amplitudes as written."""
+
+    notation: Notation
+    style: str
+    heads: tuple[str, str, str]
+    times: list[str]
+    traces: list[Trace]
+    counted: str
+    volts: dict[float, str]
+
+
+def _below(rng: random.Random, form: Form) -> Sheet:
     """Traces one below the other, with columns of their conditions, and of the drive."""
+    notation, style, heads, volts = form.notation, form.style, form.heads, form.volts
     f_unit = rng.choice(list(FREQUENCIES))
     frequency = style.format(rng.choice(NAMES["frequency"]), f_unit)
     sheet = Sheet(notation, [heads[0], frequency, style.format(*heads[1:])], ["time", "condition", "motion"])
     if volts:
-        unit = rng.choice(PEAKS[counted]).format("V")
+        unit = rng.choice(PEAKS[form.counted]).format("V")
         sheet.heads.append(style.format(rng.choice(NAMES["volts"]), unit))
         sheet.kinds.append("condition")
-    if traces[0].volts:
+    if form.traces[0].volts:
         sheet.heads.append(rng.choice(["CH1 (V) drive", "Drive [V]", "Piezo voltage (V)", "Antriebsspannung (V)"]))
         sheet.kinds.append("volts")
-    for trace in traces:
+    for trace in form.traces:
         f = notation.text(float(Decimal(repr(trace.frequency)) / FREQUENCIES[f_unit]))
         amplitude = [volts[trace.amplitude]] if volts else []
-        for k, (time, y) in enumerate(zip(times, trace.motion, strict=True)):
+        for k, (time, y) in enumerate(zip(form.times, trace.motion, strict=True)):
             sheet.rows.append([time, f, y, *amplitude, *trace.volts[k : k + 1]])
     return sheet.shuffled(rng)
 
 
-def _wide(
-    rng: random.Random,
-    notation: Notation,
-    style: str,
-    heads: tuple[str, str, str],
-    times: list[str],
-    traces: list[Trace],
-    counted: str,
-    volts: dict[float, str],
-) -> Sheet:
+def _wide(form: Form) -> Sheet:
     """Traces in a column each, whose heading names the condition, and one drive of them all."""
-    sheet = Sheet(notation, [heads[0]], ["time"], [[time] for time in times])
-    for trace in traces:
+    notation, style, heads, volts = form.notation, form.style, form.heads, form.volts
+    sheet = Sheet(notation, [heads[0]], ["time"], [[time] for time in form.times])
+    for trace in form.traces:
         at = f"{trace.frequency / 1000:g} kHz"
         if volts:
-            at += f", {float(notation.value(volts[trace.amplitude])):g} {SAID[counted]}"
+            at += f", {float(notation.value(volts[trace.amplitude])):g} {SAID[form.counted]}"
         sheet.heads.append(style.format(f"{heads[1]} @ {at}", heads[2]))
         sheet.kinds.append("motion")
         for row, y in zip(sheet.rows, trace.motion, strict=True):
             row.append(y)
-    if traces[0].volts:
+    if form.traces[0].volts:
         sheet.heads.append("Drive (V)")
         sheet.kinds.append("volts")
-        for row, u in zip(sheet.rows, traces[0].volts, strict=True):
+        for row, u in zip(sheet.rows, form.traces[0].volts, strict=True):
             row.append(u)
     return sheet
 
