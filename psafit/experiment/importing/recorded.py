@@ -62,13 +62,12 @@ def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Drive:
         remedy = "record more closely, or give a smaller --every" if few else "give a larger --every"
         raise InputError(what, remedy, file=grid.file)
     if period is None:
-        idle, table = _idle(grid, samples, volts, options), Table(at * 1e-6, value, recorded=True)
-        return Drive(TABLE, idle_v=idle, table=table, file="drive.csv")
+        table = Table(at * 1e-6, value, recorded=True)
+        return Drive(TABLE, idle_v=_idle(grid, samples, volts, options), table=table, file="drive.csv")
     largest = float(np.abs(value).max())
     if largest == 0.0:
         raise InputError("the recorded voltage is zero throughout", "give another channel", file=grid.file)
-    idle, table = options.held.get(IDLE, 0.0), Table(at / period, value / largest, recorded=False)
-    return Drive(TABLE, idle_v=idle, table=table, file="drive.csv")
+    return Drive(TABLE, table=Table(at / period, value / largest, recorded=False), file="drive.csv")
 
 
 def drive_of(grid: Grid, samples: Sequence[Reading], options: Options) -> Drive:
