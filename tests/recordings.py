@@ -127,7 +127,7 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0) -> Forei
     elif drive == "next":
         rows = {t: _recorded(list(zip(seen, map(notation.value, t.volts), strict=True)), clock.start) for t in traces}
     for one in [sheet, *(other for _, other in others)] if workbook else []:
-        one.rows = [[float(one.notation.value(cell)) for cell in row] for row in one.rows]
+        one.rows = [[float(one.notation.value(cell)) if cell else "" for cell in row] for row in one.rows]
     if form == "parted":
         for k in range(len(traces) - 1, 0, -1):
             sheet.rows.insert(k * len(times), [])
@@ -136,10 +136,8 @@ def draw_traces(rng: random.Random, folder: Path, damaged: float = 0.0) -> Forei
         wrong = _damage(rng, rng.choice([sheet, *(other for _, other in others)]), workbook, form == "wide")
     readings: list[Reading] = []
     for trace in traces:
-        seen = [
-            (notation.value(a) * TIMES[clock.unit], notation.value(b)) for a, b in zip(times, trace.motion, strict=True)
-        ]
-        kept = [(t - clock.start, y * units[unit]) for t, y in seen if t >= clock.start][:: clock.every]
+        moved = [(t - clock.start, y) for t, y in zip(seen, trace.motion, strict=True) if t >= clock.start and y]
+        kept = [(t, notation.value(y) * units[unit]) for t, y in moved][:: clock.every]
         found = rows.get(trace, {}) | {"time_us": [t for t, _ in kept], column: [y for _, y in kept]}
         condition = drive if drive in WAVES else "table", trace.frequency, amplitudes[trace.amplitude]
         readings += [(*condition, name, float(x)) for name, values in found.items() for x in values]
@@ -165,7 +163,10 @@ def _traces(
     volts = drawn()
     traces = []
     for f in rng.sample(range(1, 300), rng.choice([2, 3, 4])):
-        motion = tuple(notation.text(round(rng.uniform(-3, 40), 3)) for _ in range(n))
+        cells = [notation.text(round(rng.uniform(-3, 40), 3)) for _ in range(n)]
+        if form == "wide" and traces and rng.random() < 0.3:  # what was not read, next to the first trace
+            cells[rng.randrange(n)] = ""
+        motion = tuple(cells)
         own = () if drive != "next" else volts if form == "wide" else drawn()
         traces.append(Trace(f * 100.0, held or float(rng.randrange(1, 40)), motion, own))
     return traces, held

@@ -59,29 +59,35 @@ def from_start(grid: Grid, found: Sequence[Reading], options: Options) -> Sample
     faults, traces, lines = Faults(), [], set()
     start = options.start_us or 0.0
     zeros = {TIME: start} if start else {}
-    parts = _apart(grid, found)
+    parts = [part for part in _apart(grid, found) if _motion(part)]
     short = [part for part in parts if _n_kept(part, start, options) < options.least_samples]
     for part in parts:
         before = early(grid, part, options)
         lines |= {r.line for r in before}
-        (column,) = TRACES.keys() & dict(part[0].values).keys()
+        column = _motion(part)
         zero = 0.0
         if options.from_rest and not before:
             what, remedy = "no sample lies before the start of the drive", "leave out --from-rest, or say --start"
             raise InputError(what, remedy, file=grid.file, line=part[0].line)
         if options.from_rest:
-            zero = float(mean(Decimal(repr(dict(r.values)[column])) for r in before))
-            if sum(column in dict(p[0].values) for p in parts) == 1:
+            zero = float(mean(Decimal(repr(v)) for r in before if (v := dict(r.values).get(column)) is not None))
+            if sum(column == _motion(p) for p in parts) == 1:
                 zeros[column] = zero
         with faults.kept():
             rows = [less(reading, {TIME: start, column: zero}) for reading in part]
-            samples = rows[len(before) :: options.every]
+            read = [r for r in rows[len(before) :] if column in dict(r.values)]
+            samples = read[:: options.every]
             _check(grid, samples, len(rows) - len(before), options)
             traces.append(Trace(tuple(samples), drive_of(grid, rows, options)))
     if short and not len(faults):
         faults.add(_too_few(grid, short, len(parts), start, options))
     faults.end()
     return Sampled(tuple(traces), frozenset(lines), zeros)
+
+
+def _motion(part: Sequence[Reading]) -> str:
+    """The column of a trace's motion; empty where none of its samples has one."""
+    return next((name for r in part for name, _ in r.values if name in TRACES), "")
 
 
 def _apart(grid: Grid, found: Sequence[Reading]) -> list[list[Reading]]:
@@ -110,7 +116,8 @@ def _apart(grid: Grid, found: Sequence[Reading]) -> list[list[Reading]]:
 
 
 def _n_kept(part: Sequence[Reading], start: float, options: Options) -> int:
-    return -(-sum(dict(r.values)[TIME] >= start for r in part) // options.every)
+    samples = (dict(r.values) for r in part)
+    return -(-sum(s[TIME] >= start and not TRACES.keys().isdisjoint(s) for s in samples) // options.every)
 
 
 def _too_few(

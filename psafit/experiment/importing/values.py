@@ -81,13 +81,14 @@ def readings(
             if c.column not in others and ERROR_OF.get(c.column) in {r.column for read in repetitions for r in read}:
                 faults.add(c.column, "is empty", "enter the known error of the reading, or ignore the column", row.line)
         for read in repetitions if faults.count == before else ():
-            known = _held(held, drive, options) | others | {c.column: v for c, v in read.items()}
+            known = _held(held, drive, options) | others
+            known |= {c.column: v for c, v in read.items() if v is not None}
             first = next(iter(read))
             if chosen.traced:
                 known = _named(grid, head, first, drive, options) | known
             found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
-                if v < 0 and not chosen.traced:
+                if v is not None and v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
     faults.end(len(body.rows))
     return found, notation.decimal
@@ -128,13 +129,17 @@ def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Option
     return found
 
 
-def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float]]:
-    """What was read together, time after time; a cell that is empty was not read. Each column of a trace is one."""
+def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float | None]]:
+    """What was read together, time after time; a cell that is empty was not read. Each column of a trace is one.
+
+    The drive that was recorded next to a trace was read where the trace was not, too.
+    """
     columns = [chosen.of(name) for name in chosen.readings]
     alone = [[c] for same in columns for c in same]
     times = alone if chosen.traced else [list(filter(None, time)) for time in zip_longest(*columns)]
-    read = [{c: v for c in time if (v := values[c]) is not None} for time in times]
-    return [time for time in read if time]
+    every = [{c: values[c] for c in time} for time in times]
+    read = [found for time in every if (found := {c: v for c, v in time.items() if v is not None})]
+    return every if read and chosen.traced and chosen.of(VOLTAGE) else [dict(time) for time in read]
 
 
 def _cell(row: Row, column: Column) -> Cell:
