@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import random
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -77,11 +78,13 @@ FOOTERS = ["End of file", "# stopped by hand", "", "Müller", "-----"]
 
 @dataclass(frozen=True)
 class Foreign:
-    """A file, the options that it needs, and what it holds."""
+    """A file, the options that it needs, what it holds, files next to it, and what is wrong with it, if anything is."""
 
     file: Path
     options: tuple[str, ...]
     readings: tuple[Reading, ...]
+    others: tuple[Path, ...] = ()
+    wrong: str = ""
 
 
 @dataclass(frozen=True)
@@ -164,7 +167,7 @@ def draw(rng: random.Random, folder: Path) -> Foreign:
         _write_workbook(rng, grid, file)
     else:
         file = folder / "foreign.csv"
-        file.write_bytes(_text(rng, grid, separator))
+        file.write_bytes(text(rng, grid, separator))
     return Foreign(file, tuple(options), tuple(readings))
 
 
@@ -204,95 +207,8 @@ def draw_trace(rng: random.Random, folder: Path) -> Foreign:
             readings += [("sine", f, v, name, float(x)) for name, x in held.items()]
     above = [[line] for line in rng.sample(PREAMBLE, rng.choice([0, 0, 1, 3]))]
     file = folder / "foreign.csv"
-    file.write_bytes(_text(rng, [*above, heads, *rows], separator))
+    file.write_bytes(text(rng, [*above, heads, *rows], separator))
     return Foreign(file, tuple(options), tuple(readings))
-
-
-def draw_traces(rng: random.Random, folder: Path) -> Foreign:
-    """Write launches over time at several conditions, some with the drive next to them; arguments as of `draw`.
-
-    One trace below the other, or mixed by time, or a column each.
-    """
-    separator, scientific = rng.choice(",;\t"), rng.random() < 0.2
-    notation = Notation(rng.choice(".,"), "", 9 if scientific else None, scientific)
-    column, names, units = rng.choice(MOTIONS)
-    unit, time_unit, style = rng.choice(list(units)), rng.choice(list(TIMES)), rng.choice(STYLES)
-    form, recorded = rng.choice(["below", "below", "mixed", "wide"]), rng.random() < 0.4
-    if form == "mixed" and column == "velocity_mm_s":  # which may be launch speeds with a clock
-        form = "below"
-    fs = rng.sample(range(1, 300), rng.choice([2, 3, 4]))
-    held = rng.choice([None, float(rng.randrange(1, 40))])
-    conditions = [(f * 100.0, held or float(rng.randrange(1, 40))) for f in fs]
-    options = ["--set", f"amplitude_v={2 * held}:Vpp"] if held else []
-    early = rng.choice([0, 0, 5])
-    options += ["--start", "0"] if early else []
-    step, n = Decimal(rng.randrange(1, 80)) / 10, rng.choice([12, 30])
-    times = [notation.text(float(k * step / TIMES[time_unit])) for k in range(-early, n)]
-    motion = {c: [notation.text(round(rng.uniform(-3, 40), 3)) for _ in times] for c in conditions}
-    heads = [style.format(rng.choice(["Time", "t", "Zeit"]), time_unit)]
-    wave = "sine"
-    if form == "wide":
-        brackets = rng.choice(["{} ({})", "{} [{}]", "{} / {}"])
-        name = rng.choice(names)
-        said = [f"{name} {f:.0f} Hz" if held else f"{name} @ {f / 1000:g} kHz, {2 * v:.0f} Vpp" for f, v in conditions]
-        rows = [[time, *(motion[c][k] for c in conditions)] for k, time in enumerate(times)]
-        heads += [brackets.format(one, unit) for one in said]
-        volts: dict[tuple[float, float], list[str]] = {}
-    else:
-        wave = "table" if recorded else "sine"
-        rest = round(rng.uniform(-3, 3), 2) if early else 0.0
-        volts = {c: _voltage(rng, notation, rest, early, n) for c in conditions} if recorded else {}
-        heads, rows = _below(rng, notation, style, heads, (rng.choice(names), unit), times, motion, volts, held)
-        if form == "mixed":
-            rows.sort(key=lambda row: notation.value(row[0]))
-        order = rng.sample(range(len(heads)), len(heads))
-        heads, rows = [heads[k] for k in order], [[row[k] for k in order] for row in rows]
-    options += [] if wave == "table" else ["--waveform", wave]
-    readings: list[Reading] = []
-    for (f, v), cells in motion.items():
-        for k, cell in enumerate(cells[early:], early):
-            time = float(notation.value(times[k]) * TIMES[time_unit])
-            found = {"time_us": time, column: float(notation.value(cell) * units[unit])}
-            if volts:
-                found |= {"drive_us": time, "voltage_v": float(notation.value(volts[f, v][k]))}
-            readings += [(wave, f, v, name, x) for name, x in found.items()]
-    above = [[line] for line in rng.sample(PREAMBLE, rng.choice([0, 0, 1, 3]))]
-    file = folder / "foreign.csv"
-    file.write_bytes(_text(rng, [*above, heads, *rows], separator))
-    return Foreign(file, tuple(options), tuple(readings))
-
-
-def _voltage(rng: random.Random, notation: Notation, rest: float, early: int, n: int) -> list[str]:
-    """A recorded drive, which rests before its start and moves behind it."""
-    moving = [rest, *(round(rng.uniform(10, 40) * rng.choice([-1, 1]), 3) for _ in range(n - 1))]
-    return [notation.text(x) for x in [rest] * early + moving]
-
-
-def _below(
-    rng: random.Random,
-    notation: Notation,
-    style: str,
-    heads: list[str],
-    read: tuple[str, str],
-    times: list[str],
-    motion: dict[tuple[float, float], list[str]],
-    volts: dict[tuple[float, float], list[str]],
-    held: float | None,
-) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows of traces one below the other: time, frequency, amplitude, motion, drive."""
-    f_unit, counted = rng.choice(list(FREQUENCIES)), rng.choice(["pp", "peak"])
-    heads = [*heads, style.format(rng.choice(NAMES["frequency"]), f_unit), style.format(*read)]
-    if not held:
-        heads.append(style.format(rng.choice(NAMES["volts"]), rng.choice(PEAKS[counted]).format("V")))
-    if volts:
-        heads.append(rng.choice(["CH1 (V) drive", "Drive [V]", "Piezo voltage (V)", "Antriebsspannung (V)"]))
-    rows = []
-    for (f, v), cells in motion.items():
-        frequency = notation.text(float(Decimal(repr(f)) / FREQUENCIES[f_unit]))
-        amplitude = [] if held else [notation.text(v * (2 if counted == "pp" else 1))]
-        for k, (time, cell) in enumerate(zip(times, cells, strict=True)):
-            rows.append([time, frequency, cell, *amplitude, *([volts[f, v][k]] if volts else [])])
-    return heads, rows
 
 
 def _row(
@@ -322,6 +238,18 @@ def _row(
     return [*row, *([rng.choice(WAVES[wave][0])] if len(form.waves) > 1 else [])], held
 
 
+def differ(found: Iterable[Reading], true: Iterable[Reading], within: float = 1e-9) -> bool:
+    """Whether readings are others, by more than rounding."""
+
+    def plain(readings: Iterable[Reading]) -> list[tuple[str, float, float, str, float]]:
+        return sorted((w, float(f"{f:.9g}"), float(f"{v:.9g}"), name, x) for w, f, v, name, x in readings)
+
+    one, other = plain(found), plain(true)
+    return [r[:4] for r in one] != [r[:4] for r in other] or any(
+        not math.isclose(a[4], b[4], rel_tol=within, abs_tol=within) for a, b in zip(one, other, strict=True)
+    )
+
+
 def held_by(groups: Iterable[Group]) -> list[Reading]:
     """What groups hold, as `Foreign.readings` has it, sorted; the times of samples stand among them."""
     found = []
@@ -332,8 +260,10 @@ def held_by(groups: Iterable[Group]) -> list[Reading]:
             if g.time_us is not None:
                 found.append((*condition, "time_us", float(g.time_us[i])))
         if g.drive.table is not None:
+            found.append((*condition, "idle_v", g.drive.idle_v))
+            names, unit = (("drive_us", "voltage_v"), 1e6) if g.drive.recorded else (("phase", "level"), 1.0)
             for at, value in zip(g.drive.table.at, g.drive.table.value, strict=True):
-                found += [(*condition, "drive_us", float(at) * 1e6), (*condition, "voltage_v", float(value))]
+                found += [(*condition, names[0], float(at) * unit), (*condition, names[1], float(value))]
     return sorted(found)
 
 
@@ -418,7 +348,8 @@ def _arranged(
     return [*above, *grid, *below]
 
 
-def _text(rng: random.Random, grid: list[list[Any]], separator: str) -> bytes:
+def text(rng: random.Random, grid: list[list[Any]], separator: str) -> bytes:
+    """Rows as a text file of some encoding."""
     quoting = rng.choice([csv.QUOTE_MINIMAL, csv.QUOTE_MINIMAL, csv.QUOTE_ALL])
     end = rng.choice(["\n", "\r\n", "\r\n", "\r"])
     stream = io.StringIO()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import datetime
 import functools
 import hashlib
 import io
@@ -50,6 +51,10 @@ TOML = [
     "nan", "inf", "-inf", "-1", "0", "0.0", "1", "2", "1e-320", "1e-9", "1e9", "1e300", "9" * 400, "true", "''", "'a'",
     "'b'", "'c'", "'sine'", "'square'", "'../a.csv'", '"\\u0000"', '"\\u202e"', "[]", "[[]]", "{}", "1979-05-27",
 ]  # fmt: skip
+CELLS: list[Any] = [
+    None, True, 0, -1, 1e300, 1e-320, "", "nan", "1,5", "1.5", "5 mV", "\u202e", "#DIV/0!", "=1/0", "a" * 5000, "Vpp",
+    datetime.datetime(2026, 11, 3), datetime.time(1, 2), datetime.timedelta(hours=30), "−5", "# retuned",
+]  # fmt: skip
 WORDS = [
     "", " ", "0", "-1", "1", "2", "a", "b", "a,b", "a,a", ",", "nan", "1e999", "1e400", "99999999999999999999", "--",
     "-", "-x", "--nonsense", "rig", "missing", "rig/a.csv", "rig/experiment.toml", "fit", "challenge", "campaign",
@@ -74,8 +79,6 @@ class Late(BaseException):
 CAUSES = ("reading_offset", "stack_stiffness")
 # What the diagnosis that is taken up again found undisturbed.
 UNDISTURBED = "undisturbed.json"
-# What the two columns of a recorded drive are called among readings.
-DRIVEN = ("drive_us", "voltage_v")
 # What an imported file holds, or a folder with many keys, where it was not spoilt.
 TRUTH = "truth.pickle"
 # Cases that need nothing of what `prepare` makes.
@@ -211,7 +214,21 @@ def spoil_toml(content: bytes, rng: random.Random) -> bytes:
     return "\n".join(lines).encode()
 
 
-DEEPER = {".json": spoil_json, ".toml": spoil_toml}
+def spoil_workbook(content: bytes, rng: random.Random) -> bytes:
+    """One to three cells, each changed to anything that a cell may hold."""
+    from openpyxl import load_workbook
+
+    book = load_workbook(io.BytesIO(content))
+    for _ in range(rng.choice([1, 1, 2, 3])):
+        sheet = rng.choice(book.worksheets)
+        cell = sheet.cell(rng.randint(1, sheet.max_row), rng.randint(1, sheet.max_column))
+        cell.value = rng.choice(CELLS)
+    spoilt = io.BytesIO()
+    book.save(spoilt)
+    return spoilt.getvalue()
+
+
+DEEPER = {".json": spoil_json, ".toml": spoil_toml, ".xlsx": spoil_workbook}
 
 
 def spoil(path: Path, rng: random.Random) -> None:
@@ -329,13 +346,14 @@ def set_up(kind: str, rng: random.Random, known: dict[str, list[str]], folder: P
 
 def import_words(rng: random.Random, folder: Path) -> list[str]:
     """A file as instruments write it, half of them spoilt, and the command that imports it."""
-    from foreign import draw, draw_trace, draw_traces
+    from foreign import draw, draw_trace
+    from recordings import draw_traces
 
-    made = rng.choices([draw, draw_trace, draw_traces], [3, 1, 1])[0](rng, folder)
-    if rng.random() < 0.5:
-        spoil(made.file, rng)
+    made = rng.choices([draw, draw_trace, functools.partial(draw_traces, damaged=0.4)], [3, 1, 3])[0](rng, folder)
+    if rng.random() < 0.4 and not made.wrong:
+        spoil(rng.choice([made.file, *made.others]), rng)
     else:
-        (folder / TRUTH).write_bytes(pickle.dumps(sorted(made.readings)))
+        (folder / TRUTH).write_bytes(pickle.dumps((made.readings, made.wrong)))
     return ["import", made.file.name, "--out", "new", *made.options]
 
 
@@ -499,19 +517,26 @@ def another(folder: Path) -> str:
     return "" if found == expected else "another result"
 
 
-def misread(folder: Path) -> str:
+def misread(folder: Path, code: object) -> str:
     """Whether an import holds other readings than the file that was not spoilt; empty for no."""
+    from foreign import differ
     from keyed import read_plainly
 
     truth = folder / TRUTH
-    if not truth.exists() or not (folder / "new").exists():
+    if not truth.exists() or code == 2:
         return ""
+    readings, wrong = pickle.loads(truth.read_bytes())
+    if wrong:
+        return f"accepted with {wrong}"
     found = []
     for g in read_plainly(folder / "new"):
         found += [(g.waveform, *cell[:4]) for cell in g.cells]
+        condition = g.waveform, *g.cells[0][:2]
+        found += [(*condition, "idle_v", g.settings.get("idle_v", 0.0))] if g.rows else []
         for row in g.rows:
-            found += [(g.waveform, *g.cells[0][:2], name, x) for name, x in zip(DRIVEN, row, strict=True)]
-    return "" if sorted(found) == pickle.loads(truth.read_bytes()) else "other readings than in the file"
+            names = (name.replace("time_us", "drive_us") for name in g.columns)
+            found += [(*condition, name, x) for name, x in zip(names, row, strict=True)]
+    return "other readings than in the file" if differ(found, readings) else ""
 
 
 def misunderstood(folder: Path, code: object) -> str:
@@ -532,9 +557,9 @@ def misunderstood(folder: Path, code: object) -> str:
 
 def misread_by(kind: str, folder: Path, code: object) -> str:
     """What a case that ended as it may did wrong; empty for nothing."""
-    if kind == "keys":
-        return misunderstood(folder, code)
-    return {"steps": another, "import": misread}.get(kind, lambda _: "")(folder)
+    if kind == "steps":
+        return another(folder)
+    return {"keys": misunderstood, "import": misread}.get(kind, lambda *_: "")(folder, code)
 
 
 # What begins long work, once options and inputs have been accepted.

@@ -32,11 +32,12 @@ Cell = tuple[float, float, str, float, float | None]
 
 @dataclass
 class Held:
-    """What a group holds."""
+    """What a group holds; `rows` and `columns` are of the file of its drive."""
 
     waveform: str
     settings: dict[str, float] = field(default_factory=dict)
     rows: list[tuple[float, float]] = field(default_factory=list)
+    columns: list[str] = field(default_factory=list)
     cells: list[Cell] = field(default_factory=list)
 
 
@@ -253,7 +254,8 @@ def read_plainly(folder: Path) -> list[Held]:
         held = Held(keys["waveform"].strip().lower())
         held.settings = {k: float(keys[k]) for k in SETTINGS if k in keys}
         if "drive" in keys:
-            held.rows = [(float(a), float(b)) for a, b in _rows(folder / keys["drive"])[1:]]
+            held.columns, *rows = _rows(folder / keys["drive"])
+            held.rows = [(float(a), float(b)) for a, b in rows]
         head, *rows = _rows(folder / keys.get("file", keys.get("trace")))
         for row in rows:
             cell = dict(zip(head, row, strict=True))

@@ -17,6 +17,7 @@ from psafit.text import count
 
 if TYPE_CHECKING:
     from psafit.experiment.importing import Imported, Mapping, Table
+    from psafit.experiment.importing.quantities import Volts
 
 _VOLTS = ("peak", "pp", "rms")
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank": " ", "blanks": "  "}
@@ -96,10 +97,11 @@ def import_files(
 
     if len({file.resolve() for file in files}) < len(files):
         raise InputError("a file is named twice", "name each once: its readings would count twice")
-    constants, held = _values(values)
+    constants, held, counted = _values(values)
     options = Options(
         columns=tuple(map(_mapping, columns)),
         values=held,
+        counted=counted,
         waveforms=tuple(part.strip() for part in waveform.split(",")) if waveform is not None else (),
         volts=volts,
         decimal=decimal,
@@ -163,15 +165,21 @@ def _mapping(text: str) -> Mapping:
     return Mapping(heading.strip(), column, said)
 
 
-def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, float | tuple[float, ...]], ...]]:
-    """Constants and conditions that ``--set`` gives, in SI and psafit's units; of several tables a condition each."""
+def _values(
+    given: Sequence[str],
+) -> tuple[dict[str, float], tuple[tuple[str, float | tuple[float, ...]], ...], tuple[Volts, ...]]:
+    """Constants and conditions that ``--set`` gives, in SI and psafit's units; of several tables a condition each.
+
+    How volts of the amplitude are counted comes last.
+    """
     from psafit.experiment import CONSTANT_UNITS
     from psafit.experiment.importing import SETTABLE
-    from psafit.experiment.importing.given import value
+    from psafit.experiment.importing.given import counted, value
     from psafit.experiment.text import did_you_mean, listed, shown
 
     constants: dict[str, float] = {}
     held: dict[str, float | tuple[float, ...]] = {}
+    volts: tuple[Volts, ...] = ()
     known = (*CONSTANT_UNITS, *SETTABLE)
     for text in given:
         name, _, number = (part.strip() for part in text.partition("="))
@@ -185,7 +193,8 @@ def _values(given: Sequence[str]) -> tuple[dict[str, float], tuple[tuple[str, fl
             constants[name] = value(name, number, place)
         else:
             held[name] = tuple(value(name, part.strip(), place) for part in number.split(","))
-    return constants, tuple(held.items())
+            volts = tuple(map(counted, number.split(","))) if name == "amplitude_v" else volts
+    return constants, tuple(held.items()), volts
 
 
 def _columns_text(table: Table) -> list[str]:

@@ -86,21 +86,78 @@ def suspicious_facts(rig: Rig, constants: Constants) -> list[str]:
         value = getattr(rig, name)
         if value is not None and not low <= value <= high:
             found.append(f"{name} = {value:g} {unit} is outside {low:g} to {high:g}; is it given in {other}?")
-    if rig.ball_radius is not None and rig.ball_material is not None:
-        mass = 4 / 3 * math.pi * rig.ball_radius**3 * MATERIALS[rig.ball_material].density
-        if not 0.75 <= mass / constants.M <= 1.33:
-            found.append(
-                f"a {rig.ball_material} ball of radius {rig.ball_radius:g} m weighs {mass:.3g} kg, constant M ="
-                f" {constants.M:g} kg; is the diameter given, or another unit?"
-            )
+    found += _suspicious_ball(rig, constants)
+    per_volt = constants.q
     if rig.rated_stroke is not None and rig.rated_voltage is not None:
         per_volt = rig.rated_stroke / rig.rated_voltage
-        if not 0.75 <= per_volt / constants.q <= 1.33:
-            found.append(
-                f"rated_stroke over rated_voltage is {per_volt:.3g} m/V, constant q = {constants.q:g} m/V; they should"
-                " be the same"
-            )
+    if 0.75 <= per_volt / constants.q <= 1.33:
+        found += _suspicious_stack(rig, constants)
+    else:
+        found.append(
+            f"rated_stroke over rated_voltage is {per_volt:.3g} m/V, constant q = {constants.q:g} m/V; they should be"
+            " the same"
+        )
     return [f"{DEFINITION}: [rig] {text}" for text in found]
+
+
+def _suspicious_ball(rig: Rig, constants: Constants, factor: float = 1.33) -> list[str]:
+    """A mass that a solid ball of this radius, and material if it is given, does not have.
+
+    Parameters
+    ----------
+    rig : Rig
+    constants : Constants
+    factor : float
+        Densities of one material differ by less, and rounded radii add less to the mass.
+    """
+    if rig.ball_radius is None:
+        return []
+    solids = [MATERIALS[rig.ball_material]] if rig.ball_material else list(MATERIALS.values())
+    masses = [4 / 3 * math.pi * rig.ball_radius**3 * solid.density for solid in solids]
+    least, most = min(masses), max(masses)
+
+    def may_weigh(mass: float) -> bool:
+        return least / factor <= mass <= most * factor
+
+    if may_weigh(constants.M):
+        return []
+    weighs = f"{least:.3g} kg" if rig.ball_material else f"{least:.3g} to {most:.3g} kg"
+    guess = "is the diameter given, or another unit?"
+    if may_weigh(constants.m):
+        guess = f"constant m = {constants.m:g} kg is: are m, of the stack, and M, of the ball, swapped?"
+    kind = rig.ball_material or "solid"
+    return [f"a {kind} ball of radius {rig.ball_radius:g} m weighs {weighs}, constant M = {constants.M:g} kg; {guess}"]
+
+
+def _suspicious_stack(rig: Rig, constants: Constants, strain: float = 1e-3, factor: float = 9.0) -> list[str]:
+    r"""A mass that a stack of this stiffness and stroke does not have.
+
+    A column of length :math:`L` and section `A` has :math:`k_s = E A/L` and weighs
+    :math:`\rho A L = \rho k_s L^2/E`; its length follows from the stroke.
+
+    Parameters
+    ----------
+    rig : Rig
+    constants : Constants
+    strain : float
+        Rated stroke of a multilayer stack over its length: makers' usual figure.
+    factor : float
+        The estimate is off by less: 1.5 in the strain counts twice, 1.3 in the modulus; an end piece, or a mass that is
+        that of a mode, makes 3.
+    """
+    if rig.rated_stroke is None:
+        return []
+    pzt = MATERIALS["pzt"]
+    usual = pzt.density * constants.k_s * (rig.rated_stroke / strain) ** 2 / pzt.modulus
+    if 1 / factor <= constants.m / usual <= factor:
+        return []
+    guess = "is one of them in another unit?"
+    if 1 / factor <= constants.M / usual <= factor:
+        guess = f"constant M = {constants.M:g} kg is nearer: are m, of the stack, and M, of the ball, swapped?"
+    return [
+        f"a stack of rated_stroke = {rig.rated_stroke:g} m and k_s = {constants.k_s:g} N/m weighs about {usual:.2g} kg,"
+        f" constant m = {constants.m:g} kg; {guess}"
+    ]
 
 
 def suspicious_readings(group: Group, constants: Constants | None) -> list[str]:

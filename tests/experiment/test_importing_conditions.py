@@ -162,6 +162,15 @@ UNSURE: dict[str, tuple[str, dict[str, Any], str]] = {
         text(HEAD, [(f, v, t - 5, y) for f, v, t, y in long()]), PEAK, "time_us begins at -5, before the start of the",
     ),
     "out of order": (text(HEAD, [*long(THREE[:1]), (1200.0, 20.0, 3.0, 1.0)]), PEAK, "3 comes after 55"),
+    "a condition that is no number": (
+        text(SPEEDS, long()).replace("1300;30;25;", "over;30;25;"), PEAK, "frequency_hz 'over' is not a number",
+    ),
+    "an error of a spreadsheet": (
+        text(HEAD, long()).replace("1300;30;25;", "#N/A;30;25;"), PEAK, "frequency_hz '#N/A' is not a number",
+    ),
+    "an amplitude that is no number": (
+        text(HEAD, long()).replace(";30;25;", ";over;25;"), PEAK, "amplitude_v 'over' is not a number",
+    ),
     "speeds at one condition": (
         text(SPEEDS, long(THREE[:1])), PEAK, "'velocity (mm/s)=velocity_mm_s' or --column 'velocity (mm/s)=launch_",
     ),
@@ -283,6 +292,16 @@ def test_each_condition_has_its_own_drive(tmp_path: Path) -> None:
     np.testing.assert_allclose(second.drive.table.value, 1.1 * first.drive.table.value)
 
 
+def test_a_drive_has_the_samples_that_its_trace_lacks(tmp_path: Path) -> None:
+    """Two motions and one drive; of one the reading at 25 us is missing."""
+    rows = [(t, v, y, y) for t, v, y in driven()]
+    head = "t (us);drive (V);x @ 1.2 kHz (um);x @ 1.3 kHz (um)"
+    content = text(head, rows).replace(f"\n25;{VOLTS[5]:.10g};{MOTION[5]:.10g};", f"\n25;{VOLTS[5]:.10g};;")
+    first, second = read(tmp_path, content, waveforms=(), values=HELD[1:])
+    assert (first.n_points, second.n_points) == (11, 12) and first.drive == second.drive
+    assert first.drive.table is not None and first.drive.table.value.tolist() == VOLTS.tolist()
+
+
 DRIVE_TOO = text("Time (us);Drive (V);x (um)", driven())
 UNSAID = text("Time (us);U (V);x (um)", driven())
 ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
@@ -293,6 +312,7 @@ ASKED: dict[str, tuple[str, dict[str, Any], str]] = {
         text("t (us);drive (V);x (um)", driven(volts=VOLTS + 10)), {}, "say --set idle_v=0 or --set idle_v=10",
     ),
     "moving before its start": (DRIVE_TOO, {"start_us": 22.0, "least_samples": 3}, "before the start of the drive,"),
+    "a time that falls": (DRIVE_TOO.replace("\n30;", "\n20;"), {}, "20 comes after 25"),
     "two channels": (
         text("t (us);drive (V);stack (V);x (um)", [(t, v, v, y) for t, v, y in driven()]), {}, "could all be voltage_v",
     ),

@@ -50,10 +50,82 @@ def test_a_recording_is_the_drive_as_it_is(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.interp(corners, table.at, table.value), VOLTS, atol=1e-6)
 
 
+def test_what_it_rested_at_is_recorded_or_given(tmp_path: Path) -> None:
+    raised = "Time (ms);CH1 (V)\n" + "".join(f"{k / 100};{10 + (k > 5) * k}\n" for k in range(20))
+    assert read(tmp_path, raised, start_us=50.0).drive.idle_v == 10.0
+    assert read(tmp_path, raised, start_us=50.0, values=(("idle_v", 9.0),)).drive.idle_v == 9.0
+    period = read(tmp_path, raised, start_us=50.0, period_us=130.0, values=(("idle_v", 9.0),))
+    assert period.drive.idle_v == 9.0 and read(tmp_path, raised, start_us=50.0, period_us=130.0).drive.idle_v == 0.0
+
+
+def test_samples_of_one_time_are_a_jump(tmp_path: Path) -> None:
+    """Times that an instrument has rounded."""
+    rounded = "Time (us);CH1 (V)\n" + "".join(f"{k // 2 * 5};{k}\n" for k in range(24))
+    table = read(tmp_path, rounded, start_us=0.0).drive.table
+    assert table is not None
+    assert table.value.tolist() == [1.0, *range(2, 24)] and table.at[-2:].tolist() == pytest.approx([55e-6, 55e-6])
+
+
+@pytest.mark.parametrize(("said", "volts"), [("40:Vpp", 40.0), ("40:Vp", 40.0), ("40", 40.0)])
+def test_a_held_amplitude_is_counted_by_its_drive(
+    said: str, volts: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a drive from 0 V, peak to peak is the peak; in a column as by --set."""
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.csv").write_text("f (kHz);Range (um)\n1,2;76,5\n1,3;75\n", encoding="utf-8")
+    Path("scope.csv").write_text(scope(), encoding="utf-8")
+    given = ["import", "sweep.csv", "--set", f"amplitude_v={said}", *RIG]
+    own = ["--drive", "scope.csv", "--start", "0.2:ms"]
+    for name, drive in (
+        ("pulse", ["--waveform", "unipolar_sine"]),
+        ("own", own),
+        ("period", [*own, "--period", "1:ms"]),
+    ):
+        assert run(monkeypatch, *given, *drive, "--out", name) == 0
+        assert read_experiment(name).groups[0].amplitude_v.tolist() == [volts, volts]
+
+
+def test_rms_of_a_held_amplitude(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.csv").write_text("f (kHz);Range (um)\n1,2;76,5\n1,3;75\n", encoding="utf-8")
+    given = ["import", "sweep.csv", "--set", "amplitude_v=10:Vrms"]
+    assert run(monkeypatch, *given, "--waveform", "sine", "--out", "sine", *RIG) == 0
+    np.testing.assert_allclose(read_experiment("sine").groups[0].amplitude_v, 10 * 2**0.5, rtol=1e-15)
+    assert run(monkeypatch, *given, "--waveform", "unipolar_sine", "--out", "no") == 2
+    assert "--set amplitude_v: volts are RMS, and the peak of unipolar_sine does not" in capsys.readouterr().err
+
+
+def test_a_drive_in_another_sheet(tmp_path: Path) -> None:
+    """Of the same workbook; where two sheets may hold it, it is asked for."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    tables = {"sweep": [("f (kHz)", "Vp", "Range (um)"), (1.2, 40, 76), (1.3, 40, 75)]}
+    tables["scope"] = [("t (ms)", "CH1 (V)"), *((k / 100, 2.0 * k) for k in range(20))]
+    for name, rows in tables.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    file = tmp_path / "book.xlsx"
+    book.save(file)
+    asked = Options(sheets=("sweep",), drive_file=file)
+    (table,) = read_files([file], asked)
+    drive = table.groups[0].drive.table
+    assert drive is not None and drive.value.tolist() == [2.0 * k for k in range(20)]
+    book.copy_worksheet(book["scope"]).title = "again"
+    book.save(file)
+    with pytest.raises(InputError, match="sheets again, scope may hold the drive; say which: --sheet NAME"):
+        read_files([file], asked)
+    assert read_files([file], replace(asked, sheets=("sweep", "scope")))[0].groups[0].drive.table == drive
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         (scope(), {}),
+        (scope("x (ms);Monitor (V)\n"), {}),
         (scope(step=0.5), {"every": 10}),
         (scope("x;y\nms;mV\n", factor=1e-3), {}),
         (scope("Time (ms);monitor (V)\n", factor=20.0), {"columns": (Mapping("monitor", "voltage_v", scaled("20V")),)}),
@@ -76,10 +148,20 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "too coarse": (scope(step=50.0), {"every": 9, "period_us": 1000.0}, "a smaller --every"),
     "no voltage": (scope("Time (ms);CH1 (N)\n"), {}, "no voltage_v of the drive"),
     "two voltages": (
-        scope("Time (ms);CH1 (V);CH2 (V)\n").replace("\n0,", "\n0;0,"), {}, "--column 'CH1 (V)=voltage_v'",
+        scope("Time (ms);CH1 (V);CH2 (V)\n").replace("\n0,", "\n0;0,"), {}, "'CH2 (V)' could all be voltage_v",
     ),
     "out of order": (scope() + "0,1;0\n", {}, "100 comes after 1400"),
     "a word": (scope() + "1,5;over\n", {}, "is not a number"),
+    "a unit in a cell": (scope().replace("0,5;60", "0,5;60 mV"), {}, "'60 mV' has another unit than its column, V"),
+    "volts that are counted": (scope("Time (ms);CH1 (Vpp)\n"), {}, "its volts are said to be peak to peak"),
+    "volts beyond any rig": (scope(factor=1e-6), {}, "is not between -1e+06 and 1e+06"),
+    "a time beyond any rig": (scope() + "1e12;0\n", {}, "is not between 0 and 1e+12"),
+    "what it rested at": (scope(), {"start_us": 300.0}, "goes from 0 to 57 V before the start of the drive, where it"),
+    "nothing before it": (
+        "Time (us);CH1 (V)\n" + "".join(f"{t};{60 - t}\n" for t in range(12)), {"start_us": None},
+        "say --set idle_v=0 or --set idle_v=60",
+    ),
+    "too long": (scope(), {"most_samples": 100}, "give a larger --every"),
     "another waveform": (scope(), {"waveforms": ("sine",)}, "--drive is given, and no table has it"),
     "RMS": (scope(), {"columns": (Mapping("Vpp", "amplitude_v", Unit("V", "rms")),)}, "the peak of table does not"),
 }  # fmt: skip

@@ -8,10 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import fuzz
 import numpy as np
 import pytest
 from commands import run
-from foreign import Foreign, draw_trace, draw_traces, held_by
+from foreign import Foreign, draw_trace, held_by
+from recordings import draw_traces
 
 from psafit.errors import InputError
 from psafit.experiment import Group, read_experiment
@@ -184,6 +186,16 @@ def test_drawn_traces_are_read_right_or_asked_about(
         assert [h[:4] for h in held] == [t[:4] for t in true], number
         np.testing.assert_allclose([h[4] for h in held], [t[4] for t in true], rtol=1e-12)
     assert asked <= most
+
+
+def test_hostile_files_end_in_readings_or_in_a_line(tmp_path: Path) -> None:
+    """A part of `make fuzz`: files that are sound are read right, damaged ones named, spoilt ones never a traceback."""
+    for number in range(40):
+        place = tmp_path / str(number)
+        place.mkdir()
+        rng, kind = fuzz.case(number, 1, ["import"])
+        result = fuzz.run(kind, fuzz.set_up(kind, rng, {}, place), place)
+        assert not (fuzz.fault(result) or fuzz.misread_by(kind, place, result["code"])), number
 
 
 @pytest.mark.parametrize(

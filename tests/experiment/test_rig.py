@@ -72,6 +72,37 @@ DOUBTS = {
 }
 
 
+SWAPPED = TOML.replace("M = 0.027", "M = 0.005").replace("\nm = 0.005", "\nm = 0.027")
+BALL = "constant M = 0.005 kg; constant m = 0.027 kg is: are m, of the stack, and M, of the ball, swapped?"
+STACK = "weighs about 0.0023 kg, constant m = 0.027 kg; constant M = 0.005 kg is nearer: are m, of the stack, and M, of"
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ("", []),
+        ("ball_radius = 0.0094", []),  # 5 g may be nylon
+        ("ball_radius = 0.012", [f"a solid ball of radius 0.012 m weighs 0.00825 to 0.109 kg, {BALL}"]),
+        (
+            'ball_radius = 0.0094\nball_material = "steel"',
+            [f"a steel ball of radius 0.0094 m weighs 0.0273 kg, {BALL}"],
+        ),
+        ("rated_stroke = 17.4e-6", [STACK]),
+    ],
+)
+def test_masses_of_ball_and_stack_that_are_swapped_are_reported(facts: str, said: list[str], tmp_path: Path) -> None:
+    """By hand: 4/3 pi (9.4 mm)^3 = 3.479e-6 m^3; 7500/48e9 x 4.89e7 x (17.4e-6/1e-3)^2 = 2.3 g."""
+    warnings = read_experiment(write(tmp_path / "swapped", f"{SWAPPED}[rig]\n{facts}\n")).warnings
+    assert len(warnings) == len(said) and all(text in line for text, line in zip(said, warnings, strict=True))
+    assert not read_experiment(write(tmp_path / "right", f"{TOML}[rig]\n{facts}\n")).warnings
+
+
+def test_a_stroke_in_another_unit_is_not_taken_for_a_swap(tmp_path: Path) -> None:
+    facts = FACTS.replace("rated_stroke = 17.4e-6", "rated_stroke = 17.4e-5")
+    (warning,) = read_experiment(write(tmp_path, TOML + facts)).warnings
+    assert "rated_stroke over rated_voltage" in warning
+
+
 @pytest.mark.parametrize("fact", DOUBTS)
 def test_facts_that_cannot_be_right_are_reported(tmp_path: Path, fact: str) -> None:
     other, said = DOUBTS[fact]

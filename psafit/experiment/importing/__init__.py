@@ -7,16 +7,20 @@ calamine; units are pint's.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import fields, replace
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from psafit.drives import NAMES, TABLE
 from psafit.errors import Faults, InputError
+from psafit.experiment.drive_table import RECORDED
 from psafit.experiment.importing.chosen import HELD, IDLE, VOLTAGE, WAVEFORM, Chosen, option
-from psafit.experiment.importing.columns import choose
+from psafit.experiment.importing.columns import choose, choose_recording
 from psafit.experiment.importing.folder import Imported, write_import
 from psafit.experiment.importing.grid import Grid, grids
 from psafit.experiment.importing.layout import Head, body, find_head, names
@@ -34,6 +38,8 @@ SETTABLE = (*HELD, IDLE)
 """What may be given for a whole table."""
 COLUMN_NAMES = (*COLUMNS, WAVEFORM, GROUPS, IGNORED)
 """What `--column` may call a column."""
+
+Read = TypeVar("Read")
 
 __all__ = ["COLUMN_NAMES", "SETTABLE", "Imported", "Mapping", "Options", "Table", "read_files", "write_import"]
 
@@ -65,17 +71,23 @@ def read_files(files: Sequence[Path], options: Options, examples: int = 3) -> li
         with faults.kept():
             found += _tables(file, options)
     faults.end()
-    driven = [tries[0] for tries in _tables(options.drive_file, options)] if options.drive_file else []
-    _check_mappings([*(tries[0] for tries in found), *driven], options)
+    driven = _recordings(options.drive_file, options) if options.drive_file else []
+    sheets = {(grid.file, grid.sheet) for grid, *_ in driven}
+    found = [tries for tries in found if (tries[0][0].file, tries[0][0].sheet) not in sheets] or found
+    _check_mappings([*(tries[0] for tries in found), *((grid, head) for grid, head, _ in driven)], options)
     if driven:
-        options = replace(options, drive=recorded(*driven[0], options))
+        reads = [(grid, partial(recorded, grid, head, chosen, options)) for grid, head, chosen in driven]
+        options = replace(options, drive=_readable(reads, lambda drive: drive))
     shapes = _waveforms([tries[0] for tries in found], options)
     tables: list[Table] = []
     for number, (tries, shape) in enumerate(zip(found, shapes, strict=True)):
         first_id = sum(len(t.groups) for t in tables) + 1
         own = options.of_table(number, len(found))
         with faults.kept():
-            tables.append(_readable(tries, own, shape, first_id, examples))
+            understood = [
+                (grid, partial(_understood, grid, head, own, shape, first_id, examples)) for grid, head in tries
+            ]
+            tables.append(_readable(understood, _content))
     faults.end()
     _check_used(tables, options)
     return tables
@@ -113,23 +125,27 @@ def _check_used(tables: Sequence[Table], options: Options) -> None:
     faults.end()
 
 
-def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
-    """The tables of a file with their headings; a table of a text under each separator that it may have."""
-    tries = [(grid, head) for grid in grids(file, options) if (head := find_head(grid, options))]
+def _heads(file: Path, options: Options, example: str, units: Sequence[str] = ()) -> list[tuple[Grid, Head]]:
+    """The tables of a file with their headings; of a text under each separator that it may have.
+
+    A column of these units is known by its unit alone.
+    """
+    tries = [(grid, head) for grid in grids(file, options) if (head := find_head(grid, options, units))]
     if any(head.known > 1 and grid.separator not in BLANKS for grid, head in tries):  # blanks are within headings
         tries = [(grid, head) for grid, head in tries if grid.separator not in BLANKS]
     tries = [(grid, head) for grid, head in tries if _is_filled(grid, head)] or tries
-    most = max((head.known for _, head in tries), default=0)
-    best = [(grid, head) for grid, head in tries if head.known == most]
-    if not best and not read_bytes(file, "give another file").strip():
+    if not tries and not read_bytes(file, "give another file").strip():
         raise InputError("the file is empty", "give one that holds readings below headings", file=file, line=1)
-    if not best:
-        raise InputError(
-            "no column is recognised",
-            "name the columns: --column 'Freq=frequency_hz:kHz', or by number: --column 1=frequency_hz:kHz",
-            file=file,
-            line=1,
-        )
+    if not tries:
+        remedy = f"name the columns: --column 'NAME={example}', or by number: --column 1={example}"
+        raise InputError("no column is recognised", remedy, file=file, line=1)
+    return tries
+
+
+def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
+    """The tables of launches and traces of a file, each under the separators under which most is recognised."""
+    tries = _heads(file, options, "frequency_hz:kHz")
+    best = [(grid, head) for grid, head in tries if head.known == max(head.known for _, head in tries)]
     if not best[0][0].sheet:
         return [best]
     if options.sheets:
@@ -142,34 +158,56 @@ def _tables(file: Path, options: Options) -> list[list[tuple[Grid, Head]]]:
     return [best]
 
 
+def _recordings(file: Path, options: Options) -> list[tuple[Grid, Head, Chosen]]:
+    """The recorded voltage of a file, under each separator; in a workbook it may stand next to other tables.
+
+    Raises
+    ------
+    InputError
+        Where there is none, or several sheets hold one.
+    """
+    found, faults = [], []
+    units = [COLUMNS[name].unit for name in RECORDED]
+    for grid, head in _heads(file, replace(options, sheets=()), "voltage_v:V", units):
+        try:
+            found.append((grid, head, choose_recording(grid, head, options)))
+        except InputError as fault:
+            faults.append((head.known, fault))
+    if not found:
+        raise max(faults, key=itemgetter(0))[1]
+    found = [one for one in found if one[0].sheet in options.sheets] or found
+    if len(sheets := {grid.sheet for grid, *_ in found}) > 1:
+        what = f"sheets {listed(sorted(sheets))} may hold the drive"
+        raise InputError(what, "say which: --sheet NAME, or save that sheet in a file of its own", file=file)
+    return found
+
+
 def _is_filled(grid: Grid, head: Head) -> bool:
     """Whether blanks part rows as they part the headings; other separators do where they are."""
     widths = (len(row.cells) for row in grid.rows[head.first :])
     return grid.separator not in BLANKS or any(width == len(head.headings) for width in widths)
 
 
-def _readable(
-    tries: Sequence[tuple[Grid, Head]], options: Options, waveform: str, first_id: int, examples: int
-) -> Table:
-    """The table of a file under the separator under which all of it can be read.
+def _readable(reads: Sequence[tuple[Grid, Callable[[], Read]]], content: Callable[[Read], Hashable]) -> Read:
+    """What a file holds, read with the separator with which all of it can be read.
 
     Raises
     ------
     InputError
-        Where there is none: what is wrong under the likeliest one; or several that differ.
+        Where there is none: what is wrong under the likeliest one; or several that differ in `content`.
     """
-    tables, faults = [], []
-    for grid, head in tries:
+    found, faults = [], []
+    for grid, read in reads:
         try:
-            tables.append(_understood(grid, head, options, waveform, first_id, examples))
+            found.append((grid, read()))
         except InputError as fault:
             faults.append(fault)
-    if not tables:
+    if not found:
         raise faults[0]
-    if len({_content(table) for table in tables}) > 1:
-        marks = " and ".join(SEPARATORS.get(table.separator, repr(table.separator)) for table in tables)
-        raise InputError(f"can be read with {marks} as separators", "say which: --separator", file=tables[0].file)
-    return tables[0]
+    if len({content(one) for _, one in found}) > 1:
+        marks = " and ".join(SEPARATORS.get(grid.separator, repr(grid.separator)) for grid, _ in found)
+        raise InputError(f"can be read with {marks} as separators", "say which: --separator", file=found[0][0].file)
+    return found[0][1]
 
 
 def _content(table: Table) -> tuple[object, ...]:
@@ -280,7 +318,8 @@ def _shape(grid: Grid, head: Head, chosen: Chosen, given: str, options: Options)
 
 def _columns(chosen: Chosen, options: Options, zeros: dict[str, float]) -> list[Understood]:
     """How psafit's columns came from those of the file, in psafit's order."""
-    held = [*chosen.held(options), *([IDLE] if IDLE in options.held and chosen.of(VOLTAGE) else [])]
+    driven = chosen.of(VOLTAGE) or options.drive
+    held = [*chosen.held(options), *([IDLE] if IDLE in options.held and driven else [])]
     columns = [Understood(name, (), COLUMNS[name].unit, 1.0) for name in held]
     named = (
         (n, tuple(c.option for c in chosen.columns if any(a.column == n for a in c.at))) for n in CONDITION_COLUMNS

@@ -96,8 +96,9 @@ class Chosen:
 
     @property
     def readings(self) -> list[str]:
-        """Psafit's columns of readings that are there."""
-        return list(dict.fromkeys(c.column for c in self.columns if role(c.column) in READ))
+        """Psafit's columns of readings that are there; of a drive in a file of its own the voltage."""
+        found = [c.column for c in self.columns if role(c.column) in READ]
+        return list(dict.fromkeys(found or (c.column for c in self.of(VOLTAGE))))
 
 
 def option(heading: str, column: str, unit: str = "") -> str:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from psafit.errors import Faults
+from psafit.experiment.drive_table import RECORDED
 from psafit.experiment.importing.chosen import (
     ERROR_OF,
     EXAMPLES,
@@ -50,12 +51,12 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     traced = is_trace(grid, head, mapped, options, faults)
     found = _recognised(head, mapped, traced=traced)
     if traced and not len(faults):
-        found = voltages(grid, head, found, faults)
+        found = voltages(grid, head, found, options, faults)
     if not len(faults):
         _check_unnamed(grid, head, found, faults)
     faults.end()
     said = {c.column for c in found if c.mapped}
-    given = (VOLTAGE,) if options.drive else ()  # in a file of its own
+    given = (VOLTAGE,) if options.drive_file else ()  # in a file of its own
     used = [c for c in found if c.column not in ("", IGNORED, *given) and (c.mapped or c.column not in said)]
     roles = ("condition", "time", "trace", "recording") if traced else ("condition", "reading", "error")
     usable = {q.column for q in QUANTITIES if q.usable} | {WAVEFORM, GROUPS}
@@ -74,6 +75,43 @@ def choose(grid: Grid, head: Head, options: Options) -> Chosen:
     counted = [_with_unit(grid, head, c, options, faults) for c in kept]
     faults.end()
     return replace(chosen, columns=tuple(counted))
+
+
+def choose_recording(grid: Grid, head: Head, options: Options) -> Chosen:
+    """Say which columns hold the time and the voltage of a drive in a file of its own.
+
+    A column is one as the user says, by its name, or by its unit, whichever comes first.
+
+    Raises
+    ------
+    InputError
+        Where one is missing, or could be one of several: a line each, with the option that says it.
+    """
+    faults, found = Faults(), []
+    mapped = _mapped(grid, head, options, faults)
+    for name in RECORDED:
+        could = [c for c in mapped.values() if c.column == name] or _recording(head, mapped, name)
+        if could:
+            _check_several(grid, head, could, faults)
+            found.append(could[0])
+        else:
+            remedy = f"say {option('NAME', name, COLUMNS[name].unit)}"
+            faults.add(fault(grid, head, f"no {name} of the drive among {all_headings(head)}", remedy))
+    faults.end()
+    columns = tuple(_with_unit(grid, head, c, options, faults) for c in found)
+    faults.end()
+    used = {c.place for c in columns}
+    unused = (mapped.get(k, Column(k, h, "")) for k, h in enumerate(head.headings) if k not in used)
+    return Chosen(columns, tuple(unused), (), traced=True)
+
+
+def _recording(head: Head, mapped: Mapping[int, Column], name: str) -> list[Column]:
+    """The columns that may be time or voltage of a drive: by name, else by unit."""
+    others = [Column(k, h, name) for k, h in enumerate(head.headings) if k not in mapped]
+    of_unit = [c for c in others if (u := head.unit(c.place)) and u.kind == COLUMNS[name].unit]
+    if name == VOLTAGE and (drives := [c for c in of_unit if c.heading.drives]):
+        return drives
+    return [c for c in others if COLUMNS[name] in c.heading.quantities(head.units[c.place])] or of_unit
 
 
 def _mapped(grid: Grid, head: Head, options: Options, faults: Faults) -> dict[int, Column]:
@@ -203,8 +241,8 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
     unit = column.unit or column.heading.unit or head.units[column.place]
     if column.unit and column.unit.scale is not None:
         unit = _on_scale(grid, head, column, column.unit, faults)
-    numbers = [cell for cell in cells(grid, head, column.place) if is_number(cell)]
-    own = not unit and bool(numbers) and all(isinstance(c, str) and c[-1:].isalpha() for c in numbers)
+    numbers = [] if unit else [cell for cell in cells(grid, head, column.place) if is_number(cell)]
+    own = bool(numbers) and all(isinstance(c, str) and c[-1:].isalpha() for c in numbers)
     below = head.units[column.place]
     if unit and below and not column.mapped and below.factor(target) != unit.factor(target):
         what = f"column {column.name} is in {shown(unit.text)}, and in {shown(below.text)} by the row of units"
@@ -218,8 +256,9 @@ def _with_unit(grid: Grid, head: Head, column: Column, options: Options, faults:
         remedy = f"say {option(column.option, column.column, target)}, or another unit such as {other}"
         faults.add(fault(grid, head, what, remedy))
     volts = None
-    if column.column == VOLTAGE and unit and unit.volts:
-        what = f"column {column.name} is the drive over time, and its volts are said to be {VOLTS[unit.volts]}"
+    counted = (unit and unit.volts) or (None if column.mapped else column.heading.volts)
+    if column.column == VOLTAGE and unit and counted:
+        what = f"column {column.name} is the drive over time, and its volts are said to be {VOLTS[counted]}"
         faults.add(fault(grid, head, what, f"say {option(column.option, VOLTAGE, unit.text)}"))
     if column.column == "amplitude_v":
         volts = _volts(grid, head, column, unit, options, own=own, faults=faults)

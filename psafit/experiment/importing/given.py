@@ -9,7 +9,7 @@ from psafit.experiment.definition import DRIVE_LIMITS
 from psafit.experiment.definition import LIMITS as CONSTANT_LIMITS
 from psafit.experiment.importing.chosen import HELD
 from psafit.experiment.importing.numerals import NOTATIONS
-from psafit.experiment.importing.quantities import COLUMNS
+from psafit.experiment.importing.quantities import COLUMNS, Volts
 from psafit.experiment.importing.units import factor_of, unit
 from psafit.experiment.records import CONSTANT_UNITS
 from psafit.experiment.table import CellFault, within
@@ -17,7 +17,7 @@ from psafit.experiment.text import shown
 
 
 def value(name: str, text: str, place: str) -> float:
-    """The value of a constant, SI, or of a condition, in psafit's unit.
+    """The value of a constant, SI, or of a condition, in psafit's unit; volts as they are `counted`.
 
     Parameters
     ----------
@@ -66,7 +66,12 @@ def _factor(name: str, said: str, target: str) -> Decimal | None:
         return factor_of(said, target)
     found = unit(said)
     factor = found.factor(target) if found else None
-    counted = found.volts if found else None
-    if factor is None or counted == "rms" or (counted and name != "amplitude_v"):
+    if factor is None or (found and found.volts and name != "amplitude_v"):
         return None
-    return factor / 2 if counted == "pp" else factor
+    return factor
+
+
+def counted(text: str) -> Volts:
+    """How the volts of a condition are counted, given as for `value`."""
+    said = unit(text.partition(":")[2])
+    return (said.volts if said else None) or "peak"

@@ -9,7 +9,7 @@ from psafit.errors import Faults, InputError
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.numerals import is_number
-from psafit.experiment.importing.quantities import BLANKS, COMMENTS, SUMMARIES, words
+from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, SUMMARIES, words
 from psafit.experiment.importing.records import Mapping, Options
 from psafit.experiment.importing.units import Unit, unit
 from psafit.experiment.text import shown
@@ -59,16 +59,18 @@ def names(mapping: Mapping, headings: Sequence[Heading]) -> list[int]:
 
 def is_comment(text: str) -> bool:
     """Whether a row that begins with this text is a comment."""
-    return text.startswith(COMMENTS)
+    return text.startswith(COMMENTS) and text.upper() not in CELL_ERRORS
 
 
-def find_head(grid: Grid, options: Options, most_lines: int = 300) -> Head | None:
+def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_lines: int = 300) -> Head | None:
     """The row of a file in which most headings are recognised; None where none is.
 
     Parameters
     ----------
     grid : Grid
     options : Options
+    of_unit : sequence of str
+        Units, of psafit's, that make a column known by themselves.
     most_lines : int
         How far down it is looked for.
     """
@@ -80,6 +82,7 @@ def find_head(grid: Grid, options: Options, most_lines: int = 300) -> Head | Non
         headings = tuple(heading(text) for text in texts)
         units, first = _units(grid, headings, index + 1)
         known = {h.quantities(u)[0].column for h, u in zip(headings, units, strict=True) if h.quantities(u)}
+        known |= {kind for h, u in zip(headings, units, strict=True) if (kind := _kind(h, u)) in of_unit}
         known |= {m.column for m in options.columns if names(m, headings)}
         below = next((r for r in grid.rows[first:] if not r.is_blank and not is_comment(r.texts[0])), None)
         score = len(known), below is not None and any(map(is_number, below.cells))
@@ -88,6 +91,12 @@ def find_head(grid: Grid, options: Options, most_lines: int = 300) -> Head | Non
     if best is None or best[1].known < max(2, len({m.column for m in options.columns})):
         return _without_headings(grid, options) or (best and best[1])
     return best[1]
+
+
+def _kind(named: Heading, below: Unit | None) -> str:
+    """The unit of psafit's that a column's can be turned into; empty where there is none."""
+    said = named.unit or below
+    return said.kind if said else ""
 
 
 def _without_headings(grid: Grid, options: Options) -> Head | None:

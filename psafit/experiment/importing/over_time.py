@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -24,7 +24,7 @@ from psafit.experiment.importing.chosen import (
 from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading
 from psafit.experiment.importing.layout import Head
-from psafit.experiment.importing.numerals import Number, likeliest
+from psafit.experiment.importing.numerals import Number, is_number, likeliest
 from psafit.experiment.importing.quantities import COLUMNS, VOLTS, Quantity
 from psafit.experiment.importing.records import GROUPS, IGNORED, Options
 from psafit.experiment.importing.units import Unit
@@ -39,9 +39,19 @@ class _Timed:
     rows: tuple[Row, ...]
     times: tuple[float, ...]
 
-    def parts(self, places: Iterable[int]) -> list[list[int]]:
+    def sound(self, places: Sequence[int]) -> list[int]:
+        """The rows that hold numbers in these columns, where most do; the others are refused later."""
+        rows = list(range(len(self.rows)))
+        for place in places:
+            numbers = [k for k in rows if is_number(self.text(k, place))]
+            rows = numbers if 2 * len(numbers) > len(rows) else rows
+        return rows
+
+    def parts(self, places: Sequence[int]) -> list[list[int]]:
         """The rows of each trace, whose conditions stand in these columns."""
-        return blocks([tuple(self.text(k, place) for place in places) for k in range(len(self.rows))], self.times)
+        rows = self.sound(places)
+        keys = [tuple(self.text(k, place) for place in places) for k in rows]
+        return [[rows[i] for i in part] for part in blocks(keys, [self.times[k] for k in rows])]
 
     def text(self, k: int, place: int) -> str:
         """What stands in a column of a row."""
@@ -123,7 +133,7 @@ def _microseconds(number: Number) -> float:
     return float(number.value if factor is None else number.value * factor)
 
 
-def voltages(grid: Grid, head: Head, found: Sequence[Column], faults: Faults) -> list[Column]:
+def voltages(grid: Grid, head: Head, found: Sequence[Column], options: Options, faults: Faults) -> list[Column]:
     """Columns of a trace in which those of volts are `amplitude_v` where constant along each trace, else `voltage_v`.
 
     That volts over time are those of the drive must be said, by heading or by the user: it may be a sensor.
@@ -138,7 +148,7 @@ def voltages(grid: Grid, head: Head, found: Sequence[Column], faults: Faults) ->
     is_said = any(c.column == VOLTAGE for c in found)
     known: dict[int, Column] = {}
     for column in unclear:
-        if _is_constant(timed, held, column.place):
+        if _is_constant(timed, held, column.place, options):
             known[column.place] = replace(column, column="amplitude_v")
         elif column.heading.drives:
             known[column.place] = replace(column, column=VOLTAGE)
@@ -156,15 +166,16 @@ def _may_be_drive(column: Column, head: Head) -> bool:
     return column.column == "amplitude_v" or (not column.column and column.heading.drives and in_volts(column, head))
 
 
-def _is_constant(timed: _Timed, held: Sequence[int], place: int) -> bool:
+def _is_constant(timed: _Timed, held: Sequence[int], place: int, options: Options) -> bool:
     """Whether a column is constant along each trace; where traces cannot be found without it, it is a condition."""
-    parts = timed.parts(held)
-    if all(len({timed.text(k, place) for k in part}) == 1 for part in parts):
+    parts, sound = timed.parts(held), set(timed.sound([place]))
+    if all(len({timed.text(k, place) for k in part if k in sound}) <= 1 for part in parts):
         return True
     if rising(parts, timed.times) and runs_on(parts, timed.times) is None:
         return False
     parts = timed.parts([*held, place])
-    return rising(parts, timed.times) and runs_on(parts, timed.times) is None
+    n_long = sum(len(part) >= options.least_samples for part in parts)
+    return 2 * n_long > len(parts) and rising(parts, timed.times) and runs_on(parts, timed.times) is None
 
 
 def check_trace(grid: Grid, head: Head, chosen: Chosen, options: Options, faults: Faults) -> None:

@@ -122,6 +122,11 @@ SUMMARIES = {
 }  # fmt: skip
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", "  ": "two blanks or more", " ": "blanks"}
 BLANKS = (" ", "  ")
+# What a spreadsheet writes where a formula has no value: no comment.
+CELL_ERRORS = {
+    "#N/A", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#NULL!", "#NV", "#WERT!", "#BEZUG!", "#ZAHL!",
+    "#VALEUR!", "#NOMBRE!", "#NOM?",
+}  # fmt: skip
 COMMENTS = ("#", "%", "//", "!")
 
 

@@ -1,133 +1,150 @@
-"""The voltage that an oscilloscope recorded, as the drive of what is imported."""
+"""The voltage that an oscilloscope recorded as a drive: in a file of its own, or next to a trace."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from decimal import Decimal
+from statistics import mean
 
 import numpy as np
 
-from psafit.drives import Table
-from psafit.errors import Faults, InputError
-from psafit.experiment.importing.chosen import VOLTAGE, Column, option
+from psafit.arrays import FloatArray
+from psafit.drives import TABLE, Drive, Table
+from psafit.errors import InputError
+from psafit.experiment.drive_table import level
+from psafit.experiment.importing.chosen import IDLE, VOLTAGE, Chosen
+from psafit.experiment.importing.clock import early, less
 from psafit.experiment.importing.grid import Grid
-from psafit.experiment.importing.layout import Head, body, names
+from psafit.experiment.importing.layout import Head, body
 from psafit.experiment.importing.records import Options
-from psafit.experiment.importing.units import factor_of
-from psafit.experiment.importing.values import notation_of
+from psafit.experiment.importing.values import Reading, readings
 from psafit.experiment.table import CellFault, RowFaults
-from psafit.experiment.text import listed
 from psafit.experiment.trace_table import TIME, out_of_order
 
-_UNITS = {TIME: "us", VOLTAGE: "V"}
 
-
-def recorded(grid: Grid, head: Head, options: Options, least_rows: int = 10) -> Table:
-    """Read a voltage over time, from the start of the drive on.
+def recorded(grid: Grid, head: Head, chosen: Chosen, options: Options) -> Drive:
+    """Read a voltage over time from a file of its own.
 
     Parameters
     ----------
     grid : Grid
     head : Head
+    chosen : Chosen
+        What `choose_recording` says of its columns.
     options : Options
         `start_us`, `every` and `period_us` say from when, how closely and until when.
-    least_rows : int
-        A drive of fewer samples is none.
 
     Returns
     -------
-    Table
+    Drive
         Means of `every` samples. With a period, one period per volt of its largest voltage; else as recorded.
 
     Raises
     ------
     InputError
-        Where time or voltage are not known, cannot be read, or do not reach over the period.
+        Where time or voltage cannot be read, or do not reach over the period.
     """
-    columns = _columns(grid, head, options)
-    rows = body(grid, head, [c.place for c in columns], options.most_rows)
-    notation = notation_of(grid, rows, columns, options)
-    faults = RowFaults(grid.file)
-    found: list[tuple[float, float]] = []
-    for row in rows.rows:
-        pair = []
-        for column in columns:
-            number = notation.number(row.cells[column.place]) if column.place < len(row.cells) else None
-            if number is None:
-                faults.add(column.column, "is not a number", "correct it, or delete the row", row.line)
-            else:
-                pair.append(float(number.value * _factor(grid, head, column)))
-        if len(pair) == len(columns):
-            if found and pair[0] <= found[-1][0]:
-                fault = CellFault(*out_of_order(found[-1][0], pair[0]))
-                faults.add(TIME, fault.what, fault.remedy, row.line)
-            found.append((pair[0], pair[1]))
-    faults.end(len(rows.rows))
-    at, volts = np.array(found).reshape(-1, 2).T
-    return _table(grid, at, volts, options, least_rows)
-
-
-def _table(grid: Grid, at: np.ndarray, volts: np.ndarray, options: Options, least_rows: int) -> Table:
+    rows = body(grid, head, [c.place for c in chosen.columns], options.most_rows)
+    found, _ = readings(grid, head, chosen, rows, options, TABLE)
+    early(grid, found, options)
     start, period = options.start_us or 0.0, options.period_us
-    end = at[-1] if period is None else start + period
-    if at[0] < 0.0 and options.start_us is None:
-        what, remedy = (
-            f"the recording begins at {at[0]:g} us",
-            "say when the drive starts: --start 0, or --start 1.5:ms",
-        )
-        raise InputError(what, remedy, file=grid.file)
-    if not at[0] <= start < end <= at[-1]:
-        what = f"the recording lasts from {at[0]:g} to {at[-1]:g} us, the drive from {start:g} to {end:g} us"
+    samples = [less(reading, {TIME: start}) for reading in found]
+    time, volts = _over_time(grid, samples, options)
+    end = float(time[-1]) if period is None else period
+    if not time[0] <= 0.0 < end <= time[-1]:
+        times = [f"{t + start:g}" for t in (time[0], time[-1], 0.0, end)]
+        what = "the recording lasts from {} to {} us, the drive from {} to {} us".format(*times)
         raise InputError(what, "correct --start or --period, or record longer", file=grid.file)
-    inside = (at > start) & (at < end)
-    n = np.count_nonzero(inside) // options.every * options.every
-    if n // options.every < least_rows:
-        what = f"{n // options.every} rows are left of the drive, which has at least {least_rows}"
-        raise InputError(what, "record more closely, or give a smaller --every", file=grid.file)
-    means = [x[inside][:n].reshape(-1, options.every).mean(axis=1) for x in (at, volts)]
-    edges = np.interp([start, end], at, volts)
-    times, values = np.r_[start, means[0], end] - start, np.r_[edges[0], means[1], edges[1]]
+    at, value = _cut(time, volts, end, options.every)
+    if not options.least_samples <= at.size <= options.most_samples:
+        what = f"{at.size} rows of the drive, which has {options.least_samples} to {options.most_samples}"
+        few = at.size < options.least_samples
+        remedy = "record more closely, or give a smaller --every" if few else "give a larger --every"
+        raise InputError(what, remedy, file=grid.file)
     if period is None:
-        return Table(times * 1e-6, values, recorded=True)
-    largest = float(np.abs(values).max())
+        table = Table(at * 1e-6, value, recorded=True)
+        return Drive(TABLE, idle_v=_idle(grid, samples, volts, options), table=table, file="drive.csv")
+    largest = float(np.abs(value).max())
     if largest == 0.0:
         raise InputError("the recorded voltage is zero throughout", "give another channel", file=grid.file)
-    return Table(times / period, values / largest, recorded=False)
+    return Drive(TABLE, table=Table(at / period, value / largest, recorded=False), file="drive.csv")
 
 
-def _columns(grid: Grid, head: Head, options: Options) -> Sequence[Column]:
-    """The columns of time and voltage."""
-    mapped = {place: m for m in options.columns for place in names(m, head.headings)}
-    faults, found = Faults(), []
-    for name, unit in _UNITS.items():
-        said = [place for place, mapping in mapped.items() if mapping.column == name]
-        could = said or [
-            place
-            for place, heading in enumerate(head.headings)
-            if place not in mapped and (u := head.unit(place)) and u.kind == unit
-        ]
-        columns = [Column(place, head.headings[place], name, mapped[place].unit if said else None) for place in could]
-        if len(columns) == 1:
-            found += columns
-            continue
-        what = f"no {name} of the drive" if not columns else f"{listed(c.name for c in columns)} could all be {name}"
-        remedy = f"say {option(columns[0].option if columns else 'NAME', name, '' if columns else unit)}"
-        faults.add(InputError(what, remedy, file=grid.file, line=head.line or 1))
-    faults.end()
-    return found
+def drive_of(grid: Grid, samples: Sequence[Reading], options: Options) -> Drive:
+    """The drive of a trace: as it was recorded next to it, all of it; or the one that its rows have.
+
+    Parameters
+    ----------
+    grid : Grid
+    samples : sequence of Reading
+        From the start of the drive; those before it count negative times.
+    options : Options
+
+    Raises
+    ------
+    InputError
+        Where times fall, or what the drive rested at is not known, or it did not rest.
+    """
+    if VOLTAGE not in dict(samples[0].values):
+        return samples[0].drive
+    time, volts = _over_time(grid, samples, options)
+    if time[-1] < 0.0:
+        what = "no sample lies after the start of the drive"
+        raise InputError(what, "correct --start", file=grid.file, line=samples[-1].line)
+    idle = _idle(grid, samples, volts, options)
+    at, value = _cut(time, volts, float(time[-1]), 1)
+    return Drive(TABLE, idle_v=idle, table=Table(at * 1e-6, value, recorded=True), file="")
 
 
-def _factor(grid: Grid, head: Head, column: Column) -> Decimal:
-    """Number that turns a cell into us or V; a scale is what a volt of the channel stands for."""
-    target, heading = _UNITS[column.column], head.unit(column.place)
-    unit = column.unit or heading
-    factor = unit.factor(target) if unit else None
-    if unit is None or factor is None:
-        what = f"column {column.name} is in no unit of {column.column}"
-        remedy = f"say {option(column.option, column.column, target)}"
-        raise InputError(what, remedy, file=grid.file, line=head.line or 1)
-    step = factor_of(heading.text, target) if heading and unit.scale is not None else None
-    return factor * (step or 1)
+def _over_time(grid: Grid, samples: Sequence[Reading], options: Options) -> tuple[FloatArray, FloatArray]:
+    """Times, us, and voltages. Two samples may have one time, as rounded times do."""
+    time, volts = np.array([[dict(r.values)[name] for name in (TIME, VOLTAGE)] for r in samples]).T
+    faults, clock = RowFaults(grid.file), time + (options.start_us or 0.0)
+    for k in np.flatnonzero(np.diff(time) < 0.0).tolist():
+        faults.add(TIME, *out_of_order(clock[k], clock[k + 1]), samples[k + 1].line)
+    try:
+        level(max(0.0, float(time[-1])), TIME, f"{clock[-1]:g} us")
+    except CellFault as fault:
+        faults.add(TIME, fault.what, fault.remedy, samples[-1].line)
+    faults.end(len(samples))
+    return time, volts
+
+
+def _cut(time: FloatArray, volts: FloatArray, end: float, every: int) -> tuple[FloatArray, FloatArray]:
+    """Times and voltages from the start to `end`, linear between samples there; in between means of `every`."""
+    inside = (time > 0.0) & (time <= end)
+    n = np.count_nonzero(inside) // every
+    at, value = (x[inside][: n * every].reshape(n, every).mean(axis=1) for x in (time, volts))
+    if time[0] <= 0.0:
+        at, value = np.append(0.0, at), np.append(np.interp(0.0, time, volts), value)
+    if at[-1] < end:
+        at, value = np.append(at, end), np.append(value, np.interp(end, time, volts))
+    return at, value
+
+
+def _idle(grid: Grid, samples: Sequence[Reading], volts: FloatArray, options: Options) -> float:
+    """What the drive rested at before its start, V: the mean of what was recorded there, if nobody says it.
+
+    Raises
+    ------
+    InputError
+        Where neither shows it, or the drive did not rest.
+    """
+    if IDLE in dict(options.values):
+        return options.held.get(IDLE, 0.0)
+    least = options.most_at_rest * float(np.ptp(volts))
+    before = volts[[dict(r.values)[TIME] < 0.0 for r in samples]]
+    if before.size and np.ptp(before) <= least:
+        return float(mean(Decimal(repr(v)) for v in before.tolist()))
+    if before.size:
+        what = f"{VOLTAGE} goes from {before.min():g} to {before.max():g} V before the start of the drive, where it"
+        what, remedy = f"{what} should rest", f"say with --start when it begins, or what it rests at: --set {IDLE}=0"
+    elif abs(first := float(volts[0])) > least:
+        what = f"{VOLTAGE} begins at {first:g} V, and nothing says what the drive rested at before"
+        remedy = f"say --set {IDLE}=0 or --set {IDLE}={first:g}"
+    else:
+        return 0.0
+    raise InputError(what, remedy, file=grid.file, line=samples[0].line)
 
 
 def reach(table: Table) -> str:
@@ -138,4 +155,4 @@ def reach(table: Table) -> str:
     return f"{table.at.size} rows, {low:.3g} to {high:.3g} per volt of amplitude_v"
 
 
-__all__ = ["reach", "recorded"]
+__all__ = ["drive_of", "reach", "recorded"]

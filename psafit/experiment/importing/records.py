@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from psafit.drives import TABLE, Drive
-from psafit.drives import Table as Rows
 from psafit.errors import InputError
 from psafit.experiment.importing.quantities import Volts
 from psafit.experiment.importing.units import Unit
@@ -45,6 +44,8 @@ class Options:
     values : tuple of (str, float or tuple of float)
         Conditions that were held: psafit's column, and its value in the unit of that; or one for each table. Another is
         `idle_v`, what a recorded drive rested at.
+    counted : tuple of {"peak", "pp", "rms"}
+        How the volts of an amplitude that was held are counted; one, or one for each table. Empty for zero to peak.
     waveforms : tuple of str
         One for all tables, or one for each; empty where a column says it.
     volts : {"peak", "pp", "rms"} or None
@@ -67,8 +68,8 @@ class Options:
         A voltage over time, which is the drive of the waveform `"table"`.
     period_us : float or None
         How long one period of it lasts; None for a voltage that is taken as it is.
-    drive : psafit.drives.Table or None
-        That voltage, once it is read.
+    drive : psafit.drives.Drive or None
+        Of that voltage, once it is read.
     least_samples, most_samples : int
         Of a trace, those that are kept: what `psafit.experiment.trace_table.read_trace` takes. Of a recorded drive all.
     most_at_rest : float
@@ -79,6 +80,7 @@ class Options:
 
     columns: tuple[Mapping, ...] = ()
     values: tuple[tuple[str, float | tuple[float, ...]], ...] = ()
+    counted: tuple[Volts, ...] = ()
     waveforms: tuple[str, ...] = ()
     volts: Volts | None = None
     decimal: str | None = None
@@ -90,7 +92,7 @@ class Options:
     every: int = 1
     drive_file: Path | None = None
     period_us: float | None = None
-    drive: Rows | None = None
+    drive: Drive | None = None
     least_samples: int = 10
     most_samples: int = 100_000
     most_at_rest: float = 0.1
@@ -102,9 +104,11 @@ class Options:
         """Conditions that were held, of options of one table."""
         return {name: value for name, value in self.values if not isinstance(value, tuple)}
 
-    def drive_of(self, waveform: str, file: str = "drive.csv") -> Drive:
-        """The drive of a waveform; `file` is to hold that of `"table"`."""
-        return Drive(TABLE, table=self.drive, file=file) if waveform == TABLE else Drive(waveform)
+    def drive_of(self, waveform: str) -> Drive:
+        """The drive of a waveform; a recorded one rests at what is given, if it is."""
+        if self.drive is None or waveform != TABLE:
+            return Drive(waveform)
+        return replace(self.drive, idle_v=self.held.get("idle_v", self.drive.idle_v))
 
     def of_table(self, number: int, n_tables: int) -> Options:
         """The options of one of several tables, counted from 0.
@@ -123,7 +127,8 @@ class Options:
                     "give one, or one for each; a comma is no decimal mark",
                 )
             own.append((name, each[number if len(each) > 1 else 0]))
-        return replace(self, values=tuple(own))
+        counted = self.counted[number : number + 1] if len(self.counted) > 1 else self.counted
+        return replace(self, values=tuple(own), counted=counted)
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,13 @@ from statistics import mean
 
 import numpy as np
 
-from psafit.drives import TABLE, Drive, Table
+from psafit.drives import Drive
 from psafit.errors import Faults, InputError
 from psafit.experiment.importing.blocks import blocks, runs_on
-from psafit.experiment.importing.chosen import IDLE, VOLTAGE
+from psafit.experiment.importing.chosen import VOLTAGE
+from psafit.experiment.importing.clock import early, less
 from psafit.experiment.importing.grid import Grid
+from psafit.experiment.importing.recorded import drive_of
 from psafit.experiment.importing.records import Options
 from psafit.experiment.importing.values import Reading
 from psafit.experiment.records import CONDITION_COLUMNS, Group
@@ -57,33 +59,35 @@ def from_start(grid: Grid, found: Sequence[Reading], options: Options) -> Sample
     faults, traces, lines = Faults(), [], set()
     start = options.start_us or 0.0
     zeros = {TIME: start} if start else {}
-    parts = _apart(grid, found)
+    parts = [part for part in _apart(grid, found) if _motion(part)]
     short = [part for part in parts if _n_kept(part, start, options) < options.least_samples]
     for part in parts:
-        before = [r for r in part if dict(r.values)[TIME] < start]
+        before = early(grid, part, options)
         lines |= {r.line for r in before}
-        if before and options.start_us is None:
-            what = f"{TIME} begins at {dict(before[0].values)[TIME]:g}, before the start of the drive"
-            remedy = "say --start 0 where that is at 0, or when it is: --start 1.5:ms; what lies before is left out"
-            raise InputError(what, remedy, file=grid.file, line=before[0].line)
-        (column,) = TRACES.keys() & dict(part[0].values).keys()
+        column = _motion(part)
         zero = 0.0
         if options.from_rest and not before:
             what, remedy = "no sample lies before the start of the drive", "leave out --from-rest, or say --start"
             raise InputError(what, remedy, file=grid.file, line=part[0].line)
         if options.from_rest:
-            zero = float(mean(Decimal(repr(dict(r.values)[column])) for r in before))
-            if sum(column in dict(p[0].values) for p in parts) == 1:
+            zero = float(mean(Decimal(repr(v)) for r in before if (v := dict(r.values).get(column)) is not None))
+            if sum(column == _motion(p) for p in parts) == 1:
                 zeros[column] = zero
         with faults.kept():
-            rows = [_less(reading, {TIME: start, column: zero}) for reading in part]
-            samples = rows[len(before) :: options.every]
+            rows = [less(reading, {TIME: start, column: zero}) for reading in part]
+            read = [r for r in rows[len(before) :] if column in dict(r.values)]
+            samples = read[:: options.every]
             _check(grid, samples, len(rows) - len(before), options)
-            traces.append(Trace(tuple(samples), _drive(grid, rows, options)))
+            traces.append(Trace(tuple(samples), drive_of(grid, rows, options)))
     if short and not len(faults):
         faults.add(_too_few(grid, short, len(parts), start, options))
     faults.end()
     return Sampled(tuple(traces), frozenset(lines), zeros)
+
+
+def _motion(part: Sequence[Reading]) -> str:
+    """The column of a trace's motion; empty where none of its samples has one."""
+    return next((name for r in part for name, _ in r.values if name in TRACES), "")
 
 
 def _apart(grid: Grid, found: Sequence[Reading]) -> list[list[Reading]]:
@@ -112,7 +116,8 @@ def _apart(grid: Grid, found: Sequence[Reading]) -> list[list[Reading]]:
 
 
 def _n_kept(part: Sequence[Reading], start: float, options: Options) -> int:
-    return -(-sum(dict(r.values)[TIME] >= start for r in part) // options.every)
+    samples = (dict(r.values) for r in part)
+    return -(-sum(s[TIME] >= start and not TRACES.keys().isdisjoint(s) for s in samples) // options.every)
 
 
 def _too_few(
@@ -148,56 +153,6 @@ def _check(grid: Grid, samples: Sequence[Reading], n_after: int, options: Option
         remedy = "leave out the end of the record" if recorded else f"keep one in so many: --every {-(-n // 1000)}"
         what = f"{n} samples after the start of the drive; a trace has at most {options.most_samples}"
         raise InputError(what, remedy, file=grid.file, line=samples[0].line)
-
-
-def _less(reading: Reading, zeros: dict[str, float]) -> Reading:
-    """A sample less what is to be subtracted, in decimal digits, as people would write it."""
-    differences = (
-        (name, float(Decimal(repr(value)) - Decimal(repr(zero))) if (zero := zeros.get(name, 0.0)) else value)
-        for name, value in reading.values
-    )
-    return replace(reading, values=tuple(differences))
-
-
-def _drive(grid: Grid, rows: Sequence[Reading], options: Options) -> Drive:
-    """The drive of a trace: as it was recorded, from its start, at rest before that at the mean of what was recorded.
-
-    Raises
-    ------
-    InputError
-        Where what it rested at is not known, or it did not rest.
-    """
-    if VOLTAGE not in dict(rows[0].values):
-        return rows[0].drive
-    time, volts = np.array([[dict(r.values)[name] for name in (TIME, VOLTAGE)] for r in rows]).T
-    before = time < 0.0
-    least = options.most_at_rest * float(np.ptp(volts))
-
-    def error(what: str, remedy: str, line: int) -> InputError:
-        return InputError(what, remedy, file=grid.file, line=line)
-
-    if before.all():
-        raise error("no sample lies after the start of the drive", "correct --start", rows[-1].line)
-    if falls := np.flatnonzero(np.diff(time) < 0.0).tolist():
-        what, remedy = out_of_order(time[falls[0]], time[falls[0] + 1])
-        raise error(f"{TIME} {what}", remedy, rows[falls[0] + 1].line)
-    idle = options.held.get(IDLE)
-    first = float(volts[~before][0])
-    if idle is None and before.any():
-        idle = float(mean(Decimal(repr(v)) for v in volts[before].tolist()))
-        if np.ptp(volts[before]) > least:
-            low, high = volts[before].min(), volts[before].max()
-            what = f"{VOLTAGE} goes from {low:g} to {high:g} V before the start of the drive, where it should rest"
-            raise error(what, f"say with --start when it begins, or what it rests at: --set {IDLE}=0", rows[0].line)
-    elif idle is None:
-        idle = 0.0
-        if abs(first) > least:
-            what = f"{VOLTAGE} begins at {first:g} V, and nothing says what the drive rested at before"
-            raise error(what, f"say --set {IDLE}=0 or --set {IDLE}={first:g}", rows[0].line)
-    at, value = time[~before], volts[~before]
-    if before.any() and at[0] > 0.0:  # linear between the samples on either side
-        at, value = np.append(0.0, at), np.append(np.interp(0.0, time, volts), value)
-    return Drive(TABLE, idle_v=idle, table=Table(at * 1e-6, value, recorded=True), file="")
 
 
 def trace_of(number: int, trace: Trace) -> Group:

@@ -65,7 +65,7 @@ def readings(
     if grid.separator == ",":
         _check_decimals(grid, body, chosen)
     faults = RowFaults(grid.file)
-    held = chosen.held(options)
+    held, read_columns = chosen.held(options), chosen.readings
     found = []
     for row in body.rows:
         before = faults.count
@@ -75,22 +75,40 @@ def readings(
         repetitions = _repetitions(values, chosen)
         if faults.count == before and not repetitions:
             what, remedy = "is empty", "enter the value, or delete the row if nothing was read"
-            faults.add(chosen.readings[0], what, remedy, row.line)
-        others = {c.column: v for c, v in values.items() if c.column not in chosen.readings and v is not None}
+            faults.add(read_columns[0], what, remedy, row.line)
+        others = {c.column: v for c, v in values.items() if c.column not in read_columns and v is not None}
         for c in values:
             if c.column not in others and ERROR_OF.get(c.column) in {r.column for read in repetitions for r in read}:
                 faults.add(c.column, "is empty", "enter the known error of the reading, or ignore the column", row.line)
         for read in repetitions if faults.count == before else ():
-            known = held | others | {c.column: v for c, v in read.items()}
+            known = _held(held, drive, options) | others
+            known |= {c.column: v for c, v in read.items() if v is not None}
             first = next(iter(read))
             if chosen.traced:
                 known = _named(grid, head, first, drive, options) | known
             found.append(Reading(row.line, drive, label, tuple(known.items()), first.place if chosen.traced else 0))
             for c, v in read.items():
-                if v < 0 and not chosen.traced:
+                if v is not None and v < 0 and not chosen.traced:
                     faults.below.setdefault(c.column, []).append((row.line, text_of(_cell(row, c)), known))
     faults.end(len(body.rows))
     return found, notation.decimal
+
+
+def _held(held: dict[str, float], drive: Drive, options: Options) -> dict[str, float]:
+    """Conditions that were held, the amplitude zero to peak.
+
+    Raises
+    ------
+    InputError
+        Where the peak of that drive does not follow.
+    """
+    volts = options.counted[0] if options.counted else "peak"
+    if "amplitude_v" not in held or volts == "peak":
+        return held
+    try:
+        return held | {"amplitude_v": float(Decimal(repr(held["amplitude_v"])) * peak(volts, drive))}
+    except CellFault as fault:
+        raise InputError(f"--set amplitude_v: {fault.what}", fault.remedy) from fault
 
 
 def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Options) -> dict[str, float]:
@@ -111,13 +129,17 @@ def _named(grid: Grid, head: Head, column: Column, drive: Drive, options: Option
     return found
 
 
-def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float]]:
-    """What was read together, time after time; a cell that is empty was not read. Each column of a trace is one."""
+def _repetitions(values: dict[Column, float | None], chosen: Chosen) -> list[dict[Column, float | None]]:
+    """What was read together, time after time; a cell that is empty was not read. Each column of a trace is one.
+
+    The drive that was recorded next to a trace was read where the trace was not, too.
+    """
     columns = [chosen.of(name) for name in chosen.readings]
     alone = [[c] for same in columns for c in same]
     times = alone if chosen.traced else [list(filter(None, time)) for time in zip_longest(*columns)]
-    read = [{c: v for c in time if (v := values[c]) is not None} for time in times]
-    return [time for time in read if time]
+    every = [{c: values[c] for c in time} for time in times]
+    read = [found for time in every if (found := {c: v for c, v in time.items() if v is not None})]
+    return every if read and chosen.traced and chosen.of(VOLTAGE) else [dict(time) for time in read]
 
 
 def _cell(row: Row, column: Column) -> Cell:
@@ -168,7 +190,7 @@ def known_waveform(text: str, options: Options) -> str:
     for form in WAVEFORMS.values():
         if words(text) in (words(name) for name in (form.id, *form.names)):
             return form.id
-    if words(text) == TABLE and options.drive is None:
+    if words(text) == TABLE and options.drive_file is None:
         raise CellFault(f"{shown(text)} needs a voltage over time", "give it with --drive FILE")
     if words(text) == TABLE:
         return TABLE
