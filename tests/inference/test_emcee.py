@@ -192,6 +192,21 @@ def test_one_of_several_draws_is_taken_without_bias(tries: int) -> None:
     assert np.mean(moved != u) > (0.25 if tries == 1 else 0.7)
 
 
+def test_as_many_coordinates_move_as_chance_says_and_as_far_as_suits_them() -> None:
+    rng, n, d = np.random.default_rng(1), 20_000, 4
+    walkers, others = rng.standard_normal((n, d)), [rng.standard_normal((500, d))]
+    move = ensembles.PartMove()
+    move.setup(walkers)
+    moved, factor = move.get_proposal(walkers, others, np.random.RandomState(1))
+    step = moved - walkers
+    count = (step != 0.0).sum(axis=1)
+    assert not factor.any() and np.bincount(count)[1:] / n == pytest.approx(1 / d, abs=0.02)
+    for k in range(1, d + 1):
+        rows = step[count == k]
+        # A difference of two walkers, by 2.38 over the root of twice the coordinates that move.
+        assert np.sqrt(np.square(rows[rows != 0.0]).mean()) == pytest.approx(2.38 / np.sqrt(k), rel=0.1)
+
+
 @pytest.mark.slow
 def test_a_single_reading_leaves_a_bent_shell_that_chains_explore(tmp_path: Path) -> None:
     """It fixes one combination of three parameters to its scatter, and leaves the others as wide as their priors."""
