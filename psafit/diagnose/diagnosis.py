@@ -18,6 +18,7 @@ from psafit.diagnose.answer import sentences
 from psafit.diagnose.calibration import calibrate as calibrated
 from psafit.diagnose.confusable import confusable
 from psafit.diagnose.draft import drafted
+from psafit.diagnose.explanations import Explanations
 from psafit.diagnose.folder import claim, held_in, identity_of
 from psafit.diagnose.gain import Choice
 from psafit.diagnose.influence import influence
@@ -242,7 +243,7 @@ class Work:
         )
         with self._stage("next experiment"):
             most = self.settings.rehearsed
-            proposal = _next(model_set, verdict, self.seed, most, None if quick else self.watcher)
+            proposal = _next(judgement, self.seed, most, None if quick else self.watcher)
             confusion = Confusion() if quick else _confusion(model_set, verdict, self.seed, most, self.watcher)
             confusion = replace(confusion, alike=confusable(adopted, self.catalogue))
         ledger = [Choice("verdict, causes named, their probabilities", list(experiment.ids), [])]
@@ -542,13 +543,18 @@ def _confusion(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watc
     return Confusion([], found.proposal, found.truth, found.before, found.after, found.first)
 
 
-def _next(model_set: ModelSet, verdict: Verdict, seed: int, most: int, watcher: Watcher | None) -> NextExperiment:
-    """Proposals for the verdict at hand: against the best rival, or for a weakly determined parameter.
+def _next(judgement: Judgement, seed: int, most: int, watcher: Watcher | None) -> NextExperiment:
+    """Proposals for the verdict at hand: by what is left, against the best rival, or for a weakly determined parameter.
 
     With a watcher the best is rehearsed, and the best that leaves the rig as it is.
     """
+    model_set, verdict = judgement.model_set, judgement.verdict
     if not any((g.amplitude_v > 0).any() for g in model_set.best_model.problem.experiment.groups):
         return NextExperiment()
+    if verdict.structured and (left := Explanations.of(model_set.best_model, judgement.left)):
+        left = left.worth_distinguishing(1 - CREDIBLE)
+        found = next_experiment.explaining(left, (judgement.after or judgement.before).stretches, seed=seed)
+        return NextExperiment.of(found, Purpose("explain", explanations=left.record))
     tied = _tied(model_set, verdict, seed, most)
     if len(tied) == 1:
         name, found = next_experiment.determine(*tied[0], seed=seed)

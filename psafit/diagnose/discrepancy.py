@@ -27,6 +27,7 @@ from psafit.diagnose.residuals import sweeps
 from psafit.experiment import GroupId
 from psafit.inference import noise
 from psafit.inference.candidate import Candidate
+from psafit.inference.problem import Problem
 from psafit.parameters import Parameter
 
 
@@ -199,8 +200,7 @@ class Expansion:
         """Expand a model about its best mode; `outlying` widens each reading's scatter."""
         problem = candidate.problem
         n = problem.n_model
-        bent = problem.prior_slopes(candidate.modes[:1])[1][0, :n]
-        width = 1.0 / np.sqrt(np.maximum(bent, (4.0 / np.ptp(problem.bounds[:n], axis=1)) ** 2))
+        width = prior_widths(problem, candidate.modes[0])
         own = zip(problem.parameters[:n], candidate.modes[0, :n], strict=True)
         density = np.array([float(p.log_prior(c)) for p, c in own])
         free = candidate.slope.T * width  # columns with unit prior variance
@@ -310,6 +310,13 @@ class Expansion:
             mean[rows] = shared.T @ found.rest[rows]
             variance[rows] = np.diag(kernel) - np.square(shared).sum(axis=0) + np.square(open_).sum(axis=0)
         return mean, variance
+
+
+def prior_widths(problem: Problem, u: FloatArray) -> FloatArray:
+    """Standard deviations of the normal laws that stand for the priors of the model's parameters, (n_model,)."""
+    n = problem.n_model
+    bent = problem.prior_slopes(u[None])[1][0, :n]
+    return np.asarray(1.0 / np.sqrt(np.maximum(bent, (4.0 / np.ptp(problem.bounds[:n], axis=1)) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -195,6 +195,12 @@ class Misfit:
         return self.p_value < ALPHA
 
     @property
+    def stretches(self) -> list[tuple[GroupId, Variable, float, float]]:
+        """Where readings stand out, along a sweep or together: a group, what it sweeps, and the two ends there."""
+        places = [(p.group, p.variable, p.lower, p.upper) for p in self.places]
+        return places + [(c.readings[0][0], c.variable, c.lower, c.upper) for c in self.coincidences]
+
+    @property
     def sound(self) -> bool:
         """Whether nothing is wrong: the tests pass, without heavy tails, and no readings stand out together."""
         leans = self.usual_tails is not None and self.usual_tails < ALPHA

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from psafit.arrays import FloatArray
-from psafit.diagnose.possible import Possible, TraceSettings, contact_times, proposals, traces
+from psafit.diagnose.explanations import KINDS, Explanation, Explanations, compared
+from psafit.diagnose.possible import Possible, TraceSettings, contact_times, near, proposals, traces
 from psafit.drives import TABLE, Drive
 from psafit.experiment import Conditions, Experiment, GroupId
 from psafit.inference import noise
@@ -157,23 +158,28 @@ class Purpose:
 
     Parameters
     ----------
-    kind : {"separate", "narrow"}
-        To distinguish sets of causes, or to determine a parameter.
+    kind : {"separate", "narrow", "explain"}
+        To distinguish sets of causes, to determine a parameter, or to show what a misfit follows.
     sets : list of lists of str
         The first is to be distinguished from the others.
     parameter : str
         To be determined.
+    explanations : list of Explanation, optional
+        What the misfit may follow, the most probable first.
     """
 
-    kind: Literal["separate", "narrow"]
+    kind: Literal["separate", "narrow", "explain"]
     sets: list[list[str]] = field(default_factory=list)
     parameter: str = ""
+    explanations: list[Explanation] | None = field(default=None, metadata=ABSENT)
 
     @property
     def text(self) -> str:
         """Return the purpose in words."""
         if self.kind == "narrow":
             return f"determines {self.parameter}"
+        if self.explanations:
+            return f"shows whether what is left {' or '.join(KINDS[e.kind] for e in self.explanations)}"
         first, *others = ((" + ".join(ids) or "the baseline") for ids in self.sets)
         return f"separates {first} from {', '.join(others)}"
 
@@ -209,8 +215,8 @@ class NextExperiment:
 
     @property
     def separates(self) -> bool:
-        """Whether the proposals are to separate models, not to narrow a parameter of one."""
-        return self.purpose is not None and self.purpose.kind == "separate"
+        """Whether the proposals are to distinguish models or explanations, not to narrow a parameter."""
+        return self.purpose is not None and self.purpose.kind != "narrow"
 
     @property
     def recommended(self) -> Proposal | None:
@@ -349,6 +355,41 @@ def determine(
     return best_model.problem.names[weak[which]], worth_building(found, settings.changed_rig)
 
 
+def explaining(
+    explanations: Explanations,
+    places: Iterable[tuple[GroupId, str, float, float]],
+    *,
+    seed: int,
+    settings: ProposalSettings | None = None,
+) -> list[Proposal]:
+    """Measurements by how well they would show what a misfit follows; best first.
+
+    Parameters
+    ----------
+    explanations : Explanations
+        To be distinguished.
+    places : tuples of group id, "frequency" or "amplitude", and two ends
+        Where the misfit stands out: it is measured again there, too.
+    seed : int
+    settings : ProposalSettings, optional
+    """
+    settings = settings or ProposalSettings()
+    experiment = explanations.candidate.problem.experiment
+    rig = experiment.constants, experiment.groups, experiment.limits
+    usual = explanations.candidate.problem.design.usually_measured
+    possible = [p.reading(usual, usual) for p in (*near(*rig, places), *proposals(*rig))]
+    laws = [explanations.ahead(p.design) for p in possible]
+
+    def judged(k: int, rng: np.random.Generator) -> _Judgement:
+        n = len(laws[k])
+        return min(_judged(compared(laws[k], truth, settings.trials, rng), truth, settings)[0] for truth in range(n))
+
+    first, second = (np.random.default_rng([seed, 17, k]) for k in range(2))
+    kept = best_of(possible, [judged(k, first)[0] for k in range(len(possible))], settings.closer)
+    # As above, what is reported of them comes from other trials.
+    return worth_building([proposal_of(possible[k], judged(k, second)) for k in kept], settings.changed_rig)
+
+
 def worth_building(found: list[Proposal], hardly: float) -> list[Proposal]:
     """The same, what needs nothing new first where a changed rig or another instrument does hardly more."""
     # The first in rank, not the largest: what is reported had no part in the ranking.
@@ -483,7 +524,12 @@ def _trial(
     # The draw that made the readings is not among those that judge them.
     own = right.log_density(readings, chosen)
     each = own - np.array([own if m is right else m.log_density(readings) for m in models])  # (n, trials)
-    ratio = math.log(len(models) - 1) - logsumexp(-np.delete(each, truth, axis=0), axis=0)
+    return _judged(each, truth, settings)
+
+
+def _judged(each: FloatArray, truth: int, settings: ProposalSettings) -> tuple[_Judgement, FloatArray]:
+    """The same of the log ratios of the right model's density to those of all, (n, trials)."""
+    ratio = math.log(len(each) - 1) - logsumexp(-np.delete(each, truth, axis=0), axis=0)
     clipped = np.clip(ratio, -CLEAR, CLEAR)
     error = float(clipped.std() / math.sqrt(settings.trials))
     judgement = float(clipped.mean()), float(np.mean(ratio > settings.wins)), error

@@ -10,11 +10,31 @@ import numpy as np
 
 from psafit.arrays import FloatArray
 from psafit.drives import Drive
-from psafit.experiment import Conditions, Constants, changes_text
+from psafit.experiment import Conditions, Constants, GroupId, changes_text
 from psafit.observables import OBSERVABLES
 from psafit.simulate import Design, Simulation
 
 _EITHER = (Drive("sine"), Drive("square"))
+
+
+@dataclass(frozen=True)
+class SweepSettings:
+    """A sweep that may be proposed.
+
+    Parameters
+    ----------
+    points : int
+        Its readings.
+    factors : tuple of float
+        On the string's length and the ball's mass, where the experiment states no limits; and on what is held, where a
+        stretch is measured again.
+    same_rig : float
+        Constants closer than this, in their logarithm, are the same rig.
+    """
+
+    points: int = 16
+    factors: tuple[float, ...] = (0.5, 2.0)
+    same_rig: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -58,10 +78,7 @@ def proposals(
     constants: Constants,
     groups: Sequence[Conditions],
     allowed: Iterable[tuple[str, tuple[float, float]]],
-    *,
-    points: int = 16,
-    factors: tuple[float, ...] = (0.5, 2.0),
-    same_rig: float = 0.05,
+    settings: SweepSettings | None = None,
 ) -> list[Possible]:
     """Return the measurements that the rig allows: sweeps within its limits, and each changed constant.
 
@@ -72,19 +89,16 @@ def proposals(
         What is measured, or planned.
     allowed : pairs of a name and two ends
         The limits that the experiment states, if any.
-    points : int
-        Readings of a sweep.
-    factors : tuple of float
-        On the string's length and the ball's mass, where the experiment states no limits.
-    same_rig : float
-        Constants closer than this, in their logarithm, are the same rig.
+    settings : SweepSettings, optional
     """
+    how = settings or SweepSettings()
+    points = how.points
     # A recorded voltage is as it is: it can be played again, and to another rig.
     swept, limits = [g for g in groups if not g.drive.recorded], dict(allowed)
     again = [g for g in groups if g.drive.recorded]
     found: list[Possible] = []
     span = _Span.of(constants, swept, limits) if swept else None
-    for words, changed in _rigs(constants, limits, factors, same_rig):
+    for words, changed in _rigs(constants, limits, how.factors, how.same_rig):
         rig = replace(constants, **changed)
         found += _sweeps(rig, span, words, changed, points) if span else []
         for g in again:
@@ -143,6 +157,67 @@ def _sweeps(rig: Constants, span: _Span, words: str, changed: dict[str, float], 
             sweep = np.linspace(bottom, top, points)
             text = f"{name}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
             yield Possible(text, Design.sweep(rig, drive, at, sweep), changed)
+
+
+def near(
+    constants: Constants,
+    groups: Sequence[Conditions],
+    allowed: Iterable[tuple[str, tuple[float, float]]],
+    places: Iterable[tuple[GroupId, str, float, float]],
+    settings: SweepSettings | None = None,
+) -> list[Possible]:
+    """Return sweeps of stretches that were measured already: again, by another drive, and on each changed rig.
+
+    Parameters
+    ----------
+    constants, groups, allowed
+        As of `proposals`.
+    places : tuples of group id, "frequency" or "amplitude", and two ends
+        Each stretch reaches to the readings on either side of it.
+    settings : SweepSettings, optional
+    """
+    how, limits, found = settings or SweepSettings(), dict(allowed), []
+    swept = [g for g in groups if not g.drive.recorded]
+    span = _Span.of(constants, swept, limits) if swept else None
+    for id, variable, low, high in places:
+        group = next((g for g in swept if g.id == id), None)
+        if span is None or group is None or group.time_us is not None:
+            continue
+        of, other = (
+            (group.frequency_hz, group.amplitude_v)
+            if variable == "frequency"
+            else (group.amplitude_v, group.frequency_hz)
+        )
+        ends = max(of[of < low], default=low), min(of[of > high], default=high)
+        held, limit = float(np.median(other)), span.amplitude if variable == "frequency" else span.frequency
+        elsewhere = [x for x in (held * f for f in how.factors) if limit[0] <= x <= limit[1]]
+        for words, changed in _rigs(constants, limits, how.factors, how.same_rig):
+            rig = replace(constants, **changed)
+            found += [
+                _stretch(rig, group.drive, variable, ends, fixed, how.points, words, changed)
+                for fixed in ([held] if changed else [held, *elsewhere])
+            ]
+    return list({p.text: p for p in found}.values())
+
+
+def _stretch(
+    rig: Constants,
+    drive: Drive,
+    variable: str,
+    ends: tuple[float, float],
+    fixed: float,
+    points: int,
+    words: str,
+    changed: dict[str, float],
+) -> Possible:
+    """One stretch of a sweep, measured again."""
+    along = np.geomspace(*ends, points) if variable == "frequency" else np.linspace(*ends, points)
+    f, v = (along, np.full(points, fixed)) if variable == "frequency" else (np.full(points, fixed), along)
+    between, unit, held = f"{_say(ends[0])} to {_say(ends[1])}", "V", "Hz"
+    if variable == "frequency":
+        unit, held = held, unit
+    text = f"{_called(drive)}, {_say(fixed)} {held}, {between} {unit}{words}"
+    return Possible(text, Design.sweep(rig, drive, f, v), changed)
 
 
 def traces(

@@ -57,6 +57,11 @@ class Verdict:
     inclusion: dict[str, float]
     unexplained_by: Why = ""
 
+    @property
+    def structured(self) -> bool:
+        """Whether something is left of the readings that no cause explains."""
+        return self.verdict == "unexplained" and self.unexplained_by not in ("law", "values")
+
 
 def conclude(
     model_set: ModelSet,

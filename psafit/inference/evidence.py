@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -495,7 +496,7 @@ class Emulated:
         self._pool = sample_in_rounds(self.log_posterior, problem.bounds, first, wider, random, how.rounds)
         self.mixture = first.around(self._pool.u, self._pool.weights, width).stretched(k, width)
 
-    @property
+    @cached_property
     def log_evidence(self) -> float:
         """Log evidence of the emulated posterior."""
         return self._pool.log_evidence

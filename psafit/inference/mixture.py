@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import gammaln, logsumexp, ndtri
+from scipy.special import gammaln, ndtri
 from scipy.stats import chi2, qmc
 
 from psafit.arrays import FloatArray
@@ -74,7 +74,7 @@ class StudentMixture:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density at the rows of `u`; (n,)."""
-        return np.asarray(logsumexp(self.each(u) + np.log(self.share)[:, None], axis=0))
+        return np.asarray(np.logaddexp.reduce(self.each(u) + np.log(self.share)[:, None], axis=0))
 
     def each(self, u: FloatArray) -> FloatArray:
         """Log of each Student density at the rows of `u`; (k, n)."""

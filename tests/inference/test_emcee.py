@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.signal import lfilter
+from truths import few
 
 from psafit.errors import InputError
 from psafit.experiment import Experiment
@@ -23,8 +24,9 @@ from psafit.inference.problem import Problem
 from psafit.inference.run_folder import Run
 from psafit.inference.sample import SampleSettings, sample
 from psafit.inference.samplers import emcee as ensembles
-from psafit.inference.samplers.emcee import SAMPLER, History, IndependenceProposal, Settings
+from psafit.inference.samplers.emcee import SAMPLER, History, Settings
 from psafit.inference.sampling import Chain, Target
+from psafit.inference.surrogate import IndependenceProposal
 from psafit.physics import terms
 
 SHORT = Settings(chunk=40, max_steps=80, tuned=30)
@@ -146,9 +148,14 @@ class TwoModes:
         parts = [(c, np.eye(2), s) for c, s in zip(self.centres, shares, strict=True)]
         return IndependenceProposal(self, StudentMixture.of(parts))  # type: ignore[arg-type]
 
-    def run(self, path: Path, settings: Settings, *shares: float, begin: np.ndarray | None = None) -> Chain:
+    def run(
+        self, path: Path, settings: Settings, *shares: float, begin: np.ndarray | None = None, tries: int = 1
+    ) -> Chain:
         """Ensembles that move by differential evolution and independent draws."""
-        moves = [(emcee.moves.DEMove(), 0.7), (ensembles.move_of(self.proposal(*(shares or (0.7, 0.3))).move), 0.3)]
+        moves = [
+            (emcee.moves.DEMove(), 0.7),
+            (ensembles.ResampledMove(self.proposal(*(shares or (0.7, 0.3))), tries), 0.3),
+        ]
         start = self.proposal(1.0, 1.0).draw(settings.n_walkers, np.random.default_rng(0)) if begin is None else begin
         return ensembles.run(
             self.log_posterior, lambda random: start, lambda steps: moves, n_dim=2, seed=1, path=path, identity="x",
@@ -169,6 +176,54 @@ def test_proposal_draws_the_density_it_claims() -> None:
     counted, *_ = np.histogram2d(*draws.T, bins=[np.linspace(-40, 40, 41)] * 2)
     expected = mass.reshape(40, 20, 40, 20).sum(axis=(1, 3)) * len(draws)
     assert np.abs((counted - expected) / np.sqrt(expected + 1)).max() < 5
+
+
+@pytest.mark.parametrize("tries", [1, 8])
+def test_one_of_several_draws_is_taken_without_bias(tries: int) -> None:
+    """Draws of the posterior remain draws of it, though nearly all of them move."""
+    modes, rng = TwoModes(), np.random.default_rng(1)
+    proposal, n = modes.proposal(0.3, 0.7), 20_000
+    u = modes.centres[(rng.uniform(size=n) < 0.2).astype(int)] + rng.standard_normal((n, 2))
+    drawn = proposal.draw(n * tries, rng)
+    moved, value = proposal.resampled(u, modes.log_posterior(u), drawn, modes.log_posterior(drawn), rng)
+    assert np.mean(moved[:, 0] < 6) == pytest.approx(0.8, abs=0.01)
+    assert (moved[moved[:, 0] < 6]).std(axis=0) == pytest.approx([1.0, 1.0], abs=0.03)
+    assert value == pytest.approx(modes.log_posterior(moved))
+    assert np.mean(moved != u) > (0.25 if tries == 1 else 0.7)
+
+
+def test_as_many_coordinates_move_as_chance_says_and_as_far_as_suits_them() -> None:
+    rng, n, d = np.random.default_rng(1), 20_000, 4
+    walkers, others = rng.standard_normal((n, d)), [rng.standard_normal((500, d))]
+    move = ensembles.PartMove()
+    move.setup(walkers)
+    moved, factor = move.get_proposal(walkers, others, np.random.RandomState(1))
+    step = moved - walkers
+    count = (step != 0.0).sum(axis=1)
+    assert not factor.any() and np.bincount(count)[1:] / n == pytest.approx(1 / d, abs=0.02)
+    for k in range(1, d + 1):
+        rows = step[count == k]
+        # A difference of two walkers, by 2.38 over the root of twice the coordinates that move.
+        assert np.sqrt(np.square(rows[rows != 0.0]).mean()) == pytest.approx(2.38 / np.sqrt(k), rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_single_reading_leaves_a_bent_shell_that_chains_explore(tmp_path: Path) -> None:
+    """It fixes one combination of three parameters to its scatter, and leaves the others as wide as their priors."""
+    shell = Problem(few([64.0]), ("a",))
+    one = target(shell, tmp_path / "c.h5")
+    chain = SAMPLER.draw(one, replace(Settings.of(shell), max_steps=5000), silent)
+    assert chain.converged, (chain.draws.shape, chain.autocorrelation_time, chain.r_hat)
+    # The prior's own draws, weighted by the likelihood: no proposal that could leave anything out.
+    u = shell.prior_transform(np.random.default_rng(1).uniform(size=(200_000, shell.n_dim)))
+    weight = np.exp(shell.log_likelihood(u))
+    weight /= weight.sum()
+    mean = weight @ u
+    sd = np.sqrt(weight @ (u - mean) ** 2)
+    assert 1 / np.sum(weight**2) > 1000
+    draws = chain.draws.reshape(-1, shell.n_dim)
+    assert (draws.mean(axis=0) - mean) / sd == pytest.approx(0, abs=0.2)
+    assert draws.std(axis=0) / sd == pytest.approx(1, abs=0.2)
 
 
 @pytest.fixture
@@ -198,12 +253,13 @@ def test_ctrl_c_ends_a_chain_between_steps_without_a_traceback(  # type: ignore[
     assert len(calls) < 20 and capfd.readouterr() == ("", "")
 
 
-def test_modes_get_their_own_weights_and_a_stuck_walker_leaves(tmp_path: Path) -> None:
+@pytest.mark.parametrize("tries", [1, 4])
+def test_modes_get_their_own_weights_and_a_stuck_walker_leaves(tries: int, tmp_path: Path) -> None:
     modes = TwoModes()
     begin = np.random.default_rng(0).standard_normal((16, 2))
     begin[0] = [-20.0, -20.0]  # alone where nobody else is
     # Masses 80 times off.
-    chain = modes.run(tmp_path / "c.h5", Settings(tuned=0, max_steps=8000), 0.05, 1.0, begin=begin)
+    chain = modes.run(tmp_path / "c.h5", Settings(tuned=0, max_steps=8000), 0.05, 1.0, begin=begin, tries=tries)
     assert chain.converged, (chain.draws.shape, chain.r_hat)
     assert (chain.draws.min(axis=(0, 1)) > [-10.0, -20.0]).all()
     assert np.mean(chain.draws[..., 0] < 6) == pytest.approx(0.8, abs=0.05)

@@ -14,13 +14,14 @@ from reader import HOSTILE, Reader
 
 from psafit.diagnose.answer import purpose_text
 from psafit.diagnose.confusable import Confounded
+from psafit.diagnose.explanations import Explanation
 from psafit.diagnose.gain import Choice
-from psafit.diagnose.next_experiment import NextExperiment, Pair, Purpose
+from psafit.diagnose.next_experiment import NextExperiment, Pair, Proposal, Purpose
 from psafit.diagnose.record import Confusion, Diagnosis, MisfitResult, ModelShown
 from psafit.diagnose.significance import Significance
 from psafit.experiment import Experiment, Group, fingerprint
 from psafit.model_search.model_set import LookedAt
-from psafit.records import read_json, write_json
+from psafit.records import plain, read_json, write_json
 from psafit.report.catalogue import model
 from psafit.report.diagnosis import causes, gain, misfit, overview, shown
 from psafit.report.diagnosis.answer import PAGE
@@ -421,6 +422,29 @@ def test_a_proposal_that_hardly_separates_is_not_recommended(undrawn, tmp_path):
     record = replace(record, next_experiment=NextExperiment.of([weak], Purpose("narrow", parameter="k_c")))
     text = build(record, experiment, tmp_path).first_screen
     assert "would show much more: the best, sine, 20 V, determines kc, narrower by 5 %. More" in text
+
+
+def test_what_is_left_is_to_be_measured_again(undrawn, tmp_path):
+    """Structure that no cause explains: what it may follow so far, and what each outcome would mean."""
+    experiment = make_experiment("a rig")
+    record = unexplained(make_record(experiment))
+    best = Proposal("sine, 20 V, 900 to 2000 Hz", "sine", [900.0, 2000.0], [20.0, 20.0], {}, 6.24, 0.91, 0.2)
+    explanations = [Explanation("session", 0.62), Explanation("frequency", 0.3), Explanation("size", 0.08)]
+    found = NextExperiment.of([best], Purpose("explain", explanations=explanations))
+    assert found.separates and "shows whether what is left belongs to sessions or follows" in found.promise(0)
+    record = replace(record, next_experiment=found)
+    page = build(record, experiment, tmp_path)
+    assert (
+        "Next, measure sine, 20 V, 900 to 2000 Hz: it best shows whether what is left belongs to sessions (62 %) or"
+        " follows the frequency (30 %) or follows the size of what is read (8 %), with an expected lead of 6.2 ± 0.2"
+        " nats." in page.first_screen
+    )
+    section = " ".join(page.text[page.text.index("Ranked by how well") :].split())
+    assert "gain of the right explanation in log odds against all the others" in section and "stay tied" not in section
+    assert "look at what was changed in between" in section and "something swings along" in section
+    assert "look at the drive" not in section  # that it follows the amplitude is excluded
+    # A record without the new key is one of before.
+    assert "explanations" not in plain(Purpose("narrow", parameter="k_c"))
 
 
 def test_no_gain_is_reported_where_no_cause_was_named(undrawn, tmp_path):

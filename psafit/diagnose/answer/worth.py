@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from psafit.diagnose.answer.statement import Statement
+from psafit.diagnose.explanations import KINDS
 from psafit.diagnose.gain import Gain
 from psafit.diagnose.next_experiment import CLEAR, NextExperiment, Purpose
 from psafit.diagnose.record import Draft
@@ -109,6 +110,9 @@ def purpose_text(purpose: Purpose | None, words: Words) -> str:
         return ""
     if purpose.kind == "narrow":
         return words.put("determines {}", words.parameter(purpose.parameter))
+    if purpose.explanations:
+        each = (words.put("{} ({})", KINDS[e.kind], words.per_cent(e.probability)) for e in purpose.explanations)
+        return words.put("shows whether what is left {}", words.joined(" or ", each))
     shared = set.intersection(*map(set, purpose.sets))
     if any(shared.issuperset(ids) for ids in purpose.sets):  # one holds nothing else
         shared = set()

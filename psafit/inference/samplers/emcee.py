@@ -8,7 +8,7 @@ what an undisturbed one would have drawn.
 Walkers begin at importance draws. emcee's ensemble moves cannot carry a lone walker out of a mode that no other walker
 shares, and creep along bent ridges. So most moves are strides through the emulated posterior
 (`psafit.inference.surrogate.Surrogate.wander`), and some are independent draws from a fixed density that reaches
-everywhere: see `IndependenceProposal`.
+everywhere: see `psafit.inference.surrogate.IndependenceProposal`.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from typing import Any, cast
 import emcee
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from psafit.arrays import FloatArray
 from psafit.errors import InputError
 from psafit.files import Refused, read_error, replacing, reserve
 from psafit.inference import store
-from psafit.inference.mixture import StudentMixture
 from psafit.inference.problem import Problem
 from psafit.inference.sampling import Chain, Progress, SamplerSettings, Target
-from psafit.inference.surrogate import Surrogate
+from psafit.inference.surrogate import IndependenceProposal, Surrogate
 
 GROUP = "psafit"
 
@@ -65,7 +65,9 @@ class Settings(SamplerSettings):
         Such draws, the last.
     strides, independent : float
         Shares of the moves that stride through the emulated posterior, and that are independent draws. The others are
-        emcee's: differential evolution, and snooker.
+        emcee's: differential evolution, of some coordinates mostly (`PartMove`), and snooker.
+    batch : int
+        Readings up to which a simulation takes hardly longer than its call.
     """
 
     n_walkers: int = 16
@@ -78,6 +80,7 @@ class Settings(SamplerSettings):
     tuned_by: int = 1500
     strides: float = 0.6
     independent: float = 0.1
+    batch: int = 1000
 
     def tuned_at(self, steps: int) -> int:
         """Steps of those done by which the moves are tuned."""
@@ -94,43 +97,51 @@ class Settings(SamplerSettings):
         return cls(n_walkers=max(cls.n_walkers, 2 * problem.n_dim + 4))
 
 
-@dataclass(frozen=True, eq=False)
-class IndependenceProposal:
-    r"""A density near the posterior that reaches every mode from anywhere.
+class ResampledMove(emcee.moves.Move):  # type: ignore[misc]
+    """Independent draws of a density, of which one or the place itself is taken by their importance weights.
 
-    .. math:: g(u) = s\, \pi(u) + (1 - s) \sum_k w_k\, t(u \mid u_k, C_k),
-
-    the prior with its share and the Student densities of all modes, as importance sampling has left them. A Metropolis
-    step from `u` to a draw `u'` is accepted with the probability :math:`p(u') g(u) / p(u) g(u')`. A walker leaves any
-    place whose likelihood is below a tenth of the known modes' evidence as soon as a draw lands in one of them; and
-    modes get the weights they have, not those they started with.
+    Several draws at once leave a place where one would be refused for long (C. Andrieu, A. Lee and M. Vihola, Bernoulli
+    24 (2018) 842: the iterated sampling importance resampling).
 
     Parameters
     ----------
-    problem : Problem
-    mixture : StudentMixture
-    prior_share : float
+    proposal : IndependenceProposal
+    tries : int
+        Draws for each walker.
     """
 
-    problem: Problem
-    mixture: StudentMixture
-    prior_share: float = 0.1
+    def __init__(self, proposal: IndependenceProposal, tries: int) -> None:
+        self._proposal, self._tries = proposal, tries
 
-    def draw(self, n: int, random: np.random.Generator) -> FloatArray:
-        """Draw from it; (n, n_dim)."""
-        prior = self.problem.prior_transform(random.uniform(size=(n, self.mixture.centre.shape[1])))
-        of_prior = random.uniform(size=n) < self.prior_share
-        return np.where(of_prior[:, None], prior, self.mixture.scatter(n, random))
+    def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, NDArray[np.bool_]]:
+        """Move all walkers; as emcee asks for it."""
+        # Seeded by the chain's own generator, whose state is in the checkpoint.
+        random = np.random.default_rng(model.random.randint(0, 2**32, size=4, dtype=np.uint32))
+        drawn = self._proposal.draw(len(state.coords) * self._tries, random)
+        log_posterior, _ = model.compute_log_prob_fn(drawn)
+        u, value = self._proposal.resampled(state.coords, state.log_prob, drawn, log_posterior, random)
+        moved = (u != state.coords).any(axis=1)
+        return self.update(state, emcee.State(u, log_prob=value), moved), moved
 
-    def log_density(self, u: FloatArray) -> FloatArray:
-        """Log of `g` at the rows of `u`; (n,)."""
-        prior = math.log(self.prior_share) + self.problem.log_prior(u)
-        return np.asarray(np.logaddexp(prior, math.log1p(-self.prior_share) + self.mixture.log_density(u)))
 
-    def move(self, u: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """A proposal for each walker, and its Metropolis-Hastings factor."""
-        proposed = self.draw(len(u), random)
-        return proposed, self.log_density(u) - self.log_density(proposed)
+class PartMove(emcee.moves.DEMove):  # type: ignore[misc]
+    """Differential evolution of some coordinates, the others as they are.
+
+    No difference of two walkers leads along a bent and thin posterior from everywhere. One in a single coordinate, the
+    scatter's or one that hardly acts there, may. How many coordinates is drawn for each walker, and then which (J. A.
+    Vrugt et al., Int. J. Nonlinear Sci. Numer. Simul. 10 (2009) 273).
+    """
+
+    def get_proposal(
+        self, s: FloatArray, c: Sequence[FloatArray], random: np.random.RandomState
+    ) -> tuple[FloatArray, FloatArray]:
+        """A proposal for each walker of `s` by those of `c`, and its Metropolis-Hastings factor."""
+        moved, factor = super().get_proposal(s, c, random)
+        rank = random.uniform(size=s.shape).argsort(axis=1)
+        n_moved = random.randint(1, s.shape[1] + 1, size=(len(s), 1))
+        # As long as is best for so many coordinates.
+        step = (moved - s) * np.sqrt(s.shape[1] / n_moved)
+        return s + np.where(rank < n_moved, step, 0.0), factor
 
 
 def tuned(target: Target, settings: Settings, steps: FloatArray) -> Surrogate:
@@ -144,14 +155,18 @@ def tuned(target: Target, settings: Settings, steps: FloatArray) -> Surrogate:
     return Surrogate(target.found, u, weights, seed=target.seed)
 
 
-def moves(problem: Problem, surrogate: Surrogate, settings: Settings) -> list[tuple[emcee.moves.Move, float]]:
+def moves(surrogate: Surrogate, settings: Settings, n_readings: int) -> list[tuple[emcee.moves.Move, float]]:
     """The moves of a run, each with its share."""
     own = 1 - settings.strides - settings.independent
+    # As many tries as are worth a draw of the posterior; but together no more sets than the other moves simulate,
+    # unless they are so few readings that these cost hardly more than the call.
+    as_others = int((1 - settings.independent) / settings.independent)
+    tries = min(surrogate.needed, max(as_others, settings.batch // (settings.n_walkers * n_readings), 1))
     return [
-        (emcee.moves.DEMove(), 0.6 * own),
+        (PartMove(), 0.6 * own),
         (emcee.moves.DEMove(gamma0=1.0), 0.1 * own),
         (emcee.moves.DESnookerMove(), 0.3 * own),
-        (move_of(IndependenceProposal(problem, surrogate.mixture).move), settings.independent),
+        (ResampledMove(surrogate.everywhere, tries), settings.independent),
         (move_of(surrogate.wander), settings.strides),
     ]
 
@@ -160,7 +175,7 @@ def move_of(propose: Callable[[FloatArray, np.random.Generator], tuple[FloatArra
     """A move of emcee's that draws from a modern generator."""
 
     def move(u: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        # Seeded by the chain's own generator, whose state is in the checkpoint.
+        # As above.
         return propose(u, np.random.default_rng(random.randint(0, 2**32, size=4, dtype=np.uint32)))
 
     return emcee.moves.MHMove(move)
@@ -249,7 +264,7 @@ class Emcee:
         return run(
             problem.log_posterior,
             lambda random: target.draws.distinct(settings.n_walkers, random),
-            lambda steps: moves(problem, tuned(target, settings, steps), settings),
+            lambda steps: moves(tuned(target, settings, steps), settings, problem.observed.size),
             n_dim=problem.n_dim,
             seed=target.seed,
             path=target.path,

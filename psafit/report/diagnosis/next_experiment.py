@@ -55,7 +55,11 @@ def proposals(found: NextExperiment) -> dict[str, Any] | None:
     if not several:
         rows = [row[: -1 if found.separates else -2] for row in rows]
     about = purpose_text(found.purpose, PAGE)
-    return {"about": about, "separates": found.separates, "several": several, "rows": rows}
+    explanations = (found.purpose.explanations if found.purpose else None) or []
+    return {
+        "about": about, "separates": found.separates, "several": several, "rows": rows,
+        "explains": [words.KINDS_MEAN[e.kind] for e in explanations], "others": several or len(explanations) > 2,
+    }  # fmt: skip
 
 
 def _readings(proposal: Proposal) -> str:

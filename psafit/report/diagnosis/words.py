@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from markupsafe import Markup
 
 from psafit.compare import known
+from psafit.diagnose.explanations import Kind
 from psafit.diagnose.next_experiment import CLEAR, Proposal
 from psafit.diagnose.record import CauseResult, Diagnosis, Evidence, ParameterResult
 from psafit.experiment import GroupId
@@ -23,6 +24,16 @@ from psafit.report.wording import (
     with_unit,
 )
 from psafit.text import fixed, significant
+
+KINDS_MEAN: dict[Kind, str] = {
+    "chance": "If it is nothing but chance, a repetition shows nothing.",
+    "session": "If it belongs to sessions, a repetition shows something else: look at what was changed in between.",
+    "frequency": "If it follows the frequency, it comes back at any amplitude: something swings along.",
+    "amplitude": "If it follows the amplitude, it comes back at any frequency: look at the drive.",
+    "size": "If it follows the size of what is read, it moves with amplitude, string and ball: look at the contact and"
+    " at the instrument.",
+}
+"""What each thing that a misfit may do would mean."""
 
 
 def nats(value: object) -> str:
