@@ -143,20 +143,13 @@ class _Span:
 def _sweeps(rig: Constants, span: _Span, words: str, changed: dict[str, float], points: int) -> Iterator[Possible]:
     """Sweeps of a rig by frequency and by amplitude."""
     (low_f, high_f), (bottom, top) = span.frequency, span.amplitude
-    between = f"{_say(low_f)} to {_say(high_f)} Hz"
     shares = (1.0, 0.5, 0.2) if _say(low_f) != _say(high_f) else ()
     for drive in span.drives:
-        name = _called(drive)
         for share in shares:
             volts = max(top * share, min(bottom, top))
-            sweep = np.geomspace(low_f, high_f, points)
-            yield Possible(
-                f"{name}, {_say(volts)} V, {between}{words}", Design.sweep(rig, drive, sweep, volts), changed
-            )
+            yield _sweep(rig, drive, "frequency", span.frequency, volts, points, words, changed)
         for at in span.fixed:
-            sweep = np.linspace(bottom, top, points)
-            text = f"{name}, {_say(at)} Hz, {_say(bottom)} to {_say(top)} V{words}"
-            yield Possible(text, Design.sweep(rig, drive, at, sweep), changed)
+            yield _sweep(rig, drive, "amplitude", span.amplitude, at, points, words, changed)
 
 
 def near(
@@ -183,41 +176,38 @@ def near(
         group = next((g for g in swept if g.id == id), None)
         if span is None or group is None or group.time_us is not None:
             continue
-        of, other = (
-            (group.frequency_hz, group.amplitude_v)
-            if variable == "frequency"
-            else (group.amplitude_v, group.frequency_hz)
-        )
+        of, other, limit = group.frequency_hz, group.amplitude_v, span.amplitude
+        if variable == "amplitude":
+            of, other, limit = other, of, span.frequency
         ends = max(of[of < low], default=low), min(of[of > high], default=high)
-        held, limit = float(np.median(other)), span.amplitude if variable == "frequency" else span.frequency
+        held = float(np.median(other))
         elsewhere = [x for x in (held * f for f in how.factors) if limit[0] <= x <= limit[1]]
         for words, changed in _rigs(constants, limits, how.factors, how.same_rig):
             rig = replace(constants, **changed)
             found += [
-                _stretch(rig, group.drive, variable, ends, fixed, how.points, words, changed)
+                _sweep(rig, group.drive, variable, ends, fixed, how.points, words, changed)
                 for fixed in ([held] if changed else [held, *elsewhere])
             ]
     return list({p.text: p for p in found}.values())
 
 
-def _stretch(
+def _sweep(
     rig: Constants,
     drive: Drive,
     variable: str,
     ends: tuple[float, float],
-    fixed: float,
+    held: float,
     points: int,
     words: str,
     changed: dict[str, float],
 ) -> Possible:
-    """One stretch of a sweep, measured again."""
-    along = np.geomspace(*ends, points) if variable == "frequency" else np.linspace(*ends, points)
-    f, v = (along, np.full(points, fixed)) if variable == "frequency" else (np.full(points, fixed), along)
-    between, unit, held = f"{_say(ends[0])} to {_say(ends[1])}", "V", "Hz"
+    """A sweep by frequency or by amplitude between two ends; the other is held."""
+    between = f"{_say(ends[0])} to {_say(ends[1])}"
     if variable == "frequency":
-        unit, held = held, unit
-    text = f"{_called(drive)}, {_say(fixed)} {held}, {between} {unit}{words}"
-    return Possible(text, Design.sweep(rig, drive, f, v), changed)
+        text, f, v = f"{_say(held)} V, {between} Hz", np.geomspace(*ends, points), np.full(points, held)
+    else:
+        text, f, v = f"{_say(held)} Hz, {between} V", np.full(points, held), np.linspace(*ends, points)
+    return Possible(f"{_called(drive)}, {text}{words}", Design.sweep(rig, drive, f, v), changed)
 
 
 def traces(
