@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psafit.arrays import FloatArray
-from psafit.inference.evidence import TRUSTED, RoundSettings, laplace_mixture, quantiles, sample_in_rounds
-from psafit.inference.optimiser import log_posteriors
+from psafit.inference.evidence import TRUSTED, RoundSettings, laplace_mixture, quantiles, simulated_in_rounds
 from psafit.model_search import Ids, ModelSet
 from psafit.physics.term import Term
 
@@ -64,23 +62,16 @@ def room(
     if fitted is None:
         return None
     problem, rng = fitted.problem, np.random.default_rng([seed, 31])
-    simulated: list[FloatArray] = []
-
-    def log_posterior(u: FloatArray) -> FloatArray:
-        simulated.append(problem.predict(u))
-        return log_posteriors(problem, u, simulated[-1], problem.observed)
-
     needed = RoundSettings(draws=draws, least=1, most=rounds, effective=1.0 / (1.0 - limit))
-    pool = sample_in_rounds(
-        log_posterior, problem.bounds, laplace_mixture(fitted),
-        lambda found, before: before.mixture.around(found.u, found.weights, problem.widths), rng, needed,
+    pool, predicted = simulated_in_rounds(
+        problem, laplace_mixture(fitted),
+        lambda found, simulated, before: before.mixture.around(found.u, found.weights, problem.widths), rng, needed,
     )  # fmt: skip
     found = pool.sample()
     if found.effective < needed.effective or found.pareto_k > TRUSTED:
         return None
-    predicted, weights = np.concatenate(simulated), pool.weights
     plain = model_set.of(adopted)
     effect = plain.project_out(predicted - plain.predicted)
     size = np.linalg.norm(effect, axis=1)
     largest = np.max(np.abs(effect) * plain.scatter / (np.abs(plain.predicted) + plain.problem.offset), axis=1)
-    return Room(*(float(quantiles(each, weights, [limit])[0]) for each in (largest, size)))
+    return Room(*(float(quantiles(each, pool.weights, [limit])[0]) for each in (largest, size)))

@@ -27,6 +27,7 @@ from psafit.inference import store
 from psafit.inference.candidate import Candidate, candidate_at, separate_modes
 from psafit.inference.mixture import StudentMixture, moments, positive, tempered, widening
 from psafit.inference.optimiser import log_posteriors
+from psafit.inference.problem import Problem
 from psafit.physics import baseline
 
 TRUSTED = 0.7
@@ -235,20 +236,11 @@ def _importance(
     region: Region,
 ) -> tuple[Pool, FloatArray]:
     """Simulated draws with their weights, and their launch ranges; what lies outside the region has no weight."""
-    problem = candidate.problem
-    simulated: list[FloatArray] = []
 
-    def log_posterior(u: FloatArray) -> FloatArray:
-        found = problem.predict(u)
-        simulated.append(found)
-        return np.where(region(u), log_posteriors(problem, u, found, problem.observed), -np.inf)
+    def next_one(pool: Pool, simulated: FloatArray, before: _Density) -> _Density:
+        return Emulated(candidate, pool, simulated, before.mixture, random)
 
-    def next_one(pool: Pool, before: _Density) -> _Density:
-        return Emulated(candidate, pool, np.concatenate(simulated), before.mixture, random)
-
-    first = laplace_mixture(candidate)
-    pool = sample_in_rounds(log_posterior, problem.bounds, first, next_one, random, rounds)
-    return pool, np.concatenate(simulated)
+    return simulated_in_rounds(candidate.problem, laplace_mixture(candidate), next_one, random, rounds, region)
 
 
 def on_plateaus(candidate: Candidate, *, places: int = 32, company: float = 4.0, away: float = 4.0) -> Candidate:
@@ -383,6 +375,30 @@ def sample_in_rounds(
         if len(proposals) == how.most or (len(proposals) >= how.least and pool.effective > how.effective):
             return pool
         proposals.append(adapted(pool, proposals[-1]))
+
+
+def simulated_in_rounds(
+    problem: Problem,
+    first: _Density,
+    adapted: Callable[[Pool, FloatArray, _Density], _Density],
+    random: np.random.Generator,
+    how: RoundSettings,
+    region: Region | None = None,
+) -> tuple[Pool, FloatArray]:
+    """Rounds of draws of a posterior, with what they predict, which `adapted` sees, too; within a region, if any."""
+    simulated: list[FloatArray] = []
+
+    def log_posterior(u: FloatArray) -> FloatArray:
+        found = problem.predict(u)
+        simulated.append(found)
+        value = log_posteriors(problem, u, found, problem.observed)
+        return value if region is None else np.where(region(u), value, -np.inf)
+
+    def next_one(pool: Pool, before: _Density) -> _Density:
+        return adapted(pool, np.concatenate(simulated), before)
+
+    pool = sample_in_rounds(log_posterior, problem.bounds, first, next_one, random, how)
+    return pool, np.concatenate(simulated)
 
 
 def drawn_inside(
