@@ -115,8 +115,7 @@ class ResampledMove(emcee.moves.Move):  # type: ignore[misc]
 
     def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, NDArray[np.bool_]]:
         """Move all walkers; as emcee asks for it."""
-        # Seeded by the chain's own generator, whose state is in the checkpoint.
-        random = np.random.default_rng(model.random.randint(0, 2**32, size=4, dtype=np.uint32))
+        random = _generator(model.random)
         drawn = self._proposal.draw(len(state.coords) * self._tries, random)
         log_posterior, _ = model.compute_log_prob_fn(drawn)
         u, value = self._proposal.resampled(state.coords, state.log_prob, drawn, log_posterior, random)
@@ -175,10 +174,14 @@ def move_of(propose: Callable[[FloatArray, np.random.Generator], tuple[FloatArra
     """A move of emcee's that draws from a modern generator."""
 
     def move(u: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        # As above.
-        return propose(u, np.random.default_rng(random.randint(0, 2**32, size=4, dtype=np.uint32)))
+        return propose(u, _generator(random))
 
     return emcee.moves.MHMove(move)
+
+
+def _generator(random: np.random.RandomState) -> np.random.Generator:
+    """A modern generator, seeded by the chain's own, whose state is in the checkpoint."""
+    return np.random.default_rng(random.randint(0, 2**32, size=4, dtype=np.uint32))
 
 
 def autocorrelation_time(draws: FloatArray) -> FloatArray:
