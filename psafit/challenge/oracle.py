@@ -153,11 +153,7 @@ def truth_of(problem: Problem, answer: Answer) -> FloatArray:
     for name, given in answer.scatter.items():
         values[name] = 60.0 if given is None else given  # normal, for all that can be seen
     x = [values[p.name] for p in problem.parameters]
-    return _inside(problem, problem.to_sampling(np.array(x)))
-
-
-def _inside(problem: Problem, u: FloatArray, margin: float = 1e-3) -> FloatArray:
-    return np.clip(u, problem.bounds[:, 0] + margin, problem.bounds[:, 1] - margin)
+    return problem.inside(problem.to_sampling(np.array(x)))
 
 
 def _likelihood(problem: Problem, u: FloatArray) -> float:
@@ -245,7 +241,7 @@ def _starts(problem: Problem, answer: Answer, shares: tuple[float, ...]) -> list
         v = u.copy()
         own = plausible(term, share, side)
         v[n : n + len(own)] = [float(q.to_sampling(x)) for q, x in zip(term.parameters, own, strict=True)]
-        starts.append(_inside(problem, v))
+        starts.append(problem.inside(v))
     return starts
 
 

@@ -72,10 +72,6 @@ def gradient(
     return (both[: u.size] - both[u.size :]) / width
 
 
-def _inside(problem: Problem, u: FloatArray, margin: float) -> FloatArray:
-    return np.clip(u, problem.bounds[:, 0] + margin, problem.bounds[:, 1] - margin)
-
-
 def _scatter(
     problem: Problem,
     predicted: FloatArray,

@@ -189,6 +189,10 @@ class Problem:
         """Distance of the bounds in the sampling coordinate, (n_dim,)."""
         return np.asarray(np.ptp(self.bounds, axis=1))
 
+    def inside(self, u: FloatArray, margin: float = 1e-3) -> FloatArray:
+        """A point, in sampling coordinates, moved off the bounds by a margin at least."""
+        return np.clip(u, self.bounds[:, 0] + margin, self.bounds[:, 1] - margin)
+
     def without(self, *gone: Term) -> tuple[Problem, list[int]]:
         """The problem without some of its causes, and which of the coordinates are left."""
         rest = replace(self, terms=tuple(t for t in self.terms if t not in gone))

@@ -115,9 +115,8 @@ def widened(
         return in_scatter(problem.predict(places) - at_known)
 
     added = {p.name for term in new for p in term.parameters}
-    low, high = problem.bounds.T
-    off = np.clip(known, np.minimum(low + s.off, high), np.maximum(high - s.off, low))
-    rows.append(np.where([name in added for name in problem.names], off, known)[None])
+    is_new = [name in added for name in problem.names]
+    rows.append(np.where(is_new, problem.inside(known, s.off), known)[None])
     old = [i for i in range(problem.n_model) if problem.names[i] not in added]
     slope = in_scatter(slopes(problem, known[None], at_known)[0, old])
     residual = in_scatter(problem.observed - at_known)[0]
