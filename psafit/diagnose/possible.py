@@ -177,7 +177,7 @@ def near(
         if span is None or group is None or group.time_us is not None:
             continue
         of, other, limit = group.frequency_hz, group.amplitude_v, span.amplitude
-        if variable == "amplitude":
+        if variable != "frequency":
             of, other, limit = other, of, span.frequency
         ends = max(of[of < low], default=low), min(of[of > high], default=high)
         held = float(np.median(other))
