@@ -37,6 +37,7 @@ from psafit.diagnose.misfit import examine
 from psafit.diagnose.settings import Settings
 from psafit.experiment import Experiment, Group, fingerprint, read_experiment
 from psafit.inference.candidate import Candidate
+from psafit.inference.problem import Problem
 from psafit.model_search import SearchSettings, model_set
 from psafit.physics import TERMS, terms
 
@@ -228,8 +229,8 @@ def test_a_stubborn_diagnosis_can_do_one_kind() -> None:
     assert not any(is_right(answer, printed) for answer in answers)
 
 
-# Parts of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by two, the tests with
-# what they say of tails and coincidences, and the discrepancy; either sees what is hidden here.)
+# Parts of a diagnosis, and the kind that cannot be done without each. (What has no name is seen by three: the tests
+# with what they say of tails and coincidences, the discrepancy, and values that nobody expects of what imitates it.)
 PARTS = {
     "what has no name": "outside",
     "single causes": "one",
@@ -251,6 +252,7 @@ def without(part: str, patch: pytest.MonkeyPatch) -> None:
             return replace(found, log_bayes=-50.0, log_evidence=found.log_evidence - found.log_bayes - 50.0)
 
         patch.setattr(judging, "discrepancy", nothing)
+        patch.setattr(Problem, "implausible", lambda *a: [])
     else:
         priced = model_set.log_prior
         odds = {

@@ -97,7 +97,10 @@ def draft(candidate: Candidate, left: Discrepancy, folder: Path, settings: Draft
 
 
 def _described(axis: Axis, x: FloatArray, y: FloatArray, settings: DraftSettings) -> Draft:
-    """The factor on one axis that takes up most of a discrepancy, apart from one common to all; `x` is a logarithm."""
+    """The factor on one axis that takes up most of a discrepancy, apart from one common to all; `x` is a logarithm.
+
+    How large it is: by what readings differ that it changes most and least. Between readings it may be anything.
+    """
     y = y - y.mean()
     best = Draft(FILE, axis, math.exp(float(x[0])), 1.0, settings.widths[0], 0.0)
     for place in np.linspace(x.min(), x.max(), settings.places):
@@ -110,7 +113,8 @@ def _described(axis: Axis, x: FloatArray, y: FloatArray, settings: DraftSettings
             strength = float(own @ y) / size
             share = strength * float(own @ y) / float(y @ y)
             if share > best.share:
-                best = Draft(FILE, axis, math.exp(float(place)), math.exp(strength), width, share)
+                factor = math.exp(strength * float(np.ptp(bump)))
+                best = Draft(FILE, axis, math.exp(float(place)), factor, width, share)
     return best
 
 

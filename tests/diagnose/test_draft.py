@@ -13,7 +13,7 @@ from truths import FEW, bump, experiment, problem
 from psafit.diagnose import diagnose
 from psafit.diagnose.answer import Drafted, answer
 from psafit.diagnose.discrepancy import Discrepancy, discrepancy
-from psafit.diagnose.draft import FILE, draft, drafted
+from psafit.diagnose.draft import FILE, DraftSettings, draft, drafted
 from psafit.diagnose.settings import Settings
 from psafit.diagnose.words import PLAIN
 from psafit.inference.candidate import Candidate, fit
@@ -111,3 +111,17 @@ def test_what_has_no_name_becomes_a_draft_that_explains_it(tmp_path) -> None:
         c = e.group("c")
         errors.append(np.std(log_ratio(one.predict(fitted.modes[:1], ["c"])[0], c.reading)))
     assert errors[1] < 0.6 * errors[0]
+
+
+def test_a_factor_is_never_larger_than_what_readings_differ_by(sound, tmp_path) -> None:
+    """Not even where its middle lies in a gap of the readings, and their ends alone are within its reach."""
+    frequency = sound.problem.design.frequency
+    low, high = frequency.min(), frequency.max()
+    ends = (frequency < 1.5 * low) | (frequency > high / 1.5)
+    left = replace(
+        discrepancy(sound),
+        mean=np.where(frequency == frequency[ends & (frequency < high / 2)].max(), np.log(1.3), 0.0),
+        sd=np.where(ends, 0.05, np.inf),
+    )
+    found = draft(sound, left, tmp_path, DraftSettings(widths=(0.1,), share=0.1))
+    assert found is not None and found.axis == "frequency" and found.factor == pytest.approx(1.3, rel=0.1)
