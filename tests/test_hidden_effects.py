@@ -157,7 +157,8 @@ def answer_to(hidden: Hidden, folder: Path, asked: Asked) -> dict[str, Any]:
     return read_diagnosis(folder / "diagnosis.json")
 
 
-FAST, SLOW = Asked(12, FEW), Asked(24, None)
+# Nothing that is hidden has more than two causes; many of four do as well, and what they add is not asked for.
+FAST, SLOW = Asked(12, FEW), Asked(24, None, SearchSettings(most_causes=3))
 
 
 def hide_one(

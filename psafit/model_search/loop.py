@@ -12,6 +12,14 @@ from the prior and are none of the best; there only those that show are fitted l
 its neighbours before it is sampled, if it shows for certain: one of them may leave it behind. What comes within the
 window only if its fit falls short is fitted in earnest; it is sampled if it then comes within the window.
 
+Of what shows and does not lead, those neighbours are fitted that may come near: of which every cause shows in some set,
+and which come within the window if each does as much there as it does at most anywhere. (Two sets that do as well have
+neighbours that do as well. All of them were fitted once, and none came near.)
+
+A cause may do much of what two do together, and lead though neither of them does as much alone. So where the tests of
+misfit fail by the single cause that leads, all pairs of causes that show are fitted from known optima, before it gets
+others.
+
 What leads early on is a part of all that follows, and many causes may do as well as many others. So where the best has
 more causes than fits find from the prior, the search goes up again without each of them, as long as a step leads
 higher. What it meets that comes near is treated like all others. (Without such ways the study's readings led to a set
@@ -212,7 +220,7 @@ class _Known(Generic[Content]):
         """Fit the next kind of a model's neighbours; of all models the best has the value `highest`."""
         s, larger, sound = self.settings, self.done[model.ids] > 0, self.shows(model)
         self.done[model.ids] += 1
-        wanted = enlarged(model.ids, self.catalogue, s.most_causes) if larger else exchanged(model.ids, self.catalogue)
+        wanted = self.wanted(model, highest)[larger]
         new = [ids for ids in wanted if ids not in self.models]
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
         few = s.most_causes if self.value(model) >= highest else s.from_prior
@@ -221,6 +229,52 @@ class _Known(Generic[Content]):
         least = max(self.value(m) for m in self.models.values() if self.shows(m)) - s.window - 2.0 * s.short_by
         near = [m for m in carried if self.value(m) >= least and ((sound and not larger) or self.shows(m))]
         self.keep(self.fitter.short([*fully, *(m.ids for m in near)], self.models))
+
+    def wanted(self, model: Model[Content], highest: float) -> tuple[list[Ids], list[Ids]]:
+        """A model's neighbours, no larger and larger; of one that shows and does not lead, those that promise much."""
+        s = self.settings
+        both = exchanged(model.ids, self.catalogue), enlarged(model.ids, self.catalogue, s.most_causes)
+        if not self.shows(model) or self.value(model) >= highest:
+            return both
+        least = highest - s.window - s.short_by
+        return self.promising(both[0], least), self.promising(both[1], least)
+
+    def overlooked(self, near: Sequence[Model[Content]], highest: float) -> bool:
+        """Whether neighbours promise more than they did; if so, those models get them."""
+        for model in near:
+            if not self.models.keys() >= {*itertools.chain(*self.wanted(model, highest))}:
+                self.done[model.ids] = 0
+        return any(not self.done[model.ids] for model in near)
+
+    def promising(self, wanted: Sequence[Ids], least: float) -> list[Ids]:
+        """Sets that show, and reach the value `least`, if a cause does as much there as anywhere it was fitted."""
+        s, most = self.settings, dict.fromkeys(self.catalogue, -math.inf)
+        for model in self.models.values():
+            parts = self._parts(model)
+            for id in model.ids:
+                without = max((self.evidence(part) for part in parts if id not in part.ids), default=math.inf)
+                most[id] = max(most[id], self.evidence(model) - without)
+
+        def hoped(ids: Ids) -> float:
+            parts = ((id, self.models.get(tuple(other for other in ids if other != id))) for id in ids)
+            reached = [self.evidence(part) + most[id] for id, part in parts if part]
+            return min(reached, default=math.inf) + self.log_prior(ids)
+
+        shows = {id for id in most if most[id] + 2.0 * s.doubt > s.visible}
+        return [ids for ids in wanted if shows >= {*ids} and hoped(ids) >= least]
+
+    def paired(self) -> bool:
+        """Fit the pairs of causes that show; False where all are known."""
+        showing = [m.ids[0] for m in self.models.values() if len(m.ids) == 1 and self.shows(m)]
+        found = self.carry(_ordered([{*two} for two in itertools.combinations(showing, 2)], self.catalogue))
+        self._refit(found, -math.inf)
+        return bool(found)
+
+    def _refit(self, found: Sequence[Model[Content]], highest: float) -> None:
+        """Fit those of carried models like others that show, and come as near to the highest as they may fall short."""
+        least = max([highest, *map(self.value, found)]) - self.settings.short_by
+        near = [m.ids for m in found if self.shows(m) and self.value(m) >= least]
+        self.keep(self.fitter.short(near, self.models))
 
     def carry(self, wanted: Sequence[Ids]) -> list[Model[Content]]:
         """Fit those that are not known from where others have their optima, and keep them."""
@@ -243,9 +297,7 @@ class _Known(Generic[Content]):
         self.detoured[needed, origin.ids] = taken + 1
         others = [id for id in self.catalogue if id != needed]
         found = self.carry(exchanged(origin.ids, others) if taken else enlarged(origin.ids, others, most))
-        highest = max(map(self.value, [origin, *found]))
-        near = [m.ids for m in found if self.value(m) >= highest - self.settings.short_by]
-        self.keep(self.fitter.short(near, self.models))
+        self._refit(found, self.value(origin))
         return True
 
     def sample(self, best: Model[Content], others: Sequence[Model[Content]], highest: float) -> None:
@@ -308,10 +360,14 @@ def search(
         name = " + ".join(best_model.ids) or "the baseline"
         progress(f"{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
+        if sure and len(best_model.ids) == 1 and not passes(best_model) and known.paired():
+            continue
         if sure and not known.complete(best_model, highest):
             known.expand(best_model, highest)
             continue
         if not left:
+            if known.overlooked([m for m in near if known.value(m) >= highest - settings.window], highest):
+                continue
             single = [m for m in models.values() if len(m.ids) == 1 and known.comes_near(m, highest)]
             single = [m for m in single if known.done[m.ids] < _KINDS]
             if best_model.ids or not single or passes(best_model):
