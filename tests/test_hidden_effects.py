@@ -157,8 +157,8 @@ def answer_to(hidden: Hidden, folder: Path, asked: Asked) -> dict[str, Any]:
     return read_diagnosis(folder / "diagnosis.json")
 
 
-# Nothing that is hidden has more than two causes; many of four do as well, and what they add is not asked for.
-FAST, SLOW = Asked(12, FEW), Asked(24, None, SearchSettings(most_causes=3))
+# Nothing that is hidden has more than two causes; what more of them add is not asked for.
+FAST, SLOW = Asked(12, FEW), Asked(24, None, SearchSettings(most_causes=2))
 
 
 def hide_one(

@@ -307,7 +307,8 @@ class _Known(Generic[Content]):
         sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, self.catalogue) if len(ids) == len(m.ids))
         new = tuple(ids for ids in sets if ids not in self.models)
         foreseen = Foreseen(tuple(m for m in others if not m.sampled), new, self.models)
-        work = self.fitter.sample if best.earnest or within else self.fitter.earnest
+        fully = within or best.earnest or len(best.ids) <= self.settings.from_prior
+        work = self.fitter.sample if fully else self.fitter.earnest
         self.models[best.ids] = found = work(best, foreseen)
         if found.log_posterior > best.log_posterior + self.settings.better:
             self.done[best.ids] = 0

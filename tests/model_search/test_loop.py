@@ -240,10 +240,16 @@ def test_the_order_of_the_catalogue_does_not_matter() -> None:
 def test_what_comes_near_only_if_its_fit_falls_short_is_fitted_in_earnest() -> None:
     """Two are estimated 8 nats below the best, beyond the window; of one the short fit had missed 6."""
     gains = {"a": 30.0, "c": 22.0, "f": 28.0}
-    fake = Fake(lambda ids: max((gains.get(id, 0.0) for id in ids), default=0.0), lambda ids: -6.0 * ("f" in ids))
-    found = search(CATALOGUE, fake, flat)
-    assert fake.fitted_in_earnest == [("c",), ("f",)] and fake.sampled == [(), ("a",), ("f",)]
+
+    def fake() -> Fake:
+        return Fake(lambda ids: max((gains.get(id, 0.0) for id in ids), default=0.0), lambda ids: -6.0 * ("f" in ids))
+
+    large, small = fake(), fake()
+    found = search(CATALOGUE, large, flat, SearchSettings(from_prior=0))  # any set is a large one
+    assert large.fitted_in_earnest == [("c",), ("f",)] and large.sampled == [(), ("a",), ("f",)]
     assert found.models["f",].log_evidence == 28.0 and ("c",) not in found.expanded
+    search(CATALOGUE, small, flat)
+    assert small.fitted_in_earnest == [] and {("c",), ("f",)} < {*small.sampled}
 
 
 def test_another_cause_in_the_place_of_one_is_looked_for_before_one_more() -> None:
