@@ -129,7 +129,7 @@ class Searched(Generic[Content]):
     models : dict
         Every model fitted, by its causes.
     expanded : frozenset
-        Those of which every neighbour was fitted.
+        Those of which the neighbours were fitted: all of them, or all that may come near.
     """
 
     models: Mapping[Ids, Model[Content]]
@@ -201,7 +201,7 @@ class _Known(Generic[Content]):
         return self.evidence(model) + slack > highest + self.settings.visible
 
     def complete(self, model: Model[Content], best: float) -> bool:
-        """Whether all of its neighbours were fitted, or need not be, since it does not come near the best."""
+        """Whether it has its neighbours, or need not have them, since it does not come near the best."""
         return self.value(model) < best - self.settings.window or self.done[model.ids] == _KINDS
 
     def comes_near(self, model: Model[Content], best: float) -> bool:
@@ -220,7 +220,7 @@ class _Known(Generic[Content]):
         """Fit the next kind of a model's neighbours; of all models the best has the value `highest`."""
         s, larger, sound = self.settings, self.done[model.ids] > 0, self.shows(model)
         self.done[model.ids] += 1
-        wanted = self.wanted(model, highest)[larger]
+        (wanted,) = self.wanted([model], highest, [larger])
         new = [ids for ids in wanted if ids not in self.models]
         self.keep(self.fitter.again([self.models[ids] for ids in wanted if ids in self.models], model))
         few = s.most_causes if self.value(model) >= highest else s.from_prior
@@ -230,57 +230,63 @@ class _Known(Generic[Content]):
         near = [m for m in carried if self.value(m) >= least and ((sound and not larger) or self.shows(m))]
         self.keep(self.fitter.short([*fully, *(m.ids for m in near)], self.models))
 
-    def wanted(self, model: Model[Content], highest: float) -> tuple[list[Ids], list[Ids]]:
-        """A model's neighbours, no larger and larger; of one that shows and does not lead, those that promise much."""
-        s = self.settings
-        both = exchanged(model.ids, self.catalogue), enlarged(model.ids, self.catalogue, s.most_causes)
-        if not self.shows(model) or self.value(model) >= highest:
-            return both
-        least = highest - s.window - s.short_by
-        return self.promising(both[0], least), self.promising(both[1], least)
+    def wanted(
+        self, models: Sequence[Model[Content]], highest: float, larger: Sequence[bool] = (False, True)
+    ) -> list[list[Ids]]:
+        """Neighbours that each model gets, no larger and larger; of one that shows and does not lead, the promising."""
+        most = self.settings.most_causes
+        both = [(exchanged(m.ids, self.catalogue), enlarged(m.ids, self.catalogue, most)) for m in models]
+        found = [[ids for kind in larger for ids in kinds[kind]] for kinds in both]
+        leads = [self.value(m) >= highest or not self.shows(m) for m in models]
+        follow = {ids for sets, first in zip(found, leads, strict=True) if not first for ids in sets}
+        left = self.promising(follow, highest)
+        return [
+            sets if first else [ids for ids in sets if ids in left] for sets, first in zip(found, leads, strict=True)
+        ]
 
-    def overlooked(self, near: Sequence[Model[Content]], highest: float) -> bool:
-        """Whether neighbours promise more than they did; if so, those models get them."""
-        for model in near:
-            if not self.models.keys() >= {*itertools.chain(*self.wanted(model, highest))}:
-                self.done[model.ids] = 0
-        return any(not self.done[model.ids] for model in near)
-
-    def promising(self, wanted: Sequence[Ids], least: float) -> list[Ids]:
-        """Sets that show, and reach the value `least`, if a cause does as much there as anywhere it was fitted."""
+    def promising(self, wanted: set[Ids], highest: float) -> set[Ids]:
+        """Sets that show and come near the highest, if a cause does as much there as anywhere it was fitted."""
+        if not wanted:
+            return wanted
         s, most = self.settings, dict.fromkeys(self.catalogue, -math.inf)
-        for model in self.models.values():
+        evidence = {ids: self.evidence(model) for ids, model in self.models.items()}
+        for ids, model in self.models.items():
             parts = self._parts(model)
-            for id in model.ids:
-                without = max((self.evidence(part) for part in parts if id not in part.ids), default=math.inf)
-                most[id] = max(most[id], self.evidence(model) - without)
+            for id in ids:
+                without = max((evidence[part.ids] for part in parts if id not in part.ids), default=math.inf)
+                most[id] = max(most[id], evidence[ids] - without)
 
         def hoped(ids: Ids) -> float:
-            parts = ((id, self.models.get(tuple(other for other in ids if other != id))) for id in ids)
-            reached = [self.evidence(part) + most[id] for id, part in parts if part]
+            parts = ((id, tuple(other for other in ids if other != id)) for id in ids)
+            reached = [evidence[part] + most[id] for id, part in parts if part in evidence]
             return min(reached, default=math.inf) + self.log_prior(ids)
 
         shows = {id for id in most if most[id] + 2.0 * s.doubt > s.visible}
-        return [ids for ids in wanted if shows >= {*ids} and hoped(ids) >= least]
+        return {ids for ids in wanted if shows >= {*ids} and hoped(ids) >= highest - s.window - s.short_by}
 
-    def paired(self) -> bool:
-        """Fit the pairs of causes that show; False where all are known."""
+    def overlooked(self, near: Sequence[Model[Content]], highest: float) -> list[Model[Content]]:
+        """Models of which a neighbour promises more than it did when theirs were fitted."""
+        wanted = zip(near, self.wanted(near, highest), strict=True)
+        return [model for model, sets in wanted if not self.models.keys() >= {*sets}]
+
+    def pairs(self) -> list[Ids]:
+        """Pairs of causes that show by themselves and were not fitted together."""
         showing = [m.ids[0] for m in self.models.values() if len(m.ids) == 1 and self.shows(m)]
-        found = self.carry(_ordered([{*two} for two in itertools.combinations(showing, 2)], self.catalogue))
-        self._refit(found, -math.inf)
-        return bool(found)
-
-    def _refit(self, found: Sequence[Model[Content]], highest: float) -> None:
-        """Fit those of carried models like others that show, and come as near to the highest as they may fall short."""
-        least = max([highest, *map(self.value, found)]) - self.settings.short_by
-        near = [m.ids for m in found if self.shows(m) and self.value(m) >= least]
-        self.keep(self.fitter.short(near, self.models))
+        both = _ordered([{*two} for two in itertools.combinations(showing, 2)], self.catalogue)
+        return [ids for ids in both if ids not in self.models]
 
     def carry(self, wanted: Sequence[Ids]) -> list[Model[Content]]:
         """Fit those that are not known from where others have their optima, and keep them."""
         found = self.fitter.carried([ids for ids in wanted if ids not in self.models], self.models)
         self.keep(found)
         return found
+
+    def carry_up(self, wanted: Sequence[Ids], highest: float = -math.inf) -> None:
+        """Carry sets, and fit like others those that show and come as near to the highest as they may fall short."""
+        found = self.carry(wanted)
+        least = max([highest, *map(self.value, found)]) - self.settings.short_by
+        near = [m.ids for m in found if self.shows(m) and self.value(m) >= least]
+        self.keep(self.fitter.short(near, self.models))
 
     def detour(self, best: Model[Content]) -> bool:
         """Go a step up from the best model without a cause of the best of all; False where each way has ended."""
@@ -296,15 +302,16 @@ class _Known(Generic[Content]):
         needed, origin, taken = min(left, key=lambda way: self.value(way[1]))
         self.detoured[needed, origin.ids] = taken + 1
         others = [id for id in self.catalogue if id != needed]
-        found = self.carry(exchanged(origin.ids, others) if taken else enlarged(origin.ids, others, most))
-        self._refit(found, self.value(origin))
+        wanted = exchanged(origin.ids, others) if taken else enlarged(origin.ids, others, most)
+        self.carry_up(wanted, self.value(origin))
         return True
 
     def sample(self, best: Model[Content], others: Sequence[Model[Content]], highest: float) -> None:
         """Sample a model, or fit it in earnest; the others are those of which that is foreseen."""
         within = self.value(best) >= highest - self.settings.window
         later = [m for m in (best, *others) if not self.done[m.ids]]
-        sets = dict.fromkeys(ids for m in later for ids in exchanged(m.ids, self.catalogue) if len(ids) == len(m.ids))
+        wanted = zip(later, self.wanted(later, highest, [False]), strict=True)
+        sets = dict.fromkeys(ids for m, theirs in wanted for ids in theirs if len(ids) == len(m.ids))
         new = tuple(ids for ids in sets if ids not in self.models)
         foreseen = Foreseen(tuple(m for m in others if not m.sampled), new, self.models)
         fully = within or best.earnest or len(best.ids) <= self.settings.from_prior
@@ -341,8 +348,8 @@ def search(
     starts : sequence of sets
         Models to fit before all else, in addition to the one without causes.
     passes : callable
-        Whether the readings pass the tests of misfit by a model. Asked of the one without causes, if it leads in the
-        end.
+        Whether the readings pass the tests of misfit by a model. Asked of a single cause that leads, where others show,
+        and of the model without causes, if it leads in the end.
     progress : callable
         Called with (what, models whose neighbours were fitted, models of which they are to be).
     """
@@ -361,13 +368,16 @@ def search(
         name = " + ".join(best_model.ids) or "the baseline"
         progress(f"{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
-        if sure and len(best_model.ids) == 1 and not passes(best_model) and known.paired():
+        if sure and len(best_model.ids) == 1 and (pairs := known.pairs()) and not passes(best_model):
+            known.carry_up(pairs)
             continue
         if sure and not known.complete(best_model, highest):
             known.expand(best_model, highest)
             continue
         if not left:
-            if known.overlooked([m for m in near if known.value(m) >= highest - settings.window], highest):
+            within = [m for m in near if known.value(m) >= highest - settings.window]
+            if again := known.overlooked(within, highest):
+                known.done.update((m.ids, 0) for m in again)
                 continue
             single = [m for m in models.values() if len(m.ids) == 1 and known.comes_near(m, highest)]
             single = [m for m in single if known.done[m.ids] < _KINDS]
