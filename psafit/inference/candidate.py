@@ -14,7 +14,6 @@ from scipy.special import erfcx, log_ndtr, logsumexp
 from psafit.arrays import FloatArray
 from psafit.errors import ConvergenceError
 from psafit.inference import noise
-from psafit.inference.evolution import evolved
 from psafit.inference.optimise import joined_values, starts_of
 from psafit.inference.optimiser import Effort, Optima, expansion, log_posteriors, maximise, slopes
 from psafit.inference.problem import Problem
@@ -37,7 +36,7 @@ class FitSettings:
     full : tuple of (int, int)
         On all readings.
     thorough : tuple of (int, int)
-        Of a model of which nothing is known, on all readings.
+        Of a model of which nothing is known, on some of the readings. What remains goes on, on all of them.
     enough : float, nats
         Gain of an optimisation below which it ends: well within the error of Laplace's evidence.
     hopeless : float, nats
@@ -58,7 +57,7 @@ class FitSettings:
     trial: Schedule = ((3, 12), (5, 6), (12, 3))
     fresh: Schedule = ((8, 8), (16, 4))
     full: Schedule = ((6, 6), (30, 3))
-    thorough: Schedule = ((4, 24), (8, 12), (30, 6))
+    thorough: Schedule = ((2, 24), (6, 12), (30, 6))
     enough: float = 0.05
     hopeless: float = 15.0
     taken: int = 2
@@ -219,10 +218,10 @@ class Candidate:
 
 
 def subsampled(problem: Problem, settings: FitSettings) -> Problem:
-    """A problem with some of its readings, roughly simulated; one with few readings as it is."""
-    if problem.observed.size < settings.many:
-        return problem
-    return replace(problem, experiment=problem.experiment.thinned(settings.every), tolerance=settings.rough)
+    """A problem roughly simulated, and of many readings with some of them only."""
+    rough = replace(problem, tolerance=max(problem.tolerance, settings.rough))
+    few = problem.observed.size < settings.many
+    return rough if few else replace(rough, experiment=problem.experiment.thinned(settings.every))
 
 
 def fit(
@@ -265,8 +264,10 @@ def fit(
         # One optimisation of each mode goes on: six of the highest would lose a second that holds half of the
         # posterior.
         starts, n_drawn = starts_of(trial, seed, most, draws)
-        end = maximise(problem, starts, schedule=s.thorough, unite=True)
-        return candidate_of(problem, end.joined(evolved(problem, end.u, seed=seed)), Effort(n_sets=n_drawn))
+        tried = maximise(trial, starts, schedule=s.thorough, unite=True)
+        end = maximise(problem, tried.u, still_below=s.enough, unite=True, counts=tried.starts)
+        effort = tried.effort + Effort(n_sets=n_drawn + end.effort.n_sets)
+        return candidate_of(problem, replace(end, effort=effort))
     rows = [r for c in nested for r in c.widened(trial, s.taken if c.ids == problem.ids else 1, seed=seed)]
     if extra is not None and len(extra):
         # These know better than fixed strengths where to begin.

@@ -51,9 +51,9 @@ class RoundSettings:
         Effective draws at which it is enough.
     """
 
-    draws: int = 256
+    draws: int = 128
     least: int = 4
-    most: int = 12
+    most: int = 24
     effective: float = 150.0
 
 

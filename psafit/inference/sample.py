@@ -11,6 +11,7 @@ import numpy as np
 from psafit.arrays import FloatArray
 from psafit.inference.candidate import Candidate, candidate_at, fit, principal, united
 from psafit.inference.evidence import ImportanceSample, RoundSettings, importance_sample
+from psafit.inference.hopping import hopped
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 
@@ -22,27 +23,35 @@ class SampleSettings:
     Parameters
     ----------
     draws, starts : int
-        Of each of the two fits: draws of the prior that are looked at, and starts taken from them.
+        Of a fit from what is known: draws of the prior that are looked at, and starts taken from them.
+    alone_draws, alone_starts : int
+        The same of a fit from the prior alone, where one start in ten may lead to the highest mode.
     from_prior : int
         Causes up to which fits begin at draws of the prior by themselves, too; where more hold each other in place,
         none comes near a top.
     better : float, nats
-        Rise of a log posterior by which a fit counts as another mode.
+        Rise of a log posterior by which a fit counts as another mode, and of an evidence by which one look does.
+    looks : int
+        At most. One that finds the top with even chances leaves one model in twenty with its top found less than twice.
     rounds, effective : int, float
         Rounds of importance sampling at most on each mode, and effective draws at which it is enough.
     """
 
     draws: int = 256
     starts: int = 12
+    alone_draws: int = 1024
+    alone_starts: int = 48
     from_prior: int = 2
     better: float = 0.5
+    looks: int = 4
     rounds: int = RoundSettings.most
     effective: float = RoundSettings.effective
 
     @classmethod
     def of(cls, starts: int, draws_per_start: int = 32) -> SampleSettings:
         """So many starts in all, half of them for each of the two fits, from so many draws of the prior for each."""
-        return cls(draws=starts // 2 * draws_per_start, starts=starts // 2)
+        half, draws = starts // 2, starts // 2 * draws_per_start
+        return cls(draws=draws, starts=half, alone_draws=draws, alone_starts=half)
 
 
 def sample(
@@ -55,10 +64,11 @@ def sample(
 ) -> tuple[Candidate, ImportanceSample]:
     """Fit a model, look for its other modes, and draw from its posterior.
 
-    Two fits look for modes: one from what is known, the other from draws of the prior alone (of a model with many
-    causes, from what is known with another seed). What the second adds to the first may be lacking once more, up to as
-    much again as was found: it is a part of the error. A draw that lies above every mode says that the fits had not
-    arrived: the model is fitted again from there, and drawn from again, as long as that leads higher.
+    Looks for modes are taken until two have come to the same evidence, and two at least: the first from what is known,
+    the others from draws of the prior alone. (Of a model with many causes the second begins from what is known, too,
+    with another seed, and is the last.) What all of them have above the second highest may be lacking once more: it is
+    a part of the error. A draw that lies above every mode says that the looks had not arrived: the model is fitted
+    again from there, and drawn from again, as long as that leads higher.
 
     Parameters
     ----------
@@ -73,8 +83,7 @@ def sample(
     Returns
     -------
     Candidate and ImportanceSample
-        The candidate counts the starts of both fits. The standard error of the log evidence holds what the second fit
-        has added.
+        The candidate counts the starts of all looks. The standard error of the log evidence holds how far they differ.
     """
     s = settings or SampleSettings()
     progress(0, 3, "fit")
@@ -87,29 +96,44 @@ def sample(
 
 def first(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes from what is known; parameters as of `sample`."""
-    return fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts)
+    return hopped(fit(problem, known, seed=seed, draws=settings.draws, most=settings.starts), seed=seed)
 
 
 def second(problem: Problem, known: Sequence[Candidate], *, seed: int, settings: SampleSettings) -> Candidate:
     """Look for modes once more, without `first`; parameters as of `sample`."""
-    again = known if len(problem.terms) > settings.from_prior else ()
-    return fit(problem, again, seed=seed + 1, draws=settings.draws, most=settings.starts)
+    if len(problem.terms) > settings.from_prior:
+        return first(problem, known, seed=seed + 1, settings=settings)
+    return _alone(problem, seed + 1, settings)
+
+
+def _alone(problem: Problem, seed: int, s: SampleSettings) -> Candidate:
+    """Look for modes from the prior alone."""
+    return hopped(fit(problem, (), seed=seed, draws=s.alone_draws, most=s.alone_starts), seed=seed)
 
 
 def joined(
     one: Candidate, other: Candidate, *, seed: int, settings: SampleSettings
 ) -> tuple[Candidate, ImportanceSample]:
-    """Put two looks for modes together, and draw from the posterior; see `sample`."""
-    s, found = settings, principal(united(one, other))
-    added = min(max(found.laplace_apart - one.laplace_apart, 0.0), math.log(2.0))
+    """Put looks for modes together, take more where they differ, and draw from the posterior; see `sample`."""
+    s, looks, both = settings, sorted([one, other], key=_evidence), united(one, other)
+    most = s.looks if len(one.terms) <= s.from_prior else 2
+    while len(looks) < most and _evidence(looks[-1]) > _evidence(looks[-2]) + s.better:
+        looks = sorted([*looks, _alone(one.problem, seed + len(looks), s)], key=_evidence)
+        both = united(both, looks[-1])
+    found = principal(both)
+    added = max(found.laplace_apart - _evidence(looks[-2]), 0.0)
     draws = importance_sample(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.log_posterior > found.log_posterior + s.better:
         higher = principal(_optimised(found, draws.top))
         if higher.log_posterior <= found.log_posterior + s.better:
-            added = math.log(2.0)  # that draw is of a mode that cannot be reached
+            added = max(added, math.log(2.0))  # that draw is of a mode that cannot be reached
             break
         found, draws = higher, importance_sample(higher, seed=seed, rounds=s.rounds, effective=s.effective)
     return found, replace(draws, error=math.hypot(draws.error, added))
+
+
+def _evidence(look: Candidate) -> float:
+    return look.laplace_apart
 
 
 def _optimised(found: Candidate, top: FloatArray) -> Candidate:

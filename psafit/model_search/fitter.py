@@ -180,7 +180,7 @@ class ProblemFitter:
         problem = replace(short.problem, tolerance=s.tolerance)
         # A look from the prior alone is the same whatever is known.
         known = {"first": short.modes.tolist(), "second": short.modes.tolist() if len(short.ids) > s.from_prior else []}
-        about = [self.seed, s.draws, s.starts, s.from_prior]
+        about = [self.seed, s.draws, s.starts, s.alone_draws, s.alone_starts, s.from_prior]
         return [
             self._task(kind, problem, [*about, begun], _look, kind, short, s, self.seed)
             for kind, begun in known.items()

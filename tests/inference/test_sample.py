@@ -21,12 +21,12 @@ from psafit.physics import TERMS, terms
 
 
 def test_a_sample_goes_on_to_what_its_draws_show() -> None:
-    """Begun far below the top, it ends where a fit from many starts does."""
+    """Begun far below the top, it ends no lower than a fit from many starts."""
     one = replace(problem(experiment(["amplifier_lag"], [4e-5])), terms=terms(["amplifier_lag"]))
     best = fit(one, (), seed=3, draws=1024, most=24)
     found, draws = sample(one, seed=1)
     better = SearchSettings().better
-    assert found.log_posterior == pytest.approx(best.log_posterior, abs=better)
+    assert found.log_posterior > best.log_posterior - better
     assert draws.log_posterior <= found.log_posterior + better and draws.standard_error < 1.0
 
 
@@ -51,7 +51,7 @@ def test_a_second_mode_of_the_baseline_is_not_lost(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4])
-def test_a_mode_behind_discontinuities_is_found_by_a_population(seed):
+def test_a_mode_behind_discontinuities_is_found_by_hops(seed):
     """A stack that hardly rings, and a lag that decides when the ball leaves: ranges jump; optimisations stop early."""
     design = read_experiment(Path(__file__).parents[2] / "experiments" / "psa")
     p = Problem(design, design.ids, tuple(t for t in TERMS if t.id == "amplifier_lag"))

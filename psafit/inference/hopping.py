@@ -1,0 +1,80 @@
+"""Higher tops next to those that optimisations have found, by draws around them.
+
+A contact that ends a half wave later makes a range jump. A rig's posterior may have hundreds of such edges, at which
+optimisations stop. So around each top some points are drawn from its normal approximation, the best of them is
+optimised, and from a higher top that follows it begins again (basin hopping: D. J. Wales and J. P. K. Doye,
+J. Phys. Chem. A 101 (1997) 5111). Where the posterior is smooth, the draws lead back to where they come from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psafit.arrays import FloatArray
+from psafit.inference.candidate import Candidate, FitSettings, candidate_at
+from psafit.inference.evidence import laplace_mixture
+from psafit.inference.optimiser import Effort, maximise
+
+
+@dataclass(frozen=True)
+class HopSettings:
+    """How far hops go on.
+
+    Parameters
+    ----------
+    modes : int
+        So many of the highest hop, each by itself: the one that leads before need not lead after.
+    draws : int
+        About each.
+    most : int
+        Hops of one mode.
+    better : float, nats
+        A rise that is worth another hop.
+    schedule : tuple of int
+        Iterations of an optimisation, in parts.
+    """
+
+    modes: int = 4
+    draws: int = 64
+    most: int = 12
+    better: float = 0.5
+    schedule: tuple[int, ...] = (6, 30)
+
+
+def hopped(found: Candidate, *, seed: int, settings: HopSettings | None = None) -> Candidate:
+    """Look for higher tops next to the modes of a model; the candidate holds them, too.
+
+    Parameters
+    ----------
+    found : Candidate
+    seed : int
+    settings : HopSettings, optional
+    """
+    s, problem, rng = settings or HopSettings(), found.problem, np.random.default_rng([seed, 9])
+    tops, n_sets = found.modes[: s.modes], 0
+    higher: list[FloatArray] = []
+    for _ in range(s.most):
+        here = [candidate_at(problem, top[None]) for top in tops]
+        begun = np.array([_best_of_draws(top, s.draws, rng) for top in here])
+        schedule = tuple((n, len(tops)) for n in s.schedule)
+        end = maximise(problem, begun, schedule=schedule, still_below=FitSettings.enough)
+        n_sets += s.draws * len(tops) + end.effort.n_sets
+        risen = end.log_posterior > np.array([top.log_posterior for top in here]) + s.better
+        if not risen.any():
+            break
+        tops = end.u[risen]
+        higher.append(tops)
+    if not higher:
+        return found
+    modes = np.vstack([found.modes, *higher])
+    starts = np.append(found.starts, np.zeros(len(modes) - len(found.modes), np.intp))
+    return candidate_at(problem, modes, starts, found.effort + Effort(n_sets=n_sets))
+
+
+def _best_of_draws(top: Candidate, n: int, rng: np.random.Generator) -> FloatArray:
+    """The highest of some draws about a top."""
+    draws = np.clip(laplace_mixture(top).draw(n, rng), *top.problem.bounds.T)
+    log_posterior = top.problem.log_posterior(draws)
+    return np.asarray(draws[np.argmax(np.where(np.isfinite(log_posterior), log_posterior, -np.inf))])
