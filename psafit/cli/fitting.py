@@ -214,7 +214,7 @@ def _say_fit(result: Run, numerics: Numerics) -> None:
     minima = f"{len(result.fit.minima)} {'minimum' if len(result.fit.minima) == 1 else 'minima'}"
     click.echo(f"{minima}; {best.starts} of {count(result.fit.n_followed, 'start')} reached the best")
     if not (best.starts or result.fit.n_missed):
-        click.echo("a population found the best; all starts were given up behind it or ended lower")
+        click.echo("hops from where starts ended found the best; all starts were given up behind it or ended lower")
     if result.fit.n_missed:
         click.echo("the best minimum was found by the sampler, not by the search; the result is of it")
     for p in result.summary.parameters:

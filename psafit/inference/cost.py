@@ -52,7 +52,7 @@ def cost(
     drawn : int
         Parameter sets that the sampler simulates until it has converged: 25,600 to 40,000 of the baseline, as a rule.
     optimised : int
-        Parameter sets that optimisations, population and profiles simulate: 8000 to 16,000 of the baseline, as a rule.
+        Parameter sets that optimisations, hops and profiles simulate: 8000 to 16,000 of the baseline, as a rule.
     judged : int
         Draws of the prior that the search judges at once.
     sample : int

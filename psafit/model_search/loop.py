@@ -25,9 +25,8 @@ more causes than fits find from the prior, the search goes up again without each
 higher. What it meets that comes near is treated like all others. (Without such ways the study's readings led to a set
 19 nats of evidence below another with two causes in common.)
 
-Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, each cause gets
-its neighbours, though it does not show. They are fitted from where others have their optima; those that show then are
-fitted like all others.
+Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, all pairs of the
+catalogue are fitted in the same way.
 
 (Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
 A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
@@ -269,10 +268,13 @@ class _Known(Generic[Content]):
         wanted = zip(near, self.wanted(near, highest), strict=True)
         return [model for model, sets in wanted if not self.models.keys() >= {*sets}]
 
-    def pairs(self) -> list[Ids]:
-        """Pairs of causes that show by themselves and were not fitted together."""
-        showing = [m.ids[0] for m in self.models.values() if len(m.ids) == 1 and self.shows(m)]
-        both = _ordered([{*two} for two in itertools.combinations(showing, 2)], self.catalogue)
+    def showing(self) -> list[str]:
+        """Causes that show by themselves."""
+        return [m.ids[0] for m in self.models.values() if len(m.ids) == 1 and self.shows(m)]
+
+    def pairs(self, among: Sequence[str]) -> list[Ids]:
+        """Pairs of some causes that were not fitted together."""
+        both = _ordered([{*two} for two in itertools.combinations(among, 2)], self.catalogue)
         return [ids for ids in both if ids not in self.models]
 
     def carry(self, wanted: Sequence[Ids]) -> list[Model[Content]]:
@@ -368,7 +370,7 @@ def search(
         name = " + ".join(best_model.ids) or "the baseline"
         progress(f"{name} leads; {len(models)} models fitted", len(near) - len(left), len(near))
         sure = known.shows(best_model, errors=0.0) and (best_model.sampled or len(best_model.ids) > settings.from_prior)
-        if sure and len(best_model.ids) == 1 and (pairs := known.pairs()) and not passes(best_model):
+        if sure and len(best_model.ids) == 1 and (pairs := known.pairs(known.showing())) and not passes(best_model):
             known.carry_up(pairs)
             continue
         if sure and not known.complete(best_model, highest):
@@ -379,15 +381,14 @@ def search(
             if again := known.overlooked(within, highest):
                 known.done.update((m.ids, 0) for m in again)
                 continue
-            single = [m for m in models.values() if len(m.ids) == 1 and known.comes_near(m, highest)]
-            single = [m for m in single if known.done[m.ids] < _KINDS]
-            if best_model.ids or not single or passes(best_model):
-                if known.detour(best_model):
-                    continue
-                return known.searched()
-            left = single
+            if not best_model.ids and (pairs := known.pairs(catalogue)) and not passes(best_model):
+                known.carry_up(pairs)
+                continue
+            if known.detour(best_model):
+                continue
+            return known.searched()
         best, *others = sorted(left, key=lambda m: (m.sampled and known.done[m.ids], -known.value(m), m.ids))
-        if best.sampled or best not in near:
+        if best.sampled:
             known.expand(best, highest)
         else:
             known.sample(best, others, highest)

@@ -341,11 +341,11 @@ def _minima(run: Run, most: int = 8) -> dict[str, Any]:
         for rank, m in enumerate(fit.minima[:most], 1)
     ]
     found = f"{len(fit.minima)} distinct {'minimum' if len(fit.minima) == 1 else 'minima'}"
-    text = f"Two fits with starts of their own look for minima, and lmfit polishes them: {found}. "
+    text = f"At least two looks with starts of their own find minima, and lmfit polishes them: {found}. "
     if best.starts or fit.n_missed:
         text += f"{best.starts} of {count(fit.n_followed, 'start')} reached the best"
     else:
-        text += f"None of {count(fit.n_followed, 'start')} reached the best, but a population (differential evolution)"
+        text += f"None of {count(fit.n_followed, 'start')} reached the best, but hops from where they ended did"
     text += "; starts that fell behind were given up"
     if fit.n_failed:
         text += f", and {fit.n_failed} failed"
