@@ -8,7 +8,7 @@ J. Phys. Chem. A 101 (1997) 5111). Where the posterior is smooth, the draws lead
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,11 @@ def hopped(found: Candidate, *, seed: int, settings: HopSettings | None = None) 
     found : Candidate
     seed : int
     settings : HopSettings, optional
+
+    Returns
+    -------
+    Candidate
+        No start counts for the modes that hops led to; the sets that they simulated count.
     """
     s, problem, rng = settings or HopSettings(), found.problem, np.random.default_rng([seed, 9])
     tops, n_sets = found.modes[: s.modes], 0
@@ -66,11 +71,11 @@ def hopped(found: Candidate, *, seed: int, settings: HopSettings | None = None) 
             break
         tops = end.u[risen]
         higher.append(tops)
+    effort = found.effort + Effort(n_sets=n_sets)
     if not higher:
-        return found
+        return replace(found, effort=effort)
     modes = np.vstack([found.modes, *higher])
-    starts = np.append(found.starts, np.zeros(len(modes) - len(found.modes), np.intp))
-    return candidate_at(problem, modes, starts, found.effort + Effort(n_sets=n_sets))
+    return candidate_at(problem, modes, np.pad(found.starts, (0, len(modes) - len(found.modes))), effort)
 
 
 def _best_of_draws(top: Candidate, n: int, rng: np.random.Generator) -> FloatArray:

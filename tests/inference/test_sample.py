@@ -11,11 +11,12 @@ from truths import experiment, problem, rig_with_two_modes
 
 from psafit.experiment import read_experiment
 from psafit.inference import noise
+from psafit.inference import sample as sampling
 from psafit.inference.candidate import candidate_at, fit, separate_modes
 from psafit.inference.evidence import importance_sample
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
-from psafit.inference.sample import sample
+from psafit.inference.sample import SampleSettings, joined, sample
 from psafit.model_search import SearchSettings
 from psafit.physics import TERMS, terms
 
@@ -28,6 +29,31 @@ def test_a_sample_goes_on_to_what_its_draws_show() -> None:
     better = SearchSettings().better
     assert found.log_posterior > best.log_posterior - better
     assert draws.log_posterior <= found.log_posterior + better and draws.standard_error < 1.0
+
+
+def test_looks_are_taken_until_two_agree(monkeypatch) -> None:
+    """And where none agrees, the evidence has an error of as much as the best look is above the next."""
+    rig = problem(experiment())
+    look = sampling.first(rig, (), seed=1, settings=SampleSettings())
+    poor = candidate_at(rig, look.modes[:1] + 0.3)
+    taken = []
+
+    def looks(*found):
+        taken.clear()
+        left = list(found)
+        monkeypatch.setattr(sampling, "fit", lambda *args, **options: taken.append(1) or left.pop(0))
+        monkeypatch.setattr(sampling, "hopped", lambda candidate, **options: candidate)
+
+    looks()
+    _, sure = joined(look, look, seed=1, settings=SampleSettings())
+    assert not taken and sure.error < 0.1
+    looks(poor, look)
+    _, again = joined(look, poor, seed=1, settings=SampleSettings())
+    assert len(taken) == 2 and again.error < 0.1
+    looks(poor, poor)
+    _, doubtful = joined(poor, look, seed=1, settings=SampleSettings(looks=4))
+    assert len(taken) == 2
+    assert doubtful.error == pytest.approx(look.laplace_apart - poor.laplace_apart, rel=0.1)
 
 
 @pytest.mark.slow
