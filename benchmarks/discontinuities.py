@@ -1,9 +1,9 @@
 """How often do optimisations stop below the top of a posterior, and how often is it found behind discontinuities?
 
 ``python benchmarks/discontinuities.py --seed 25`` hides every cause at three strengths. It fits the model that made the
-readings from the baseline's optimum, samples it as the search does (looks from draws of the prior, and hops), and
-optimises from the truth. It prints, for each data set, how far these are above the first optimisations (nats), and
-counts.
+readings from the baseline's optimum, samples it as the search does (looks from that fit and from draws of the prior,
+and hops), and optimises from the truth. It prints, for each data set, how far these are above the first optimisations
+(nats), and counts.
 """
 
 from __future__ import annotations

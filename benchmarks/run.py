@@ -40,9 +40,10 @@ import work_precision
 from cases import Case
 
 from psafit.errors import ConvergenceError
-from psafit.inference.candidate import Candidate, built_up, fit, united
+from psafit.inference.candidate import Candidate, built_up, united
 from psafit.inference.optimise import polish
 from psafit.inference.problem import Problem
+from psafit.inference.sample import SampleSettings, first, second
 from psafit.simulate import Design, simulate
 from psafit.simulate.stepper import TOLERANCE
 
@@ -352,9 +353,9 @@ SEARCHES = ("preload", "hertz_exponent", "amplifier_lag")
 
 
 def both(problem: Problem, seed: int, starts: int) -> Candidate:
-    """Both fits of a search, with so many starts each."""
-    known, how = [built_up(problem, seed=seed)], {"draws": 32 * starts, "most": starts}
-    return united(fit(problem, known, seed=seed, **how), fit(problem, (), seed=seed + 1, **how))
+    """Both first looks at a model, with so many starts each."""
+    known, how = [built_up(problem, seed=seed)], SampleSettings.of(2 * starts)
+    return united(*(look(problem, known, seed=seed, settings=how) for look in (first, second)))
 
 
 def search(rows: list[dict[str, object]]) -> None:

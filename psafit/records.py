@@ -169,9 +169,10 @@ class Fit(Brief):
     minima : list of MinimumEntry
         Best first.
     n_starts : int
-        Starts that were asked for: draws of the prior, for both fits together.
+        Starts that were asked for: draws of the prior, for the first two looks together.
     n_followed, n_failed, n_evaluations : int
-        Starts followed, places that were known beforehand included; those that failed; parameter sets simulated.
+        Starts followed, those of further looks and places that were known beforehand included; those that failed;
+        parameter sets simulated.
     n_missed : int
         Minima that the search had missed and the sampler found; they count no starts.
     sampled_by : str

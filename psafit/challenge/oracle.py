@@ -27,6 +27,7 @@ from psafit.challenge.answer import Answer, standardised
 from psafit.experiment import Experiment
 from psafit.inference import noise
 from psafit.inference.candidate import fit
+from psafit.inference.hopping import hopped
 from psafit.inference.optimise import gradient, polish
 from psafit.inference.problem import Problem
 from psafit.observables import Observable
@@ -114,7 +115,7 @@ def consult(
     plain = Problem(experiment, experiment.ids)
     terms = catalogue(answer.terms)
     truth = truth_of(plain, answer)
-    best = fit(plain, (), seed=seed, draws=draws, most=starts)
+    best = hopped(fit(plain, (), seed=seed, draws=draws, most=starts), seed=seed)
     tops = [polish(plain, u)[0] for u in (best.modes[0], truth)]
     log_posteriors = [float(plain.log_posterior(u[None, :])[0]) for u in tops]
     base = tops[int(np.argmax(log_posteriors))]

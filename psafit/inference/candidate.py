@@ -32,11 +32,12 @@ class FitSettings:
     Parameters
     ----------
     trial, fresh : tuple of (int, int)
-        On some of the readings: optimisations from what is known, and optimisations from draws of the prior.
+        On some of the readings, where they are many: optimisations from what is known, and optimisations from draws of
+        the prior.
     full : tuple of (int, int)
         On all readings.
     thorough : tuple of (int, int)
-        Of a model of which nothing is known, on some of the readings. What remains goes on, on all of them.
+        The same of a model of which nothing is known. What remains goes on, on all of them.
     enough : float, nats
         Gain of an optimisation below which it ends: well within the error of Laplace's evidence.
     hopeless : float, nats
@@ -51,7 +52,7 @@ class FitSettings:
     many, every : int
         Readings from which on a part of them is looked at first, and that part: one in `every`.
     rough : float
-        Error of a simulator's step there.
+        Error of a simulator's step in a trial, whatever the number of readings.
     """
 
     trial: Schedule = ((3, 12), (5, 6), (12, 3))
@@ -397,17 +398,13 @@ def _steps_away(problem: Problem, u: FloatArray, predicted: FloatArray) -> Float
     return np.vstack(rows)
 
 
-def candidate_of(
-    problem: Problem, end: Optima, before: Effort | None = None, *, forgotten: float = 12.0, same: float = 0.1
-) -> Candidate:
+def candidate_of(problem: Problem, end: Optima, *, forgotten: float = 12.0, same: float = 0.1) -> Candidate:
     """Turn the ends of optimisations into a candidate; `ConvergenceError` where no posterior there is finite.
 
     Parameters
     ----------
     problem : Problem
     end : Optima
-    before : Effort, optional
-        What went before the optimisations.
     forgotten : float, nats
         Modes this far below the best are left out.
     same : float
@@ -429,10 +426,9 @@ def candidate_of(
     observed = np.broadcast_to(problem.observed, predicted.shape)
     gradient, curvature = expansion(problem, u, predicted, slope, observed)
     mass = [_laplace(problem, u[k], float(end.log_posterior[m]), gradient[k], curvature[k]) for k, m in enumerate(rows)]
-    effort = end.effort + (before or Effort())
     return Candidate(
         problem, u, end.log_posterior[rows], predicted[0], slope[0], curvature, np.array(mass),
-        np.array(list(modes.values()), np.intp), effort,
+        np.array(list(modes.values()), np.intp), end.effort,
     )  # fmt: skip
 
 

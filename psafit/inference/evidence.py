@@ -197,7 +197,7 @@ def importance_sample(
     candidate : Candidate
     seed : int
     rounds : int
-        At most so many on each mode, of 256 simulated draws each.
+        At most so many on each mode, each of `RoundSettings.draws` simulated draws.
     effective : float
         Effective draws at which it is enough.
     """

@@ -1,9 +1,10 @@
 """Higher tops next to those that optimisations have found, by draws around them.
 
 A contact that ends a half wave later makes a range jump. A rig's posterior may have hundreds of such edges, at which
-optimisations stop. So around each top some points are drawn from its normal approximation, the best of them is
-optimised, and from a higher top that follows it begins again (basin hopping: D. J. Wales and J. P. K. Doye,
-J. Phys. Chem. A 101 (1997) 5111). Where the posterior is smooth, the draws lead back to where they come from.
+optimisations stop. So around each top some points are drawn from a Student density somewhat wider than its curvature
+says, the best of them is optimised, and from a higher top that follows it begins again (basin hopping: D. J. Wales and
+J. P. K. Doye, J. Phys. Chem. A 101 (1997) 5111). Where the posterior is smooth, the draws lead back to where they come
+from.
 """
 
 from __future__ import annotations
@@ -32,15 +33,15 @@ class HopSettings:
         Hops of one mode.
     better : float, nats
         A rise that is worth another hop.
-    schedule : tuple of int
-        Iterations of an optimisation, in parts.
+    iterations : int
+        Of an optimisation, at most.
     """
 
     modes: int = 4
     draws: int = 64
     most: int = 12
     better: float = 0.5
-    schedule: tuple[int, ...] = (6, 30)
+    iterations: int = 36
 
 
 def hopped(found: Candidate, *, seed: int, settings: HopSettings | None = None) -> Candidate:
@@ -62,8 +63,10 @@ def hopped(found: Candidate, *, seed: int, settings: HopSettings | None = None) 
     higher: list[FloatArray] = []
     for _ in range(s.most):
         here = [candidate_at(problem, top[None]) for top in tops]
-        begun = np.array([_best_of_draws(top, s.draws, rng) for top in here])
-        schedule = tuple((n, len(tops)) for n in s.schedule)
+        draws = np.array([np.clip(laplace_mixture(top).draw(s.draws, rng), *problem.bounds.T) for top in here])
+        value = problem.log_posterior(draws.reshape(-1, problem.n_dim)).reshape(len(here), -1)
+        best = np.argmax(np.where(np.isfinite(value), value, -np.inf), axis=1)
+        begun, schedule = draws[np.arange(len(here)), best], ((s.iterations, len(here)),)
         end = maximise(problem, begun, schedule=schedule, still_below=FitSettings.enough)
         n_sets += s.draws * len(tops) + end.effort.n_sets
         risen = end.log_posterior > np.array([top.log_posterior for top in here]) + s.better
@@ -76,10 +79,3 @@ def hopped(found: Candidate, *, seed: int, settings: HopSettings | None = None) 
         return replace(found, effort=effort)
     modes = np.vstack([found.modes, *higher])
     return candidate_at(problem, modes, np.pad(found.starts, (0, len(modes) - len(found.modes))), effort)
-
-
-def _best_of_draws(top: Candidate, n: int, rng: np.random.Generator) -> FloatArray:
-    """The highest of some draws about a top."""
-    draws = np.clip(laplace_mixture(top).draw(n, rng), *top.problem.bounds.T)
-    log_posterior = top.problem.log_posterior(draws)
-    return np.asarray(draws[np.argmax(np.where(np.isfinite(log_posterior), log_posterior, -np.inf))])

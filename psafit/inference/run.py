@@ -76,7 +76,7 @@ def fit(
     seed : int
         Same seed, same result.
     n_starts : int
-        Starts of the search: half of them for each of two fits that share nothing, one more where they are odd.
+        Starts of the search: half of them for each of the first two looks, one more where they are odd.
     known : sequence of dict
         Values of all parameters at which it begins, too.
     sampled_by : str

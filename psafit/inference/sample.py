@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,16 +24,18 @@ class SampleSettings:
     Parameters
     ----------
     draws, starts : int
-        Of a fit from what is known: draws of the prior that are looked at, and starts taken from them.
+        Of a look from what is known: draws of the prior that are looked at, and starts taken from them.
     alone_draws, alone_starts : int
-        The same of a fit from the prior alone, where one start in ten may lead to the highest mode.
+        The same of a look from the prior alone, where one start in ten may lead to the highest mode.
     from_prior : int
         Causes up to which fits begin at draws of the prior by themselves, too; where more hold each other in place,
         none comes near a top.
     better : float, nats
-        Rise of a log posterior by which a fit counts as another mode, and of an evidence by which one look does.
+        Rise of a log posterior by which a fit counts as another mode, and difference of the two highest evidences above
+        which one more look is taken.
     looks : int
-        At most. One that finds the top with even chances leaves one model in twenty with its top found less than twice.
+        At a model at most, and two at least. Of four that find the top with even chances each, none does in one model
+        of sixteen.
     rounds, effective : int, float
         Rounds of importance sampling at most on each mode, and effective draws at which it is enough.
     """
@@ -49,7 +52,7 @@ class SampleSettings:
 
     @classmethod
     def of(cls, starts: int, draws_per_start: int = 32) -> SampleSettings:
-        """So many starts in all, half of them for each of the two fits, from so many draws of the prior for each."""
+        """So many starts in the first two looks, half of them in each, from so many draws of the prior for each."""
         half, draws = starts // 2, starts // 2 * draws_per_start
         return cls(draws=draws, starts=half, alone_draws=draws, alone_starts=half)
 
@@ -68,7 +71,8 @@ def sample(
     the others from draws of the prior alone. (Of a model with many causes the second begins from what is known, too,
     with another seed, and is the last.) What all of them have above the second highest may be lacking once more: it is
     a part of the error. A draw that lies above every mode says that the looks had not arrived: the model is fitted
-    again from there, and drawn from again, as long as that leads higher.
+    again from there, and drawn from again, as long as that leads higher. (Where it leads nowhere, half of the evidence
+    may be lacking.)
 
     Parameters
     ----------
@@ -115,25 +119,23 @@ def joined(
     one: Candidate, other: Candidate, *, seed: int, settings: SampleSettings
 ) -> tuple[Candidate, ImportanceSample]:
     """Put looks for modes together, take more where they differ, and draw from the posterior; see `sample`."""
-    s, looks, both = settings, sorted([one, other], key=_evidence), united(one, other)
+    s, looks = settings, [one, other]
     most = s.looks if len(one.terms) <= s.from_prior else 2
-    while len(looks) < most and _evidence(looks[-1]) > _evidence(looks[-2]) + s.better:
-        looks = sorted([*looks, _alone(one.problem, seed + len(looks), s)], key=_evidence)
-        both = united(both, looks[-1])
-    found = principal(both)
-    added = max(found.laplace_apart - _evidence(looks[-2]), 0.0)
+    while True:
+        second_best, best = sorted(look.laplace_apart for look in looks)[-2:]
+        if len(looks) >= most or best <= second_best + s.better:
+            break
+        looks.append(_alone(one.problem, seed + len(looks), s))
+    found, unreached = principal(functools.reduce(united, looks)), 0.0
     draws = importance_sample(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.log_posterior > found.log_posterior + s.better:
         higher = principal(_optimised(found, draws.top))
         if higher.log_posterior <= found.log_posterior + s.better:
-            added = max(added, math.log(2.0))  # that draw is of a mode that cannot be reached
+            unreached = math.log(2.0)  # that draw is of a mode that cannot be reached
             break
         found, draws = higher, importance_sample(higher, seed=seed, rounds=s.rounds, effective=s.effective)
-    return found, replace(draws, error=math.hypot(draws.error, added))
-
-
-def _evidence(look: Candidate) -> float:
-    return look.laplace_apart
+    lacking = max(found.laplace_apart - second_best, unreached)
+    return found, replace(draws, error=math.hypot(draws.error, lacking))
 
 
 def _optimised(found: Candidate, top: FloatArray) -> Candidate:

@@ -19,7 +19,7 @@ from psafit.inference.evidence import ImportanceSample
 from psafit.inference.memory import Arrays, Memory
 from psafit.inference.optimise import joined_values
 from psafit.inference.problem import Problem
-from psafit.inference.sample import first, joined, second
+from psafit.inference.sample import SampleSettings, first, joined, second
 from psafit.inference.scan import widened
 from psafit.model_search.loop import Foreseen, Ids, Model
 from psafit.model_search.settings import SearchSettings
@@ -111,7 +111,7 @@ class ProblemFitter:
     def sample(self, model: Known, foreseen: Foreseen[Fitted] | None = None) -> Known:
         """Fit a model in earnest, look for other modes, and draw from its posterior.
 
-        The two looks for modes are taken side by side; processes that are idle meanwhile work ahead on what is
+        The first two looks for modes are taken side by side; processes that are idle meanwhile work ahead on what is
         foreseen.
         """
         short, looks = model.content.candidate, self._looks(model)
@@ -175,22 +175,25 @@ class ProblemFitter:
         return self._task("optimised", problem, about, _optimised, pairs, s)
 
     def _looks(self, model: Known) -> list[Task]:
-        """Both looks for the modes of a model that is to be sampled."""
+        """The first two looks for the modes of a model that is to be sampled."""
         short, s = model.content.begun or model.content.candidate, self.settings
         problem = replace(short.problem, tolerance=s.tolerance)
         # A look from the prior alone is the same whatever is known.
         known = {"first": short.modes.tolist(), "second": short.modes.tolist() if len(short.ids) > s.from_prior else []}
-        about = [self.seed, s.draws, s.starts, s.alone_draws, s.alone_starts, s.from_prior]
         return [
-            self._task(kind, problem, [*about, begun], _look, kind, short, s, self.seed)
+            self._task(kind, problem, [*self._how, begun], _look, kind, short, s, self.seed)
             for kind, begun in known.items()
         ]
 
     def _joined(self, model: Known, one: Candidate, other: Candidate) -> Task:
-        """The draws of a model that was looked at twice."""
-        s = self.settings
-        about = [self.seed, s.better, s.rounds, s.effective, one.modes.tolist(), other.modes.tolist()]
-        return self._task("sample", one.problem, about, _joined, one, other, s, self.seed)
+        """The draws of a model that was looked at."""
+        about = [*self._how, one.modes.tolist(), other.modes.tolist()]
+        return self._task("sample", one.problem, about, _joined, one, other, self.settings, self.seed)
+
+    @property
+    def _how(self) -> list[object]:
+        """What looks and draws depend on besides a model."""
+        return [self.seed, *(getattr(self.settings, field.name) for field in fields(SampleSettings))]
 
     def _ahead(self, foreseen: Foreseen[Fitted]) -> Iterator[Task]:
         """What is foreseen and not done yet: models to sample as far as that can begin, then short fits."""
@@ -302,7 +305,7 @@ def _look(problem: Problem, which: str, short: Candidate, settings: SearchSettin
 
 
 def _joined(problem: Problem, one: Candidate, other: Candidate, settings: SearchSettings, seed: int) -> Arrays:
-    """Draw from the posterior of a model that was looked at twice."""
+    """Draw from the posterior of a model that was looked at."""
     found, draws = joined(one, other, seed=seed, settings=settings)
     return {"modes": found.modes, **{name: np.asarray(value, float) for name, value in vars(draws).items()}}
 

@@ -26,7 +26,7 @@ higher. What it meets that comes near is treated like all others. (Without such 
 19 nats of evidence below another with two causes in common.)
 
 Two causes may show together and neither alone. Where no cause shows, and yet the tests of misfit fail, all pairs of the
-catalogue are fitted in the same way.
+catalogue are fitted from known optima, too.
 
 (Occam's window: D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89 (1994) 1535; best-first over neighbours: C. Hans,
 A. Dobra and M. West, J. Am. Stat. Assoc. 102 (2007) 507.)
@@ -273,9 +273,9 @@ class _Known(Generic[Content]):
         return [m.ids[0] for m in self.models.values() if len(m.ids) == 1 and self.shows(m)]
 
     def pairs(self, among: Sequence[str]) -> list[Ids]:
-        """Pairs of some causes that were not fitted together."""
+        """Pairs of some causes that were not fitted together, where sets may have two."""
         both = _ordered([{*two} for two in itertools.combinations(among, 2)], self.catalogue)
-        return [ids for ids in both if ids not in self.models]
+        return [ids for ids in both if ids not in self.models and len(ids) <= self.settings.most_causes]
 
     def carry(self, wanted: Sequence[Ids]) -> list[Model[Content]]:
         """Fit those that are not known from where others have their optima, and keep them."""

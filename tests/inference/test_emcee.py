@@ -30,7 +30,7 @@ from psafit.inference.surrogate import IndependenceProposal
 from psafit.physics import terms
 
 SHORT = Settings(chunk=40, max_steps=80, tuned=30)
-FEW = SampleSettings(draws=64, starts=4)
+FEW = SampleSettings.of(8, 16)
 
 
 def _history(draws: np.ndarray) -> History:

@@ -48,12 +48,24 @@ def test_looks_are_taken_until_two_agree(monkeypatch) -> None:
     _, sure = joined(look, look, seed=1, settings=SampleSettings())
     assert not taken and sure.error < 0.1
     looks(poor, look)
-    _, again = joined(look, poor, seed=1, settings=SampleSettings())
+    found, again = joined(look, poor, seed=1, settings=SampleSettings())
     assert len(taken) == 2 and again.error < 0.1
+    assert found.effort.begun == 2 * look.effort.begun and found.starts.sum() == 2 * look.starts.sum()
     looks(poor, poor)
-    _, doubtful = joined(poor, look, seed=1, settings=SampleSettings(looks=4))
-    assert len(taken) == 2
+    _, doubtful = joined(poor, look, seed=1, settings=SampleSettings(looks=3))
+    assert len(taken) == 1
     assert doubtful.error == pytest.approx(look.laplace_apart - poor.laplace_apart, rel=0.1)
+
+
+def test_draws_above_all_looks_lead_on() -> None:
+    """Looks that have stopped below the top say nothing wrong of the model."""
+    rig = problem(experiment())
+    top = sampling.first(rig, (), seed=1, settings=SampleSettings())
+    low = candidate_at(rig, top.modes[:1] + 0.05)
+    assert low.log_posterior < top.log_posterior - 1.0
+    found, draws = joined(low, low, seed=1, settings=SampleSettings())
+    assert found.log_posterior == pytest.approx(top.log_posterior, abs=0.1)
+    assert draws.error >= found.laplace_apart - low.laplace_apart
 
 
 @pytest.mark.slow

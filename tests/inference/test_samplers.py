@@ -91,7 +91,7 @@ def test_nobody_knows_a_sampler_by_name() -> None:
         assert not re.search("emcee|importance_sampler|walkers that", path.read_text("utf-8")), path
 
 
-FEW = SampleSettings(draws=64, starts=4)
+FEW = SampleSettings.of(8, 16)
 
 
 @pytest.fixture(scope="module")

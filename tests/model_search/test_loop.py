@@ -137,11 +137,22 @@ def test_two_causes_of_which_neither_shows_alone_are_looked_for_where_the_tests_
     assert ("c", "f") not in search(CATALOGUE, Fake(evidence), flat).models
 
 
+def test_of_all_pairs_those_that_come_near_the_best_of_them_are_fitted_like_others() -> None:
+    worth = {("c", "f"): 20.0, ("b", "g"): 16.0, ("a", "d"): 12.0}
+    fake = Fake(lambda ids: worth.get(ids, -1.0 * len(ids)))
+    search(CATALOGUE, fake, flat, passes=lambda model: bool(model.ids))
+    assert {*worth} <= {*fake.carried_over}
+    assert {*worth} & {*fake.fitted} == {("c", "f"), ("b", "g")}
+
+
 def test_a_search_that_nothing_satisfies_ends() -> None:
     found = search(CATALOGUE, Fake(additive({})), flat, passes=lambda model: False)
     assert set(found.models) == {ids for ids in every_set(2)}
     found = search(CATALOGUE, Fake(additive({"a": 20.0})), flat, passes=lambda model: False)
     assert max(map(len, found.models)) == 2
+    single = SearchSettings(most_causes=1)
+    found = search(CATALOGUE, Fake(additive({})), flat, single, passes=lambda model: False)
+    assert max(map(len, found.models)) == 1
 
 
 def test_a_model_that_rises_when_it_is_sampled_takes_its_neighbours_along() -> None:
