@@ -34,7 +34,7 @@ def cost(
     problem: Problem,
     *,
     drawn: int = 32_000,
-    optimised: int = 12_000,
+    optimised: int = 6_000,
     judged: int = 1024,
     sample: int = 500,
     draws: int = 64,
@@ -52,7 +52,7 @@ def cost(
     drawn : int
         Parameter sets that the sampler simulates until it has converged: 25,600 to 40,000 of the baseline, as a rule.
     optimised : int
-        Parameter sets that optimisations, hops and profiles simulate: 8000 to 16,000 of the baseline, as a rule.
+        Parameter sets that optimisations, hops and profiles simulate: about 6000 of the baseline where two looks agree.
     judged : int
         Draws of the prior that the search judges at once.
     sample : int

@@ -250,7 +250,7 @@ def _what_is_implausible(run: Run) -> list[Markup]:
     strange = [s for s in run.summary.parameters if s.implausible]
     if not strange:
         return []
-    text = "Implausible: {} {} out where the prior has less than one chance in twenty, or at a bound."
+    text = "Implausible: {} {} out where less than one twentieth of the prior is as thin."
     return [Markup(text).format(listed(symbols[s.name] for s in strange), "comes" if len(strange) == 1 else "come")]
 
 

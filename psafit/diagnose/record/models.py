@@ -80,7 +80,7 @@ class CauseResult(Brief):
     parameters : dict of str to ParameterResult
     evidence : Evidence
     implausible : list of str
-        Parameters whose median lies where the prior has less than one chance in twenty, or at a bound; never those
+        Parameters whose median lies where less than one twentieth of the prior is as thin; never those
         whose prior is uniform.
     """
 
