@@ -19,6 +19,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from psafit.diagnose.discrepancy import Discrepancy
 from psafit.diagnose.misfit import ALPHA, Misfit
 from psafit.diagnose.record import Broken
@@ -137,9 +139,8 @@ def _odds(model_set: ModelSet, left: Discrepancy, bare: Discrepancy, probability
         return prior * math.exp(min(left.log_bayes, 700.0)), 0.0
     log_posterior = {ids: value + model_set.log_prior(ids) for ids, value in model_set.log_evidence.items()}
     # What adds nothing visible is counted with the best model, but the best model's prior is its own.
-    own = model_set.probability[best] / max(
-        1.0, sum(math.exp(w - log_posterior[best]) for i, w in log_posterior.items() if set(best) <= set(i))
-    )
+    within = np.logaddexp.reduce([w for i, w in log_posterior.items() if set(best) <= set(i)])
+    own = model_set.probability[best] * math.exp(log_posterior[best] - within)
     ratio = (
         bare.log_evidence - (left.log_evidence - left.log_bayes) + model_set.log_prior(()) - model_set.log_prior(best)
     )

@@ -36,6 +36,9 @@ class SampleSettings:
     looks : int
         At a model at most, and two at least. Of four that find the top with even chances each, none does in one model
         of sixteen.
+    lacking : float, nats
+        What looks may have missed at most: so much do the evidences of other seeds differ at most, where ranges jump at
+        hundreds of places (docs/search-yardstick.md).
     rounds, effective : int, float
         Rounds of importance sampling at most on each mode, and effective draws at which it is enough.
     """
@@ -47,6 +50,7 @@ class SampleSettings:
     from_prior: int = 2
     better: float = 0.5
     looks: int = 4
+    lacking: float = 2.0
     rounds: int = RoundSettings.most
     effective: float = RoundSettings.effective
 
@@ -134,7 +138,7 @@ def joined(
             unreached = math.log(2.0)  # that draw is of a mode that cannot be reached
             break
         found, draws = higher, importance_sample(higher, seed=seed, rounds=s.rounds, effective=s.effective)
-    lacking = max(found.laplace_apart - second_best, unreached)
+    lacking = min(max(found.laplace_apart - second_best, unreached), s.lacking)
     return found, replace(draws, error=math.hypot(draws.error, lacking))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,7 +55,11 @@ def test_looks_are_taken_until_two_agree(monkeypatch) -> None:
     looks(poor, poor)
     _, doubtful = joined(poor, look, seed=1, settings=SampleSettings(looks=3))
     assert len(taken) == 1
-    assert doubtful.error == pytest.approx(look.laplace_apart - poor.laplace_apart, rel=0.1)
+    gap = look.laplace_apart - poor.laplace_apart
+    assert doubtful.error == pytest.approx(min(gap, SampleSettings().lacking), rel=0.1)
+    looks(poor)
+    _, counted = joined(poor, look, seed=1, settings=SampleSettings(looks=3, lacking=math.inf))
+    assert counted.error == pytest.approx(gap, rel=0.1)
 
 
 def test_draws_above_all_looks_lead_on() -> None:
@@ -65,7 +70,7 @@ def test_draws_above_all_looks_lead_on() -> None:
     assert low.log_posterior < top.log_posterior - 1.0
     found, draws = joined(low, low, seed=1, settings=SampleSettings())
     assert found.log_posterior == pytest.approx(top.log_posterior, abs=0.1)
-    assert draws.error >= found.laplace_apart - low.laplace_apart
+    assert draws.error >= min(found.laplace_apart - low.laplace_apart, SampleSettings().lacking)
 
 
 @pytest.mark.slow
