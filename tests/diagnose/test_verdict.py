@@ -78,6 +78,10 @@ def test_verdicts(hidden, sound):
     assert conclude(hidden, before, after, none, as_good).unnamed == pytest.approx(odds / (1 + odds))
     better = conclude(hidden, before, after, none, replace(as_good, log_evidence=as_good.log_evidence + 10))
     assert (better.verdict, better.unexplained_by) == ("unexplained", "smooth")
+    # That part vanishes where a larger set with hardly any probability has far more evidence than the best.
+    larger = next(ids for ids in hidden.log_evidence if set(best_model.ids) < set(ids))
+    far = hidden.log_evidence | {larger: hidden.log_evidence[best_model.ids] + 1e4}
+    assert conclude(replace(hidden, log_evidence=far), before, after, none, as_good).unnamed < 1e-9
     # A set that fits breaks no law, and none of its values is implausible, or it explains nothing.
     odd = conclude(hidden, before, after, none, hopeless, strange=["amplifier_lag_tau"])
     assert (odd.verdict, odd.unexplained_by, odd.named) == ("unexplained", "values", ("amplifier_lag",))
