@@ -26,7 +26,9 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
 @click.command("import", cls=Command, short_help="Make an experiment folder of what instruments write.")
 @click.argument("files", metavar="FILE...", type=Place("input"), nargs=-1, required=True)
 @click.option("--out", type=Place("folder"), required=True, help="Receives the folder; must be new, or empty.")
-@click.option("--waveform", metavar="NAME[,NAME...]", help=f"Of all tables, or one for each: {', '.join(WAVEFORMS)}.")
+@click.option(
+    "--waveform", metavar="NAME[,NAME...]", help=f"Of all tables, or one for each: {', '.join(WAVEFORMS)}, table."
+)
 @click.option(
     "--column",
     "columns",
