@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from psafit.cli.common import DONE, JSON, QUIET, Command, Place, escaped, shown_path, warn, write_result
-from psafit.drives import WAVEFORMS
+from psafit.drives import NAMES
 from psafit.errors import InputError
 from psafit.text import count
 
@@ -26,9 +26,7 @@ _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blank":
 @click.command("import", cls=Command, short_help="Make an experiment folder of what instruments write.")
 @click.argument("files", metavar="FILE...", type=Place("input"), nargs=-1, required=True)
 @click.option("--out", type=Place("folder"), required=True, help="Receives the folder; must be new, or empty.")
-@click.option(
-    "--waveform", metavar="NAME[,NAME...]", help=f"Of all tables, or one for each: {', '.join(WAVEFORMS)}, table."
-)
+@click.option("--waveform", metavar="NAME[,NAME...]", help=f"Of all tables, or one for each: {', '.join(NAMES)}.")
 @click.option(
     "--column",
     "columns",

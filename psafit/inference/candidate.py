@@ -37,7 +37,7 @@ class FitSettings:
     full : tuple of (int, int)
         On all readings.
     thorough : tuple of (int, int)
-        The same of a model of which nothing is known. What remains goes on, on all of them.
+        Of a model of which nothing is known, on the readings of a trial. What remains goes on, on all of them.
     enough : float, nats
         Gain of an optimisation below which it ends: well within the error of Laplace's evidence.
     hopeless : float, nats
@@ -451,10 +451,10 @@ def candidate_at(
     return candidate_of(problem, Optima(modes, log_posterior, predicted, starts, effort or Effort()))
 
 
-def united(first: Candidate, second: Candidate) -> Candidate:
-    """The modes of two fits of the same model."""
-    modes, starts = np.vstack([first.modes, second.modes]), np.concatenate([first.starts, second.starts])
-    return candidate_at(first.problem, modes, starts, first.effort + second.effort)
+def united(*fits: Candidate) -> Candidate:
+    """The modes of several fits of the same model."""
+    modes, starts = np.vstack([c.modes for c in fits]), np.concatenate([c.starts for c in fits])
+    return candidate_at(fits[0].problem, modes, starts, sum((c.effort for c in fits), Effort()))
 
 
 def principal(candidate: Candidate) -> Candidate:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -124,13 +123,13 @@ def joined(
 ) -> tuple[Candidate, ImportanceSample]:
     """Put looks for modes together, take more where they differ, and draw from the posterior; see `sample`."""
     s, looks = settings, [one, other]
-    most = s.looks if len(one.terms) <= s.from_prior else 2
+    most = s.looks if len(one.terms) <= s.from_prior else len(looks)
     while True:
         second_best, best = sorted(look.laplace_apart for look in looks)[-2:]
         if len(looks) >= most or best <= second_best + s.better:
             break
         looks.append(_alone(one.problem, seed + len(looks), s))
-    found, unreached = principal(functools.reduce(united, looks)), 0.0
+    found, unreached = principal(united(*looks)), 0.0
     draws = importance_sample(found, seed=seed, rounds=s.rounds, effective=s.effective)
     while draws.log_posterior > found.log_posterior + s.better:
         higher = principal(_optimised(found, draws.top))

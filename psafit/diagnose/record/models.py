@@ -80,8 +80,8 @@ class CauseResult(Brief):
     parameters : dict of str to ParameterResult
     evidence : Evidence
     implausible : list of str
-        Parameters whose median lies where less than one twentieth of the prior is as thin; never those
-        whose prior is uniform.
+        Parameters whose median lies where less than one twentieth of the prior is as thin; never those whose prior is
+        uniform.
     """
 
     _in_repr = ("terms", "probability")
