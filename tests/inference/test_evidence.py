@@ -127,13 +127,15 @@ def test_resampling_keeps_the_weighted_mean(sound):
 
 @pytest.mark.slow
 def test_two_modes_get_the_weight_that_each_gets_alone_and_that_the_nested_sampler_finds():
-    """Lower and far wider, the second mode holds most of the posterior."""
+    """Seven nats lower and far wider, the second mode holds most of the posterior."""
     pytest.importorskip("nautilus")
     rig, _ = rig_with_two_modes(1)
-    found = hopped(fit(rig, (), seed=1, draws=4096, most=48), seed=1)
+    plain = fit(rig, (), seed=1, draws=4096, most=48)
+    top = hopped(candidate_at(rig, plain.modes[:1]), seed=1).modes[:1]
+    found = candidate_at(rig, np.vstack([top, plain.modes[1:]]))
     tops = separate_modes(found)
     alone = [importance_sample(candidate_at(rig, found.modes[[k]]), seed=2).log_evidence for k in tops]
-    assert found.log_posteriors[tops[1]] < found.log_posterior - 1 and alone[1] > alone[0] + 1
+    assert found.log_posteriors[tops[1]] < found.log_posterior - 5 and alone[1] > alone[0] + 1
     whole = importance_sample(found, seed=2).log_evidence
     assert whole == pytest.approx(np.logaddexp.reduce(alone), abs=0.3)
     assert whole == pytest.approx(nested_evidence(rig, seed=2, n_live=300, effective=400).log_evidence, abs=0.5)

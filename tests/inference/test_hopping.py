@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from truths import experiment, problem
 
 from psafit.inference.candidate import fit
@@ -13,14 +12,9 @@ from psafit.inference.hopping import hopped
 from psafit.physics import terms
 
 
-@pytest.fixture(scope="module")
-def stopped():
-    """A fit that discontinuities have stopped."""
+def test_hops_lead_on_from_where_a_fit_has_stopped():
     rig = replace(problem(experiment(["amplifier_lag"], [4e-5])), terms=terms(["amplifier_lag"]))
-    return fit(rig, (), seed=1)
-
-
-def test_hops_lead_on_from_where_a_fit_has_stopped(stopped):
+    stopped = fit(rig, (), seed=1)
     found = hopped(stopped, seed=1)
     assert found.log_posterior > stopped.log_posterior + 2.0
     assert found.starts.sum() <= stopped.starts.sum()

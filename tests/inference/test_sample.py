@@ -15,6 +15,7 @@ from psafit.inference import noise
 from psafit.inference import sample as sampling
 from psafit.inference.candidate import candidate_at, fit, separate_modes
 from psafit.inference.evidence import importance_sample
+from psafit.inference.hopping import hopped
 from psafit.inference.optimiser import maximise
 from psafit.inference.problem import Problem
 from psafit.inference.sample import SampleSettings, joined, sample
@@ -23,12 +24,12 @@ from psafit.physics import TERMS, terms
 
 
 def test_a_sample_goes_on_to_what_its_draws_show() -> None:
-    """Begun far below the top, it ends no lower than a fit from many starts."""
+    """Begun far below the top, it ends where hops from a fit of many starts do."""
     one = replace(problem(experiment(["amplifier_lag"], [4e-5])), terms=terms(["amplifier_lag"]))
-    best = fit(one, (), seed=3, draws=1024, most=24)
+    best = hopped(fit(one, (), seed=2, draws=1024, most=24), seed=2)
     found, draws = sample(one, seed=1)
     better = SearchSettings().better
-    assert found.log_posterior > best.log_posterior - better
+    assert found.log_posterior == pytest.approx(best.log_posterior, abs=better)
     assert draws.log_posterior <= found.log_posterior + better and draws.standard_error < 1.0
 
 
