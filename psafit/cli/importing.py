@@ -157,7 +157,7 @@ def _mapping(text: str) -> Mapping:
         )
     if column not in COLUMN_NAMES:
         raise InputError(f"--column {shown(text)}: {shown(column)} is no column", did_you_mean(column, COLUMN_NAMES))
-    signal = column in COLUMNS and COLUMNS[column].role in (*SIGNALS, "recording")
+    signal = column in COLUMNS and COLUMNS[column].role in (*SIGNALS, "recording", "time")
     said = parsed(unit) or (scaled(unit) if signal else None) if colon else None
     if colon and said is None:
         usual = "um, or what a volt is, 5mm/s/V, 2um/V or 20V/V" if signal else "kHz, mV, Vpp or um"

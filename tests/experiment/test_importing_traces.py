@@ -45,6 +45,11 @@ def column(heading: str, name: str, unit: str) -> dict[str, Any]:
     return {"columns": (Mapping(heading, name, scaled(unit) or Unit(unit)),)}
 
 
+# Of an oscilloscope that writes it in the first columns, next to the samples.
+PREAMBLE = (
+    "Record Length,1.2e+01", "Sample Interval,5.0e-06", "Trigger Point,0", ",", "Source,CH1", "Vertical Units,V",
+    "Vertical Scale,5.0e-01", "Horizontal Units,s", "Horizontal Scale,2.5e-05", *[","] * 3,
+)  # fmt: skip
 READ: dict[str, tuple[str, dict[str, Any], str]] = {
     "a vibrometer": (rows(1e3, first="Time (ms),Velocity (mm/s)\n"), {}, "velocity"),
     "another unit": (rows(1, 1e-3, first="t [us],Displacement [nm]\n"), {}, "displacement"),
@@ -67,6 +72,24 @@ READ: dict[str, tuple[str, dict[str, Any], str]] = {
         rows(1e3, 2.0),
         {"columns": (Mapping("1", "time_us", Unit("ms")), Mapping("2", "displacement_um", scaled("2um/V")))},
         "displacement",
+    ),
+    "a preamble of units": (
+        rows(1e6, 5.0, first="Horizontal Units,s\nVertical Units,V\nVertical Scale,5\n\nTIME (s),CH1\n"),
+        column("CH1", "velocity_mm_s", "5mm/s/V"), "velocity",
+    ),
+    "units alone": (rows(1e6, 5.0, first="Second,Volt\n"), column("Volt", "velocity_mm_s", "5mm/s/V"), "velocity"),
+    "a preamble next to it": (
+        "".join(
+            f"{said},,{line}\n"
+            for said, line in zip(PREAMBLE, rows(1e6, 5.0).splitlines(), strict=True)
+        ),
+        {"columns": (Mapping("4", "time_us", Unit("s")), Mapping("5", "velocity_mm_s", scaled("5mm/s/V")))},
+        "velocity",
+    ),
+    "a count of samples, the increment in the row of units": (
+        "X,CH1,Start,Increment\nSequence,VOLT,0.0e+00,5.0e-06\n" + rows(5.0, 5.0).replace("\n", ",,\n"),
+        {"columns": (Mapping("X", "time_us", scaled("5us")), Mapping("CH1", "velocity_mm_s", scaled("5mm/s/V")))},
+        "velocity",
     ),
     "a channel of the drive": (
         rows(1, first="Time (us),Displacement (um),U (V)\n").replace("\n", ",1\n").replace("(V),1", "(V)"),

@@ -10,7 +10,7 @@ from psafit.experiment.importing.grid import Grid, Row
 from psafit.experiment.importing.headings import Heading, heading
 from psafit.experiment.importing.numerals import is_number
 from psafit.experiment.importing.quantities import BLANKS, CELL_ERRORS, COMMENTS, SUMMARIES, words
-from psafit.experiment.importing.records import Mapping, Options
+from psafit.experiment.importing.records import IGNORED, Mapping, Options
 from psafit.experiment.importing.units import Unit, unit
 from psafit.experiment.text import shown
 
@@ -74,23 +74,41 @@ def find_head(grid: Grid, options: Options, of_unit: Sequence[str] = (), most_li
     most_lines : int
         How far down it is looked for.
     """
-    best: tuple[tuple[int, bool], Head] | None = None
+    best: tuple[tuple[int, int], Head] | None = None
+    begun = False  # whether a row above holds numbers where the user says by number that there are some
     for index, row in enumerate(grid.rows[:most_lines]):
         texts = _uncommented(row, grid.separator in BLANKS)
         if sum(map(is_number, row.cells)) > sum(bool(t) and not is_number(t) for t in texts):
+            begun = begun or _holds(row, options)
             continue
         headings = tuple(heading(text) for text in texts)
-        units, first = _units(grid, headings, index + 1)
-        known = {h.quantities(u)[0].column for h, u in zip(headings, units, strict=True) if h.quantities(u)}
-        known |= {kind for h, u in zip(headings, units, strict=True) if (kind := _kind(h, u)) in of_unit}
-        known |= {m.column for m in options.columns if names(m, headings)}
+        units, first = _units(grid, headings, index + 1, options)
+        mapped = {place: m.column for m in options.columns for place in names(m, headings)}
+        others = [(h, u) for k, (h, u) in enumerate(zip(headings, units, strict=True)) if k not in mapped]
+        known = {h.quantities(u)[0].column for h, u in others if h.quantities(u)}
+        known |= {kind for h, u in others if (kind := _kind(h, u)) in of_unit}
+        if _holds(row, options):
+            if begun or not known:
+                continue
+            begun = True
+        known |= set(mapped.values())
         below = next((r for r in grid.rows[first:] if not r.is_blank and not is_comment(r.texts[0])), None)
-        score = len(known), below is not None and any(map(is_number, below.cells))
+        score = len(known), sum(map(is_number, below.cells)) if below else 0
         if known and (best is None or score > best[0]):
             best = score, Head(row.line, headings, units, first, len(known))
     if best is None or best[1].known < max(2, len({m.column for m in options.columns})):
         return _without_headings(grid, options) or (best and best[1])
     return best[1]
+
+
+def _holds(row: Row, options: Options) -> bool:
+    """Whether a row holds a number in each column that the user names by its number."""
+    places = [int(m.heading) - 1 for m in _used(options) if m.heading.isascii() and m.heading.isdigit()]
+    return bool(places) and all(0 <= p < len(row.cells) and is_number(row.cells[p]) for p in places)
+
+
+def _used(options: Options) -> list[Mapping]:
+    return [m for m in options.columns if m.column != IGNORED]
 
 
 def _kind(named: Heading, below: Unit | None) -> str:
@@ -101,13 +119,13 @@ def _kind(named: Heading, below: Unit | None) -> str:
 
 def _without_headings(grid: Grid, options: Options) -> Head | None:
     """A table whose columns are all named by the user, by their numbers."""
-    places = [int(m.heading) - 1 for m in options.columns if m.heading.isascii() and m.heading.isdigit()]
-    if not places or len(places) < len(options.columns):
+    named = _used(options)
+    if any(not (m.heading.isascii() and m.heading.isdigit()) for m in named):
         return None
     for index, row in enumerate(grid.rows):
-        if all(0 <= p < len(row.cells) and is_number(row.cells[p]) for p in places):
+        if _holds(row, options):
             width = len(row.cells)
-            return Head(0, (heading(""),) * width, (None,) * width, index, len(places))
+            return Head(0, (heading(""),) * width, (None,) * width, index, len(named))
     return None
 
 
@@ -120,9 +138,15 @@ def _uncommented(row: Row, aligned: bool) -> tuple[str, ...]:
     return texts
 
 
-def _units(grid: Grid, headings: Sequence[Heading], first: int) -> tuple[tuple[Unit | None, ...], int]:
-    """The units of a row below headings, and the index of the row behind that; none where it is no row of units."""
+def _units(
+    grid: Grid, headings: Sequence[Heading], first: int, options: Options
+) -> tuple[tuple[Unit | None, ...], int]:
+    """The units of a row below headings, and the index of the row behind that; none where it is no row of units.
+
+    It holds no number in a column that the user names; elsewhere it may, such as the increment of a clock.
+    """
     none = (None,) * len(headings)
+    named = {place for m in _used(options) for place in names(m, headings)}
     for index in range(first, len(grid.rows)):
         row = grid.rows[index]
         if row.is_blank:
@@ -130,7 +154,8 @@ def _units(grid: Grid, headings: Sequence[Heading], first: int) -> tuple[tuple[U
         texts = _uncommented(row, grid.separator in BLANKS)
         found = [unit(text) for text in texts]
         gap = grid.separator in BLANKS and len(texts) < len(headings)  # which one has no unit cannot be known
-        if not any(found) or any(map(is_number, texts)) or len(texts) > len(headings) or gap:
+        numbers = any(is_number(text) for place, text in enumerate(texts) if place in named or not named)
+        if not any(found) or numbers or len(texts) > len(headings) or gap:
             return none, first
         return (*found, *none)[: len(headings)], index + 1
     return none, first
